@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import NsaidError
 from ..parameters import Array
-from ..robot.identified import Identified, Parameter, with_inertias
+from ..robot.identified import Coupling, Identified, Parameter, with_inertias
 from ..robot.mjcf_export import write_mjcf
 from ..robot.tables import write_sysid, write_yaml
 from ..robot.urdf_export import write_urdf
@@ -64,9 +64,15 @@ def identified(result: Identification) -> Identified:
     speed = np.array([joint.friction_speed for joint in result.joints])
     gain = _of(result, "motor gain", k) * np.sign(robot.gain)
     notes = tuple(f.text for f in result.findings if f.level == "warning")
-    return Identified(
-        model, damping, friction, speed, gain, result.anchor, parameters, (result.verdict, *notes)
+    couplings = tuple(
+        Coupling((i, j), sign, *(p.value for p in result.of(f"coupling of {a} and {b}")))
+        for i, j, sign in result.fitted.coupled
+        for a, b in [(robot.joints[i], robot.joints[j])]
     )
+    return Identified(
+        model, damping, friction, speed, gain, result.anchor, parameters,
+        (result.verdict, *notes), couplings,
+    )  # fmt: skip
 
 
 def _file_name(name: str) -> str:

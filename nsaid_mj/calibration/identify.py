@@ -86,13 +86,13 @@ def identify(
     logs, mapping = _files(model, _listed(logs), mapping)
     chosen = _read_map(mapping)
     told("reading the log")
-    recordings = _recordings(logs, chosen, robot)
+    recordings = recordings_of(logs, chosen, robot)
     others = _listed(validate)
     own = chosen if validate_mapping is None else _read_map(validate_mapping)
     validation = _validation(others, own, robot) if others else None
     options = Options(
         _columns(columns, robot),
-        _coupled(chosen),
+        coupled(chosen),
         _delays(delay, len(robot.joints)),
         _cutoff(cutoff),
         _loads(loads, robot),
@@ -131,7 +131,7 @@ def _read_map(mapping: PathLike | Map | None) -> Map | None:
 def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
     """The recordings of validation logs; what is wrong with them is said to be of those files."""
     try:
-        return _recordings(files, mapping, robot)
+        return recordings_of(files, mapping, robot)
     except UnreadableLog:  # names its file
         raise
     except UnusableLog as error:
@@ -142,11 +142,12 @@ def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Re
         raise UnusableLog(tuple(found)) from error
 
 
-def _recordings(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
+def recordings_of(files: Sequence[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
+    """Prepared and checked logs of a robot."""
     return checked(prepare(read_tables(files, mapping), mapping, robot), robot)
 
 
-def _coupled(mapping: Map | None) -> tuple[tuple[int, int, int], ...]:
+def coupled(mapping: Map | None) -> tuple[tuple[int, int, int], ...]:
     """Pairs (i, j, ±1) of joints that a map couples: a motor turns by the sum or the difference."""
     if mapping is None:
         return ()

@@ -53,6 +53,26 @@ def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Rep
 
 def _error(robot: RobotModel, values: Identified, recordings: Recordings) -> Array:
     """(n,) rms error of each joint's position [rad or m]; inf where the simulation diverges."""
+    found = departures(robot, values, recordings, _WINDOW)
+    if not len(found):
+        remedy = "Use a log without so many gaps."
+        raise InvalidInput("recordings", f"a segment of {_WINDOW:g} s", "shorter ones", remedy)
+    error = np.sqrt(np.mean(found**2, axis=0))
+    return np.where(np.isfinite(error), error, np.inf)
+
+
+def departures(
+    robot: RobotModel, values: Identified, recordings: Recordings, horizon: float
+) -> Array:
+    """(N, n) simulated minus measured positions, driven by a log's commands [rad or m].
+
+    Args:
+        robot: a tree of joints.
+        values: of its parameters.
+        recordings: a log of its motion.
+        horizon: time after which the simulation starts again from the measured position and
+            velocity [s], at least one sample; inf for once a segment.
+    """
     assert robot.file is not None  # a tree of joints comes from a file
     folder = robot.file.resolve().parent
     mj = _compiled(mjcf_text(robot, values, folder), folder)
@@ -60,17 +80,13 @@ def _error(robot: RobotModel, values: Identified, recordings: Recordings) -> Arr
     command = [_actuator(mj, joint) for joint in robot.joints]
     substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
     mj.opt.timestep = 1 / (recordings.rate * substeps)
-    samples = max(1, round(_WINDOW * recordings.rate))
-    squares, count = np.zeros(len(robot.joints)), 0
+    found = [np.zeros((0, len(robot.joints)))]
     for segment in recordings.segments:
-        found = _simulate(mj, joints, command, segment, samples, substeps)
-        squares += (found**2).sum(axis=(0, 1))
-        count += found.shape[0] * found.shape[1]
-    if not count:
-        remedy = "Use a log without so many gaps."
-        raise InvalidInput("recordings", f"a segment of {_WINDOW:g} s", "shorter ones", remedy)
-    error = np.sqrt(squares / count)
-    return np.where(np.isfinite(error), error, np.inf)
+        length = len(segment.log.t) - 1
+        samples = max(1, length if np.isinf(horizon) else round(horizon * recordings.rate))
+        windows = _simulate(mj, joints, command, segment, samples, substeps)
+        found.append(windows.reshape(-1, len(robot.joints)))
+    return np.concatenate(found)
 
 
 def _simulate(

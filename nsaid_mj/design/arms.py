@@ -97,8 +97,11 @@ class JointMotions:
         return numbers.ravel()
 
     def series(self, candidate: Array, share: Array | float = 1.0) -> Series:
-        """The trajectory of a candidate, with the swing of every joint times its share (n,)."""
-        numbers = candidate.reshape(self._n, -1)
+        """The trajectory of a candidate, smaller by a share (n,) of every joint's swing and place.
+
+        With all shares 0 the arm rests in the middle of its range.
+        """
+        numbers, smaller = candidate.reshape(self._n, -1), share
         weights = numbers[:, : 2 * len(self._omega)] / np.tile(self._harmonics, 2)
         if self.contacts is not None:  # what nearly reaches the limits would touch everything
             share = share / (1 + np.exp(2 - numbers[:, -2]))
@@ -114,7 +117,7 @@ class JointMotions:
         scaled = (share / np.maximum(reach, 1e-12))[:, None] * weights
         scaled[~self.moving] = 0.0
         room = np.maximum(free * half - share * peak / np.maximum(reach, 1e-12), 0.0)
-        centre = middle + room * np.tanh(numbers[:, -1])
+        centre = middle + smaller * room * np.tanh(numbers[:, -1])
         return Series(self._omega, scaled, np.where(self.moving, centre, middle))
 
     def motion(self, series: Series, draw: int) -> tuple[Log, Array]:

@@ -17,7 +17,7 @@ import numpy as np
 import scipy.linalg
 
 from ..control import DriverConfig, FourierTracking
-from ..errors import NoMotion
+from ..errors import NoEstimate, NoMotion
 from ..log import Log
 from ..parameters import Array
 from .arms import JointMotions
@@ -172,9 +172,7 @@ def design(
         raise NoMotion("no motion could be simulated under the prior", "Widen the limits.")
     told("checking the motion", None)
     driver, logs, uses = checked(motions, candidates, largest)
-    covariances = [
-        predicted(experiment, _coarse(motions.stride, log), d) for d, log in enumerate(logs)
-    ]
+    covariances = _covariances(motions, logs)
     random = [
         rms(asked.deviations(predicted(experiment, _coarse(motions.stride, log), d), theta))
         for d, log in rehearsals
@@ -184,6 +182,26 @@ def design(
         experiment, largest, asked, criterion, driver, logs, uses, np.array(covariances),
         np.array(random), found.evaluations, motions.stride,
     )  # fmt: skip
+
+
+def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
+    """Predicted (p, p) covariances under every draw, at steps that resolve the motion.
+
+    In a slow motion friction is stiffer than in the random ones that the step was chosen for.
+
+    Raises:
+        NoEstimate: the time step of the simulation does not resolve it either.
+    """
+    while True:
+        try:
+            return [
+                predicted(motions.experiment, _coarse(motions.stride, log), draw)
+                for draw, log in enumerate(logs)
+            ]
+        except NoEstimate:
+            if motions.stride == 1:
+                raise
+            motions.stride = max(1, motions.stride // 2)
 
 
 def _family(experiment: Experiment, limits: Limits, base: DriverConfig) -> Motions:

@@ -33,6 +33,24 @@ class Parameter(NamedTuple):
     status: str
 
 
+class Coupling(NamedTuple):
+    """What two joints share because the motor of one turns by v_i ± v_j.
+
+    Attributes:
+        joints: their indices.
+        sign: of the motor's rate by that of the second joint.
+        inertia: entry (i, j) of the mass matrix that the rotor adds [kg·m²].
+        damping: the same of the viscous friction [N·m·s/rad].
+        friction: Coulomb friction against v_i ± v_j [N·m].
+    """
+
+    joints: tuple[int, int]
+    sign: int
+    inertia: float
+    damping: float
+    friction: float
+
+
 @dataclass(frozen=True)
 class Identified:
     """Identified values of a tree of n joints, in SI units.
@@ -49,6 +67,7 @@ class Identified:
         anchor: what fixed the common scale of masses, frictions and gains, in words.
         parameters: all parameters with their intervals, for tables.
         notes: anything else that a reader of the exported files should know.
+        couplings: of joints that share a motor; a URDF cannot hold them.
     """
 
     model: Any
@@ -59,6 +78,7 @@ class Identified:
     anchor: str
     parameters: tuple[Parameter, ...] = ()
     notes: tuple[str, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
 
     @property
     def rotor(self) -> Array:

@@ -60,7 +60,7 @@ def load_mjcf(
     locked |= set(free) - set(kept)
     model = reduced(whole, pin.GeometryModel(), locked, initial_pose(mj, whole, free))[0]
     check_tree(str(path), model, base)
-    check_couplings(str(path), mj, names, locked)
+    findings += check_couplings(str(path), mj, names, locked)
     found = motors(mj, names, tuple(system_joints(model)))
     findings += [*_held([n for n in free if n not in kept]), *_ignored_forces(mj, names, locked)]
     findings += make_physical(model, body_names(model))

@@ -9,18 +9,23 @@ import mujoco
 import numpy as np
 
 from ..errors import BadRobot
+from .findings import Finding
 
-_TENDON = mujoco.mjtTrn.mjTRN_TENDON
+_TENDON, _OF_JOINTS = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtWrap.mjWRAP_JOINT
 
 
-def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str]) -> None:
-    """Checks that no tendon and no equality constraint acts on joints that move.
+def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str]) -> list[Finding]:
+    """Checks that no equality constraint, and no tendon by a spring or actuator, couples joints.
 
     Args:
         robot: name or file, for messages.
         mj: MuJoCo's model.
         names: of all joints.
         locked: names of the joints that are locked.
+
+    Returns:
+        Warnings of tendons between joints that move which have inertia or friction only, as those
+        of a motor that two joints share.
 
     Raises:
         BadRobot: names the tendon or constraint, and the joints to lock.
@@ -29,10 +34,16 @@ def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str])
         if mj.eq_active0[e]:
             _refuse(robot, "equality constraint", mj.eq(e).name or str(e),
                     [names[j] for j in sorted(_of_equality(mj, e))], locked)  # fmt: skip
+    found = []
     for t in range(mj.ntendon):
+        name, joints = mj.tendon(t).name or str(t), [names[j] for j in sorted(_of_tendon(mj, t))]
         if _acts(mj, t):
-            _refuse(robot, "tendon", mj.tendon(t).name or str(t),
-                    [names[j] for j in sorted(_of_tendon(mj, t))], locked)  # fmt: skip
+            _refuse(robot, "tendon", name, joints, locked)
+        elif _drags(mj, t) and len(set(joints) - locked) > 1:
+            text = f"inertia and friction that it adds to {' and '.join(joints)} are left out"
+            remedy = "Name the coupling of the joints in the map."
+            found.append(Finding("warning", "tendon", f"tendon {name}", text, remedy))
+    return found
 
 
 def _refuse(robot: str, kind: str, name: str, joints: list[str], locked: set[str]) -> None:
@@ -63,16 +74,22 @@ def _of_equality(mj: Any, e: int) -> set[int]:
 
 
 def _acts(mj: Any, t: int) -> bool:
-    """Whether a tendon can exert a force, or has inertia."""
-    numbers = (mj.tendon_stiffness, mj.tendon_damping, mj.tendon_frictionloss, mj.tendon_armature)
+    """Whether a tendon can exert a force on joints at rest."""
     driven = (mj.actuator_trntype == _TENDON) & (mj.actuator_trnid[:, 0] == t)
-    return any(np.any(x[t]) for x in numbers) or bool(mj.tendon_limited[t]) or bool(driven.any())
+    taut = np.any(mj.tendon_stiffness[t]) or mj.tendon_limited[t] or driven.any()
+    return bool(taut or (_drags(mj, t) and mj.wrap_type[mj.tendon_adr[t]] != _OF_JOINTS))
+
+
+def _drags(mj: Any, t: int) -> bool:
+    """Whether a tendon has inertia or friction."""
+    numbers = (mj.tendon_damping, mj.tendon_frictionloss, mj.tendon_armature)
+    return any(np.any(x[t]) for x in numbers)
 
 
 def _of_tendon(mj: Any, t: int) -> set[int]:
     """The joints that change a tendon's length."""
     wraps = range(mj.tendon_adr[t], mj.tendon_adr[t] + mj.tendon_num[t])
-    if mj.wrap_type[wraps[0]] == mujoco.mjtWrap.mjWRAP_JOINT:
+    if mj.wrap_type[wraps[0]] == _OF_JOINTS:
         return {int(mj.wrap_objid[w]) for w in wraps}
     bodies = []
     for w in wraps:

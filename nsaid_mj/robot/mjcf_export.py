@@ -19,7 +19,7 @@ from ..parameters import Array
 from ..resources import write_text
 from ..structure.joints import bodies_of, body_names
 from ..structure.optional import pin
-from .identified import Identified, remarks
+from .identified import Coupling, Identified, remarks
 from .mjcf import initial_pose
 from .mjcf_actuators import is_motor
 from .mjcf_edit import (
@@ -101,7 +101,37 @@ def _calibrated(robot: RobotModel, values: Identified, folder: Path) -> tuple[No
         joints[name].set("armature", numbers(values.rotor[k]))
         joints[name].set("damping", numbers(values.damping[k]))
         joints[name].set("frictionloss", numbers(values.friction[k]))
+    for coupling in values.couplings:
+        _couple(root, robot, coupling, joints)
     return root, remarks(robot, values, also)
+
+
+def _couple(root: Node, robot: RobotModel, coupling: Coupling, joints: dict[str, Node]) -> None:
+    """Adds tendons for what two joints share.
+
+    A tendon of length q_i ± q_j with armature A adds A to both diagonal entries of the mass matrix,
+    which the joints' own armatures have already, and ±A between them; the same holds of damping.
+    """
+    section = root.find("tendon")
+    section = SubElement(root, "tendon") if section is None else section
+    pair = [robot.joints[i] for i in coupling.joints]
+    shared = {"armature": coupling.inertia, "damping": coupling.damping}
+    signs = {key: -1 if value < 0 else 1 for key, value in shared.items()}
+    for sign in (1, -1):
+        own = {key: abs(value) for key, value in shared.items() if signs[key] == sign and value}
+        for key, value in own.items():
+            for joint in pair:
+                joints[joint].set(key, numbers(float(joints[joint].get(key)) - value))
+        if coupling.sign == sign:
+            own["frictionloss"] = max(coupling.friction, 0.0)
+        if own:
+            name = f"{pair[0]} {'+' if sign > 0 else '-'} {pair[1]}"
+            for old in [part for part in section if part.get("name") == name]:
+                section.remove(old)
+            tendon = SubElement(section, "fixed", name=name)
+            tendon.attrib.update({key: numbers(value) for key, value in own.items()})
+            for joint, factor in zip(pair, (1, sign), strict=True):
+                SubElement(tendon, "joint", joint=joint, coef=str(factor))
 
 
 def _built(robot: RobotModel, values: Identified) -> Node:

@@ -1,6 +1,7 @@
 """`nsaid inspect` measures channels, writes a map that works, and never overwrites one."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ import pytest
 from nsaid_mj.calibration.logs import checked, map_of, prepare, read_map, read_tables
 from nsaid_mj.calibration.logs.first_map import first_map
 from nsaid_mj.calibration.logs.inspection import Inspection, figures_of, inspect
-from nsaid_mj.calibration.logs.tables import Channel
+from nsaid_mj.calibration.logs.tables import Channel, Table
+from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.cli.commands import command
 from nsaid_mj.reporting.inspection import draw
 from nsaid_mj.resources import asset
@@ -134,3 +136,40 @@ def test_degrees_are_cured_as_the_remedy_says(tmp_path):
     }
     recordings = prepare(tables, map_of({"joints": joints}), two_joints())
     assert checked(recordings, two_joints()).findings == recordings.findings
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "lines"),
+    [
+        ("bluerov2", ['"thruster 8" = { column = "pwm8", ratio = 0.002, offset = -3 }  # -1 to 1']),
+        ("hummingbird", ['"rotor 1" = { column = "pwm1", ratio = 0.001, offset = -1 }  # share of '
+                         "the top speed, 0 to 1; thrust is that of its square"]),
+        ("remus100", ['u_5 = { column = "pwm5", ratio = 0.002, offset = -3 }  # share of the full '
+                      "speed, -1 to 1", 'u_2 = { column = "pwm2" }  # deflection [rad]']),
+    ],
+)  # fmt: skip
+def test_the_first_map_of_a_vehicle_has_what_the_names_tell(vehicle, lines):
+    robot = load_robot_model(vehicle)
+    t = np.arange(0, 20, 0.02)
+    names = ("x", "y", "z", "qx", "qy", "qz", "vel/x", "vel/y", "vel/z", "p", "q", "r")
+    columns = {name: np.sin((0.1 + 0.05 * k) * t + k) / 2 for k, name in enumerate(names)}
+    columns["qw"] = np.sqrt(1 - sum(columns[f"q{axis}"] ** 2 for axis in "xyz"))
+    count = len(robot.joints)
+    columns |= {f"pwm{k + 1}": 1500 + 200 * np.sin(t + k) for k in range(count)}
+    made = Table("log.csv", {name: Channel(t, x) for name, x in columns.items()}, 0)
+    assert [f.code for f in inspect([made], None, robot).findings][:1] == ["unmatched"]
+    text = first_map([made], robot)
+    for line in (*lines, 'position = ["x", "y", "z"]', 'linear = ["vel/x", "vel/y", "vel/z"]'):
+        assert f"\n{line}\n" in text
+    completed = map_of(tomllib.loads(text))
+    assert inspect([made], completed, robot).recordings is not None
+
+
+def test_the_first_map_of_a_vehicle_with_unknown_names_is_a_form():
+    robot = load_robot_model("f1tenth")
+    t = np.arange(0, 20, 0.02)
+    made = Table("log.csv", {name: Channel(t, np.sin(t)) for name in ("a", "b")}, 0)
+    text = first_map([made], robot)
+    assert '# position = ["x", "y", "yaw"]' in text
+    assert '# u_2 = { column = "…" }  # steering angle [rad]' in text
+    assert tomllib.loads(text)["vehicle"] == {} == tomllib.loads(text)["actuators"]

@@ -1,11 +1,14 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 
+from nsaid_mj.calibration.comparison import compare_arms
 from nsaid_mj.calibration.data import Recordings, Segment
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.replay import replay
-from nsaid_mj.errors import InvalidInput
+from nsaid_mj.errors import BadRobot, InvalidInput
 from nsaid_mj.log import Log
 from nsaid_mj.robot.mjcf_export import write_mjcf
 from tests.robot.test_mjcf import arm
@@ -53,3 +56,26 @@ def test_a_log_without_a_long_enough_segment_is_refused(tmp_path):
     short = recorded(robot, values, tmp_path / "calibrated.xml", seconds=0.1)
     with pytest.raises(InvalidInput, match=r"0\.2 s"):
         replay(robot, values, short)
+
+
+def test_models_by_force_are_compared(tmp_path):
+    """The model that made a log scores best; a wrong one and a constant velocity are far off."""
+    path = tmp_path / "arm.xml"
+    path.write_text(arm())
+    robot = load_robot_model(str(path))
+    values, true, heavy = identified(robot), tmp_path / "true.xml", tmp_path / "heavy.xml"
+    recordings = recorded(robot, values, true, seconds=4.0)
+    wrong = replace(values, damping=3 * values.damping)
+    write_mjcf(robot, wrong, heavy)
+    best, worse, constant = compare_arms(robot, recordings, [true, heavy])
+    assert (best.errors[:2] < 1e-2).all() and (best.one_step < 0.05).all()
+    assert (worse.errors[:2].sum(axis=1) > 5 * best.errors[:2].sum(axis=1)).all()
+    assert (constant.errors[0] > best.errors[0]).all()
+    assert np.isfinite(best.errors).all()
+    short = recorded(robot, values, true, seconds=1.0)
+    with pytest.raises(InvalidInput, match="2 s"):
+        compare_arms(robot, short, [true])
+    other = tmp_path / "other.urdf"
+    other.write_text(chain())
+    with pytest.raises(BadRobot, match="other joints"):
+        compare_arms(robot, recordings, [other])

@@ -3,6 +3,7 @@ import pytest
 
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import BadRobot, InvalidInput, UnknownName
+from nsaid_mj.plants.world.body import box_of
 from nsaid_mj.resources import asset
 
 
@@ -41,3 +42,14 @@ def test_what_cannot_be_identified_is_refused():
         load_robot_model("rover")
     with pytest.raises(InvalidInput, match="lock"):
         load_robot_model("hummingbird", lock=["rotor 1"])
+
+
+def test_a_sheet_needs_no_picture(tmp_path):
+    """Without a model.xml and a size a solid box of the body's inertia is drawn."""
+    text = asset("hummingbird", "vehicle.toml").read_text(encoding="utf-8")
+    assert "size" not in text
+    (tmp_path / "quad.toml").write_text(text)
+    assert len(load_robot_model(str(tmp_path / "quad.toml")).joints) == 4
+    sides = np.array([0.5, 0.3, 0.1])
+    inertia = 2.0 / 12 * np.diag((sides**2).sum() - sides**2)
+    np.testing.assert_allclose(box_of(2.0, inertia), sides)

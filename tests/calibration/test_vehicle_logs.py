@@ -1,5 +1,7 @@
 """Poses and twists of a vehicle come out in our axes, whatever frame the log is in."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -7,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj.calibration.data import RobotModel
 from nsaid_mj.calibration.logs import Map, Table, map_of, prepare
 from nsaid_mj.calibration.logs.checks import checks
+from nsaid_mj.calibration.logs.errors import UnmatchedChannels
 from nsaid_mj.calibration.logs.tables import Channel
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import InvalidInput
@@ -113,10 +116,22 @@ def test_a_run_of_ours_needs_no_map(quadrotor, canonical):
     assert_ours(prepare([table(columns, quadrotor)], None, quadrotor))
 
 
+def test_actuators_may_be_named_with_underscores(quadrotor):
+    columns = named("p", POSITION) | named("a", TURN.as_quat())
+    made = table(columns, quadrotor)
+    mapping = vehicle_map(quadrotor)
+    renamed = {name.replace(" ", "_"): column for name, column in mapping.actuators.items()}
+    assert set(renamed) != set(mapping.actuators)
+    recordings = prepare([made], replace(mapping, actuators=renamed), quadrotor)
+    np.testing.assert_array_equal(
+        recordings.segments[0].log.u, prepare([made], mapping, quadrotor).segments[0].log.u
+    )
+
+
 def test_what_a_vehicles_map_lacks_is_named(quadrotor):
     columns = named("p", POSITION) | named("a", TURN.as_quat())
     tables = [table(columns, quadrotor)]
-    with pytest.raises(InvalidInput, match=r"map\.toml"):
+    with pytest.raises(UnmatchedChannels, match=r"map\.toml"):
         prepare(tables, None, quadrotor)
     with pytest.raises(InvalidInput, match="no quaternion"):
         prepare(tables, vehicle_map(quadrotor, quaternion=None), quadrotor)

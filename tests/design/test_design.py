@@ -73,13 +73,30 @@ def test_a_motion_that_is_handed_out_keeps_its_limits_in_simulation(speed, swing
         found = design(experiment, limits=limited, effort=LITTLE)
     except NoMotion:
         return
+    keeps_its_limits(experiment, found)
+
+
+def keeps_its_limits(experiment: Experiment, found: Design) -> None:
+    """Under every draw; accelerations from half a second on, when the loop has taken hold."""
     for draw, theta in enumerate(experiment.draws):
         log = experiment.simulate(found.driver, draw, ARM.duration)
         assert log is not None
         extents = extents_of(experiment.system, log, theta)
+        later = log.part(int(np.searchsorted(log.t, 0.5)), len(log.t))
+        extents["acceleration"] = extents_of(experiment.system, later, theta)["acceleration"]
         for name, limit in found.limits.limits.items():
             assert (extents[name][0] >= limit.low - 1e-9).all(), name
             assert (extents[name][1] <= limit.high + 1e-9).all(), name
+
+
+@pytest.mark.parametrize("share", [0.5, 0.2])
+def test_a_motion_becomes_smaller_until_it_keeps_a_tight_limit_of_acceleration(experiment, share):
+    def gentle(own: Limits) -> Limits:
+        limit = own.limits["acceleration"]
+        tight = Limit(share * limit.low, share * limit.high, limit.unit)
+        return replace(own, limits=dict(own.limits) | {"acceleration": tight}, margin=0.0)
+
+    keeps_its_limits(experiment, design(experiment, limits=gentle, effort=LITTLE))
 
 
 def test_limits_that_no_motion_keeps_are_refused(experiment):
@@ -87,7 +104,7 @@ def test_limits_that_no_motion_keeps_are_refused(experiment):
         little = np.full(2, 1e-3)
         return replace(own, limits=dict(own.limits) | {"torque": Limit(-little, little, "N·m")})
 
-    with pytest.raises(NoMotion, match="torque"):
+    with pytest.raises(NoMotion, match=r"torque of joint2, -0\.001 … 0\.001 N·m .* a factor of"):
         design(experiment, limits=weak, effort=LITTLE)
 
 

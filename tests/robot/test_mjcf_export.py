@@ -1,3 +1,4 @@
+from dataclasses import replace
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
 
@@ -8,7 +9,7 @@ import pytest
 
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import BadRobot
-from nsaid_mj.robot.identified import Identified
+from nsaid_mj.robot.identified import Coupling, Identified
 from nsaid_mj.robot.mjcf_export import write_mjcf
 from nsaid_mj.robot.urdf_export import write_urdf
 
@@ -94,6 +95,36 @@ def test_an_edited_mjcf_has_the_identified_dynamics(tmp_path, case):
     assert np.allclose(again.friction, values.friction, rtol=1e-12)
     assert np.allclose(again.rotor, values.rotor, rtol=1e-12)
     assert np.allclose(again.gain, values.gain, rtol=1e-12)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("inertia", "damping"), [(0.03, 0.4), (-0.03, 0.4), (0.03, -0.4)])
+def test_a_motor_that_two_joints_share_is_a_tendon(tmp_path, sign, inertia, damping):
+    """Mass matrix and friction get what two joints share off the diagonal, and nothing on it."""
+    path = tmp_path / "arm.xml"
+    path.write_text(arm())
+    robot = load_robot_model(str(path))
+    plain = identified(robot)
+    shared = Coupling((1, 2), sign, inertia, damping, 0.3)
+    forces, matrices = [], []
+    for values in (plain, replace(plain, couplings=(shared,))):
+        out, mj = exported(tmp_path, robot, values)
+        mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        data = mujoco.MjData(mj)
+        data.qpos[:], data.qvel[:] = [0.3, -0.5, 0.8], [0.2, -1.0, 0.7]
+        mujoco.mj_forward(mj, data)
+        forces.append(data.qfrc_damper.copy())
+        matrices.append(np.zeros((3, 3)))
+        mujoco.mj_fullM(mj, data, matrices[-1])
+    i, j = (mj.joint(name).id for name in robot.joints[1:])
+    off = np.zeros((3, 3))
+    off[i, j] = off[j, i] = 1.0
+    np.testing.assert_allclose(matrices[1] - matrices[0], inertia * off, atol=1e-12)
+    np.testing.assert_allclose(forces[1] - forces[0], -damping * off @ data.qvel, atol=1e-12)
+    loss = {mj.tendon(t).name: mj.tendon_frictionloss[t] for t in range(mj.ntendon)}
+    assert loss[f"{robot.joints[1]} {'+' if sign > 0 else '-'} {robot.joints[2]}"] == 0.3
+    again = load_robot_model(str(out))
+    assert [f.code for f in again.findings if f.level == "warning"].count("tendon") == mj.ntendon
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -38,6 +38,42 @@ _COUPLING = """
 # torque = {rows}
 """
 
+_AXES = """\
+# order = "xyzw"  # or wxyz, of the quaternion
+# twist = "body"  # or world, the axes of `linear`
+# frame = "ENU/FLU"  # or NED/FRD
+# Instead of a quaternion, euler = ["roll", "pitch", "yaw"] in degrees. Without `linear` and
+# `angular` the pose is differentiated; `position` may be left out where they are given.
+"""
+_IN_SPACE = {
+    "position": ("positionx positiony positionz", "posx posy posz", "px py pz", "x y z"),
+    "quaternion": (
+        "orientationx orientationy orientationz orientationw",
+        "quatx quaty quatz quatw",
+        "qx qy qz qw",
+    ),
+    "linear": ("linearx lineary linearz", "velx vely velz", "vx vy vz"),
+    "angular": ("angularx angulary angularz", "gyrx gyry gyrz", "wx wy wz", "p q r"),
+}
+_IN_PLANE = {
+    "position": ("x y psi", "x y heading", "x y theta", "x y yaw"),
+    "linear": ("vx vy r", "vx vy yawrate", "surge sway yawrate"),
+}
+"""Endings of names of channels, without anything but letters and digits."""
+
+_MEANING = {
+    "thruster": ("-1 to 1", -1.0, 1.0),
+    "nozzle": ("0 to 1", 0.0, 1.0),
+    "rotor": ("share of the top speed, 0 to 1; thrust is that of its square", 0.0, 1.0),
+    "propeller": ("share of the full speed, -1 to 1", -1.0, 1.0),
+    "drive": ("-1 to 1", -1.0, 1.0),
+    "fin": ("deflection [rad]", 0.0, 0.0),
+    "tyre": ("steering angle [rad]", 0.0, 0.0),
+}
+"""What the command of a kind of column is, and the range of it."""
+
+_PULSE = (1000.0, 2000.0)  # ends of a pulse width [µs]
+
 
 def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
     """The text of a map of a log: what the names of channels tell, and lines to fill in.
@@ -52,7 +88,7 @@ def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
     names = list(dict.fromkeys(name for table in tables for name in table.channels))
     parts = [_HEAD, _channels(tables), _time(tables)]
     if robot.system is not None:
-        parts.append(_vehicle(robot))
+        parts.append(_vehicle(tables, robot))
     else:
         found, targets = candidates(names, robot.joints), match_targets(names, robot.joints)
         goals = set(targets.values())
@@ -157,21 +193,55 @@ def _entry(quantity: Quantity, name: str, several: bool) -> str:
     return f"{line}{'' if stated else '  # state its unit'}\n"
 
 
-def _vehicle(robot: RobotModel) -> str:
+def _vehicle(tables: Sequence[Table], robot: RobotModel) -> str:
+    """Pose, velocities and commands of a vehicle."""
+    channels = {name: column for table in tables for name, column in table.channels.items()}
     spatial = robot.system.m == 7
-    lines = ['\n[vehicle]\n# frame = "ENU/FLU"  # or NED/FRD\n']
-    lines.append(
-        '# position = ["x", "y", "z"]\n' if spatial else '# position = ["x", "y", "yaw"]\n'
-    )
+    lines = ["\n[vehicle]\n"]
+    for key, choices in (_IN_SPACE if spatial else _IN_PLANE).items():
+        found = next(filter(None, (_named(choice.split(), channels) for choice in choices)), None)
+        names = json.dumps(found or choices[-1].split(), ensure_ascii=False)
+        lines.append(f"{'' if found else '# '}{key} = {names}\n")
     if spatial:
-        lines.append('# quaternion = ["qx", "qy", "qz", "qw"]\n# order = "xyzw"  # or wxyz\n')
-        lines.append('# linear = ["vx", "vy", "vz"]\n# angular = ["p", "q", "r"]\n')
-        lines.append('# twist = "body"  # or world, of `linear`\n')
-    else:
-        lines.append('# linear = ["surge", "sway", "yaw_rate"]\n')
+        lines.append(_AXES)
     lines.append("\n[actuators]\n")
-    lines += [f'# {_key(name)} = {{ column = "…" }}\n' for name in robot.joints]
+    groups = candidates(channels, robot.joints)["command"]
+    for k, name in enumerate(robot.joints):
+        means, low, high = _means(robot, k)
+        for column in [by_joint[name] for by_joint in groups.values()] or ["…"]:
+            scaled = ""
+            if column in channels and high and _is_pulse(channels[column].values):
+                width = _PULSE[1] - _PULSE[0]
+                ratio = (high - low) / width
+                scaled = f", ratio = {ratio:g}, offset = {low - ratio * _PULSE[0]:g}"
+            mark = "" if len(groups) == 1 else "# "
+            lines.append(
+                f"{mark}{_key(name)} = {{ column = {_quoted(column)}{scaled} }}  # {means}\n"
+            )
     return "".join(lines)
+
+
+def _named(suffixes: Sequence[str], channels: Collection[str]) -> list[str] | None:
+    """The channels whose names are given ones, or end with them; None unless all are unique."""
+    plain = {name: "".join(words(name)) for name in channels}
+    same = [[name for name, text in plain.items() if text == suffix] for suffix in suffixes]
+    ending = [[n for n, text in plain.items() if text.endswith(suffix)] for suffix in suffixes]
+    several = all(len(suffix) > 1 for suffix in suffixes)
+    for found in (same, ending) if several else (same,):
+        if all(len(names) == 1 for names in found):
+            return [names[0] for names in found]
+    return None
+
+
+def _means(robot: RobotModel, k: int) -> tuple[str, float, float]:
+    """What command k is, in words, and the range that a servo's pulses stand for; 0 if none."""
+    kinds = [c.kind for c in robot.system.structure.columns if c.input == k]
+    return next((_MEANING[kind] for kind in kinds if kind in _MEANING), ("", 0.0, 0.0))
+
+
+def _is_pulse(values: Array) -> bool:
+    """Whether values are pulse widths of a radio-control servo or speed controller [µs]."""
+    return bool(np.nanmin(values) >= 800 and np.nanmax(values) <= 2200 and np.nanmax(values) > 1000)
 
 
 def _quoted(text: str) -> str:

@@ -12,6 +12,7 @@ from ...errors import InvalidInput
 from ...parameters import Array
 from ..data import RobotModel
 from . import matching
+from .errors import UnmatchedChannels
 from .flight import flight_map
 from .mapping import Column, Map, Vehicle, matrix
 from .units import Quantity, si
@@ -195,22 +196,24 @@ def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
             x: [f"{x}_{k}" for k in range(w)] for x, w in zip("qvu", (m, n, count), strict=True)
         }
         if not {name for each in names.values() for name in each} <= set(channels):
-            remedy = "Add [vehicle] and [actuators] to map.toml; docs/map.md shows them."
-            raise InvalidInput("map", "the columns of pose and commands", "none", remedy)
+            reason = "The map of a vehicle has [vehicle] and [actuators]."
+            raise UnmatchedChannels(["pose, velocities and commands"], [reason], channels)
         parts = [[Column(column=name) for name in names[x]] for x in "qvu"]
         vehicle = None
     else:
         vehicle = mapping.vehicle
         _check_vehicle(vehicle, m, n)
         twist = [*(vehicle.linear or ()), *(vehicle.angular or ())]
-        missing = [name for name in robot.joints if name not in mapping.actuators]
+        actuators = {name.replace("_", " "): column for name, column in mapping.actuators.items()}
+        plain = [name.replace("_", " ") for name in robot.joints]
+        missing = [name for name in plain if name not in actuators]
         if missing:
             remedy = f"The actuators are {', '.join(robot.joints)}."
             raise InvalidInput("map: actuators", "one entry for each", f"no {missing[0]}", remedy)
         parts = [
             [Column(column=name) for name in vehicle.pose],
             [Column(column=name) for name in twist],
-            [mapping.actuators[name] for name in robot.joints],
+            [actuators[name] for name in plain],
         ]
     velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
     positions = tuple(_source("position", c) for c in parts[0])

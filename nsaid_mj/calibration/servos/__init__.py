@@ -5,10 +5,6 @@ result = identify_servos(given)
 write_servo_mjcf(result, Path("identified.xml"))
 """
 
-from .comparison import HORIZONS as HORIZONS
-from .comparison import IDENTIFIED as IDENTIFIED
-from .comparison import Score as Score
-from .comparison import compare_models as compare_models
 from .export import rollout as rollout
 from .export import write_servo_mjcf as write_servo_mjcf
 from .identify import ServoLogs as ServoLogs

@@ -18,6 +18,7 @@ BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""
 
 
+_THINNEST = 0.02  # side of a box that is drawn [m]
 NED = np.array([1.0, -1.0, -1.0])
 """Signs that convert x forward, y right, z down to x forward, y left, z up, and back."""
 
@@ -85,14 +86,15 @@ def vehicle_spec(
         mass: of the body [kg].
         centre: (3,) centre of mass in body axes [m].
         inertia: (3, 3) about the centre of mass, in body axes [kg·m²].
-        size: (3,) of the box that is drawn if there is no model.xml [m].
+        size: (3,) of the box that is drawn if there is no model.xml [m]; None for a solid box of
+            this inertia.
         n: number of its velocities: 6 on a free joint, 3 on two slides and a hinge, 1 on a slide.
 
     Raises:
-        InvalidInput: there is neither a model.xml nor a size, or the model.xml does not describe
-            a single body with the required joints and no actuators.
+        InvalidInput: the model.xml does not describe a single body with the required joints and
+            no actuators.
     """
-    spec = _visual_spec(files, size, n)
+    spec = _visual_spec(files, size or box_of(mass, inertia), n)
     set_options(spec, dt)
     spec.option.gravity = [0, 0, 0]
     spec.option.density, spec.option.viscosity = 0.0, 0.0
@@ -107,17 +109,17 @@ def vehicle_spec(
     return spec
 
 
-def _visual_spec(files: VehicleFiles, size: Sequence[float] | None, n: int) -> Any:
+def box_of(mass: float, inertia: Array) -> list[float]:
+    """(3,) length, width and height of a solid box of a mass and inertia (3, 3) [m]."""
+    diagonal = np.diag(inertia)
+    squares = 6 * (diagonal.sum() - 2 * diagonal) / mass
+    return np.sqrt(np.maximum(squares, _THINNEST**2)).tolist()
+
+
+def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
     """MuJoCo's specification of a vehicle's model.xml, or of a box of the given size."""
     path = files.model
     if not path.is_file():
-        if size is None:
-            raise InvalidInput(
-                str(path),
-                f"a model.xml, or `size = [length, width, height]` in {files.sheet.name}",
-                "neither",
-                "Add one of the two: a box will do.",
-            )
         half = " ".join(f"{0.5 * length:.9g}" for length in size)
         return mujoco.MjSpec.from_string(_BOX.format(name="box", joints=_XML[n], size=half))
     try:

@@ -59,7 +59,8 @@ class Sheet(Table):
 
     Attributes:
         kind: the family, which may be left out where all keys are a family's own.
-        size: length, width and height of the box that is drawn if there is no model.xml [m].
+        size: length, width and height of the box that is drawn if there is no model.xml [m]; by
+            default those of a solid box of this inertia.
     """
 
     family: ClassVar[str]

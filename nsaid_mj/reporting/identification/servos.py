@@ -10,7 +10,8 @@ import numpy as np
 from rich.console import Console
 
 from ... import __version__
-from ...calibration.servos import Score, ServoIdentification, ServoLog
+from ...calibration.comparison import Score
+from ...calibration.servos import ServoIdentification, ServoLog
 from ...evaluation.result import Parameter
 from ...parameters import Array
 from .. import pages
@@ -102,20 +103,25 @@ def print_scores(scores: Sequence[Score], console: Console) -> None:
     """Prints how far models depart from logs: means over all joints.
 
     Args:
-        scores: of `compare_models`.
+        scores: of `compare_servos` or `compare_arms`.
         console: to print on.
     """
     heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "time\n[s]")
     lines: list[list[Cell]] = []
     for score in scores:
         numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
-        cells = ["–" if np.isnan(x) else f"{x:.2f}" for x in numbers]
+        cells = [_figure(x) for x in numbers]
         lines.append([score.model, *cells, f"{score.seconds:.1f}"])
     print_panels([Table(heads, lines)], console)
     console.print()
     note = "Mean absolute errors of open-loop simulations that start again after this time; "
     note += "identified: each half of the logs is predicted from the other."
     print_panels([Text(note)], console)
+
+
+def _figure(x: float) -> str:
+    """An error for a table."""
+    return "–" if np.isnan(x) else f"{x:.2f}" if x < 1e4 else "diverges"
 
 
 def _cell(parameter: Parameter) -> str:

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.servos import IDENTIFIED, compare_models, rollout, servo_logs
+from nsaid_mj.calibration.comparison import IDENTIFIED, compare_servos
+from nsaid_mj.calibration.servos import rollout, servo_logs
 from nsaid_mj.calibration.servos.estimate import DELAYS, late
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import BadRobot, InvalidInput
@@ -45,7 +46,7 @@ def given(folder):
 
 @pytest.fixture(scope="module")
 def scores(folder, given):
-    return compare_models(given, [folder / "true.xml", folder / "damped.xml", IDENTIFIED])
+    return compare_servos(given, [folder / "true.xml", folder / "damped.xml", IDENTIFIED])
 
 
 def test_the_true_model_is_the_best_and_the_identified_one_is_near(scores):
@@ -96,8 +97,9 @@ def test_what_cannot_be_compared_is_refused(folder, given, tmp_path):
     other.write_text((folder / "true.xml").read_text().replace('"gripper" type', '"jaw" type')
                      .replace('joint="gripper"', 'joint="jaw"'))  # fmt: skip
     with pytest.raises(BadRobot, match="gripper"):
-        compare_models(given, [other])
-    for arguments in (["--log", "a.csv"], ["--models", "identified"], ["--models", "none.xml",
-                      "--log", "a.csv"]):  # fmt: skip
+        compare_servos(given, [other])
+    for arguments in (["--log", "a.csv"], ["--models", "identified"]):
         with pytest.raises(InvalidInput, match="--models"):
             command(["compare", *arguments])
+    with pytest.raises(BadRobot, match=r"none\.xml: no such file"):
+        command(["compare", "--models", "none.xml", "--log", "a.csv"])

@@ -1,0 +1,246 @@
+"""Models of an arm, judged by what users count: how far they depart from logs, open loop."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import BadRobot, InvalidInput
+from ..parameters import Array
+from ..robot.identified import Identified
+from ..robot.mjcf_file import compile_file
+from ..robot.mjcf_tree import joint_names
+from .calibrate import calibrate
+from .data import Recordings, RobotModel, Segment
+from .export import identified
+from .models import load_robot_model
+from .replay import departures
+from .servos.estimate import DELAYS, late
+from .servos.export import rollout, write_servo_mjcf
+from .servos.identify import ServoLogs, identify_servos, servos_in
+from .servos.logs import ServoLog
+from .structure import Options
+
+HORIZONS = (0.2, 2.0, np.inf)
+"""Times after which a simulation starts again from the measured state [s]."""
+
+IDENTIFIED = "identified"
+"""Name of the model that is fitted to the logs: each half of them is predicted from the other."""
+
+_DEFAULT = Options()
+Told = Callable[[str], None]
+_Part = tuple[list[Array], Array]  # (N, n) errors over every horizon and one row; (N, n) changes
+
+
+class Score(NamedTuple):
+    """How well a model predicts logs.
+
+    Attributes:
+        model: its name.
+        errors: (3, n) mean absolute error of each joint's position over each of `HORIZONS` [rad or
+            m]; NaN where it is not defined.
+        one_step: (n,) rms error of the position one row ahead over the rms change from row to row:
+            1 is what predicting no change has.
+        seconds: what fitting and simulating took [s].
+    """
+
+    model: str
+    errors: Array
+    one_step: Array
+    seconds: float
+
+
+def compare_servos(
+    given: ServoLogs, models: Sequence[str | Path], told: Told = lambda _: None
+) -> tuple[Score, ...]:
+    """Scores of models on logs of a servo arm, the last that of a target that is followed late.
+
+    Args:
+        given: the arm and its logs, without loads.
+        models: MJCF files with a position servo on every joint of the arm, and `IDENTIFIED`.
+        told: called with the name of every stage.
+
+    Raises:
+        BadRobot: a file lacks a joint or its servo.
+        InvalidInput: a half of the logs is too short to be fitted.
+    """
+
+    def parts(model: str) -> list[_Part]:
+        if model == IDENTIFIED:
+            return _identified_servos(given, told)
+        _check(Path(model), given.robot.joints)
+        return [_apart(Path(model), given, log, None) for log in given.logs]
+
+    return *(_scored(str(model), parts, told) for model in models), _followed_late(given)
+
+
+def compare_arms(
+    robot: RobotModel,
+    recordings: Recordings,
+    models: Sequence[str | Path],
+    options: Options = _DEFAULT,
+    told: Told = lambda _: None,
+) -> tuple[Score, ...]:
+    """Scores of models on logs of an arm by force, the last that of a constant velocity.
+
+    Commands are forces over the gains (`gear`, `gainprm`) of a model's file, 1 in a URDF.
+
+    Args:
+        robot: the arm, as its recordings were prepared for.
+        recordings: its logs.
+        models: files or names of models with the same joints, and `IDENTIFIED`.
+        options: of the identified model's structure.
+        told: called with the name of every stage.
+
+    Raises:
+        BadRobot: a file has other joints.
+        InvalidInput: no segment lasts as long as the second horizon.
+        UnusableLog: a half of the logs cannot be used.
+    """
+
+    def parts(model: str) -> list[_Part]:
+        if model == IDENTIFIED:
+            return _identified_arm(robot, recordings, options, told)
+        own = load_robot_model(model)
+        if set(robot.joints) - set(own.joints):
+            expected = f"All models need the joints {', '.join(robot.joints)}."
+            raise BadRobot(model, ", ".join(own.joints), "it has other joints", expected)
+        if own.joints != robot.joints:
+            own = load_robot_model(model, joints=robot.joints)
+        return [_departed(own, Identified.nominal(own), recordings)]
+
+    scores = [_scored(str(model), parts, told) for model in models]
+    return *scores, _constant_velocity(recordings)
+
+
+def _scored(model: str, parts: Callable[[str], list[_Part]], told: Told) -> Score:
+    """A model's score."""
+    told(f"simulating {model}")
+    begin = time.perf_counter()
+    errors, one_step = _score(parts(model))
+    return Score(model, errors, one_step, time.perf_counter() - begin)
+
+
+def _check(path: Path, joints: Sequence[str]) -> None:
+    """Checks that a file has a position servo on every joint."""
+    names = joint_names(compile_file(path)[1])
+    missing = [joint for joint in joints if joint not in names]
+    if missing or servos_in(path, joints) is None:
+        remedy = f"All models need a position servo on each of {', '.join(joints)}."
+        raise BadRobot(str(path), ", ".join(missing), "a joint or its servo is missing", remedy)
+
+
+def _apart(path: Path, given: ServoLogs, log: ServoLog, delay: Array | None) -> _Part:
+    """Errors (N, n) of a log over every horizon and one row ahead, and its changes (N, n)."""
+    horizons = (*HORIZONS, 0.0)
+    errors = [
+        (rollout(path, given.robot.joints, log, delay, h) - log.position)[1:] for h in horizons
+    ]
+    return errors, np.diff(log.position, axis=0)
+
+
+def _score(parts: Sequence[_Part]) -> tuple[Array, Array]:
+    """(3, n) mean absolute errors and (n,) relative rms errors one row ahead."""
+    *errors, ahead = (np.concatenate(each) for each in zip(*(e for e, _ in parts), strict=True))
+    change = np.concatenate([c for _, c in parts])
+    size = np.sqrt(np.mean(change**2, axis=0))
+    ratio = np.sqrt(np.mean(ahead**2, axis=0)) / np.where(size > 0, size, np.nan)
+    return np.array([np.abs(error).mean(axis=0) for error in errors]), ratio
+
+
+def _identified_servos(given: ServoLogs, told: Told) -> list[_Part]:
+    """Errors of every log with the servos identified from the other half of the logs."""
+    logs = list(given.logs)
+    if len(logs) == 1:
+        half = len(logs[0].t) // 2
+        logs = [_part(logs[0], slice(None, half)), _part(logs[0], slice(half, None))]
+    found = []
+    for own, rest in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):
+        result = identify_servos(given._replace(logs=tuple(rest)), told)
+        delays = np.array([servo.delay for servo in result.servos])
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "identified.xml")
+            write_servo_mjcf(result, path)
+            found += [_apart(path, given, log, delays) for log in own]
+    return found
+
+
+def _part(log: ServoLog, rows: slice) -> ServoLog:
+    """A part of a log."""
+    q, u, load, inertia = (x[rows] for x in (log.position, log.target, log.load, log.inertia))
+    return ServoLog(log.source, log.t[rows], u, q, load, inertia)
+
+
+def _followed_late(given: ServoLogs) -> Score:
+    """The score of the target itself, at the delay that suits each joint best."""
+    found, used = [], np.ones(sum(len(log.t) for log in given.logs))
+    for j in range(len(given.robot.joints)):
+        joint = [log.joint(j) for log in given.logs]
+        found.append(min(late(joint, used, delay) for delay in DELAYS))
+    errors = np.full((len(HORIZONS), len(found)), np.nan)
+    errors[-1] = found
+    return Score("the target, late", errors, np.full(len(found), np.nan), 0.0)
+
+
+def _departed(robot: RobotModel, values: Identified, recordings: Recordings) -> _Part:
+    """Errors of a model by force, over every horizon and one row ahead, and the log's changes."""
+    errors = [departures(robot, values, recordings, h) for h in (*HORIZONS, 0.0)]
+    if not len(errors[1]):
+        expected, remedy = f"a segment of {HORIZONS[1]:g} s", "Use a log without so many gaps."
+        raise InvalidInput("log", expected, "shorter ones", remedy)
+    return errors, _changes(recordings)
+
+
+def _changes(recordings: Recordings) -> Array:
+    """(N, n) changes of the positions from row to row."""
+    return np.concatenate([np.diff(segment.log.q, axis=0) for segment in recordings.segments])
+
+
+def _identified_arm(
+    robot: RobotModel, recordings: Recordings, options: Options, told: Told
+) -> list[_Part]:
+    """Errors of every half of the logs with the values identified from the other half."""
+    segments = list(recordings.segments)
+    if len(segments) == 1:
+        (one,), half = segments, len(segments[0].log.t) // 2
+        segments = [
+            one._replace(log=one.log.part(*rows), usable=one.usable[slice(*rows)])
+            for rows in ((0, half), (half, len(one.log.t)))
+        ]
+    found = []
+    for own, rest in ((segments[::2], segments[1::2]), (segments[1::2], segments[::2])):
+        fitted = calibrate(
+            robot, replace(recordings, segments=tuple(rest)), options=options, told=told
+        )
+        delays = [joint.delay for joint in fitted.joints]
+        late = tuple(_shifted(segment, delays) for segment in own)
+        values = identified(fitted)
+        found.append(_departed(robot, values, replace(recordings, segments=late)))
+    return found
+
+
+def _shifted(segment: Segment, delays: Sequence[float]) -> Segment:
+    """A segment whose commands arrive late."""
+    log = segment.log
+    late = [np.interp(log.t - d, log.t, u) for d, u in zip(delays, log.u.T, strict=True)]
+    return segment._replace(log=log._replace(u=np.column_stack(late)))
+
+
+def _constant_velocity(recordings: Recordings) -> Score:
+    """The score of a motion that goes on as it is measured at the start of every horizon."""
+    errors = []
+    for horizon in HORIZONS:
+        samples, found = max(1, round(min(horizon, 1e6) * recordings.rate)), []
+        for segment in recordings.segments:
+            log, rows = segment.log, np.arange(len(segment.log.t) - 1)
+            start = rows - rows % samples
+            ahead = (log.t[rows + 1] - log.t[start])[:, None]
+            found.append(np.abs(log.q[start] + ahead * log.v[start] - log.q[rows + 1]))
+        errors.append(np.concatenate(found).mean(axis=0))
+    return Score("constant velocity", np.array(errors), np.full(errors[0].shape, np.nan), 0.0)
