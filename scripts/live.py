@@ -1,20 +1,19 @@
 """Measures live identification: what an update costs the user's loop, how old the estimate is.
 
     python scripts/live.py [--seconds 60]  # ur5 at 500 Hz, then bluerov2 at 100 Hz
-    python scripts/live.py --hour          # an hour of ur5, with the memory of both processes
+    python scripts/live.py --soak 60       # an hour of ur5, with the memory of both processes
 
-Beside every update, a piece of work that nothing can delay but the machine is timed: writing the
-sample as JSON.
-
-The robot is simulated beforehand and its samples are handed over in real time, again from the start
+Beside the time that passes in an update stands the processor's time that it takes, and how many of
+the updates longer than 1 ms another process interrupted: nobody but the machine delays those. The
+robot is simulated beforehand and its samples are handed over in real time, again from the start
 when they end, with a gap between. The figures of docs/live.md are from here.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
+import resource
 import tempfile
 import time
 from dataclasses import replace
@@ -30,6 +29,7 @@ from nsaid_mj.log import Log
 _SIMULATED = 60.0  # length of the motion that is repeated [s]
 _SKIPPED = 1.0  # beginning that does not count, as caches are cold [s]
 _PAUSE = 1.0  # gap between two repetitions [s]
+_MEMORY = 20.0  # time between two looks at the memory [s]
 
 
 def motion(robot: str, rate: float) -> Log:
@@ -46,9 +46,21 @@ def resident(process: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
+def percentiles(seconds: np.ndarray) -> str:
+    """Median, 99.9 % and largest of some times [s], in words."""
+    middle, most = np.percentile(seconds, [50, 99.9]) * 1e6
+    return f"{middle:.0f} µs (median), {most:.0f} µs (99.9 %), {seconds.max() * 1e6:.0f} µs (worst)"
+
+
+def histogram(seconds: np.ndarray) -> str:
+    """Shares of some times [s] below bounds, in words."""
+    bounds = 50, 100, 150, 300, 500, 1000, 5000
+    return ", ".join(f"{np.mean(seconds * 1e6 <= bound):.2%} ≤ {bound} µs" for bound in bounds)
+
+
 def measure(robot: str, rate: float, seconds: float) -> None:
     """Prints the figures of one robot."""
-    log, times, idle, ages, memory = motion(robot, rate), [], [], [], []
+    log, updates, ages, memory = motion(robot, rate), [], [], []
     rows = [log.at(k) for k in range(len(log.t))]
     count, period = round(seconds * rate), float(log.t[-1]) + _PAUSE
     with (
@@ -63,38 +75,39 @@ def measure(robot: str, rate: float, seconds: float) -> None:
             due = begin + k / rate
             while (now := time.perf_counter()) < due:
                 time.sleep(max(0.0, due - now - 1e-4))
-            now = time.perf_counter()
-            json.dumps([part.tolist() for part in rows[row][1:]])
-            idle.append(time.perf_counter() - now)
-            now = time.perf_counter()
+            before = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
+            now, own = time.perf_counter(), time.thread_time()
             estimate = identifier.update(t, *rows[row][1:])
-            times.append(time.perf_counter() - now)
+            passed, taken = time.perf_counter() - now, time.thread_time() - own
+            after = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
+            updates.append((passed, taken, after - before))
             if estimate is not None and estimate.t <= t:
                 ages.append(t - estimate.t)
-            if k % round(60 * rate) == round(30 * rate):
+            if k % round(_MEMORY * rate) == round(0.5 * _MEMORY * rate):
                 memory.append((resident(os.getpid()), resident(law)))
-        taken = identifier.estimate
-        dropped = count - (taken.samples if taken else 0)
-    late, alone = (np.array(x[round(_SKIPPED * rate) :]) * 1e6 for x in (times, idle))
-    old = np.array(ages[round(_SKIPPED * rate) :]) * 1e3
+        last = identifier.estimate
+        dropped = count - (last.samples if last else 0)
+    passed, own, switches = np.array(updates[round(_SKIPPED * rate) :]).T
+    late, old = passed > 1e-3, np.array(ages[round(_SKIPPED * rate) :]) * 1e3
     print(
-        f"{robot} at {rate:g} Hz, {seconds:g} s: an update takes {np.median(late):.0f} µs "
-        f"(median), {np.percentile(late, 99.9):.0f} µs (99.9 %), {late.max():.0f} µs (worst); "
-        f"JSON alone {np.median(alone):.0f}, {np.percentile(alone, 99.9):.0f}, {alone.max():.0f}; "
+        f"{robot} at {rate:g} Hz, {seconds:g} s: an update takes {percentiles(passed)}; of the "
+        f"processor {percentiles(own)}; {np.sum(late)} longer than 1 ms, "
+        f"{np.sum(late & (switches > 0))} of them interrupted by another process; "
         f"the estimate is {np.median(old):.1f} ms old (median), {np.percentile(old, 99):.0f} ms "
         f"(99 %), {old.max():.0f} ms (worst); {dropped} samples behind at the end; "
-        f"{identifier.summary['verdict']}"
+        f"{identifier.summary['verdict']}\n  {histogram(passed)}"
     )
-    for minute, (own, other) in enumerate(memory):
-        if minute in {0, len(memory) // 2, len(memory) - 1}:
-            print(f"  minute {minute}: {own:.1f} MB here, {other:.1f} MB in the law's process")
+    for k, (here, other) in enumerate(memory):
+        if k in {0, len(memory) // 2, len(memory) - 1}:
+            at = (k + 0.5) * _MEMORY / 60
+            print(f"  after {at:.1f} min: {here:.1f} MB here, {other:.1f} MB in the law's process")
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--hour", action="store_true")
+    parser.add_argument("--soak", type=float, metavar="MINUTES")
     chosen = parser.parse_args()
-    measure("ur5", 500.0, 3600.0 if chosen.hour else chosen.seconds)
-    if not chosen.hour:
+    measure("ur5", 500.0, 60.0 * chosen.soak if chosen.soak else chosen.seconds)
+    if not chosen.soak:
         measure("bluerov2", 100.0, chosen.seconds)

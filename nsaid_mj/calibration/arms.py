@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from ..parameters import Array
 from ..structure.optional import pin

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from ..parameters import Array
 from .findings import Finding

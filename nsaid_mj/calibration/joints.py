@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-import scipy.optimize
+import scipy
 
 from ..parameters import Array, Block, Indices, ParameterSpace
 from .data import Recordings, RobotModel

@@ -11,7 +11,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy import interpolate, signal
+import scipy
 
 from ..log import Log
 from ..numerics.low_pass import decimated, symmetric, zero_phase
@@ -121,7 +121,8 @@ def refined(recordings: Recordings) -> Recordings:
             continue
         t = np.linspace(log.t[0], log.t[-1], times * (len(log.t) - 1) + 1)
         near = np.round(np.arange(len(t)) / times).astype(int)
-        q, v, u = (interpolate.make_interp_spline(log.t, x, 5)(t) for x in (log.q, log.v, log.u))
+        spline = scipy.interpolate.make_interp_spline
+        q, v, u = (spline(log.t, x, 5)(t) for x in (log.q, log.v, log.u))
         segments.append(segment._replace(log=Log(t, q, v, u), usable=segment.usable[near]))
     return replace(recordings, segments=tuple(segments), rate=times * recordings.rate)
 
@@ -136,8 +137,8 @@ def _bandwidth(recordings: Recordings) -> float:
     rate, own = recordings.rate, longest.q.shape == longest.v.shape
     x = longest.q if own else longest.v
     window = min(len(x), int(4 * rate))
-    x = signal.detrend(x, axis=0)
-    frequencies, power = signal.welch(x, fs=rate, window="hann", nperseg=window, axis=0)
+    x = scipy.signal.detrend(x, axis=0)
+    frequencies, power = scipy.signal.welch(x, fs=rate, window="hann", nperseg=window, axis=0)
     low = frequencies < 0.4 * rate
     if own:
         floor = np.median(power[frequencies > 0.25 * rate], axis=0)
@@ -173,7 +174,7 @@ def slope(t: Array, x: Array) -> Array:
     degree = min(5, (len(t) - 1) | 1)
     if degree > len(t) - 1:
         return np.gradient(x, t, axis=0) if len(t) > 1 else np.zeros_like(x)
-    return np.asarray(interpolate.make_interp_spline(t, x, degree).derivative()(t))
+    return np.asarray(scipy.interpolate.make_interp_spline(t, x, degree).derivative()(t))
 
 
 def smooth_commands(segment: Segment, chosen: Filter) -> Array:
@@ -184,7 +185,7 @@ def smooth_commands(segment: Segment, chosen: Filter) -> Array:
 def delayed(segment: Segment, chosen: Filter, u: Array, delay: Array) -> Array:
     """(N, n_u) smoothed commands u at the regressors' times, `delay` (n_u,) [s] after recording."""
     t = segment.log.t
-    at, curve = t[:: chosen.every], interpolate.CubicSpline(t, u)
+    at, curve = t[:: chosen.every], scipy.interpolate.CubicSpline(t, u)
     found = np.empty((len(at), u.shape[1]))
     for value in np.unique(delay):
         own = delay == value

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from scipy import optimize, signal
+import scipy
 
 from ..baselines.filters import smoothed
 from ..parameters import Array, Block, ParameterSpace
@@ -62,7 +62,7 @@ class Drive(NamedTuple):
         r = 1 / (rate * self.lag)  # exact for a course that is linear between samples
         kept, mean = np.exp(-r), -np.expm1(-r) / r
         taps, start = [1 - mean, mean - kept], mean * speed[:1]
-        return np.asarray(signal.lfilter(taps, [1, -kept], speed, axis=0, zi=start)[0])
+        return np.asarray(scipy.signal.lfilter(taps, [1, -kept], speed, axis=0, zi=start)[0])
 
 
 _SPEED = Drive()
@@ -321,7 +321,8 @@ def _rotor_drive(cost: Callable[[float, Drive], float], delay: float) -> tuple[f
         return delay, _SPEED
     corners = start + np.vstack([np.zeros(3), np.diag([0.01, 0.01, 0.1 - 0.2 * (start[2] > 0.5)])])
     options = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 1.0, "maxfev": 90}
-    found = np.asarray(optimize.minimize(along, start, method="Nelder-Mead", options=options).x)
+    least = scipy.optimize.minimize(along, start, method="Nelder-Mead", options=options)
+    found = np.asarray(least.x)
     for k, plain in ((1, 0.0), (2, 0.0), (2, 1.0)):
         simpler = np.where(np.arange(3) == k, plain, found)
         if along(simpler) < along(found) + _WORTH:
@@ -344,4 +345,4 @@ def _drive_notes(drive: Drive) -> list[Finding]:
 def _least(cost: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
     """The minimum of a cost between two bounds, to a tolerance."""
     options = {"xatol": tolerance}
-    return float(optimize.minimize_scalar(cost, bounds=(low, high), options=options).x)
+    return float(scipy.optimize.minimize_scalar(cost, bounds=(low, high), options=options).x)

@@ -90,7 +90,8 @@ class _Driver(Driver):
         """Drive command in [−1, 1] that, under the prior, closes the speed error."""
         force = self._m * _LOOP * (self._desired(t) - speed)
         force += self._c_0 + self._c_D * abs(speed) * speed
-        return float(np.clip(force / max(self._k_d - self._k_v * speed, 0.1 * self._k_d), -1, 1))
+        share = force / max(self._k_d - self._k_v * speed, 0.1 * self._k_d)
+        return min(max(share, -1.0), 1.0)  # np.clip of one number takes 10 times as long
 
     def _steer(self, t: float, q: Array, v: Array) -> float:
         """Steering angle [rad] arctan(L (2κ − r/u)): feedforward L κ plus yaw-rate feedback.
@@ -103,6 +104,6 @@ class _Driver(Driver):
             bearing = np.arctan2(-q[1], -q[0]) - q[2]
             side = np.sin(bearing)
             share += 4 * away * (side if np.cos(bearing) > 0 else np.sign(side))
-        curvature = self._config.grip * np.clip(share, -1, 1) / speed**2
-        desired = np.arctan(self._wheelbase * (2 * curvature - v[2] / speed))
-        return float(np.clip(desired, -self._steering, self._steering))
+        curvature = self._config.grip * min(max(share, -1.0), 1.0) / speed**2
+        desired = float(np.arctan(self._wheelbase * (2 * curvature - v[2] / speed)))
+        return min(max(desired, -self._steering), self._steering)

@@ -19,7 +19,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import llvmlite
@@ -185,26 +185,15 @@ numba.config.CACHE_DIR = str(FOLDER)
 
 
 @contextmanager
-def one_process(name: str, wait: bool) -> Iterator[bool]:
-    """Context that no two processes are in at once with one name; without locks, all are.
+def one_process(name: str) -> Iterator[None]:
+    """Context in which at most one thread of one process is, for one name; without locks, any are.
 
     Args:
         name: of what they compile or load.
-        wait: whether to wait until the others have left it.
-
-    Yields:
-        Whether it is free.
     """
-    file, free = None, True
-    try:
+    with ExitStack() as stack:
         if fcntl is not None:
             with suppress(OSError):
-                file = open(FOLDER / f"{name}.lock", "w")  # noqa: SIM115
-                try:
-                    fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-                except BlockingIOError:
-                    free = False
-        yield free
-    finally:
-        if file is not None:
-            file.close()  # frees the lock
+                file = stack.enter_context(open(FOLDER / f"{name}.lock", "w"))
+                fcntl.flock(file, fcntl.LOCK_EX)  # until the file is closed
+        yield

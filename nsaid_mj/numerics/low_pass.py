@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import signal
 
 _Array = NDArray[np.float64]
 _ORDER = 4  # forward, and the same backward
@@ -19,15 +19,15 @@ def zero_phase(x: _Array, cutoff: float, rate: float, periods: float = 3.0) -> _
         rate: of the samples [Hz].
         periods: of the cut-off by which the values are continued at both ends.
     """
-    sections = signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+    sections = scipy.signal.butter(_ORDER, cutoff, fs=rate, output="sos")
     reach = min(len(x) - 1, int(periods * rate / cutoff))
-    return np.asarray(signal.sosfiltfilt(sections, x, axis=0, padlen=reach), dtype=np.float64)
+    return np.asarray(scipy.signal.sosfiltfilt(sections, x, axis=0, padlen=reach), dtype=np.float64)
 
 
 def symmetric(cutoff: float, rate: float) -> _Array:
     """(2h + 1,) weights of an FIR filter with half amplitude at the cut-off [Hz]."""
     half = int(np.ceil(1.5 * rate / cutoff))
-    weights = signal.firwin(2 * half + 1, min(cutoff, 0.45 * rate), fs=rate)
+    weights = scipy.signal.firwin(2 * half + 1, min(cutoff, 0.45 * rate), fs=rate)
     return np.asarray(weights, dtype=np.float64)
 
 

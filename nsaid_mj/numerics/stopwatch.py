@@ -32,27 +32,21 @@ def on_compiling(call: Callable[[], None]) -> Iterator[None]:
         _WATCHERS.remove(call)
 
 
-@contextmanager
-def compiling(function: Any) -> Iterator[None]:
-    """Counts the body's time if it compiles a function of numba's, instead of loading it."""
+def timed(make: Callable[[], tuple[Any, int]]) -> Any:
+    """What `make` returns with a count of hits in numba's cache; if it is 0, its time counts.
+
+    Python searches for no cycles meanwhile, which takes a tenth of the time of compiling.
+    """
     global _spent  # noqa: PLW0603 (as global as the compiler)
-    hits, begin = sum(function.stats.cache_hits.values()), time.perf_counter()
-    try:
-        yield
-    finally:
-        if sum(function.stats.cache_hits.values()) == hits:
-            _spent += time.perf_counter() - begin
-            for watcher in _WATCHERS:
-                watcher()
-
-
-@contextmanager
-def without_garbage_collection() -> Iterator[None]:
-    """Within the context, Python does not search for cycles: a tenth of the time of compiling."""
-    collecting = gc.isenabled()
+    collecting, begin = gc.isenabled(), time.perf_counter()
     gc.disable()
     try:
-        yield
+        made, hits = make()
     finally:
         if collecting:
             gc.enable()
+    if not hits:
+        _spent += time.perf_counter() - begin
+        for watcher in _WATCHERS:
+            watcher()
+    return made

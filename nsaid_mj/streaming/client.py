@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 import os
-import queue
 import subprocess
 import sys
-import threading
+import time
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -82,7 +83,7 @@ class LiveIdentifier:
     """A live identification; see `live`.
 
     Attributes:
-        estimate: the newest one; None before the law has taken in a sample.
+        estimate: the newest one that `update` or `wait` has read; None before the first.
         folder: of the run; None before it has begun.
         summary: the run's summary.json; empty before the context has ended.
     """
@@ -90,10 +91,8 @@ class LiveIdentifier:
     def __init__(self, session: Session, flags: list[str]):
         self._system = session.robot.system
         self._space = Names.of(self._system.space)
-        self._flags, self._lines = flags, queue.SimpleQueue[bytes | None]()
-        self._ready, self._sent, self._arrived = threading.Event(), 0, threading.Condition()
+        self._flags, self._unsent, self._unread = flags, bytearray(), b""
         self._process: subprocess.Popen[bytes] | None = None
-        self._threads: list[threading.Thread] = []
         self.estimate: Estimate | None = None
         self.folder: Path | None = None
         self.summary: dict[str, Any] = {}
@@ -106,13 +105,15 @@ class LiveIdentifier:
         """
         words = [sys.executable, "-P", "-c", _START, "live", *self._flags, "--json", "--every", "0"]
         self._process = subprocess.Popen(
-            words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | _ONE_THREAD
-        )
-        self._threads = [threading.Thread(target=f, daemon=True) for f in (self._write, self._read)]
-        for thread in self._threads:
-            thread.start()
-        self._ready.wait()
-        self._check()
+            words, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            env=os.environ | _ONE_THREAD,
+        )  # fmt: skip
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            os.set_blocking(pipe.fileno(), False)
+        self._exchange_until(lambda: self.folder is not None)
+        if self.folder is None:
+            self._check()
         return self
 
     @property
@@ -140,12 +141,11 @@ class LiveIdentifier:
             InvalidInput: a shape is wrong.
             BadRun: the law's process has failed; its message is on the standard error.
         """
-        time, *parts = sample_of(self._system, t, q, v, u)
+        at, *parts = sample_of(self._system, t, q, v, u)
         named = zip("qvu", parts, strict=True)
-        found = {"t": time} | {name: part.tolist() for name, part in named}
-        self._lines.put(json.dumps(found).encode() + b"\n")
-        self._sent += 1
-        if self._process is None or self._process.returncode is not None:
+        found = {"t": at} | {name: part.tolist() for name, part in named}
+        self._unsent += json.dumps(found).encode() + b"\n"
+        if self._process is None or self._process.returncode is not None or not self._exchange():
             self._check()
         return self.estimate
 
@@ -156,10 +156,9 @@ class LiveIdentifier:
             samples: that the law is to have used.
             timeout: longest wait [s].
         """
-        with self._arrived:
-            self._arrived.wait_for(
-                lambda: self.estimate is not None and self.estimate.samples >= samples, timeout
-            )
+        self._exchange_until(
+            lambda: self.estimate is not None and self.estimate.samples >= samples, timeout
+        )
         return self.estimate
 
     def __exit__(
@@ -174,47 +173,65 @@ class LiveIdentifier:
             BadRun: the law's process has failed; its message is on the standard error.
         """
         assert self._process is not None
-        self._lines.put(None)
-        for thread in self._threads:
-            thread.join()
+        given, taken = self._process.stdin, self._process.stdout
+        assert given is not None and taken is not None
+        self._exchange_until(lambda: not self._unsent)
+        given.close()
+        self._exchange_until(lambda: False)
         self._process.wait()
+        taken.close()
         if kind is None and not self.summary:
             self._check()
 
     def _check(self) -> None:
         if self._process is None:
             raise InvalidInput("identifier", "a context", "none", "Write `with nsaid_mj.live(…)`.")
-        code = self._process.poll()
-        if code is not None and not self.summary:
+        code = self._process.wait()
+        if not self.summary:
             where = self.folder or "nsaid live"
             raise BadRun(where, f"the process of the law has ended with code {code}", _REMEDY)
 
-    def _write(self) -> None:
-        assert self._process is not None and self._process.stdin is not None
-        try:
-            while (line := self._lines.get()) is not None:
-                self._process.stdin.write(line)
-                if self._lines.empty():
-                    self._process.stdin.flush()
-            self._process.stdin.close()
-        except (BrokenPipeError, OSError):
-            self._process.poll()
+    def _exchange_until(self, done: Callable[[], bool], timeout: float = math.inf) -> None:
+        """Exchanges with the law's process until it ends, time [s] is up, or `done`."""
+        end = time.monotonic() + timeout
+        while self._exchange() and not done() and time.monotonic() < end:
+            time.sleep(_POLL)
 
-    def _read(self) -> None:
-        assert self._process is not None and self._process.stdout is not None
-        for line in self._process.stdout:
-            found = json.loads(line)
-            if "theta" in found:
-                with self._arrived:
-                    self.estimate = Estimate.of_line(found, self._space)
-                    self._arrived.notify_all()
-            elif "summary" in found:
-                self.summary = found["summary"]
-            else:
-                self.folder = Path(found["folder"])
-                self._ready.set()
-        self._process.wait()
-        self._ready.set()
+    def _exchange(self) -> bool:
+        """Writes what the pipe takes, and reads what has come; returns whether more can come.
+
+        No thread does it: it would hold Python's lock while the user's loop needs it.
+        """
+        assert self._process is not None
+        given, taken = self._process.stdin, self._process.stdout
+        assert given is not None and taken is not None
+        try:
+            while self._unsent and not given.closed:
+                del self._unsent[: os.write(given.fileno(), self._unsent[:_PIECE])]
+        except BlockingIOError:
+            pass
+        except OSError:  # it has ended; what it wrote before can still be read
+            self._unsent.clear()
+        try:
+            while piece := os.read(taken.fileno(), _PIECE):
+                self._unread += piece
+        except BlockingIOError:
+            piece = None
+        *lines, self._unread = self._unread.split(b"\n")
+        for line in lines[-2:]:  # the summary follows the last estimate
+            self._take(json.loads(line))
+        return piece is None
+
+    def _take(self, found: dict[str, Any]) -> None:
+        """Takes in a line of the law's process."""
+        if "theta" in found:
+            self.estimate = Estimate.of_line(found, self._space)
+        elif "summary" in found:
+            self.summary = found["summary"]
+        else:
+            self.folder = Path(found["folder"])
 
 
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_PIECE = 65_536  # bytes written or read at once
+_POLL = 1e-3  # pause between two exchanges, where the user waits [s]

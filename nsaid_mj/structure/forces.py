@@ -26,7 +26,7 @@ from .columns.fluid import F as WRENCH
 from .columns.joint import MOTOR, STRIBECK, coordinate, friction, joint_force
 from .columns.thrust import THRUST_KINDS, write_thrust
 from .columns.wheels import write_wheel
-from .compiled import STRUCTURE, f8, helper, index, kernel, routine, table, vector, void
+from .compiled import STRUCTURE, f8, helper, index, inlined, kernel, routine, table, vector, void
 from .spatial import clear, dot, into_body, out_of_body, unrotate
 
 BODY_KINDS = 100
@@ -82,9 +82,20 @@ def _add_projection(bodies, state, b, x, force):
         b = bodies[b, PARENT]
 
 
-@helper(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector))
-def forces_inline(structure, state, q, v, u, which, x, F):
-    """Does what `write_forces` says, as a part of its caller."""
+@kernel(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector))
+def write_forces(structure, state, q, v, u, which, x, F):
+    """Writes F at a sample.
+
+    Args:
+        structure: the robot.
+        state: (s,) of `kinematics.place`.
+        q: (m,) positions.
+        v: (n,) velocities.
+        u: (n_u,) commands.
+        which: `ALL`, `COMMANDED` or `MOVING`.
+        x: (SCRATCH,) workspace.
+        F: (z,) entries that can differ from 0; written.
+    """
     bodies, columns, c, seen = structure.bodies, structure.columns, structure.constants, -1
     nonzeros = structure.nonzeros
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
@@ -119,21 +130,7 @@ def forces_inline(structure, state, q, v, u, which, x, F):
         project(bodies, nonzeros, state, b, x, F, to, end)
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector), inner=True)
-def write_forces(structure, state, q, v, u, which, x, F):
-    """Writes F at a sample.
-
-    Args:
-        structure: the robot.
-        state: (s,) of `kinematics.place`.
-        q: (m,) positions.
-        v: (n,) velocities.
-        u: (n_u,) commands.
-        which: `ALL`, `COMMANDED` or `MOVING`.
-        x: (SCRATCH,) workspace.
-        F: (z,) entries that can differ from 0; written.
-    """
-    forces_inline(structure, state, q, v, u, which, x, F)
+forces_inline = inlined(write_forces)
 
 
 @routine(void(STRUCTURE, vector, vector, vector, vector, vector, vector, vector, vector))

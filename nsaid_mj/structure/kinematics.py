@@ -29,7 +29,7 @@ from .arrays import (
     TO,
     TWIST,
 )
-from .compiled import STRUCTURE, helper, index, kernel, matrix, table, vector, void
+from .compiled import STRUCTURE, helper, index, inlined, kernel, matrix, table, vector, void
 from .spatial import add_cross, add_turned, clear, rotate, turn_square, unrotate
 
 
@@ -121,9 +121,16 @@ def _move(bodies, joints, b, v, state):
         add_turned(state, frame + TWIST, state, axis, 1.0, state, axis + RATE)
 
 
-@helper(void(STRUCTURE, vector, vector, vector))
-def _place(structure, q, v, state):
-    """Does what `place` says, as a part of its caller."""
+@kernel(void(STRUCTURE, vector, vector, vector))
+def place(structure, q, v, state):
+    """Writes the state at q (m,) and v (n,).
+
+    Args:
+        structure: the robot.
+        q: (m,) positions.
+        v: (n,) velocities.
+        state: (s,) written; see `arrays.POSITION`.
+    """
     bodies, joints, gravity = structure.bodies, structure.joints, structure.gravity
     entries, values, terms = structure.entries, structure.values, structure.terms
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
@@ -149,20 +156,10 @@ def _place(structure, q, v, state):
         turn_square(state, terms[k, OWNER] * FRAME, state, at)
 
 
-@kernel(void(STRUCTURE, vector, vector, vector))
-def place(structure, q, v, state):
-    """Writes the state at q (m,) and v (n,).
-
-    Args:
-        structure: the robot.
-        q: (m,) positions.
-        v: (n,) velocities.
-        state: (s,) written; see `arrays.POSITION`.
-    """
-    _place(structure, q, v, state)
+_place = inlined(place)
 
 
-@kernel(void(STRUCTURE, matrix, matrix, matrix), inner=True)
+@kernel(void(STRUCTURE, matrix, matrix, matrix))
 def place_along(structure, q, v, states):
     """Writes the states (N, s) at q (N, m) and v (N, n)."""
     for k in range(q.shape[0]):

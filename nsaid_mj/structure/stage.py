@@ -52,6 +52,7 @@ from .compiled import (
     f8,
     helper,
     index,
+    inlined,
     kernel,
     matrix,
     routine,
@@ -224,9 +225,9 @@ def _gather(bodies, state, work, force):
                     inertia[parent * INERTIA + i] += inertia[b * INERTIA + i]
 
 
-@helper(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
-def _write_equations(structure, state, w, theta, work, force):
-    """Does what `write_equations` says, as a part of its caller: a call passes 150 numbers."""
+@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
+def write_equations(structure, state, w, theta, work, force):
+    """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
     bodies, rotors = structure.bodies, structure.rotors
     ground = (bodies.shape[0] + w.shape[0]) * FRAME
     accumulate(bodies, state, 0, w, work.motion, VELOCITY)
@@ -241,23 +242,10 @@ def _write_equations(structure, state, w, theta, work, force):
         force[i] = -force[i]
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector), inner=True)
-def write_equations(structure, state, w, theta, work, force):
-    """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
-    _write_equations(structure, state, w, theta, work, force)
+_write_equations = inlined(write_equations)
 
 
-@helper(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector))
-def _accelerate(structure, state, F, w, theta, work, a):
-    """Does what `accelerate` says, as a part of its caller."""
-    nonzeros = structure.nonzeros
-    _write_equations(structure, state, w, theta, work, a)
-    for z in range(nonzeros.shape[0]):
-        a[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
-    return solve_inline(work.M, work.L, a)  # (29)
-
-
-@kernel(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector), inner=True)
+@kernel(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector))
 def accelerate(structure, state, F, w, theta, work, a):
     """Writes â of (29) into a (n,); returns M̂'s smallest pivot, > 0 if it succeeded.
 
@@ -270,7 +258,14 @@ def accelerate(structure, state, F, w, theta, work, a):
         work: memory; afterwards it holds the bodies' motions without J a, and M̂'s factor.
         a: (n,) written.
     """
-    return _accelerate(structure, state, F, w, theta, work, a)
+    nonzeros = structure.nonzeros
+    _write_equations(structure, state, w, theta, work, a)
+    for z in range(nonzeros.shape[0]):
+        a[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
+    return solve_inline(work.M, work.L, a)  # (29)
+
+
+_accelerate = inlined(accelerate)
 
 
 @helper(void(vector, index, vector, index, vector, vector, index))
@@ -331,9 +326,7 @@ def _add_square_gradient(structure, b, state, ground, motion, own, x, gradient):
             gradient[entries[e, 2]] += values[e] * power
 
 
-@kernel(
-    f8(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector, vector), inner=True
-)
+@kernel(f8(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector, vector))
 def stage(structure, state, v, F, w, theta, work, a, gradient):
     """Writes â of (29) into a (n,) and Wᵀ Δv into gradient (p,); returns M̂'s smallest pivot.
 
@@ -365,7 +358,7 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
     return pivot
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector), inner=True)
+@kernel(void(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector))
 def require(structure, state, F, v, a, theta, work, force):
     """Writes what a motion requires beyond F θ, M a + C v − F θ, into force (n,).
 

@@ -179,9 +179,8 @@ class StructuredSystem(StructuredKinematics):
 
     def _unforced(self, q: Array, v: Array, w: Array, a: Array) -> Array:
         """(N, n, p) W without F and weight, for N of w and a (N, n) at q (m,) and v (n,)."""
-        count = len(w), 1
-        commands = np.zeros((len(w), self.n_u))
-        return self._regressors(np.tile(q, count), np.tile(v, count), commands, w, a, 0.0)
+        at = (x[None].repeat(len(w), axis=0) for x in (q, v))
+        return self._regressors(*at, np.zeros((len(w), self.n_u)), w, a, 0.0)
 
     def _W_M(self, q: Array, a: Array) -> Array:
         return self._unforced(q, self._still, self._still[None], a[None])[0]

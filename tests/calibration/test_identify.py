@@ -10,7 +10,7 @@ import pytest
 import nsaid_mj as ns
 from nsaid_mj.calibration.calibrate import calibrate, tempered_fit
 from nsaid_mj.calibration.fit import minimise
-from nsaid_mj.calibration.identify import _coupled, identify
+from nsaid_mj.calibration.identify import coupled, identify
 from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.logs import Map, prepare, read_tables
 from nsaid_mj.calibration.logs.mapping import Coupling
@@ -225,9 +225,9 @@ def test_a_coupling_of_any_two_joints_has_the_sign_of_its_motor(column, sign):
     R = np.diag([32.0, 32, 45, -48, 45, -32])
     R[5, column] = sign * R[5, 5]
     mapping = Map(coupling=Coupling(position=tuple(map(tuple, R.tolist()))))
-    assert _coupled(mapping) == ((column, 5, int(sign)),)
+    assert coupled(mapping) == ((column, 5, int(sign)),)
     torque = Map(coupling=Coupling(torque=tuple(map(tuple, R.T.tolist()))))
-    assert _coupled(torque) == ((column, 5, int(sign)),)
+    assert coupled(torque) == ((column, 5, int(sign)),)
 
 
 @pytest.mark.parametrize("i,j,sign", [(0, 2, 1), (1, 2, -1)])

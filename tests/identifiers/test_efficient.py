@@ -217,7 +217,7 @@ def test_after_trials_in_vain_a_fault_is_sought_after_twice_as_long_a_calm(
     run = followed("bluerov2", 1, 3.0)
     law: Any = run.setup.identifiers()[""]
     inside = deepcopy(run.state.filter)._replace(calm=3.0, unnamed=unnamed)
-    after = law._contradicted(inside, inside.recent)
+    after = law._faults.contradicted(inside, inside.recent)
     assert (after.trials is not None) == tried
     assert after.restarts == inside.restarts + (not tried)
 

@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from nsaid_mj.evaluation import misfit
 from nsaid_mj.evaluation.whiteness import whiteness
 from nsaid_mj.identifiers.cone.prior import drawn_inside
+from nsaid_mj.identifiers.efficient.covariance import innovate, predict, update
 from nsaid_mj.identifiers.efficient.faults import trials as trying
 from nsaid_mj.identifiers.efficient.faults import watch as watching
 from nsaid_mj.identifiers.efficient.faults.events import event_of
@@ -24,12 +25,12 @@ from nsaid_mj.identifiers.efficient.faults.hypotheses import (
     inexact,
     nothing,
 )
+from nsaid_mj.identifiers.efficient.faults.isolation import Isolation
 from nsaid_mj.identifiers.efficient.faults.signals import Signals
 from nsaid_mj.identifiers.efficient.faults.trials import Trials, Verdict
 from nsaid_mj.identifiers.efficient.faults.watch import Watch
 from nsaid_mj.identifiers.efficient.filter import Filter, Law, Memory, filter_at
-from nsaid_mj.identifiers.efficient.kalman import _innovate, _linear_share, _predict, _update
-from nsaid_mj.identifiers.efficient.law import EfficientIdentifier
+from nsaid_mj.identifiers.efficient.kalman import _linear_share
 from nsaid_mj.identifiers.efficient.state import EfficientState
 from nsaid_mj.identifiers.efficient.steps import margin_of, project_inside
 from nsaid_mj.log import Log
@@ -83,9 +84,9 @@ def test_an_update_is_kalmans_then_projected_with_the_scale_carried_along(
         P_after = Ptt - share * (K @ Pxt + Pxt.T @ K.T) + share**2 * K @ S @ K.T
         memory = Memory.of(law.structure, N, N, P)
         memory.R[:], memory.y[:] = R, y
-        spread = _innovate(law, kalman, memory)
+        spread = innovate(law, kalman, memory)
         square = memory.e @ memory.e
-        _update(law, kalman, share, memory)
+        update(law, kalman, share, memory)
         given = memory.y
         out = not (free[:3] > 0).all()
         assert out == (size > 1)
@@ -113,7 +114,7 @@ def test_a_prediction_carries_the_covariance_and_adds_linearisation_and_walk() -
     _, Pxx, Pxt, Ptt = (np.array(a) for a in kalman[2:6])
     memory = Memory.of(law.structure, N, N, P)
     memory.F[:], memory.B[:] = F, B
-    _predict(law, dt, kalman, memory)
+    predict(law, dt, kalman, memory)
     joint = np.block([[Pxx, Pxt], [Pxt.T, Ptt]])
     Phi = np.hstack([F[:, : 2 * N], F[:, 2 * N :] @ B])
     effect = F[:, 2 * N :] @ B @ Ptt @ B.T @ F[:, 2 * N :].T
@@ -214,13 +215,13 @@ def isolated(inside_: EfficientState, hypothesis: Hypothesis, size: Any) -> Effi
     )
     law = SimpleNamespace(
         system=made.system,
-        _scale=made.system.space.scale,
+        law=SimpleNamespace(scale=made.system.space.scale),
         _noted=lambda state, h, _b, t, found: state._replace(
             events=(*state.events, event_of(h, found[0], t, size, 1.0))
         ),
     )
     log = Log.unchecked(np.array([3.0]), *np.zeros((3, 1, 1)))
-    return EfficientIdentifier._isolated(law, inside_, Verdict(trial, 1.0), 2.0, log)  # type: ignore[arg-type]
+    return Isolation._isolated(law, inside_, Verdict(trial, 1.0), 2.0, log)  # type: ignore[arg-type]
 
 
 def test_a_verdict_changes_factors_and_events_as_its_kind_demands() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
+import scipy
 from scipy.spatial.transform import Rotation
 
 from ...errors import InvalidInput
@@ -97,7 +97,7 @@ class Layout(NamedTuple):
         if self.vehicle is None or self.vehicle.position is not None:
             return q
         world = Rotation.from_quat(q[:, 3:]).apply(v[:, :3])
-        path = cumulative_trapezoid(world, dx=1 / rate, axis=0, initial=0.0)
+        path = scipy.integrate.cumulative_trapezoid(world, dx=1 / rate, axis=0, initial=0.0)
         return np.hstack([path, q[:, 3:]])
 
     @property

@@ -18,11 +18,12 @@ from .simulation import JointLog, simulate
 from .start import start
 from .weighing import Weighed, weigh
 
-_GUESS = np.array([np.nan, np.nan, np.nan, 2e-3, 0.015])  # a [s²] and d [s]; others by regression
-_SPREAD = np.array([3.0, 3.0, 3.0, 0.5, 1.5])
-# standard deviations of ln θ before the log: T, f and g nearly free; published armatures of hobby
-# servos over their kp lie within a factor of 2.7 of 2e-3 s², delays of serial buses within 20
-_SWEEPS = 2  # over all joints, each with the loads of the others' simulated motion
+_DELAY = 0.015  # before the log [s]
+_SPREAD = np.array([3.0, 3.0, 3.0, 1.0, 1.5])
+# standard deviations of ln θ before the log: T, f and g nearly free; a within a factor of 7 of that
+# of a critically damped servo, T²/4, and delays of serial buses within 20
+_SWEEPS = 8  # at most, over all joints, each with the loads of the others' simulated motion
+_SETTLED = 0.2  # change of that motion over the residual at which they end
 _KNOWN = 0.25  # relative deviation of g below which gravity tells kp
 _NUMERICAL = 0.01  # relative accuracy of the simulation itself, by arms with known servos
 _FEWEST = 5  # logs that serve as clusters; fewer are cut into blocks
@@ -30,7 +31,9 @@ _BLOCK = 10.0  # shortest of them [s]
 _BLOCKS = 20  # at most, in one log
 _PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances are worth
 _UNTOLD = 2.0  # standard deviation of ln θ above which a joint tells nothing of the others
-_OFFSET = 2e-3  # standard deviation of the target's zero against the position's [rad or m]
+_OFFSET = 2e-3  # largest standard deviation of the target's zero against the position's [rad or m]
+_TICKS = 4 / 3  # the same in steps of the encoder
+_SATURATES = 0.97  # robust residual with a limit of force over that without, from which it is true
 DELAYS = np.arange(0.0, 0.31, 0.01)  # of a target that follows perfectly [s]
 
 
@@ -42,13 +45,16 @@ class JointEstimate(NamedTuple):
         covariance: (5, 5) of ln θ̂, from scores clustered by log or block; 0 of what was fixed.
         quantile: of Student's t, which turns deviations into 95 % intervals.
         gravity: whether gravity tells kp; otherwise it is a convention.
-        offset: change of ln kp by an offset of 2 mrad between the zeros of target and position,
-            which is part of the covariance.
+        offset: change of ln kp by an offset between the zeros of target and position, which is part
+            of the covariance.
         error: mean absolute residual [rad or m], of the samples in use.
         simple: the same of what needs no model: the target at the delay that suits best, or a
             constant position, whichever is closer.
         scaled: standard deviation of ln kp under the true masses; that under the file's, if no load
             was weighed.
+        zero: the offset [rad or m].
+        limit: force or torque at which the servo saturated in the logs [N·m or N]; inf if it did
+            not.
     """
 
     x: Array
@@ -59,6 +65,8 @@ class JointEstimate(NamedTuple):
     error: float
     simple: float
     scaled: float
+    zero: float = _OFFSET
+    limit: float = np.inf
 
     @property
     def theta(self) -> Array:
@@ -104,6 +112,7 @@ def estimate(
     kp: Array,
     told: Callable[[str], None] = lambda _: None,
     load: Load | None = None,
+    limits: Array | None = None,
 ) -> Estimate:
     """Fits every joint alone, masks windows with foreign forces, and fits again.
 
@@ -116,20 +125,25 @@ def estimate(
         kp: (n,) of the model file [N·m/rad or N/m].
         told: called with the name of every stage.
         load: that the loaded logs carry.
+        limits: (n,) largest force of every servo by the model file [N·m or N], which is used where
+            the logs show it; None without.
     """
     free = [log for log in logs if not log.loaded]
     loaded = [log for log in logs if log.loaded]
-    free, fits, priors, used = _free_of_loads(robot, free, len(kp), told)
+    limits = np.full(len(kp), np.inf) if limits is None else limits
+    fitted = _free_of_loads(robot, free, limits, told)
+    free, fits, priors, used = fitted
     if load is not None:
         told("weighing the load")
+        loaded = [log._replace(limit=free[0].limit) for log in loaded]
         rest = np.ones(sum(len(log.t) for log in loaded))
         found = weigh(robot, [*free, *loaded], load, fits, priors, np.append(used, rest))
         return _with_load(found, [*free, *loaded], kp)
-    cluster = clusters(logs)
-    joints = [[log.joint(j) for log in free] for j in range(len(kp))]
+    cluster, zero = clusters(logs), zeros(logs)
+    simulated = [fitted.simulated(j) for j in range(len(kp))]
     spread = [
-        _covariance(JointFit(own, used), fit, prior, cluster)[0][GRAVITY, GRAVITY]
-        for own, fit, prior in zip(joints, fits, priors, strict=True)
+        _covariance(own, fit, prior, cluster, zero[[j]])[0][GRAVITY, GRAVITY]
+        for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True))
     ]
     known = np.sqrt(spread) < _KNOWN
     common = _common(fits, known, kp)
@@ -137,45 +151,105 @@ def estimate(
         mean, deviation = priors[j].mean.copy(), priors[j].deviation.copy()
         mean[GRAVITY], deviation[GRAVITY] = common[j], 0.0
         priors[j] = Prior(mean, deviation)
-        fits[j] = minimise(JointFit(joints[j], used), fits[j].x, priors[j])
-    found = []
-    for own, fit, prior, sure in zip(joints, fits, priors, known, strict=True):
-        covariance, offset = _covariance(JointFit(own, used), fit, prior, cluster)
-        change = float(offset[GRAVITY, 0])
-        found.append(_judged(own, fit, bool(sure), used, cluster, covariance, change))
-    return Estimate(_moderated(found, cluster), used, None)
+        fits[j] = minimise(simulated[j], fits[j].x, priors[j])
+    judged = []
+    for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True)):
+        covariance, offset = _covariance(own, fit, prior, cluster, zero[[j]])
+        change, sure = float(offset[GRAVITY, 0]), bool(known[j])
+        one = _judged(own.logs, fit, sure, used, cluster, covariance, change)
+        judged.append(one._replace(zero=float(zero[j])))
+    return Estimate(_moderated(judged, cluster), used, None)
+
+
+class _Fitted(NamedTuple):
+    """Fits of every joint to the free logs.
+
+    Attributes:
+        logs: with the loads of their simulated motion.
+        fits: of every joint.
+        priors: of its parameters.
+        used: (N,) 1 of samples in use.
+    """
+
+    logs: list[ServoLog]
+    fits: list[OutputError]
+    priors: list[Prior]
+    used: Array
+
+    def simulated(self, j: int) -> JointFit:
+        """The simulation of a joint."""
+        return JointFit([log.joint(j) for log in self.logs], self.used)
+
+    def refitted(self, logs: list[ServoLog]) -> _Fitted:
+        """Fits to the logs with other loads or limits."""
+        found = self._replace(logs=logs)
+        fits = [
+            minimise(found.simulated(j), fit.x, prior)
+            for j, (fit, prior) in enumerate(zip(self.fits, self.priors, strict=True))
+        ]
+        return found._replace(fits=fits)
 
 
 def _free_of_loads(
-    robot: RobotModel, logs: list[ServoLog], n: int, told: Callable[[str], None]
-) -> tuple[list[ServoLog], list[OutputError], list[Prior], Array]:
-    """The free logs with the loads of their simulated motion, fits, priors, and samples in use."""
+    robot: RobotModel,
+    logs: list[ServoLog],
+    limits: Array,
+    told: Callable[[str], None],
+) -> _Fitted:
+    """Fits of all joints to the free logs, without windows of foreign forces."""
     told("fitting every servo alone")
-    joints = [[log.joint(j) for log in logs] for j in range(n)]
-    used = np.ones(sum(len(log.t) for log in logs))
-    priors, fits = [], []
-    for own in joints:
-        first = np.log(start(own))
-        prior = Prior(np.where(np.isnan(_GUESS), first, np.log(_GUESS)), _SPREAD)
-        priors.append(prior)
-        fits.append(minimise(JointFit(own, used), first, prior))
-    for own, fit in zip(joints, fits, strict=True):
-        used = used * undisturbed(own, fit.residual, fit.sigma)
-    model = without_armature(robot.model)
+    found = _Fitted(logs, [], [], np.ones(sum(len(log.t) for log in logs)))
+    for j in range(len(limits)):
+        own = found.simulated(j)
+        first = np.log(start(own.logs))
+        guess = np.r_[first[:3], 2 * first[0] - np.log(4), np.log(_DELAY)]
+        found.priors.append(Prior(guess, _SPREAD))
+        found.fits.append(minimise(own, first, found.priors[j]))
+    used = found.used
+    for j, fit in enumerate(found.fits):
+        used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
+    told("fitting all servos together, without foreign forces")
+    found = _together(robot, found._replace(used=used))
+    limited = _saturated(found, limits)
+    if np.isfinite(limited).any():
+        found = found.refitted([log._replace(limit=limited) for log in found.logs])
+        found = _together(robot, found)
+    return found
+
+
+def _together(robot: RobotModel, found: _Fitted) -> _Fitted:
+    """The fits with the loads of all joints' simulated motion, until that settles."""
+    model, before = without_armature(robot.model), np.inf
     for _ in range(_SWEEPS):
-        told("fitting all servos together, without foreign forces")
-        thetas = [np.exp(fit.x) for fit in fits]
+        thetas = [np.exp(fit.x) for fit in found.fits]
         moved = [
             np.column_stack([simulate(log.joint(j), theta) for j, theta in enumerate(thetas)])
-            for log in logs
+            for log in found.logs
         ]
-        logs = [weighed(model, log, q) for log, q in zip(logs, moved, strict=True)]
-        joints = [[log.joint(j) for log in logs] for j in range(n)]
-        fits = [
-            minimise(JointFit(own, used), fit.x, prior)
-            for own, fit, prior in zip(joints, fits, priors, strict=True)
-        ]
-    return logs, fits, priors, used
+        change = np.sqrt(np.mean((np.concatenate(moved) - before) ** 2, axis=0))
+        if np.all(change < [_SETTLED * fit.sigma for fit in found.fits]):
+            break
+        before = np.concatenate(moved)
+        found = found.refitted(
+            [weighed(model, log, q) for log, q in zip(found.logs, moved, strict=True)]
+        )
+    return found
+
+
+def _saturated(found: _Fitted, limits: Array) -> Array:
+    """(n,) limits of the servos' forces [N·m or N] where the logs show them; else inf.
+
+    Model files state limits that the servo does not have, so that one must lower the residual.
+    """
+    out, logs = np.full(len(limits), np.inf), [log._replace(limit=limits) for log in found.logs]
+    limited = found._replace(logs=logs)
+    for j, fit in enumerate(found.fits):
+        own = limited.simulated(j)
+        if np.isinf(limits[j]) or np.array_equal(own.residual(fit.x), fit.residual):
+            continue
+        if minimise(own, fit.x, found.priors[j]).sigma < _SATURATES * fit.sigma:
+            out[j] = limits[j]
+    return out
 
 
 def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
@@ -188,7 +262,8 @@ def _with_load(found: Weighed, logs: Sequence[ServoLog], kp: Array) -> Estimate:
     """The estimate of all joints and of the scale, from their common fit."""
     n, fit, own = len(kp), found.fit, found.arm.logs(found.fit.x)
     cluster = clusters(logs)
-    whole, moved = _covariance(found.arm, fit, found.prior, np.tile(cluster, n))
+    zero = zeros(logs)
+    whole, moved = _covariance(found.arm, fit, found.prior, np.tile(cluster, n), zero)
     pairs = [found.joint(j) for j in range(n)]
     at = np.arange(n) * len(pairs[0][0].x)
     known = np.sqrt(np.diag(whole)[at + GRAVITY]) < _KNOWN
@@ -203,7 +278,8 @@ def _with_load(found: Weighed, logs: Sequence[ServoLog], kp: Array) -> Estimate:
         made = _judged(
             logs_of, one, bool(known[j]), found.used, cluster, whole[place, place], offset
         )
-        joints.append(made._replace(scaled=float(np.sqrt(apart @ whole @ apart))))
+        scaled = float(np.sqrt(apart @ whole @ apart))
+        joints.append(made._replace(scaled=scaled, zero=float(zero[j])))
     deviation = np.sqrt(np.diag(whole)[scale:])
     return Estimate(
         _moderated(joints, cluster),
@@ -252,10 +328,20 @@ def clusters(logs: Sequence[ServoLog]) -> Indices:
     return np.concatenate(found)
 
 
+def zeros(logs: Sequence[ServoLog]) -> Array:
+    """(n,) standard deviations of the zeros of targets against those of positions [rad or m].
+
+    They are steps of the encoders, which truncate: small changes from sample to sample.
+    """
+    changes = np.abs(np.concatenate([np.diff(log.position, axis=0) for log in logs]))
+    ticks = [np.quantile(own[own > 0], 0.05) if own.any() else np.inf for own in changes.T]
+    return np.minimum(_TICKS * np.array(ticks), _OFFSET)
+
+
 def _covariance(
-    simulated: Simulated, fit: OutputError, prior: Prior, cluster: Indices
+    simulated: Simulated, fit: OutputError, prior: Prior, cluster: Indices, zero: Array
 ) -> tuple[Array, Array]:
-    """(k, k) of the parameters, and their (k, n) change by an offset of each target's zero.
+    """(k, k) of the parameters, and their (k, n) change by offsets (n,) of the targets' zeros.
 
     The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
     plus the prior's part A⁻¹ P A⁻¹, plus that of the offset. Residuals of a simulation are
@@ -273,7 +359,7 @@ def _covariance(
         rest = H - weighted[own].T @ fit.jacobian[own]
         shifts.append(np.linalg.solve(rest, weighted[own].T @ fit.residual[own]))
     jackknife = np.cov(np.array(shifts).T, bias=True) * max(count - 1, 1)
-    out, offset = np.zeros((len(fit.x), len(fit.x))), simulated.moved(fit.x, _OFFSET)
+    out, offset = np.zeros((len(fit.x), len(fit.x))), simulated.moved(fit.x, zero)
     moved = np.zeros((len(fit.x), offset.shape[1]))
     moved[free] = A @ weighted.T @ offset
     own = _NUMERICAL**2 * np.eye(len(free))
@@ -303,6 +389,7 @@ def _judged(
         float(np.abs(fit.residual) @ used / used.sum()),
         min(best, float(constant)),
         float(np.sqrt(covariance[GRAVITY, GRAVITY])),
+        limit=logs[0].limit,
     )
 
 

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -26,9 +27,13 @@ from .result import Servo, ServoIdentification
 
 _HARD = "0.9999 0.9999 0.001 0.5 2"
 # solimpfriction: MuJoCo's default is so soft that a joint creeps under its load instead of sticking
+_QUICK = "0.002 1"
+# solreffriction: MuJoCo takes twice its time step if that is longer; the default lets a joint slide
+# for 20 ms before it sticks
+_IMMOVABLE = 1e8  # [kg·m² or kg]
 _REMARK = """ Servos identified by nsaid from logs of targets and positions.
 {verdict}
-kp, kv, armature and frictionloss are identified; damping is part of kv; forcerange is removed, for
+kp, kv, armature and frictionloss are identified; damping is part of kv; forcerange is removed where
 no saturation was seen. Targets act after the delays below, which this file does not have: shift the
 targets, or set the actuators' `delay` and `nsample` (MuJoCo 4) and fill the buffers with the first
 targets (mj_initCtrlHistory), as a buffer of zeros pulls the arm to 0. Biases of the targets: 0.
@@ -61,6 +66,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
             "damping": "0",
             "frictionloss": numbers(servo.friction),
             "solimpfriction": _HARD,
+            "solreffriction": _QUICK,
         }
         _set_actuator(actuators[index], servo)
     for scale in result.scale:
@@ -89,7 +95,9 @@ def _set_actuator(element: Element, servo: Servo) -> None:
     """Gives an actuator its gains."""
     for key in ("dampratio", "timeconst", "forcerange", "damping", "armature"):
         element.attrib.pop(key, None)
-    element.set("forcelimited", "false")
+    element.set("forcelimited", "false" if servo.limit is None else "true")
+    if servo.limit is not None:
+        element.set("forcerange", numbers([-servo.limit, servo.limit]))
     if element.tag == "position":
         element.attrib |= {"kp": numbers(servo.kp), "kv": numbers(servo.kv)}
     else:
@@ -113,8 +121,8 @@ def rollout(
 ) -> Array:
     """(N, n) positions of an MJCF driven open loop by a log's targets, in full MuJoCo.
 
-    It starts at rest at the first position; contacts are off. Steps are those of the file, or a
-    little shorter, so that they end at the log's times.
+    It starts at rest at the first position; contacts are off, and other joints stay where they are.
+    Steps are those of the file, or a little shorter, so that they end at the log's times.
 
     Args:
         path: of the MJCF.
@@ -134,6 +142,7 @@ def rollout(
         mj = spec.compile()
     mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     data, where = mujoco.MjData(mj), JointMap(mj, joints)
+    _hold_others(mj, data, where)
     where.write(data, log.position[0], np.zeros(len(joints)))
     for u, i in zip(log.target[0], servos, strict=True):
         if mj.actuator_history[i, 0]:
@@ -152,3 +161,17 @@ def rollout(
             mujoco.mj_step(mj, data, steps)
             out[k + 1] = where.read(data)[0]
     return out
+
+
+def _hold_others(mj: Any, data: Any, where: JointMap) -> None:
+    """Holds all joints that are not simulated, at 0 or at the limit nearest to it.
+
+    Inertia of their own that is far above that of any robot keeps them there.
+    """
+    others = np.setdiff1d(np.arange(mj.nv), where.dof)
+    mj.dof_armature[others] = _IMMOVABLE
+    for j in set(mj.dof_jntid[others]):
+        if mj.jnt_limited[j] and mj.jnt_type[j] != mujoco.mjtJoint.mjJNT_BALL:
+            data.qpos[mj.jnt_qposadr[j]] = np.clip(0.0, *mj.jnt_range[j])
+    if len(others):
+        mujoco.mj_setConst(mj, mujoco.MjData(mj))  # what constraints know of inertias

@@ -73,8 +73,8 @@ class Simulated(Protocol):
         """(N, k) central differences of the residual by the free parameters."""
         ...
 
-    def moved(self, x: Array, offset: float) -> Array:
-        """(N, n) change of the residual by an offset [rad or m] of the targets of each joint."""
+    def moved(self, x: Array, offset: Array) -> Array:
+        """(N, n) change of the residual by offsets (n,) [rad or m] of the joints' targets."""
         ...
 
 
@@ -95,8 +95,8 @@ class JointFit:
         theta = np.exp(x)
         return np.concatenate([simulate(log, theta) - log.position for log in self.logs])
 
-    def moved(self, x: Array, offset: float) -> Array:
-        """(N, 1) change of the residual by an offset of the targets."""
+    def moved(self, x: Array, offset: Array) -> Array:
+        """(N, 1) change of the residual by an offset (1,) of the targets."""
         logs = [log._replace(target=log.target + offset) for log in self.logs]
         return (JointFit(logs, self.used).residual(x) - self.residual(x))[:, None]
 

@@ -24,7 +24,15 @@ from ..payloads import Load, carrier, check_loads
 from .estimate import estimate
 from .logs import ServoLog, read_servo_logs, servo_map
 from .result import ServoIdentification
-from .words import gravity_notes, masses, parameters, servo, verdict, weighed
+from .words import (
+    gravity_notes,
+    masses,
+    parameters,
+    saturation_notes,
+    servo,
+    verdict,
+    weighed,
+)
 
 _MOST = 0.3  # share of masked samples above which the structure is at fault, not foreign forces
 
@@ -150,12 +158,13 @@ def identify_servos(
     if length < 10.0:
         remedy = "Intervals need several motions."
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
-    found = estimate(given.robot, given.logs, given.kp, told, given.load)
+    limits = np.asarray(given.robot.limits, dtype=np.float64)
+    found = estimate(given.robot, given.logs, given.kp, told, given.load, limits)
     names, joints, used = given.robot.joints, found.joints, found.used
     pairs = list(zip(names, joints, strict=True))
     servos = tuple(servo(name, joint, found.scale) for name, joint in pairs)
     explains, sentence, doubts = verdict(servos, joints)
-    notes = [*_masked(given.logs, used), *gravity_notes(servos, joints)]
+    notes = [*_masked(given.logs, used), *gravity_notes(servos, joints), *saturation_notes(servos)]
     if given.load is not None and found.scale is not None:
         carrying = names[carrier(given.robot.model, given.load)[0] - 1]
         notes.append(weighed(given.load, carrying, found.scale))

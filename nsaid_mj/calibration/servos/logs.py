@@ -39,6 +39,7 @@ class ServoLog(NamedTuple):
             ask of each joint [N·m or N].
         inertia: (N, n) diagonal of the mass matrix without armatures [kg·m² or kg].
         loaded: whether the arm carries a weighed load.
+        limit: (n,) largest force of each servo [N·m or N]; None without limits.
     """
 
     source: str
@@ -48,11 +49,14 @@ class ServoLog(NamedTuple):
     load: Array
     inertia: Array
     loaded: bool = False
+    limit: Array | None = None
 
     def joint(self, j: int) -> JointLog:
         """What the simulation of one joint needs."""
         columns = (self.target, self.position, self.load, self.inertia)
-        return JointLog(self.t, *(np.ascontiguousarray(part[:, j]) for part in columns))
+        limit = np.inf if self.limit is None else float(self.limit[j])
+        apart = (np.ascontiguousarray(part[:, j]) for part in columns)
+        return JointLog(self.t, *apart, limit=limit)
 
 
 def servo_map(

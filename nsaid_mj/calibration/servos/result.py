@@ -25,6 +25,7 @@ class Servo:
         error: mean absolute error of the open-loop simulation [rad or m].
         simple: the same of what needs no model: the target at the delay that suits best, or a
             constant position, whichever is closer.
+        limit: largest force, where the servo saturated in the logs [N·m or N]; None elsewhere.
     """
 
     name: str
@@ -36,11 +37,12 @@ class Servo:
     gravity: bool
     error: float
     simple: float
+    limit: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServoIdentification(Result):
-    """Result of `identify_servos`; parameters are kp, T = kv/kp, f/kp, delay and armature/kp.
+    """Result of `identify_servos`; parameters are T, f/kp, kp, armature/kp, delay, armature.
 
     Attributes:
         robot: the model.

@@ -32,6 +32,7 @@ class JointLog(NamedTuple):
         position: (N,) measured [rad or m].
         load: (N,) torque or force that the arm asks of the joint beside M_jj q̈ [N·m or N].
         inertia: (N,) M_jj without armature [kg·m² or kg].
+        limit: largest torque or force of the servo [N·m or N].
     """
 
     t: Array
@@ -39,6 +40,7 @@ class JointLog(NamedTuple):
     position: Array
     load: Array
     inertia: Array
+    limit: float = np.inf
 
 
 def simulate(log: JointLog, theta: Array) -> Array:
@@ -49,17 +51,18 @@ def simulate(log: JointLog, theta: Array) -> Array:
         theta: (5,) T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
     """
     out = np.empty(len(log.t))
-    _simulate(log.t, log.target, log.position[0], log.load, log.inertia, theta, STEP, out)
+    start = log.position[0]
+    _simulate(log.t, log.target, start, log.load, log.inertia, log.limit, theta, STEP, out)
     return out
 
 
 @njit(cache=True)
-def _simulate(t, target, q, load, inertia, theta, longest, out):
+def _simulate(t, target, q, load, inertia, limit, theta, longest, out):
     """Steps of the θ-method; the joint sticks where friction can hold what drives it.
 
     θ between 1/2 and 1 makes the decay of a speed by damping alone, exp(−h T/J), exact, so that
     steps may be longer than J/T. The target is averaged over each step after its delay, so that
-    positions are continuous in it.
+    positions are continuous in it. A servo that saturates exerts its largest force over a step.
     """
     T, f, g, a, d = theta
     last, held, v = len(t) - 1, 0, 0.0
@@ -86,5 +89,9 @@ def _simulate(t, target, q, load, inertia, theta, longest, out):
             before, v = v, 0.0
             if abs(drive) > h * f:
                 v = (drive - np.sign(drive) * h * f) / (J + part * resisted)
+            servo = area - h * q - resisted * ((1 - part) * before + part * v)
+            if abs(servo) > h * g * limit:
+                drive = J * before + np.sign(servo) * h * g * limit - h * hold
+                v = np.sign(drive) * max(abs(drive) - h * f, 0.0) / J
             q += h * ((1 - part) * before + part * v)
         out[i + 1] = q

@@ -65,7 +65,7 @@ class Arm:
             self._weighed = x[-4:].copy(), logs
         return self._weighed[1]
 
-    def positions(self, x: Array, offset: float = 0.0) -> list[Array]:
+    def positions(self, x: Array, offset: Array | float = 0.0) -> list[Array]:
         """(N, n) simulated positions of every log [rad or m], with all targets moved."""
         theta, found = np.exp(x[:-4]).reshape(-1, _OWN), []
         for log in self.logs(x):
@@ -74,14 +74,14 @@ class Arm:
             found.append(np.column_stack([simulate(joint, own) for joint, own in each]))
         return found
 
-    def residual(self, x: Array, offset: float = 0.0) -> Array:
+    def residual(self, x: Array, offset: Array | float = 0.0) -> Array:
         """(n N,) residuals over `sigma`, joint after joint; with all targets moved."""
         found = zip(self.positions(x, offset), self._logs, strict=True)
         apart = np.concatenate([q - log.position for q, log in found])
         return np.asarray(apart / self.sigma, dtype=np.float64).T.ravel()
 
-    def moved(self, x: Array, offset: float) -> Array:
-        """(n N, n) change of the residual by an offset [rad or m] of the targets of each joint."""
+    def moved(self, x: Array, offset: Array) -> Array:
+        """(n N, n) change of the residual by offsets (n,) [rad or m] of the joints' targets."""
         change = self.residual(x, offset) - self.residual(x)
         blocks = scipy.linalg.block_diag(*change.reshape(len(self.sigma), -1))
         return np.asarray(blocks.T, dtype=np.float64)

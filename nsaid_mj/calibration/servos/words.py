@@ -10,6 +10,7 @@ from ...evaluation.result import Explains, Parameter, Status
 from ..findings import Finding
 from ..payloads import Load
 from .estimate import JointEstimate, MassScale
+from .fit import GRAVITY, NAMES
 from .result import Servo
 
 _NEARLY = 0.8  # error over that of a simple prediction above which the model explains nothing
@@ -21,7 +22,9 @@ _LABELS = (
     ("kp", "stiffness kp", "N·m/rad"),
     ("a", "armature over kp", "s²"),
     ("d", "delay of the target", "s"),
+    ("armature", "armature", "kg·m²"),
 )
+_ARMATURE = NAMES.index("a")
 _WIDEST = 3.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 20
 _HEAVIER = "Take a heavier load, or more motions with the arm stretched out."
 _CONVENTION = "a convention: no gravity acts on this joint; only kv/kp, f/kp and armature/kp count"
@@ -30,16 +33,18 @@ _CONVENTION = "a convention: no gravity acts on this joint; only kv/kp, f/kp and
 def parameters(
     name: str, k: int, joint: JointEstimate, scale: MassScale | None
 ) -> tuple[Parameter, ...]:
-    """Five parameters of a joint, numbered k, with 95 % intervals; kp under the true masses."""
-    found = []
-    for i, (short, label, unit) in enumerate(_LABELS):
-        x, deviation = joint.x[i], float(np.sqrt(joint.covariance[i, i]))
-        if short == "kp":
-            x, deviation = (0.0 if scale is None else scale.log) - x, joint.scaled
-        half = min(joint.quantile * deviation, _WIDEST)
+    """Six parameters of a joint, numbered k, with 95 % intervals, under the true masses."""
+    found, C = [], joint.covariance
+    ln_kp = (0.0 if scale is None else scale.log) - joint.x[GRAVITY]
+    rotor = C[_ARMATURE, _ARMATURE] + joint.scaled**2 - 2 * C[_ARMATURE, GRAVITY]
+    values = np.r_[joint.x, joint.x[_ARMATURE] + ln_kp]
+    deviations = np.sqrt(np.r_[np.diag(C), max(rotor, 0.0)])
+    values[GRAVITY], deviations[GRAVITY] = ln_kp, joint.scaled
+    for (short, label, unit), x, deviation in zip(_LABELS, values, deviations, strict=True):
+        half = min(joint.quantile * float(deviation), _WIDEST)
         status: Status = "identified" if half < _TOLD else "only in combination"
         combination = "" if half < _TOLD or short in {"f", "kp"} else _lag(joint)
-        if short == "kp" and not joint.gravity:
+        if short in {"kp", "armature"} and not joint.gravity:
             half, status, combination = _WIDEST, "only in combination", _CONVENTION
         value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
         about = f"{label} of {name}"
@@ -66,7 +71,9 @@ def servo(name: str, joint: JointEstimate, scale: MassScale | None) -> Servo:
     """The joint's servo in MuJoCo's terms, under the true masses."""
     T, f, g, a, d = (float(value) for value in joint.theta)
     g /= 1.0 if scale is None else float(np.exp(scale.log))
-    return Servo(name, 1 / g, T / g, a / g, f / g, d, joint.gravity, joint.error, joint.simple)
+    limit = joint.limit if np.isfinite(joint.limit) else None
+    numbers = 1 / g, T / g, a / g, f / g, d
+    return Servo(name, *numbers, joint.gravity, joint.error, joint.simple, limit)
 
 
 def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
@@ -158,9 +165,19 @@ def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> t
                     "note",
                     "offset_trade",
                     s.name,
-                    "kp and an offset between the zeros of target and position trade: 2 mrad "
-                    f"would change kp by {100 * abs(joint.offset):.0f} %; the interval has that",
+                    "kp and an offset between the zeros of target and position trade: "
+                    f"{1e3 * joint.zero:.2g} mrad would change kp by "
+                    f"{100 * abs(joint.offset):.0f} %; the interval has that",
                     data={"relative": abs(joint.offset)},
                 )
             )
     return tuple(found)
+
+
+def saturation_notes(servos: Sequence[Servo]) -> tuple[Finding, ...]:
+    """Where a servo reached the largest force that the model file states."""
+    found = [f"{s.name} {s.limit:g}" for s in servos if s.limit is not None]
+    if not found:
+        return ()
+    text = "these servos saturated, at the largest forces of the model file: " + ", ".join(found)
+    return (Finding("note", "saturation", "", text),)

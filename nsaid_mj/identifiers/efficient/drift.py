@@ -21,8 +21,9 @@ import numpy as np
 
 from ...log import Log
 from ...parameters import Array, Indices
+from .covariance import keep_above_rounding
 from .filter import COMPLETED, Along, Filter, Law
-from .kalman import follow_filter, keep_above_rounding
+from .kalman import follow_filter
 
 _WALKS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Variances that a gain, relative to itself, may gain in a second; the last is no drift [1/s]."""

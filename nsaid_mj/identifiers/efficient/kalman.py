@@ -30,7 +30,6 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from ...numerics.linalg import cholesky, multiply, solve_many, subtract_square, transpose
 from ...parameters import Array
 from ...quotient.cone import inside
 from ...structure.compiled import f8, i8, kernel, matrix, vector, void
@@ -39,6 +38,7 @@ from ...structure.kinematics import place
 from ...structure.poses import difference, integrate
 from ...structure.stage import accelerate
 from ...structure.transition import step as transition
+from .covariance import copy_matrix, innovate, keep_above_rounding, predict, update
 from .filter import (
     ALONG,
     BEGINNING,
@@ -54,14 +54,10 @@ from .filter import (
     memory_for,
 )
 from .noise import MEMORY, add_increment, write_variance
-from .steps import carry_scale, project_inside
 
 _WARM_UP = 20  # fourth differences before the noise is known well enough to begin
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
-SMALL = 0.1
-"""Size of a parameter near 0, relative to its scale, of which a relative change is a share."""
 _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
-_FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
 
 
 def acceptable(law: Law, filter: Filter) -> float:
@@ -74,14 +70,6 @@ def _acceptable(window, n, seen):
     dof = 2.0 * n * window
     vague = 1.0 + 4.0 / np.sqrt(min(seen, MEMORY))  # of R itself
     return vague * (dof + _SIGNIFICANT * np.sqrt(2.0 * dof) + 0.7 * _SIGNIFICANT**2)
-
-
-@kernel(void(matrix, matrix), inner=True)
-def _copy(source, target):
-    """Copies a matrix."""
-    for i in range(source.shape[0]):
-        for j in range(source.shape[1]):
-            target[i, j] = source[i, j]
 
 
 @kernel(void(FILTER, vector, vector, vector))
@@ -101,157 +89,11 @@ def restart_state(filter, q, v, R):
         tally[i] = 1.0 if i == 0 else 0.0
     for i in range(theta.shape[0]):
         filter.safe[0, i] = filter.safe[1, i] = theta[i]
-    _copy(filter.Ptt, filter.safe_P[0])
-    _copy(filter.Ptt, filter.safe_P[1])
+    copy_matrix(filter.Ptt, filter.safe_P[0])
+    copy_matrix(filter.Ptt, filter.safe_P[1])
 
 
-@kernel(void(matrix, matrix))
-def keep_above_rounding(P, L):
-    """Makes P (p, p) symmetric, and adds a floor where its rounding errors could be indefinite.
-
-    Along P_s nothing is learned, while exact data reduce the variance of other directions to where
-    it is lost in the rounding errors of the unlearned one; gains from such a P have random signs.
-    """
-    largest = 0.0
-    for i in range(P.shape[0]):
-        largest = max(largest, P[i, i])
-        for k in range(i):
-            P[k, i] = P[i, k]
-    if not cholesky(P, L) > _FLOOR * largest:
-        for i in range(P.shape[0]):
-            P[i, i] += _FLOOR * largest
-
-
-@kernel(void(vector, f8, vector, matrix, matrix, matrix), inner=True)
-def _add_unexplained(density, dt, theta, L, spread, rows):
-    """Adds M̂⁻¹ D M̂⁻¹/dt to the covariance of c, the last n columns of `rows` (n, 3n).
-
-    L is the factor that `solve_positive` left; `spread` (2n, 2n) is workspace.
-    """
-    n, gains = density.shape[0], theta[theta.shape[0] - density.shape[0] :]
-    columns = spread[:n]
-    for i in range(n):
-        for j in range(columns.shape[1]):
-            columns[i, j] = 1.0 if i == j else 0.0
-    solve_many(L, columns)
-    for i in range(n):
-        for j in range(n):
-            for k in range(n):
-                own = density[k] * gains[k] * gains[k] / dt
-                rows[i, 2 * n + j] += columns[i, k] * columns[j, k] * own
-
-
-@kernel(void(LAW, f8, FILTER, MEMORIES), inner=True)
-def _predict(law, dt, filter, memory):
-    """Writes P̄, without R, from the derivatives F and B of `transition`."""
-    Pxx, Pxt, Ptt, gamma, F = filter.Pxx, filter.Pxt, filter.Ptt, law.gamma, memory.F
-    with_theta, with_c, both = memory.with_theta, memory.with_c, memory.both
-    size, n = Pxt.shape[0], filter.v.shape[0]
-    transpose(F, memory.F_T)
-    _copy(Pxt, with_theta)
-    multiply(memory.B, Ptt, with_theta[size:])
-    transpose(with_theta, memory.theta_with)
-    multiply(memory.B, memory.theta_with, memory.c_with)
-    transpose(memory.c_with, with_c)
-    for i in range(size + n):
-        for j in range(n):
-            both[i, size + j] = with_c[i, j]
-    for i in range(size):
-        for j in range(size):
-            both[i, j] = Pxx[i, j]
-        for j in range(n):
-            both[size + j, i] = with_c[i, j]
-    if law.unexplained.shape[0]:
-        _add_unexplained(law.unexplained, dt, filter.theta, memory.stage.L, memory.S, both[size:])
-    multiply(F, with_theta, Pxt)
-    multiply(F, both, memory.moved)
-    multiply(memory.moved, memory.F_T, Pxx)
-    for i in range(size):
-        for j in range(n):
-            for k in range(n):
-                own = F[i, size + j] * with_c[size + j, k] * F[i, size + k]
-                Pxx[i, i] += gamma * gamma * own
-    for k in range(law.scale.shape[0]):
-        if law.walk[k] > 0.0:
-            relative = max(abs(filter.theta[k]) / law.scale[k], SMALL)
-            Ptt[k, k] += law.walk[k] * dt * relative * relative
-
-
-@kernel(f8(LAW, FILTER, MEMORIES), inner=True)
-def _innovate(law, filter, memory):
-    """Factors S and writes the step of θ̂ for the innovation y.
-
-    Returns:
-        log det S; NaN if S is not positive definite.
-    """
-    Pxx, S, L, inverse = filter.Pxx, memory.S, memory.L, memory.inverse
-    y, e, step, whitened = memory.y, memory.e, memory.step, memory.whitened
-    size, p = whitened.shape
-    for i in range(size):
-        for j in range(size):
-            S[i, j], inverse[i, j] = 0.5 * (Pxx[i, j] + Pxx[j, i]), 0.0
-        S[i, i] += memory.R[i]
-        inverse[i, i] = 1.0
-    if not cholesky(S, L) > 0.0:
-        return np.nan
-    spread = 0.0
-    for i in range(size):  # L⁻¹
-        spread += 2.0 * np.log(L[i, i])
-        for j in range(i):
-            for k in range(j + 1):
-                inverse[i, k] -= L[i, j] * inverse[j, k]
-        for k in range(i + 1):
-            inverse[i, k] /= L[i, i]
-    multiply(inverse, filter.Pxt, whitened)
-    for k in range(p):
-        step[k] = 0.0
-    for i in range(size):
-        e[i] = 0.0
-        for j in range(i + 1):
-            e[i] += inverse[i, j] * y[j]
-        for k in range(p):
-            step[k] += e[i] * whitened[i, k]
-    for k in range(p):
-        step[k] *= law.scale[k]
-    return spread
-
-
-@kernel(void(LAW, FILTER, f8, MEMORIES), inner=True)
-def _update(law, filter, share, memory):
-    """Moves θ̂ by a share of its step, updates P, and overwrites y by the step of the state."""
-    theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
-    S, L, inverse, whitened = memory.S, memory.L, memory.inverse, memory.whitened
-    e, y, R, before, trial = memory.e, memory.y, memory.R, memory.before, memory.trial
-    size, p = whitened.shape
-    for k in range(p):
-        before[k] = theta[k]
-        theta[k] += share * memory.step[k]
-    for i in range(size):
-        for j in range(size):
-            L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
-    multiply(L, whitened, Pxt)
-    learned = np.sqrt(share * (2.0 - share))
-    for r in range(size):
-        for k in range(p):
-            whitened[r, k] *= learned
-    subtract_square(whitened, Ptt)  # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
-    for i in range(size):
-        S[0, i], y[i] = 0.0, 0.0
-        for j in range(i, size):
-            S[0, i] += inverse[j, i] * e[j]
-    for i in range(size):  # y − R S⁻¹ y would cancel
-        for j in range(size):
-            y[i] += Pxx[i, j] * S[0, j]
-    multiply(inverse, Pxx, S)
-    multiply(L, S, inverse)
-    for i in range(size):
-        for j in range(size):
-            Pxx[i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
-    project_inside(law.cone, law.margin, before, theta, law.scale, Ptt, Pxt, y, trial)
-    carry_scale(before, theta, law.scale, Pxt, Ptt, memory.step, trial)
-
-
-@kernel(f8(LAW, vector, vector, vector, FILTER, MEMORIES), inner=True)
+@kernel(f8(LAW, vector, vector, vector, FILTER, MEMORIES))
 def _linear_share(law, q, v, u, filter, memory):
     """Largest share 2⁻ᵏ of θ̂'s step that keeps half of M̂ at a state q (m,), v (n,).
 
@@ -274,27 +116,27 @@ def _linear_share(law, q, v, u, filter, memory):
     return 0.0
 
 
-@kernel(void(FILTER, matrix), inner=True)
+@kernel(void(FILTER, matrix))
 def _begin_window(filter, factor):
     """Begins another window of innovations; `factor` (p, p) is workspace."""
     theta, safe, safe_P, tally = filter.theta, filter.safe, filter.safe_P, filter.tally
     keep_above_rounding(filter.Ptt, factor)
     for i in range(theta.shape[0]):
         safe[0, i], safe[1, i] = safe[1, i], theta[i]
-    _copy(safe_P[1], safe_P[0])
-    _copy(filter.Ptt, safe_P[1])
+    copy_matrix(safe_P[1], safe_P[0])
+    copy_matrix(filter.Ptt, safe_P[1])
     for i in range(1, tally.shape[0]):
         tally[i] = 0.0
 
 
-@kernel(void(vector, vector, matrix), inner=True)
+@kernel(void(vector, vector, matrix))
 def _see(before, after, seen):
     """Writes the velocities (3, n) of a step: measured at both ends, and half-way."""
     for i in range(before.shape[0]):
         seen[0, i], seen[1, i], seen[2, i] = before[i], 0.5 * (before[i] + after[i]), after[i]
 
 
-@kernel(f8(LAW, FILTER, f8, vector, vector, vector, MEMORIES), inner=True)
+@kernel(f8(LAW, FILTER, f8, vector, vector, vector, MEMORIES))
 def _move(law, filter, dt, q, v, u, memory):
     """Carries state and covariance through a step, and writes the step and the innovation y.
 
@@ -307,11 +149,11 @@ def _move(law, filter, dt, q, v, u, memory):
         memory.seen if law.unexplained.shape[0] > 0 else memory.seen[:0],
     )  # fmt: skip
     if pivot > 0.0:
-        _predict(law, dt, filter, memory)
+        predict(law, dt, filter, memory)
     return pivot
 
 
-@kernel(i8(LAW, FILTER, i8, vector, matrix, matrix, matrix, ALONG, MEMORIES), inner=True)
+@kernel(i8(LAW, FILTER, i8, vector, matrix, matrix, matrix, ALONG, MEMORIES))
 def _follow_row(law, filter, k, t, q, v, u, along, memory):
     """Runs the filter from row k − 1 to k, and returns how that ended."""
     structure, tally, totals = law.structure, filter.tally, filter.totals
@@ -336,13 +178,13 @@ def _follow_row(law, filter, k, t, q, v, u, along, memory):
     difference(structure.bodies, memory.q1, q[k], y, x)
     for i in range(n):
         y[n + i] = v[k, i] - v1[i]
-    spread, square = _innovate(law, filter, memory), 0.0
+    spread, square = innovate(law, filter, memory), 0.0
     for i in range(2 * n):
         square += memory.e[i] * memory.e[i]
     if not (spread < np.inf and square < np.inf):
         return ROUNDED
     share = _linear_share(law, q[k], v[k], u[k - 1], filter, memory)
-    _update(law, filter, share, memory)
+    update(law, filter, share, memory)
     integrate(structure.bodies, memory.q1, y, filter.q, x)
     for i in range(n):
         filter.v[i] = v1[i] + y[n + i]
@@ -407,9 +249,9 @@ def _cover(law, filter, R, t, q, v, u, memory):
             return k - 1
         for i in range(R.shape[0]):
             memory.y[i] = 0.0
-        if not _innovate(law, filter, memory) < np.inf:
+        if not innovate(law, filter, memory) < np.inf:
             return k - 1
-        _update(law, filter, 1.0, memory)
+        update(law, filter, 1.0, memory)
     return t.shape[0] - 1
 
 

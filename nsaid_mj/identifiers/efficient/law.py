@@ -8,21 +8,15 @@ most `_WORSE` times that of the memory's estimate, else from the memory. Once th
 data to notice a change by itself, it pauses between two intervals for a share of the time for which
 the filter has explained the motion.
 
-Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
-before, twice as many after trials in vain, something may have failed: the filter returns to its
-estimate from before, and tries which single fault explains the motion best, or whether the
-structure is just not quite exact, see `faults`. Only what a fault has hit is set free; where the
-structure is not exact, θ may walk, or the gains alone, if that explains the motion better: then
-they drift, see `drift`, and θ̂ is handed out from the filter, as the memory averages over it. Slow
-changes are found from the shift of the estimate, see `faults.watch`. If no fault explains the
-motion, or if the filter is young, it starts again at the memory's estimate, which alone is handed
-out until the filter has again explained `_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the
-filter's estimate is handed out, it goes on from that.
+Innovations larger than chance allows contradict the filter: a fault, a structure that is not quite
+exact, or a filter that is young, see `faults.isolation`. Where the structure is not exact, θ may
+walk, or the gains alone, if that explains the motion better: then they drift, see `drift`, and θ̂ is
+handed out from the filter, as the memory averages over it. After a new start at the memory's
+estimate, that alone is handed out until the filter has again explained `_PROBATION` seconds. If the
+memory loses M̂ ≻ 0 while the filter's estimate is handed out, it goes on from that.
 """
 
 from __future__ import annotations
-
-from typing import Any
 
 import numpy as np
 
@@ -34,21 +28,10 @@ from ..base import Confidence, Estimates, Identifier, State, Status
 from ..memory.statistics import Memory
 from ..nullspace_aid import NullspaceIdentifier
 from .drift import Rivals, going_on, walks
-from .faults.events import event_of, grown, loosened, revoked, without_effect
-from .faults.hypotheses import (
-    Hypothesis,
-    appear_slowly,
-    everything,
-    hypotheses_of,
-    inexact,
-    nothing,
-    restored,
-    unknown,
-)
-from .faults.onset import LEAD, onset
+from .faults.isolation import Isolation
+from .faults.onset import LEAD
 from .faults.signals import Signals
-from .faults.trials import Verdict, begin_trials, follow_trials, narrowed, verdict
-from .faults.watch import PERIOD, Watch, slow_change
+from .faults.watch import Watch
 from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
 from .kalman import follow_filter, restart_state
 from .noise import noise_variance
@@ -58,10 +41,6 @@ from .state import EfficientState
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
 _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: quadrature leaves it
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
-_MATURE = 2.0  # time without a contradiction after which one is taken for a fault [s]
-_STARTS = 3  # new starts of a young filter, before a structure that is not exact is considered
-_SETTLED = 5.0  # time without a contradiction after which slow changes are looked for [s]
-_ISOLATED = 0.9  # least probability of a slow change among the hypotheses
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _PAUSE = 1 / 3  # longest pause of the memory, as a share of the time without a contradiction
 _TOGETHER = 16  # steps that the memory takes in together, at most
@@ -97,7 +76,7 @@ class EfficientIdentifier(Identifier):
         self._every, self._interval = guard.memory.every, guard.memory.every * dt
         alone = FilterAlone(guard.system, dt, config)
         self._law, self._covariance = alone.law, alone.covariance
-        self._scale = self._law.scale
+        self._faults = Isolation(self._law, self.system, self._covariance, dt, self._interval)
 
     def init(self, first: Measurement) -> State:
         """The state at the first measurement: θ̂ = prior, no past data."""
@@ -159,11 +138,11 @@ class EfficientIdentifier(Identifier):
             inside = inside._replace(rivals=rivals)
         inside = inside._replace(step=inside.step + count - 1)
         if inside.step % self._every == 0 and count > 1:
-            here = self._here(inside, log)
+            here = inside.here(self.system, log)
             inside = self._renewed(inside, here) if inside.stale else inside
             if not (inside.trials or np.isfinite(inside.filter.Ptt).all()):
-                inside = self._started_again(inside, here)
-            inside = self._watched(self._judged(inside, here), here.t)
+                inside = self._faults.started_again(inside, here)
+            inside = self._faults.watched(self._judged(inside, here), here.t)
             if not inside.trials:
                 inside = self._compared(inside, before, here.t)
             best = inside.filter.theta if inside.handed else inside.guard.theta_hat
@@ -198,10 +177,6 @@ class EfficientIdentifier(Identifier):
     def _seconds(self, inside: EfficientState) -> float:
         """Time since the first sample [s]."""
         return inside.step * self._interval / self._every
-
-    def _here(self, inside: EfficientState, log: Log) -> Measurement:
-        """The last measurement of a log without the known errors of its signals."""
-        return inside.signals.acting(self.system, log.part(len(log.t) - 1, len(log.t))).at(0)
 
     def _renewed(self, inside: EfficientState, here: Measurement) -> EfficientState:
         """Begins the memory again at the filter's estimate, without data from before a fault."""
@@ -239,7 +214,7 @@ class EfficientIdentifier(Identifier):
                 last = min(count - 1, at + self._law.window - inside.trials.samples)
                 thetas[at + 1 : last + 1] = inside.theta
                 v_hats[at + 1 : last + 1] = log.v[at + 1 : last + 1]
-                inside = self._tried(inside, log.part(at, last + 1))
+                inside = self._faults.tried(inside, log.part(at, last + 1))
             else:
                 begun, kalman = bool(inside.filter.tally[0]), inside.filter
                 piece = inside.signals.acting(self.system, log.part(at, count))
@@ -250,9 +225,9 @@ class EfficientIdentifier(Identifier):
                 inside = inside._replace(calm=calm)
                 if end == CONTRADICTED:
                     known = past.first(len(past.t) - count + last + 1)
-                    inside = self._contradicted(inside, known.last(self._law.window + LEAD))
+                    inside = self._faults.contradicted(inside, known.last(self._law.window + LEAD))
                 elif end == ROUNDED:
-                    mend(kalman, self._here(inside, log.first(last + 1)))
+                    mend(kalman, inside.here(self.system, log.first(last + 1)))
                 if end != COMPLETED:
                     thetas[last], v_hats[last] = inside.theta, inside.filter.v
             own = slice(at + 1, last + inside.handed)
@@ -261,114 +236,6 @@ class EfficientIdentifier(Identifier):
             at = last
         estimates.v_hat[1:], estimates.pivot[1:] = v_hats[1:], pivots[1:]
         return inside._replace(recent=past.last(self._law.window + LEAD))
-
-    def _contradicted(self, inside: EfficientState, log: Log) -> EfficientState:
-        """After a contradiction at a log's end: trials of what may have failed, or a new start."""
-        kalman, system, here = inside.filter, self.system, self._here(inside, log)
-        if len(log.t) <= LEAD + 1:  # right after a gap: too short to tell anything from
-            restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
-            return inside
-        young = inside.calm < 2**inside.unnamed * _MATURE and inside.loose is None
-        if young and inside.restarts < _STARTS and inside.signals.as_recorded:
-            return self._started_again(inside, here)
-        inside.watch.rewind(here.t, kalman)
-        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
-        if inside.loose is not None:
-            inside.loose.freed(kalman, self._scale)
-        theta, signals = kalman.theta.copy(), inside.signals
-        what = [nothing(system), *inexact(system, theta)]
-        if not young:
-            what += [*hypotheses_of(system, theta), everything(system, theta)]
-        what += restored(system, theta, inside.intact, signals.sign, signals.held)
-        k = onset(self._law, kalman, system, signals.acting(system, log))
-        trials = begin_trials(self._law, kalman, system, signals, what, log, k)
-        return inside._replace(trials=trials, watch=Watch())
-
-    def _tried(self, inside: EfficientState, log: Log) -> EfficientState:
-        """The trials along a log; goes on with the best once there is a verdict."""
-        assert inside.trials is not None
-        trials = follow_trials(self._law, self.system, inside.trials, log)
-        if trials.samples < self._law.window:
-            return inside._replace(trials=trials)
-        found = verdict(self._law, trials, float(log.t[-1]))
-        if found is None:
-            window = self._law.window * self._interval / self._every
-            trials = narrowed(self._law, trials, window)
-            return inside._replace(trials=trials)
-        inside = inside._replace(trials=None)
-        if found.trial is None:
-            if inside.calm >= _SETTLED:
-                begin, size = trials.begin, (0.0, 0.0, 0.0)
-                event = event_of(unknown(self.system), begin, float(log.t[-1]), size, 1.0)
-                inside = inside._replace(events=(*inside.events, event), stale=True)
-            inside = inside._replace(unnamed=inside.unnamed + 1)
-            return self._started_again(inside, self._here(inside, log))
-        return self._isolated(inside, found, trials.begin, log)
-
-    def _isolated(
-        self, inside: EfficientState, found: Verdict, begin: float, log: Log
-    ) -> EfficientState:
-        """Goes on with the filter of a trial, and notes the fault if there was one."""
-        trial, t = found.trial, float(log.t[-1])
-        assert trial is not None
-        hypothesis, size = trial.reported(self.system.space)
-        kalman, signals = trial.settled(self.system, self._scale, log)
-        kalman.tally[1:] = 0.0
-        kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
-        factors, intact, kind = inside.factors.copy(), inside.intact.copy(), hypothesis.kind
-        space, events = self.system.space, inside.events
-        hit = [space.index(name) for name in hypothesis.names if name in space.names]
-        if (factors[hit] == 1).all():
-            intact[hit] = trial.theta[hit]
-        if kind == "sound":
-            factors[hit], events = 1.0, revoked(events, hypothesis.part)
-        factors[hit] *= {"reversed": -1.0, "broken": 0.0, "stuck": 0.0}.get(kind, 1.0)
-        inside = inside._replace(
-            filter=kalman,
-            signals=signals,
-            factors=factors,
-            intact=intact,
-            events=events,
-            calm=inside.calm if kind == "none" and not hypothesis.share else 0.0,
-            returns=inside.returns + 1,
-            unnamed=0 if kind != "none" else inside.unnamed,
-        )
-        inside = inside.wandered(hypothesis.share)
-        if kind in {"none", "sound"} or without_effect(kind, size):
-            return inside
-        return self._noted(inside, hypothesis, trial.theta, t, (begin, size, found.confidence))
-
-    def _watched(self, inside: EfficientState, t: float) -> EfficientState:
-        """At an interval's end: looks for slow changes, and follows one that is known."""
-        kalman, loose = inside.filter, inside.loose
-        if loose is not None and t > loose.until:
-            loose, inside = None, inside._replace(stale=True)
-        if loose is not None and not inside.trials:
-            loose.walked(kalman, self._scale, self._interval)
-            events, loose = grown(inside.events, loose, kalman, t)
-            inside = inside._replace(events=events)
-        inside = inside._replace(loose=loose)
-        watch = inside.watch
-        young = inside.calm < _MATURE  # errors of linearisation are beyond what P_θθ tells
-        if young or inside.trials or (watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9)):
-            return inside
-        if inside.calm < _SETTLED or loose is not None or inside.drift:
-            return inside._replace(watch=watch.with_snapshot(t, kalman))
-        found = slow_change(watch, kalman, self.system.space, lambda: self._slow(kalman.theta))
-        if found is None or found.confidence < _ISOLATED:
-            return inside._replace(watch=watch.with_snapshot(t, kalman))
-        before = kalman.theta.copy()
-        kalman.theta[:], kalman.Ptt[:] = found.theta, found.P
-        kalman.safe[:], kalman.safe_P[:] = found.theta, found.P
-        noted, hypothesis = (t, found.size, found.confidence, True), found.hypothesis
-        inside = inside._replace(watch=Watch()).wandered(hypothesis.share)
-        if hypothesis.kind == "none" or without_effect(hypothesis.kind, found.size):
-            return inside
-        return self._noted(inside, hypothesis, before, t, noted)
-
-    def _slow(self, theta: Array) -> list[Hypothesis]:
-        """What a shift of θ̂ (p,) without a contradiction can be evidence for."""
-        return appear_slowly(hypotheses_of(self.system, theta)) + inexact(self.system, theta)
 
     def _compared(self, inside: EfficientState, before: EfficientState, t: float) -> EfficientState:
         """At an interval's end: whether the gains drift, if θ is not constant; see `drift`."""
@@ -394,30 +261,6 @@ class EfficientIdentifier(Identifier):
             handed=True,
             stale=inside.stale or ended,
         )
-
-    def _noted(
-        self, inside: EfficientState, hypothesis: Hypothesis, before: Array, t: float, found: Any
-    ) -> EfficientState:
-        """Notes a fault isolated at time t, from θ̂ (p,) before; more of a known one is no new one.
-
-        `found` are begin, size with its interval, confidence, and whether it is slow.
-        """
-        begin, size, confidence, *slow = found
-        loose = loosened(inside.loose, hypothesis, self.system.space, before, size[0], t)
-        known = inside.loose is not None and loose is not None and loose.part == inside.loose.part
-        inside = inside._replace(loose=loose, stale=True)
-        if known:
-            return inside
-        event = event_of(hypothesis, begin, t, size, confidence, *slow)
-        return inside._replace(events=(*inside.events, event))
-
-    def _started_again(self, inside: EfficientState, here: Measurement) -> EfficientState:
-        """The filter at the memory's estimate, with the uncertainty of a prior."""
-        kalman, theta = inside.filter, inside.guard.theta_hat
-        kalman.theta[:], kalman.Ptt[:] = theta, self._covariance(theta)
-        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
-        restarts = inside.restarts + 1
-        return inside._replace(calm=0.0, handed=False, restarts=restarts, watch=Watch())
 
     def _determined(self, memory: Memory) -> bool:
         """Whether the memory has data enough for its residual to judge an estimate."""
@@ -472,7 +315,7 @@ class EfficientIdentifier(Identifier):
             kalman = kalman._replace(Ptt=prior)  # too few data: what is known is the prior
         squares, number = kalman.totals
         P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
-        units = np.outer(self._scale, self._scale)
+        units = np.outer(self._law.scale, self._law.scale)
         sign = np.where(inside.factors < 0, -1.0, 1.0)
         units = units * np.outer(sign, sign)
         samples = np.full(self.system.n, number / (2 * self.system.n))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ...log import Log
+from ...log import Log, Measurement
 from ...parameters import Array
+from ...system import SecondOrderSystem
 from ..base import State
 from ..faults import FaultEvent
 from .drift import Rivals
@@ -76,6 +77,10 @@ class EfficientState(NamedTuple):
     def theta(self) -> Array:
         """(p,) the filter's θ̂ in terms of the commands given."""
         return self.filter.theta * self.factors
+
+    def here(self, system: SecondOrderSystem, log: Log) -> Measurement:
+        """The last measurement of a log without the known errors of its signals."""
+        return self.signals.acting(system, log.part(len(log.t) - 1, len(log.t))).at(0)
 
     def wandered(self, share: float) -> EfficientState:
         """With another share by which all of θ seemed to be off."""

@@ -4,10 +4,9 @@ MuJoCo's callbacks are global to the process, so a context manager installs and 
 compiled callback reads its parameters from `mjData.userdata`, whose offset in the C structure is
 found at run time.
 
-Two documented features of numba reach MuJoCo's C side. A callback declares mjData as a pointer to
-pointers (`ARRAYS`), so that each of its entries is the typed address of an array. A C function is
-called by its name (`c_function`). Neither embeds an address in the compiled code, so it can be
-cached on disk for later processes.
+Two documented features of numba reach MuJoCo's C side. A callback gets the address of mjData, whose
+entries are addresses of arrays (`carray`). A C function is called by its name (`c_function`).
+Neither embeds an address in the compiled code, so it can be cached on disk for later processes.
 """
 
 from __future__ import annotations
@@ -22,11 +21,10 @@ from typing import Any
 
 import mujoco
 from llvmlite import binding as llvm
-from llvmlite import ir
-from numba import cfunc, types
-from numba.core import cgutils
+from numba import carray, cfunc, types
 from numba.extending import intrinsic
-from numba.np import arrayobj
+
+from ...numerics.kernels import INLINE, f8, i8, matrix, routine, table, vector
 
 WORDS = 1 << 15
 """How many 8-byte words of mjData are searched; its pointers are near word 20,000 in MuJoCo 4.0."""
@@ -82,58 +80,46 @@ def c_function(name: str, *parameters: Any) -> Any:
     return types.ExternalFunction(name, types.void(*parameters))
 
 
-def _made(context: Any, builder: Any, kind: Any, address: Any, sizes: Any) -> Any:
-    """Code that makes a C-contiguous array of a type at an address.
+def _pointer(_: Any, address: Any, kind: Any) -> Any:
+    """In compiled code, an address as a pointer of a type, for `numba.carray`."""
 
-    It is `carray` for functions that count no references to arrays, as `carray` does.
-    """
-    array = arrayobj.make_array(kind)(context, builder)
-    step = context.get_constant(types.intp, 8)
-    strides = [step]
-    for size in sizes[:0:-1]:
-        strides.insert(0, builder.mul(strides[0], size))
-    arrayobj.populate_array(
-        array,
-        data=builder.inttoptr(address, context.get_data_type(kind.dtype).as_pointer()),
-        shape=sizes,
-        strides=strides,
-        itemsize=step,
-        meminfo=None,
-    )
-    return array._getvalue()
+    def made(context: Any, builder: Any, _: Any, given: Any) -> Any:
+        return builder.inttoptr(given[0], context.get_value_type(kind.instance_type))
+
+    return kind.instance_type(address, kind), made
 
 
-def _array_at(_: Any, kind: Any, address: Any, shape: Any) -> Any:
-    """In compiled code, the array of a type and shape at an address."""
-
-    def view(context: Any, builder: Any, _: Any, given: Any) -> Any:
-        sizes = cgutils.unpack_tuple(builder, given[2])
-        return _made(context, builder, kind.instance_type, given[1], sizes)
-
-    return kind.instance_type(kind, address, shape), view
+pointer: Any = intrinsic(_pointer)
+NUMBERS, INDICES = types.CPointer(f8), types.CPointer(i8)
+_RETURNS = INLINE | {"_nrt": True}  # without, no array can be returned
 
 
-def _part(_: Any, kind: Any, user: Any, layout: Any, k: Any) -> Any:  # noqa: ARG001, as called
-    """In compiled code, part k of float64 userdata at an address, as an array of a type.
+@routine(vector(types.uintp, i8, i8), **_RETURNS)
+def vector_of(user, layout, k):
+    """Part k of float64 userdata at an address, as an array of numbers.
 
     From word `layout` on, the userdata hold three numbers of every part: the word at which it
     begins, and its numbers of rows and columns.
     """
-    word, made = ir.IntType(64), kind.instance_type
-
-    def view(context: Any, builder: Any, _: Any, given: Any) -> Any:
-        numbers = builder.inttoptr(given[1], ir.DoubleType().as_pointer())
-        first = builder.add(given[2], builder.mul(given[3], word(3)))
-        places = [builder.gep(numbers, [builder.add(first, word(i))]) for i in range(3)]
-        at, *sizes = (builder.fptosi(builder.load(place), word) for place in places)
-        address = builder.add(given[1], builder.mul(at, word(8)))
-        return _made(context, builder, made, address, sizes[: made.ndim])
-
-    return made(kind, types.uintp, types.int64, types.int64), view
+    parts, own = carray(pointer(user, NUMBERS), WORDS), layout + 3 * k
+    at = user + types.uintp(8 * parts[own])
+    return carray(pointer(at, NUMBERS), i8(parts[own + 1]))
 
 
-array_at: Any = intrinsic(_array_at)
-part: Any = intrinsic(_part)
+@routine(matrix(types.uintp, i8, i8), **_RETURNS)
+def matrix_of(user, layout, k):
+    """As `vector_of`, with its rows and columns."""
+    parts, own = carray(pointer(user, NUMBERS), WORDS), layout + 3 * k
+    at = user + types.uintp(8 * parts[own])
+    return carray(pointer(at, NUMBERS), (i8(parts[own + 1]), i8(parts[own + 2])))
+
+
+@routine(table(types.uintp, i8, i8), **_RETURNS)
+def table_of(user, layout, k):
+    """As `matrix_of`, of indices."""
+    parts, own = carray(pointer(user, NUMBERS), WORDS), layout + 3 * k
+    at = user + types.uintp(8 * parts[own])
+    return carray(pointer(at, INDICES), (i8(parts[own + 1]), i8(parts[own + 2])))
 
 
 @cache

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import types
+from numba import carray, types
 
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
@@ -54,7 +54,16 @@ from ...structure.forces import add_forces
 from ...structure.kinematics import place, write_rotation
 from ...structure.stage import write_equations
 from ...structure.structure import Structure
-from .callbacks import WORDS, array_at, c_function, field_offsets, part
+from .callbacks import (
+    NUMBERS,
+    WORDS,
+    c_function,
+    field_offsets,
+    matrix_of,
+    pointer,
+    table_of,
+    vector_of,
+)
 from .coordinates import Reading
 
 _TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW = range(5)
@@ -67,7 +76,7 @@ _HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
 """Parts of the userdata, after those of `StructureArrays`: of every velocity its place in qvel, its
 joint's in qpos and in q, and whether q has cosine and sine; θ; `_Memory`; a stage's memory."""
 
-_ADDRESSES = types.uintp[::1]
+_ADDRESSES = types.CPointer(types.uintp)
 _full_m = c_function("mj_fullM", types.uintp, types.uintp, types.uintp)
 _rne = c_function("mj_rne", types.uintp, types.uintp, types.intc, types.uintp)
 
@@ -321,57 +330,57 @@ def column_forces() -> Any:
         offsets[name] for name in ("qpos", "qvel", "ctrl", "act", "qfrc_passive", "userdata")
     )
 
-    @kernel(void(types.uintp, types.uintp), inner=True, no_cfunc_wrapper=False)
+    @kernel(void(types.uintp, types.uintp), _nrt=True)  # of arrays at addresses
     def passive(model, data):
-        arrays = array_at(_ADDRESSES, data, (WORDS,))
+        arrays = carray(pointer(data, _ADDRESSES), WORDS)
         user, commands = arrays[at_user], arrays[at_ctrl]
-        d = array_at(vector, user, (WORDS,))
+        d = carray(pointer(user, NUMBERS), WORDS)
         if d[_LAGGED] > 0:
             commands = arrays[at_act]
-        u = array_at(vector, commands, (np.int64(d[_COMMANDS]),))
+        u = carray(pointer(commands, NUMBERS), np.int64(d[_COMMANDS]))
         for i in range(u.shape[0]):
             if not abs(u[i]) <= _LARGEST:
                 return  # MuJoCo, which comes to its controls next, warns of them and zeroes them
-        qpos = array_at(vector, arrays[at_q], (WORDS,))
-        qvel = array_at(vector, arrays[at_v], (WORDS,))
-        pushed = array_at(vector, arrays[at_force], (WORDS,))
-        dofs, theta = part(table, user, _LAYOUT, _DOFS), part(vector, user, _LAYOUT, _THETA)
-        bodies, columns = part(table, user, _LAYOUT, 0), part(table, user, _LAYOUT, 7)
-        constants = part(vector, user, _LAYOUT, 8)
+        qpos = carray(pointer(arrays[at_q], NUMBERS), WORDS)
+        qvel = carray(pointer(arrays[at_v], NUMBERS), WORDS)
+        pushed = carray(pointer(arrays[at_force], NUMBERS), WORDS)
+        dofs, theta = table_of(user, _LAYOUT, _DOFS), vector_of(user, _LAYOUT, _THETA)
+        bodies, columns = table_of(user, _LAYOUT, 0), table_of(user, _LAYOUT, 7)
+        constants = vector_of(user, _LAYOUT, 8)
         if d[_PLACED] == 0:
             _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, pushed)
             return
         structure = StructureArrays(
             bodies,
-            part(vector, user, _LAYOUT, 1),
-            part(vector, user, _LAYOUT, 2),
-            part(table, user, _LAYOUT, 3),
-            part(table, user, _LAYOUT, 4),
-            part(vector, user, _LAYOUT, 5),
-            part(table, user, _LAYOUT, 6),
+            vector_of(user, _LAYOUT, 1),
+            vector_of(user, _LAYOUT, 2),
+            table_of(user, _LAYOUT, 3),
+            table_of(user, _LAYOUT, 4),
+            vector_of(user, _LAYOUT, 5),
+            table_of(user, _LAYOUT, 6),
             columns,
             constants,
-            part(table, user, _LAYOUT, 9),
+            table_of(user, _LAYOUT, 9),
         )
         work = Workspace(
-            part(vector, user, _LAYOUT, _WORK),
-            part(vector, user, _LAYOUT, _WORK + 1),
-            part(matrix, user, _LAYOUT, _WORK + 2),
-            part(matrix, user, _LAYOUT, _WORK + 3),
-            part(matrix, user, _LAYOUT, _WORK + 4),
-            part(vector, user, _LAYOUT, _WORK + 5),
+            vector_of(user, _LAYOUT, _WORK),
+            vector_of(user, _LAYOUT, _WORK + 1),
+            matrix_of(user, _LAYOUT, _WORK + 2),
+            matrix_of(user, _LAYOUT, _WORK + 3),
+            matrix_of(user, _LAYOUT, _WORK + 4),
+            vector_of(user, _LAYOUT, _WORK + 5),
         )
         own = _Memory(
-            part(vector, user, _LAYOUT, _OWN),
-            part(vector, user, _LAYOUT, _OWN + 1),
-            part(vector, user, _LAYOUT, _OWN + 2),
-            part(vector, user, _LAYOUT, _OWN + 3),
-            part(vector, user, _LAYOUT, _OWN + 4),
-            part(vector, user, _LAYOUT, _OWN + 5),
-            part(matrix, user, _LAYOUT, _OWN + 6),
-            part(matrix, user, _LAYOUT, _OWN + 7),
-            part(vector, user, _LAYOUT, _OWN + 8),
-            part(vector, user, _LAYOUT, _OWN + 9),
+            vector_of(user, _LAYOUT, _OWN),
+            vector_of(user, _LAYOUT, _OWN + 1),
+            vector_of(user, _LAYOUT, _OWN + 2),
+            vector_of(user, _LAYOUT, _OWN + 3),
+            vector_of(user, _LAYOUT, _OWN + 4),
+            vector_of(user, _LAYOUT, _OWN + 5),
+            matrix_of(user, _LAYOUT, _OWN + 6),
+            matrix_of(user, _LAYOUT, _OWN + 7),
+            vector_of(user, _LAYOUT, _OWN + 8),
+            vector_of(user, _LAYOUT, _OWN + 9),
         )
         _begin(d, structure, work, own, dofs, theta, qpos, qvel, u)
         if d[_ADDED] > 0:
@@ -379,4 +388,4 @@ def column_forces() -> Any:
             _rne(model, data, np.int32(0), user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 5)]))
         _end(d, work, own, dofs, pushed)
 
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.callback())
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.address)

@@ -20,9 +20,11 @@ from ..pages import Cell, Figures, Page, Panel, Section, Table, Text
 from ..panels import Comparison
 from ..terminal import print_page, print_panels
 
-_SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3}  # factor to the unit in the head
-_HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp", "delay [ms]", "error [mrad]", "simple [mrad]")
-_PER_SERVO = 5  # parameters
+_SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
+# factor to the unit in the head
+_HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp", "delay [ms]", "armature", "error [mrad]",
+          "simple [mrad]")  # fmt: skip
+_PER_SERVO = 6  # parameters
 
 
 def write_servos(
@@ -85,8 +87,8 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
     if any(parameter.combination for parameter in result.parameters):
         panels.append(Text("~ only in combination with others; identification.json says which.",
                            note=True))  # fmt: skip
-    panels.append(Text("error: of the open-loop simulation; simple: of the late target or a "
-                       "constant.", note=True))  # fmt: skip
+    panels.append(Text("± in %; error: of the open-loop simulation; simple: of the late target "
+                       "or a constant.", note=True))  # fmt: skip
     return Page(
         heading=result.robot.name,
         verdict=result.mark,
@@ -128,6 +130,11 @@ def _cell(parameter: Parameter) -> str:
     """A value with its interval, or marked where only a combination is identified."""
     scale = _SHOWN[parameter.name.partition("_")[0]]
     if parameter.status != "identified":
-        return f"~ {scale * parameter.value:.3g}"
+        return f"~ {_number(scale * parameter.value)}"
     half = 50 * (parameter.high - parameter.low) / parameter.value
-    return f"{scale * parameter.value:.3g} ±{half:.0f} %"
+    return f"{_number(scale * parameter.value)} ±{half:.0f}"
+
+
+def _number(x: float) -> str:
+    """Three digits, all of them before the point from 1000 on."""
+    return f"{x:.0f}" if x >= 1e3 else f"{x:.3g}"

@@ -49,7 +49,7 @@ def test_the_scale_is_found_and_covered(result):
 
 def test_stiffness_is_that_of_the_servos_and_not_of_the_file_s_masses(result):
     for k in GRAVITY:
-        kp = result.parameters[5 * k + 2]
+        kp = result.parameters[6 * k + 2]
         assert result.servos[k].kp == pytest.approx(KP[k], rel=0.05)
         assert kp.low <= KP[k] <= kp.high and kp.status == "identified"
 

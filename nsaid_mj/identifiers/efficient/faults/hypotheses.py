@@ -19,7 +19,7 @@ from ....quotient.cone import Cone, cone_of
 from ....structure.payload import carrier, point_mass, submerged
 from ....structure.sensing import sensor_labels, sensor_units
 from ....system import SecondOrderSystem, gains_by_command
-from ..kalman import SMALL
+from ..covariance import SMALL
 from .evidence import Jump
 
 _GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain

@@ -9,8 +9,9 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array, ParameterSpace
 from ....system import SecondOrderSystem
+from ..covariance import keep_above_rounding
 from ..filter import COMPLETED, Along, Filter, Law
-from ..kalman import follow_filter, keep_above_rounding
+from ..kalman import follow_filter
 from .evidence import jumped
 from .hypotheses import Hypothesis, command_of, loaded, most_changed
 from .signals import Signals

@@ -1,0 +1,168 @@
+"""What a step of the filter does to its covariance; the equations are in `kalman`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...numerics.linalg import cholesky, multiply, solve_many, subtract_square, transpose
+from ...structure.compiled import f8, kernel, matrix, vector, void
+from .filter import FILTER, LAW, MEMORIES
+from .steps import carry_scale, project_inside
+
+SMALL = 0.1
+"""Size of a parameter near 0, relative to its scale, of which a relative change is a share."""
+_FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
+
+
+@kernel(void(matrix, matrix))
+def copy_matrix(source, target):
+    """Copies a matrix."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@kernel(void(matrix, matrix))
+def keep_above_rounding(P, L):
+    """Makes P (p, p) symmetric, and adds a floor where its rounding errors could be indefinite.
+
+    Along P_s nothing is learned, while exact data reduce the variance of other directions to where
+    it is lost in the rounding errors of the unlearned one; gains from such a P have random signs.
+    """
+    largest = 0.0
+    for i in range(P.shape[0]):
+        largest = max(largest, P[i, i])
+        for k in range(i):
+            P[k, i] = P[i, k]
+    if not cholesky(P, L) > _FLOOR * largest:
+        for i in range(P.shape[0]):
+            P[i, i] += _FLOOR * largest
+
+
+@kernel(void(vector, f8, vector, matrix, matrix, matrix))
+def _add_unexplained(density, dt, theta, L, spread, rows):
+    """Adds M̂⁻¹ D M̂⁻¹/dt to the covariance of c, the last n columns of `rows` (n, 3n).
+
+    L is the factor that `solve_positive` left; `spread` (2n, 2n) is workspace.
+    """
+    n, gains = density.shape[0], theta[theta.shape[0] - density.shape[0] :]
+    columns = spread[:n]
+    for i in range(n):
+        for j in range(columns.shape[1]):
+            columns[i, j] = 1.0 if i == j else 0.0
+    solve_many(L, columns)
+    for i in range(n):
+        for j in range(n):
+            for k in range(n):
+                own = density[k] * gains[k] * gains[k] / dt
+                rows[i, 2 * n + j] += columns[i, k] * columns[j, k] * own
+
+
+@kernel(void(LAW, f8, FILTER, MEMORIES))
+def predict(law, dt, filter, memory):
+    """Writes P̄, without R, from the derivatives F and B of `transition`."""
+    Pxx, Pxt, Ptt, gamma, F = filter.Pxx, filter.Pxt, filter.Ptt, law.gamma, memory.F
+    with_theta, with_c, both = memory.with_theta, memory.with_c, memory.both
+    size, n = Pxt.shape[0], filter.v.shape[0]
+    transpose(F, memory.F_T)
+    copy_matrix(Pxt, with_theta)
+    multiply(memory.B, Ptt, with_theta[size:])
+    transpose(with_theta, memory.theta_with)
+    multiply(memory.B, memory.theta_with, memory.c_with)
+    transpose(memory.c_with, with_c)
+    for i in range(size + n):
+        for j in range(n):
+            both[i, size + j] = with_c[i, j]
+    for i in range(size):
+        for j in range(size):
+            both[i, j] = Pxx[i, j]
+        for j in range(n):
+            both[size + j, i] = with_c[i, j]
+    if law.unexplained.shape[0]:
+        _add_unexplained(law.unexplained, dt, filter.theta, memory.stage.L, memory.S, both[size:])
+    multiply(F, with_theta, Pxt)
+    multiply(F, both, memory.moved)
+    multiply(memory.moved, memory.F_T, Pxx)
+    for i in range(size):
+        for j in range(n):
+            for k in range(n):
+                own = F[i, size + j] * with_c[size + j, k] * F[i, size + k]
+                Pxx[i, i] += gamma * gamma * own
+    for k in range(law.scale.shape[0]):
+        if law.walk[k] > 0.0:
+            relative = max(abs(filter.theta[k]) / law.scale[k], SMALL)
+            Ptt[k, k] += law.walk[k] * dt * relative * relative
+
+
+@kernel(f8(LAW, FILTER, MEMORIES))
+def innovate(law, filter, memory):
+    """Factors S and writes the step of θ̂ for the innovation y.
+
+    Returns:
+        log det S; NaN if S is not positive definite.
+    """
+    Pxx, S, L, inverse = filter.Pxx, memory.S, memory.L, memory.inverse
+    y, e, step, whitened = memory.y, memory.e, memory.step, memory.whitened
+    size, p = whitened.shape
+    for i in range(size):
+        for j in range(size):
+            S[i, j], inverse[i, j] = 0.5 * (Pxx[i, j] + Pxx[j, i]), 0.0
+        S[i, i] += memory.R[i]
+        inverse[i, i] = 1.0
+    if not cholesky(S, L) > 0.0:
+        return np.nan
+    spread = 0.0
+    for i in range(size):  # L⁻¹
+        spread += 2.0 * np.log(L[i, i])
+        for j in range(i):
+            for k in range(j + 1):
+                inverse[i, k] -= L[i, j] * inverse[j, k]
+        for k in range(i + 1):
+            inverse[i, k] /= L[i, i]
+    multiply(inverse, filter.Pxt, whitened)
+    for k in range(p):
+        step[k] = 0.0
+    for i in range(size):
+        e[i] = 0.0
+        for j in range(i + 1):
+            e[i] += inverse[i, j] * y[j]
+        for k in range(p):
+            step[k] += e[i] * whitened[i, k]
+    for k in range(p):
+        step[k] *= law.scale[k]
+    return spread
+
+
+@kernel(void(LAW, FILTER, f8, MEMORIES))
+def update(law, filter, share, memory):
+    """Moves θ̂ by a share of its step, updates P, and overwrites y by the step of the state."""
+    theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
+    S, L, inverse, whitened = memory.S, memory.L, memory.inverse, memory.whitened
+    e, y, R, before, trial = memory.e, memory.y, memory.R, memory.before, memory.trial
+    size, p = whitened.shape
+    for k in range(p):
+        before[k] = theta[k]
+        theta[k] += share * memory.step[k]
+    for i in range(size):
+        for j in range(size):
+            L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
+    multiply(L, whitened, Pxt)
+    learned = np.sqrt(share * (2.0 - share))
+    for r in range(size):
+        for k in range(p):
+            whitened[r, k] *= learned
+    subtract_square(whitened, Ptt)  # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
+    for i in range(size):
+        S[0, i], y[i] = 0.0, 0.0
+        for j in range(i, size):
+            S[0, i] += inverse[j, i] * e[j]
+    for i in range(size):  # y − R S⁻¹ y would cancel
+        for j in range(size):
+            y[i] += Pxx[i, j] * S[0, j]
+    multiply(inverse, Pxx, S)
+    multiply(L, S, inverse)
+    for i in range(size):
+        for j in range(size):
+            Pxx[i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
+    project_inside(law.cone, law.margin, before, theta, law.scale, Ptt, Pxt, y, trial)
+    carry_scale(before, theta, law.scale, Pxt, Ptt, memory.step, trial)

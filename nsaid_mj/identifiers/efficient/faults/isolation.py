@@ -1,0 +1,191 @@
+"""What the law does about a contradiction: trials, and what they isolate; and about slow changes.
+
+Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
+before, twice as many after trials in vain, something may have failed: the filter returns to its
+estimate from before, and tries which single fault explains the motion best, or whether the
+structure is just not quite exact. Only what a fault has hit is set free. Slow changes are found
+from the shift of the estimate, see `watch`. If no fault explains the motion, or if the filter is
+young, it starts again at the memory's estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from ....log import Log, Measurement
+from ....parameters import Array
+from ....system import SecondOrderSystem
+from ..filter import Law
+from ..kalman import restart_state
+from ..noise import noise_variance
+from ..state import EfficientState
+from .events import event_of, grown, loosened, revoked, without_effect
+from .hypotheses import (
+    Hypothesis,
+    appear_slowly,
+    everything,
+    hypotheses_of,
+    inexact,
+    nothing,
+    restored,
+    unknown,
+)
+from .onset import LEAD, onset
+from .trials import Verdict, begin_trials, follow_trials, narrowed, verdict
+from .watch import PERIOD, Watch, slow_change
+
+_MATURE = 2.0  # time without a contradiction after which one is taken for a fault [s]
+_STARTS = 3  # new starts of a young filter, before a structure that is not exact is considered
+_SETTLED = 5.0  # time without a contradiction after which slow changes are looked for [s]
+_ISOLATED = 0.9  # least probability of a slow change among the hypotheses
+
+
+class Isolation(NamedTuple):
+    """Isolates faults.
+
+    Attributes:
+        law: of the filter.
+        system: the structure.
+        covariance: of a prior's θ̂/scale, given θ̂ (p,).
+        dt: time between measurements [s].
+        interval: time between two decisions [s].
+    """
+
+    law: Law
+    system: SecondOrderSystem
+    covariance: Callable[[Array], Array]
+    dt: float
+    interval: float
+
+    def contradicted(self, inside: EfficientState, log: Log) -> EfficientState:
+        """After a contradiction at a log's end: trials of what may have failed, or a new start."""
+        kalman, system, here = inside.filter, self.system, inside.here(self.system, log)
+        if len(log.t) <= LEAD + 1:  # right after a gap: too short to tell anything from
+            restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
+            return inside
+        young = inside.calm < 2**inside.unnamed * _MATURE and inside.loose is None
+        if young and inside.restarts < _STARTS and inside.signals.as_recorded:
+            return self.started_again(inside, here)
+        inside.watch.rewind(here.t, kalman)
+        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
+        if inside.loose is not None:
+            inside.loose.freed(kalman, self.law.scale)
+        theta, signals = kalman.theta.copy(), inside.signals
+        what = [nothing(system), *inexact(system, theta)]
+        if not young:
+            what += [*hypotheses_of(system, theta), everything(system, theta)]
+        what += restored(system, theta, inside.intact, signals.sign, signals.held)
+        k = onset(self.law, kalman, system, signals.acting(system, log))
+        trials = begin_trials(self.law, kalman, system, signals, what, log, k)
+        return inside._replace(trials=trials, watch=Watch())
+
+    def tried(self, inside: EfficientState, log: Log) -> EfficientState:
+        """The trials along a log; goes on with the best once there is a verdict."""
+        assert inside.trials is not None
+        trials = follow_trials(self.law, self.system, inside.trials, log)
+        if trials.samples < self.law.window:
+            return inside._replace(trials=trials)
+        found = verdict(self.law, trials, float(log.t[-1]))
+        if found is None:
+            window = self.law.window * self.dt
+            trials = narrowed(self.law, trials, window)
+            return inside._replace(trials=trials)
+        inside = inside._replace(trials=None)
+        if found.trial is None:
+            if inside.calm >= _SETTLED:
+                begin, size = trials.begin, (0.0, 0.0, 0.0)
+                event = event_of(unknown(self.system), begin, float(log.t[-1]), size, 1.0)
+                inside = inside._replace(events=(*inside.events, event), stale=True)
+            inside = inside._replace(unnamed=inside.unnamed + 1)
+            return self.started_again(inside, inside.here(self.system, log))
+        return self._isolated(inside, found, trials.begin, log)
+
+    def _isolated(
+        self, inside: EfficientState, found: Verdict, begin: float, log: Log
+    ) -> EfficientState:
+        """Goes on with the filter of a trial, and notes the fault if there was one."""
+        trial, t = found.trial, float(log.t[-1])
+        assert trial is not None
+        hypothesis, size = trial.reported(self.system.space)
+        kalman, signals = trial.settled(self.system, self.law.scale, log)
+        kalman.tally[1:] = 0.0
+        kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
+        factors, intact, kind = inside.factors.copy(), inside.intact.copy(), hypothesis.kind
+        space, events = self.system.space, inside.events
+        hit = [space.index(name) for name in hypothesis.names if name in space.names]
+        if (factors[hit] == 1).all():
+            intact[hit] = trial.theta[hit]
+        if kind == "sound":
+            factors[hit], events = 1.0, revoked(events, hypothesis.part)
+        factors[hit] *= {"reversed": -1.0, "broken": 0.0, "stuck": 0.0}.get(kind, 1.0)
+        inside = inside._replace(
+            filter=kalman,
+            signals=signals,
+            factors=factors,
+            intact=intact,
+            events=events,
+            calm=inside.calm if kind == "none" and not hypothesis.share else 0.0,
+            returns=inside.returns + 1,
+            unnamed=0 if kind != "none" else inside.unnamed,
+        )
+        inside = inside.wandered(hypothesis.share)
+        if kind in {"none", "sound"} or without_effect(kind, size):
+            return inside
+        return self._noted(inside, hypothesis, trial.theta, t, (begin, size, found.confidence))
+
+    def watched(self, inside: EfficientState, t: float) -> EfficientState:
+        """At an interval's end: looks for slow changes, and follows one that is known."""
+        kalman, loose = inside.filter, inside.loose
+        if loose is not None and t > loose.until:
+            loose, inside = None, inside._replace(stale=True)
+        if loose is not None and not inside.trials:
+            loose.walked(kalman, self.law.scale, self.interval)
+            events, loose = grown(inside.events, loose, kalman, t)
+            inside = inside._replace(events=events)
+        inside = inside._replace(loose=loose)
+        watch = inside.watch
+        young = inside.calm < _MATURE  # errors of linearisation are beyond what P_θθ tells
+        if young or inside.trials or (watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9)):
+            return inside
+        if inside.calm < _SETTLED or loose is not None or inside.drift:
+            return inside._replace(watch=watch.with_snapshot(t, kalman))
+        found = slow_change(watch, kalman, self.system.space, lambda: self._slow(kalman.theta))
+        if found is None or found.confidence < _ISOLATED:
+            return inside._replace(watch=watch.with_snapshot(t, kalman))
+        before = kalman.theta.copy()
+        kalman.theta[:], kalman.Ptt[:] = found.theta, found.P
+        kalman.safe[:], kalman.safe_P[:] = found.theta, found.P
+        noted, hypothesis = (t, found.size, found.confidence, True), found.hypothesis
+        inside = inside._replace(watch=Watch()).wandered(hypothesis.share)
+        if hypothesis.kind == "none" or without_effect(hypothesis.kind, found.size):
+            return inside
+        return self._noted(inside, hypothesis, before, t, noted)
+
+    def _slow(self, theta: Array) -> list[Hypothesis]:
+        """What a shift of θ̂ (p,) without a contradiction can be evidence for."""
+        return appear_slowly(hypotheses_of(self.system, theta)) + inexact(self.system, theta)
+
+    def _noted(
+        self, inside: EfficientState, hypothesis: Hypothesis, before: Array, t: float, found: Any
+    ) -> EfficientState:
+        """Notes a fault isolated at time t, from θ̂ (p,) before; more of a known one is no new one.
+
+        `found` are begin, size with its interval, confidence, and whether it is slow.
+        """
+        begin, size, confidence, *slow = found
+        loose = loosened(inside.loose, hypothesis, self.system.space, before, size[0], t)
+        known = inside.loose is not None and loose is not None and loose.part == inside.loose.part
+        inside = inside._replace(loose=loose, stale=True)
+        if known:
+            return inside
+        event = event_of(hypothesis, begin, t, size, confidence, *slow)
+        return inside._replace(events=(*inside.events, event))
+
+    def started_again(self, inside: EfficientState, here: Measurement) -> EfficientState:
+        """The filter at the memory's estimate, with the uncertainty of a prior."""
+        kalman, theta = inside.filter, inside.guard.theta_hat
+        kalman.theta[:], kalman.Ptt[:] = theta, self.covariance(theta)
+        restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
+        restarts = inside.restarts + 1
+        return inside._replace(calm=0.0, handed=False, restarts=restarts, watch=Watch())
