@@ -1,5 +1,6 @@
 """Flight logs of PX4 and ArduPilot, without a map: curve, lag and delay of the rotors are found."""
 
+import json
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -8,21 +9,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.calibration.data import RobotModel
-from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.logs import prepare, read_tables
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.vehicles import Drive
+from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
 from nsaid_mj.plants.world.mismatch import Mismatch
-from tests.support.flight_logs import Topics, write_dataflash, write_ulog
+from nsaid_mj.resources import asset
+from tests.support.flight_logs import topics, write_dataflash, write_ulog
 
 DELAY, LAG = 0.02, 0.03
-NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-FRD = np.diag([1.0, -1.0, -1.0])
-MOTORS = [1, 3, 0, 2]  # rotor of motors 1 to 4: front right, rear left, front left, rear right
 
 
 class Flight(NamedTuple):
@@ -46,56 +45,34 @@ def quadrotor() -> RobotModel:
     return load_robot_model("hummingbird")
 
 
-def commands(log: Log, mix: float) -> np.ndarray:
-    """(N, 4) commands of motors 1 to 4 for which the rotors' speeds are those of a log."""
-    thrust = log.u[:, MOTORS] ** 2  # = mix u² + (1 − mix) u
-    if mix == 0:
-        return thrust
-    half = (1 - mix) / (2 * mix)
-    return np.sqrt(half**2 + thrust / mix) - half
-
-
-def topics(flight: Flight, mix: float = 0.0) -> Topics:
-    """The flight as PX4 logs it: each topic at its own rate, noisy, without a position."""
-    log, rng = flight.log, np.random.default_rng(0)
-    turn = Rotation.from_quat(log.q[:, 3:])
-    attitude = Rotation.from_matrix(NED.T @ (turn.as_matrix() @ FRD))
-    attitude = attitude * Rotation.from_rotvec(1e-3 * rng.normal(size=(len(log.t), 3)))
-    velocity = turn.apply(log.v[:, :3]) @ NED.T + 0.02 * rng.normal(size=(len(log.t), 3))
-    rates = log.v[:, 3:] @ FRD + 0.01 * rng.normal(size=(len(log.t), 3))
-    every = slice(None, None, 2)
-    quaternions = attitude.as_quat(scalar_first=True)
-    return {
-        "vehicle_attitude": ({"q": quaternions[every]}, log.t[every] + 1),
-        "vehicle_angular_velocity": ({"xyz": rates}, log.t + 1),
-        "vehicle_local_position": (
-            dict(zip(("vx", "vy", "vz"), velocity[every].T, strict=True)),
-            log.t[every] + 1,
-        ),
-        "actuator_motors": ({"control": commands(log, mix)}, log.t + 1),
-    }
-
-
 OTHERS = [pytest.param(mix, marks=pytest.mark.slow) for mix in (0.0, 1.0)]
 
 
 @pytest.mark.parametrize("mix", [0.6, *OTHERS])
-def test_thrust_ratios_of_a_px4_log_without_position_map_or_known_curve(flight, tmp_path, mix):
-    log = write_ulog(tmp_path / "flight.ulg", topics(flight, mix))
-    found = identify("hummingbird", log)
-    data = {finding.code: finding.data for finding in found.findings}
+def test_two_commands_lead_from_a_px4_log_to_thrust_ratios(flight, tmp_path, mix):
+    """Without position, map or known curve: the commands of docs/flight.md, in its folder."""
+    log = write_ulog(tmp_path / "flight.ulg", topics(flight.log, mix))
+    sheet, out = tmp_path / "quad.toml", tmp_path / "found"
+    own = asset("hummingbird", "vehicle.toml").read_text()
+    sheet.write_text(own)
+    model = ["--model", str(sheet)]
+    assert command(["inspect", str(log), *model, "--out", str(tmp_path / "seen")]) == 0
+    said = ["identify", *model, "--log", str(log), "--out", str(out), "--quiet"]
+    assert command(said) in {0, 1}  # 1: partly
+    found = json.loads((out / "identification.json").read_text())
+    data = {finding["code"]: finding["data"] for finding in found["findings"]}
     assert "standard_map" in data
     assert data.get("curve", {"mix": 1.0})["mix"] == pytest.approx(mix, abs=0.02)
     assert data["lag"]["seconds"] == pytest.approx(LAG, abs=0.002)
-    assert found.joints[0].delay == pytest.approx(DELAY, abs=0.002)  # held for 2.5 ms
-    at = [i for i, p in enumerate(found.parameters) if p.name.startswith("thrust_")]
-    thrust = np.array([found.parameters[i].value for i in at]) / flight.truth[at]
+    assert found["joints"][0]["delay"] == pytest.approx(DELAY, abs=0.002)  # held for 2.5 ms
+    at = [i for i, p in enumerate(found["parameters"]) if p["name"].startswith("thrust_")]
+    thrust = np.array([found["parameters"][i]["value"] for i in at]) / flight.truth[at]
     assert np.abs(thrust / thrust.mean() - 1).max() <= 0.02
-    assert found.explains != "no"
+    assert found["explains"] != "no" and (out / "calibrated.yaml").is_file()
 
 
 def test_a_dataflash_log_needs_no_map(flight, tmp_path):
-    turned = {name: columns for name, (columns, _) in topics(flight).items()}
+    turned = {name: columns for name, (columns, _) in topics(flight.log).items()}
     attitude, stamps = turned["vehicle_attitude"]["q"], flight.log.t + 1
     yaw, pitch, roll = Rotation.from_quat(attitude, scalar_first=True).as_euler("ZYX").T
     pulses = 1000 + 1000 * turned["actuator_motors"]["control"]
@@ -130,7 +107,7 @@ def test_a_dataflash_log_needs_no_map(flight, tmp_path):
 
 
 def test_a_position_is_integrated_where_a_log_has_none(flight, tmp_path, quadrotor):
-    log = write_ulog(tmp_path / "flight.ulg", topics(flight))
+    log = write_ulog(tmp_path / "flight.ulg", topics(flight.log))
     (segment,) = prepare(read_tables([log]), None, quadrotor).segments
     assert np.allclose(segment.log.q[0, :3], 0)
     moved = segment.log.q[-1, :3] - (flight.log.q[-1, :3] - flight.log.q[0, :3])
@@ -139,14 +116,14 @@ def test_a_position_is_integrated_where_a_log_has_none(flight, tmp_path, quadrot
 
 @pytest.mark.parametrize("missing", ["actuator_motors", "vehicle_attitude"])
 def test_a_log_without_a_standard_topic_asks_for_a_map(flight, tmp_path, quadrotor, missing):
-    some = {name: topic for name, topic in topics(flight).items() if name != missing}
+    some = {name: topic for name, topic in topics(flight.log).items() if name != missing}
     log = write_ulog(tmp_path / "flight.ulg", some)
     with pytest.raises(InvalidInput, match=r"map\.toml"):
         prepare(read_tables([log]), None, quadrotor)
 
 
 def test_an_underwater_vehicle_is_not_taken_for_a_quadrotor(flight, tmp_path):
-    log = write_ulog(tmp_path / "flight.ulg", topics(flight))
+    log = write_ulog(tmp_path / "flight.ulg", topics(flight.log))
     with pytest.raises(InvalidInput, match=r"map\.toml"):
         prepare(read_tables([log]), None, load_robot_model("bluerov2"))
 

@@ -17,7 +17,6 @@ def test_a_packed_vehicle_has_its_published_values():
 
 def test_a_vehicle_of_ones_own_is_recognised_by_its_numbers(tmp_path):
     text = asset("hummingbird", "vehicle.toml").read_text(encoding="utf-8")
-    text = f"size = [0.5, 0.5, 0.1]\n{text}"
     path = tmp_path / "mine.toml"
     path.write_text(text.replace("mass = 0.5 ", "mass = 0.7 "), encoding="utf-8")
     model = load_robot_model(str(path))

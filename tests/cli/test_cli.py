@@ -33,6 +33,7 @@ HEAVY = (
     "rerun",
     "matplotlib",
     "example_robot_data",
+    "joblib",
 )
 ROV = ("run", "scalar_rov", "--duration", "1", "--held-out", "0.5", "--pe-window", "0.5")
 SCRIPTS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.py"))
@@ -69,7 +70,8 @@ def loaded_by(*arguments: str) -> tuple[set[str], str]:
 
 
 @pytest.mark.parametrize(
-    "words", ["--help", "--version", "list", "run --help", "view --help", "run no_such", "fly"]
+    "words",
+    ["--help", "--version", "list", "run --help", "sweep --help", "view --help", "run no", "fly"],
 )
 def test_light_commands_import_no_heavy_package(words: str) -> None:
     loaded, said = loaded_by(*words.split())

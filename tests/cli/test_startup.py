@@ -1,4 +1,4 @@
-"""Packages that a command must not import at its start; scripts/startup.py measures the times."""
+"""Packages that a run must not import at its start; scripts/startup.py measures the times."""
 
 import subprocess
 import sys
@@ -9,18 +9,6 @@ import pytest
 from nsaid_mj.errors import BadRobot
 from nsaid_mj.robot.loading import load_robot
 
-HEAVY = {
-    "mujoco",
-    "pinocchio",
-    "numba",
-    "numpy",
-    "rerun",
-    "pyarrow",
-    "scipy",
-    "matplotlib",
-    "joblib",
-}
-
 
 def modules_after(code: str) -> set[str]:
     """What a fresh process has imported at its end, whatever else it prints."""
@@ -29,14 +17,6 @@ def modules_after(code: str) -> set[str]:
         [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=120
     )
     return set(done.stdout.splitlines()[-1].split())
-
-
-@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["sweep", "--help"]])
-def test_help_imports_nothing_heavy(arguments):
-    call = f"sys.argv = ['nsaid', *{arguments}]\nfrom nsaid_mj.cli import *\nrun_from_shell()"
-    modules = modules_after(call)
-    assert "nsaid_mj.cli" in modules
-    assert not modules & HEAVY
 
 
 def test_a_run_and_its_report_import_only_what_they_use():

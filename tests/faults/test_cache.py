@@ -1,4 +1,4 @@
-"""Caches of compiled kernels that are damaged, full or missing, and commands that need none."""
+"""Caches of compiled kernels that are damaged, full or missing."""
 
 from __future__ import annotations
 
@@ -152,22 +152,3 @@ def test_a_process_waits_for_what_another_one_compiles_and_for_nothing_else(
             holder.stdin.flush()
             assert other.stdout.readline() == "True\n"
             assert other.wait() == holder.wait() == 0
-
-
-@pytest.mark.parametrize("words", [["--help"], ["--version"], ["run", "--help"], ["list"]])
-def test_commands_that_compute_nothing_never_load_numba(words: list[str]) -> None:
-    code = (
-        "import sys; from nsaid_mj.cli import commands\n"
-        f"try: commands.command({words!r})\n"
-        "except SystemExit: pass\n"
-        "print('numba' in sys.modules, file=sys.stderr)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    assert done.stderr.splitlines()[-1] == "False"

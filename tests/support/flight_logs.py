@@ -1,4 +1,4 @@
-"""Minimal ULog and DataFlash files, written byte by byte from their public specifications."""
+"""A simulated flight as PX4 logs it, and minimal ULog and DataFlash files, byte by byte."""
 
 from __future__ import annotations
 
@@ -6,9 +6,46 @@ import struct
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
+
+from nsaid_mj.log import Log
 
 Topics = dict[str, tuple[dict[str, np.ndarray], np.ndarray]]
 """By topic or kind of message: fields, (N,) or (N, k) for an array of k, and times (N,) [s]."""
+
+NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+FRD = np.diag([1.0, -1.0, -1.0])
+MOTORS = [1, 3, 0, 2]  # rotor of motors 1 to 4: front right, rear left, front left, rear right
+
+
+def commands(log: Log, mix: float) -> np.ndarray:
+    """(N, 4) commands of motors 1 to 4 for which the rotors' speeds are those of a log."""
+    thrust = log.u[:, MOTORS] ** 2  # = mix u² + (1 − mix) u
+    if mix == 0:
+        return thrust
+    half = (1 - mix) / (2 * mix)
+    return np.sqrt(half**2 + thrust / mix) - half
+
+
+def topics(log: Log, mix: float = 0.0) -> Topics:
+    """A quadrotor's log as PX4 has it: each topic at its own rate, noisy, without a position."""
+    rng = np.random.default_rng(0)
+    turn = Rotation.from_quat(log.q[:, 3:])
+    attitude = Rotation.from_matrix(NED.T @ (turn.as_matrix() @ FRD))
+    attitude = attitude * Rotation.from_rotvec(1e-3 * rng.normal(size=(len(log.t), 3)))
+    velocity = turn.apply(log.v[:, :3]) @ NED.T + 0.02 * rng.normal(size=(len(log.t), 3))
+    rates = log.v[:, 3:] @ FRD + 0.01 * rng.normal(size=(len(log.t), 3))
+    every = slice(None, None, 2)
+    quaternions = attitude.as_quat(scalar_first=True)
+    return {
+        "vehicle_attitude": ({"q": quaternions[every]}, log.t[every] + 1),
+        "vehicle_angular_velocity": ({"xyz": rates}, log.t + 1),
+        "vehicle_local_position": (
+            dict(zip(("vx", "vy", "vz"), velocity[every].T, strict=True)),
+            log.t[every] + 1,
+        ),
+        "actuator_motors": ({"control": commands(log, mix)}, log.t + 1),
+    }
 
 
 def write_ulog(path: Path, topics: Topics) -> Path:

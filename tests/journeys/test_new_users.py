@@ -1,0 +1,86 @@
+"""First paths of new users: the commands of the docs, word for word, and what they lead to.
+
+The owner of an arm with a CSV is in tests/test_readme.py
+(`test_the_newcomers_path_leads_to_a_calibrated_robot`), the owner of an arm of position servos in
+tests/cli/test_servos.py (`test_so101_is_a_demo_with_a_line_for_every_servo`).
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsaid_mj.cli.exit_codes import EXPLAINED, NOT_EXPLAINED
+from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.setup import Setup
+from nsaid_mj.plants.world.mismatch import Mismatch
+from nsaid_mj.resources import asset
+from tests.support.faulty import CHECKOUT, Heard, shell, strict
+from tests.support.flight_logs import topics, write_ulog
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's empty folder, in which commands are given."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def give(page: str, words: str) -> tuple[int, Heard]:
+    """Gives a command that a page shows, in a block of its own line or amid a text."""
+    text = (CHECKOUT / page).read_text(encoding="utf-8")
+    shown = re.findall(r"^(nsaid [^#\n]*?) *(?:#.*)?$|`(nsaid [^`]*)`", text, re.MULTILINE)
+    assert words in {line or code for line, code in shown}, f"{page} does not show: {words}"
+    return shell(*shlex.split(words)[1:])
+
+
+def test_a_reader_of_the_paper_checks_its_theorems_on_a_run(folder: Path):
+    code, said = give("docs/usage.md", "nsaid verify scalar_rov --duration 5 --out runs/verified")
+    assert code == EXPLAINED
+    for statement in ("Theorem 1 (70)", "Lemma 1 (74)", "Theorem 2", "(30) in (45)"):
+        assert statement in said.out
+    found = strict((folder / "runs/verified/verify.json").read_text(encoding="utf-8"))
+    assert not [each for each in found["statements"] if each["verdict"] == "fails"]
+
+
+def test_an_rov_engineer_finds_a_thruster_that_loses_thrust(folder: Path):
+    command = 'nsaid run bluerov2 --law efficient --faults "loss 0.4 of 3 at 20 s"'
+    code, said = give("README.md", command)
+    assert code == EXPLAINED
+    assert re.search(r"fault found at 20\.\d s: thrust of thruster 3 lost 40 %", said.out)
+    summary = strict((folder / "runs/bluerov2-efficient/summary.json").read_text("utf-8"))
+    assert summary["actuator_ratio_error"] < 1e-6
+
+
+def test_a_reviewer_finds_an_unmodelled_lag_contradicted(folder: Path):
+    command = "run bluerov2 --law efficient --sensors noisy --duration 20"
+    code, said = give("docs/results.md", f"nsaid {command} --plant.mismatch.lag 0.05")
+    assert code == NOT_EXPLAINED
+    assert "✘ bluerov2: the motion contradicts this structure" in said.out
+    assert shell(*command.split(), "--quiet")[0] == EXPLAINED  # without the lag
+
+
+def test_a_quadrotors_owner_gets_thrusts_from_a_flight_log_and_a_sheet(folder: Path):
+    flight = replace(load("hummingbird"), duration=10.0, sensors="ideal", seed=3)
+    plant = replace(flight.plant, mismatch=Mismatch(lag=0.03, delay=0.02))
+    setup = Setup.of(replace(flight, plant=plant))
+    with setup.plant.running():
+        write_ulog(folder / "flight.ulg", topics(setup.simulate()))
+    shutil.copy(asset("hummingbird", "vehicle.toml"), "quad.toml")
+    code, said = give("docs/flight.md", "nsaid inspect flight.ulg --model quad.toml")
+    assert code == EXPLAINED, said.err
+    code, said = give("docs/flight.md", "nsaid identify --model quad.toml --log flight.ulg")
+    assert code == EXPLAINED, said.err
+    found = strict((folder / "runs/quad-identify/identification.json").read_text("utf-8"))
+    thrust = {p["name"]: p["value"] for p in found["parameters"] if p["unit"] == "N"}
+    space = setup.plant.system.space
+    ratios = np.array([thrust[n] / setup.plant.truth[space.index(n)] for n in space.names
+                       if n.startswith("thrust_")])  # fmt: skip
+    assert len(ratios) == 4
+    assert np.abs(ratios / ratios.mean() - 1).max() < 0.02
