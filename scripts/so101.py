@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import stats
 
 from nsaid_mj.calibration.servos import (
     ServoLogs,
@@ -89,7 +90,7 @@ def priors(model: Path, files: list[Path]) -> None:
 
 def halves(given: ServoLogs) -> None:
     """How often 95 % intervals of disjoint halves overlap, and hold the other's value."""
-    rng, overlap, hold = np.random.default_rng(0), {}, {}
+    rng, overlap, hold, sure = np.random.default_rng(0), {}, {}, []
     for _ in range(HALVES):
         order = rng.permutation(len(given.logs))
         parts = (order[: len(order) // 2], order[len(order) // 2 :])
@@ -104,10 +105,27 @@ def halves(given: ServoLogs) -> None:
             for name in (a.name.partition("_")[0], "all"):
                 overlap.setdefault(name, []).append(max(a.low, b.low) <= min(a.high, b.high))
                 hold.setdefault(name, []).append(held)
+            if a.status == b.status == "identified":
+                sure.append(held)
     print(f"\n| of {HALVES} disjoint halves | " + " | ".join(overlap) + " |")
     print("|" + "---|" * (len(overlap) + 1))
     for words, found in (("intervals overlap", overlap), ("each holds the other's value", hold)):
         print(f"| {words} | " + " | ".join(f"{np.mean(v):.2f}" for v in found.values()) + " |")
+    print(f"\nof the {len(sure)} pairs that both halves call identified: {np.mean(sure):.2f}")
+    each = len(given.logs) // 2
+    print(f"exact 95 % intervals from {each} logs: {nominal(each):.2f}")
+
+
+def nominal(logs: int) -> float:
+    """How often exact 95 % intervals of two estimates each hold the other's value, by simulation.
+
+    Args:
+        logs: independent ones of each half, which its mean and Student's t-interval come from.
+    """
+    samples = np.random.default_rng(0).normal(size=(2, 200_000, logs))
+    apart = np.abs(np.diff(samples.mean(axis=2), axis=0)[0])
+    half = stats.t.ppf(0.975, logs - 1) * samples.std(axis=2, ddof=1) / np.sqrt(logs)
+    return float(np.mean(apart <= half.min(axis=0)))
 
 
 if __name__ == "__main__":

@@ -139,8 +139,8 @@ def law_logs(
     rate, found, shift = chosen.rate / chosen.every, [], recording_shifts(recordings)
     start = float(recordings.segments[0].log.t[0] + shift[0])
     for own, segment in zip(shift, recordings.segments, strict=True):
-        u = smooth_commands(segment, chosen)
-        held = delayed(segment, chosen, u, made.delays - 0.5 / rate)
+        curve = smooth_commands(segment, chosen)
+        held = delayed(segment, chosen, curve, made.delays - 0.5 / rate)
         if robot.model is None:
             t, q, v = motion_of(robot.system, segment, chosen)[:3]
         else:

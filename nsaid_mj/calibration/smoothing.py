@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from scipy.interpolate import BSpline
 
 from ..log import Log
 from ..numerics.low_pass import decimated, symmetric, zero_phase
@@ -177,16 +178,17 @@ def slope(t: Array, x: Array) -> Array:
     return np.asarray(scipy.interpolate.make_interp_spline(t, x, degree).derivative()(t))
 
 
-def smooth_commands(segment: Segment, chosen: Filter) -> Array:
-    """(N, n_u) commands of a segment through the smoothing filter, at the recordings' rate."""
-    return chosen.low_pass(segment.log.u)
+def smooth_commands(segment: Segment, chosen: Filter) -> BSpline:
+    """The cubic spline through a segment's commands (N, n_u) behind the smoothing filter."""
+    u = chosen.low_pass(segment.log.u)
+    return scipy.interpolate.make_interp_spline(segment.log.t, u, min(3, len(u) - 1))
 
 
-def delayed(segment: Segment, chosen: Filter, u: Array, delay: Array) -> Array:
-    """(N, n_u) smoothed commands u at the regressors' times, `delay` (n_u,) [s] after recording."""
+def delayed(segment: Segment, chosen: Filter, curve: BSpline, delay: Array) -> Array:
+    """(N, n_u) smoothed commands at the regressors' times, `delay` (n_u,) [s] after recording."""
     t = segment.log.t
-    at, curve = t[:: chosen.every], scipy.interpolate.CubicSpline(t, u)
-    found = np.empty((len(at), u.shape[1]))
+    at = t[:: chosen.every]
+    found = np.empty((len(at), len(delay)))
     for value in np.unique(delay):
         own = delay == value
         found[:, own] = curve(np.clip(at - value, t[0], t[-1]))[:, own]

@@ -1,5 +1,6 @@
 """Flight logs of PX4 and ArduPilot, without a map: curve, lag and delay of the rotors are found."""
 
+import json
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -8,15 +9,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.calibration.data import RobotModel
-from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.logs import prepare, read_tables
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.vehicles import Drive
+from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
 from nsaid_mj.plants.world.mismatch import Mismatch
+from nsaid_mj.resources import asset
 from tests.support.flight_logs import topics, write_dataflash, write_ulog
 
 DELAY, LAG = 0.02, 0.03
@@ -47,18 +49,26 @@ OTHERS = [pytest.param(mix, marks=pytest.mark.slow) for mix in (0.0, 1.0)]
 
 
 @pytest.mark.parametrize("mix", [0.6, *OTHERS])
-def test_thrust_ratios_of_a_px4_log_without_position_map_or_known_curve(flight, tmp_path, mix):
+def test_two_commands_lead_from_a_px4_log_to_thrust_ratios(flight, tmp_path, mix):
+    """Without position, map or known curve: the commands of docs/flight.md, in its folder."""
     log = write_ulog(tmp_path / "flight.ulg", topics(flight.log, mix))
-    found = identify("hummingbird", log)
-    data = {finding.code: finding.data for finding in found.findings}
+    sheet, out = tmp_path / "quad.toml", tmp_path / "found"
+    own = asset("hummingbird", "vehicle.toml").read_text()
+    sheet.write_text(own)
+    model = ["--model", str(sheet)]
+    assert command(["inspect", str(log), *model, "--out", str(tmp_path / "seen")]) == 0
+    said = ["identify", *model, "--log", str(log), "--out", str(out), "--quiet"]
+    assert command(said) in {0, 1}  # 1: partly
+    found = json.loads((out / "identification.json").read_text())
+    data = {finding["code"]: finding["data"] for finding in found["findings"]}
     assert "standard_map" in data
     assert data.get("curve", {"mix": 1.0})["mix"] == pytest.approx(mix, abs=0.02)
     assert data["lag"]["seconds"] == pytest.approx(LAG, abs=0.002)
-    assert found.joints[0].delay == pytest.approx(DELAY, abs=0.002)  # held for 2.5 ms
-    at = [i for i, p in enumerate(found.parameters) if p.name.startswith("thrust_")]
-    thrust = np.array([found.parameters[i].value for i in at]) / flight.truth[at]
+    assert found["joints"][0]["delay"] == pytest.approx(DELAY, abs=0.002)  # held for 2.5 ms
+    at = [i for i, p in enumerate(found["parameters"]) if p["name"].startswith("thrust_")]
+    thrust = np.array([found["parameters"][i]["value"] for i in at]) / flight.truth[at]
     assert np.abs(thrust / thrust.mean() - 1).max() <= 0.02
-    assert found.explains != "no"
+    assert found["explains"] != "no" and (out / "calibrated.yaml").is_file()
 
 
 def test_a_dataflash_log_needs_no_map(flight, tmp_path):

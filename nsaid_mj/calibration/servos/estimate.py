@@ -12,7 +12,8 @@ from ...parameters import Array, Indices
 from ..data import RobotModel
 from ..payloads import Load
 from ..problem import Mask
-from .fit import GRAVITY, JointFit, OutputError, Prior, Simulated, minimise, undisturbed, weights
+from .covariance import OFFSET, clusters, covariance_of, zeros
+from .fit import GRAVITY, JointFit, OutputError, Prior, minimise, undisturbed
 from .logs import ServoLog, weighed, without_armature
 from .simulation import JointLog, simulate
 from .start import start
@@ -25,14 +26,8 @@ _SPREAD = np.array([3.0, 3.0, 3.0, 1.0, 1.5])
 _SWEEPS = 8  # at most, over all joints, each with the loads of the others' simulated motion
 _SETTLED = 0.2  # change of that motion over the residual at which they end
 _KNOWN = 0.25  # relative deviation of g below which gravity tells kp
-_NUMERICAL = 0.01  # relative accuracy of the simulation itself, by arms with known servos
-_FEWEST = 5  # logs that serve as clusters; fewer are cut into blocks
-_BLOCK = 10.0  # shortest of them [s]
-_BLOCKS = 20  # at most, in one log
 _PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances are worth
 _UNTOLD = 2.0  # standard deviation of ln θ above which a joint tells nothing of the others
-_OFFSET = 2e-3  # largest standard deviation of the target's zero against the position's [rad or m]
-_TICKS = 4 / 3  # the same in steps of the encoder
 _SATURATES = 0.97  # robust residual with a limit of force over that without, from which it is true
 DELAYS = np.arange(0.0, 0.31, 0.01)  # of a target that follows perfectly [s]
 
@@ -65,7 +60,7 @@ class JointEstimate(NamedTuple):
     error: float
     simple: float
     scaled: float
-    zero: float = _OFFSET
+    zero: float = OFFSET
     limit: float = np.inf
 
     @property
@@ -142,7 +137,7 @@ def estimate(
     cluster, zero = clusters(logs), zeros(logs)
     simulated = [fitted.simulated(j) for j in range(len(kp))]
     spread = [
-        _covariance(own, fit, prior, cluster, zero[[j]])[0][GRAVITY, GRAVITY]
+        covariance_of(own, fit, prior, cluster, zero[[j]])[0][GRAVITY, GRAVITY]
         for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True))
     ]
     known = np.sqrt(spread) < _KNOWN
@@ -154,7 +149,7 @@ def estimate(
         fits[j] = minimise(simulated[j], fits[j].x, priors[j])
     judged = []
     for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True)):
-        covariance, offset = _covariance(own, fit, prior, cluster, zero[[j]])
+        covariance, offset = covariance_of(own, fit, prior, cluster, zero[[j]])
         change, sure = float(offset[GRAVITY, 0]), bool(known[j])
         one = _judged(own.logs, fit, sure, used, cluster, covariance, change)
         judged.append(one._replace(zero=float(zero[j])))
@@ -204,7 +199,7 @@ def _free_of_loads(
         first = np.log(start(own.logs))
         guess = np.r_[first[:3], 2 * first[0] - np.log(4), np.log(_DELAY)]
         found.priors.append(Prior(guess, _SPREAD))
-        found.fits.append(minimise(own, first, found.priors[j]))
+        found.fits.append(minimise(own, first, found.priors[-1]))
     used = found.used
     for j, fit in enumerate(found.fits):
         used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
@@ -263,7 +258,7 @@ def _with_load(found: Weighed, logs: Sequence[ServoLog], kp: Array) -> Estimate:
     n, fit, own = len(kp), found.fit, found.arm.logs(found.fit.x)
     cluster = clusters(logs)
     zero = zeros(logs)
-    whole, moved = _covariance(found.arm, fit, found.prior, np.tile(cluster, n), zero)
+    whole, moved = covariance_of(found.arm, fit, found.prior, np.tile(cluster, n), zero)
     pairs = [found.joint(j) for j in range(n)]
     at = np.arange(n) * len(pairs[0][0].x)
     known = np.sqrt(np.diag(whole)[at + GRAVITY]) < _KNOWN
@@ -313,58 +308,6 @@ def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[Joint
         joint._replace(covariance=joint.covariance * np.outer(f, f))
         for joint, f in zip(joints, factor, strict=True)
     )
-
-
-def clusters(logs: Sequence[ServoLog]) -> Indices:
-    """(N,) number of the cluster of each sample: its log, or a block of time of few logs."""
-    if len(logs) >= _FEWEST:
-        return np.repeat(np.arange(len(logs)), [len(log.t) for log in logs])
-    length = max(_BLOCK, sum(log.t[-1] - log.t[0] for log in logs) / _BLOCKS)
-    found, count = [], 0
-    for log in logs:
-        own = ((log.t - log.t[0]) / length).astype(int) + count
-        found.append(own)
-        count = own[-1] + 1
-    return np.concatenate(found)
-
-
-def zeros(logs: Sequence[ServoLog]) -> Array:
-    """(n,) standard deviations of the zeros of targets against those of positions [rad or m].
-
-    They are steps of the encoders, which truncate: small changes from sample to sample.
-    """
-    changes = np.abs(np.concatenate([np.diff(log.position, axis=0) for log in logs]))
-    ticks = [np.quantile(own[own > 0], 0.05) if own.any() else np.inf for own in changes.T]
-    return np.minimum(_TICKS * np.array(ticks), _OFFSET)
-
-
-def _covariance(
-    simulated: Simulated, fit: OutputError, prior: Prior, cluster: Indices, zero: Array
-) -> tuple[Array, Array]:
-    """(k, k) of the parameters, and their (k, n) change by offsets (n,) of the targets' zeros.
-
-    The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
-    plus the prior's part A⁻¹ P A⁻¹, plus that of the offset. Residuals of a simulation are
-    correlated over seconds, and a motion that the structure misses is missed throughout a log:
-    independent residuals would make intervals many times too narrow.
-    """
-    weight = weights(simulated, fit.residual, fit.sigma)
-    free, P = prior.free, np.diag(prior.deviation[prior.free] ** -2.0)
-    weighted = fit.jacobian * weight[:, None]
-    H, count = weighted.T @ fit.jacobian + P, int(cluster.max()) + 1
-    A = np.linalg.inv(H)
-    shifts = []
-    for k in range(count):
-        own = cluster == k
-        rest = H - weighted[own].T @ fit.jacobian[own]
-        shifts.append(np.linalg.solve(rest, weighted[own].T @ fit.residual[own]))
-    jackknife = np.cov(np.array(shifts).T, bias=True) * max(count - 1, 1)
-    out, offset = np.zeros((len(fit.x), len(fit.x))), simulated.moved(fit.x, zero)
-    moved = np.zeros((len(fit.x), offset.shape[1]))
-    moved[free] = A @ weighted.T @ offset
-    own = _NUMERICAL**2 * np.eye(len(free))
-    out[np.ix_(free, free)] = jackknife + A @ P @ A + own
-    return out + moved @ moved.T, moved
 
 
 def _judged(

@@ -18,14 +18,16 @@ CASES = {
 }
 
 
-def identified(folder, robot, options, logs):
-    """What `nsaid identify` says, and the path of the file that it writes."""
+def identified(folder, robot, locked, logs, options=()):
+    """What `nsaid inspect` and `nsaid identify` lead to, and the calibrated file."""
     files = [
         str(write(folder / f"log_{k}.csv", robot, *menagerie.log(robot, **log)))
         for k, log in enumerate(logs)
     ]
     out = folder / "found"
-    said = ["identify", "--model", str(robot.path), "--log", *files, *options]
+    model = ["--model", str(robot.path), *locked]
+    assert command(["inspect", *files, *model, "--out", str(folder / "seen")]) == 0
+    said = ["identify", *model, "--log", *files, *options]
     assert command([*said, "--out", str(out), "--quiet"]) == 0
     model = next(out.glob("*.xml"))
     return json.loads((out / "identification.json").read_text()), model
@@ -94,7 +96,7 @@ def test_saturation_is_found_where_it_is(case):
 def test_rotors_and_friction_of_an_arm_under_torque_control(tmp_path):
     """Torques in N·m are known: `--known gain_2=1` fixes the scale, and intervals are absolute."""
     logs, found = [{"seed": 0, "seconds": 20.0}], {}
-    result, _ = identified(tmp_path, TORQUE_ARM, ["--known", "gain_2=1"], logs)
+    result, _ = identified(tmp_path, TORQUE_ARM, [], logs, ["--known", "gain_2=1"])
     assert result["explains"] == "yes"
     true = {"rotor": "armature", "viscous": "kv", "coulomb": "friction"}
     for p in result["parameters"]:
