@@ -26,14 +26,14 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
 
-_SIMULATED = 60.0  # length of the motion that is repeated [s]
+_SIMULATED = 20.0  # length of the motion that is repeated [s]
 _SKIPPED = 1.0  # beginning that does not count, as caches are cold [s]
 _PAUSE = 1.0  # gap between two repetitions [s]
 _MEMORY = 20.0  # time between two looks at the memory [s]
 
 
 def motion(robot: str, rate: float) -> Log:
-    """A minute of a robot's noisy measurements."""
+    """A stretch of a robot's noisy measurements."""
     scenario = replace(load(robot), duration=_SIMULATED, dt=1 / rate, sensors="noisy")
     setup = Setup.of(scenario)
     with setup.plant.running():

@@ -172,8 +172,8 @@ def verdict(joints: tuple[JointFit, ...], arm: bool = True) -> tuple[Explains, s
         return "no", "No part of the log could be predicted from the others: it is too short."
     held_out = np.array([j.held_out for j in joints])
     figures = (
-        f"held-out NRMSE {held_out.min():.3f} to {held_out.max():.3f}, where 1 is what "
-        "predicting the mean has"
+        f"held-out NRMSE {held_out.min():.3f} to {held_out.max():.3f}, where 1 is no "
+        "better than the mean"
     )
     values = np.fmax(held_out, [np.nan if j.validation is None else j.validation for j in joints])
     good, worst = int(np.sum(values < _GOOD)), joints[int(np.argmax(values))]

@@ -73,8 +73,9 @@ def identify_given(
     write_json(path, result.summary())
     from ..reporting.identification.servos import write_servos
 
-    again = shlex.join(["nsaid", "identify", "--model", model, "--log", *map(str, chosen.log)])
-    return result, [path, model_file, write_servos(result, path.parent, again, replay)]
+    again = ["nsaid", "identify", *(["--model"] if chosen.log else []), model]
+    again += ["--log", *map(str, chosen.log)] if chosen.log else []
+    return result, [path, model_file, write_servos(result, path.parent, shlex.join(again), replay)]
 
 
 def _followed(

@@ -221,7 +221,7 @@ def _cross(a, i, b, j, c, k):
     c[k + 2] = a[i] * b[j + 1] - a[i + 1] * b[j]
 
 
-@kernel(f8(vector, vector, matrix, f8, vector, LOOPS, vector, vector))
+@kernel(f8(vector, vector, matrix, f8, vector, LOOPS, vector, vector), inner=True)
 def _aim(q, v, path, dt, sums, loops, R, x):
     """Writes the desired specific force a (3,) into x[9:12], its axes y and z into x[12:18].
 

@@ -10,11 +10,10 @@ import inspect
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
-from types import FunctionType
 from typing import Any, cast
 
 from llvmlite import binding, ir
-from numba import cfunc, config, njit, typeof, types
+from numba import config, njit, typeof, types
 from numba.core.errors import NumbaError
 from numba.extending import lower_builtin, type_callable, typeof_impl
 
@@ -29,7 +28,7 @@ FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 """Division by 0 gives inf or NaN, as in numpy, and numba compiles no error messages. Without `_nrt`
 it counts no references to the arrays of a call, half of a stage's time; nothing is allocated."""
 INLINE: Any = {"forceinline": True}
-_njit, _cfunc = cast("Any", njit), cast("Any", cfunc)  # whose types have no dict of options
+_njit = cast("Any", njit)  # whose type has no dict of options
 
 
 def helper(signature: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -77,15 +76,23 @@ class Kernel:
         signature: its types; then it is compiled with `FAST`. If None, it is compiled for the types
             that Python calls it with, and is part of every compiled function that calls it.
         calls: compiled functions it calls that its text does not name, as overloads do.
+        inner: only compiled functions call it, and Python in tests.
         options: of `numba.njit`.
     """
 
     def __init__(
-        self, function: Callable[..., Any], signature: Any = None, *calls: Any, **options: Any
+        self,
+        function: Callable[..., Any],
+        signature: Any = None,
+        *calls: Any,
+        inner: bool = False,
+        **options: Any,
     ):
         given: Any = {"nogil": True} | (FAST if signature is not None else {}) | options
-        self.function: Any = _njit(cache=True, **given)(function)
-        self.part, self._options = _njit(**given)(function), given
+        self.function: Any = _njit(cache=True, no_cpython_wrapper=inner, **given)(function)
+        self.part, self._called = _njit(**given)(function), self.function
+        if inner:
+            self._called = njit(lambda *x: self(*x))  # noqa: PLW0108
         self.py_func, self.signature, self.calls = function, signature, calls
         self.symbol = f"{function.__module__}.{function.__name__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
@@ -102,59 +109,63 @@ class Kernel:
         """Calls it from Python; raises TypeError if its signature has other types."""
         try:
             if self.function.signatures:
-                return self.function(*arguments)
+                return self._called(*arguments)
         except TypeError:
             if self.signature is not None:
                 raise
         self.load(*map(typeof, arguments))
-        return self.function(*arguments)
+        return self._called(*arguments)
 
     def load(self, *given: Any) -> None:
-        """Compiles what Python calls, or loads it; `given` are types if there is no signature."""
-        function, signature = self.function, self.signature or given
-        function.disable_compile(False)
-        self._made(lambda _: (function.compile(signature), function.stats.cache_hits[signature]))
-        function.disable_compile()
+        """Compiles it after all that it calls, or loads it from the cache.
 
-    @cached_property
-    def address(self) -> int:
-        """Address by which C and compiled functions call it, with arrays as C structures."""
-        f = self.py_func
-        copy = FunctionType(f.__code__, f.__globals__, f.__name__, None, f.__closure__)
-        copy.__qualname__ = f"{f.__qualname__}.address"  # which names another file of the cache
-
-        def make(cached: bool) -> tuple[Any, int]:
-            made = _cfunc(self.signature, cache=cached, **self._options)(copy)
-            return made, made.cache_hits
-
-        self._c = self._made(make)
-        binding.add_symbol(self.symbol, self._c.address)
-        return self._c.address
-
-    def _made(self, make: Callable[[bool], tuple[Any, int]]) -> Any:
-        """What `make` compiles, given whether to cache it, or loads, after all that it calls."""
+        Args:
+            given: types of the arguments, if it has no signature.
+        """
         for callee in callees((*self.calls, self)):
             assert callee.address
+        function, signature = self.function, self.signature or given
+        function.disable_compile(False)
         with one_process(self.symbol):
             try:
-                return timed(lambda: make(True))
+                timed(function, signature)
             except (NumbaError, AssertionError):  # a mistake in a text, or in `calls`
                 raise
             except Exception as error:  # unpickling damaged bytes may raise anything
                 kind = NoKernelCache if isinstance(error, OSError) else DamagedKernelCache
-                warnings.warn(kind(f"{type(error).__name__}: {error}"), stacklevel=4)
-                for path in FOLDER.rglob(f"*.{self.__name__}*-*.nb?"):
-                    path.unlink(missing_ok=True)
-                return timed(lambda: make(False))
+                warnings.warn(kind(f"{type(error).__name__}: {error}"), stacklevel=3)
+                for path in FOLDER.rglob(f"*.{self.__name__}-*.nb?"):
+                    path.unlink(missing_ok=True)  # compiled already if it only could not be saved
+                timed(function, signature)
+        function.disable_compile()
+
+    @cached_property
+    def address(self) -> int:
+        """Address by which compiled functions call it."""
+        if not self.function.signatures:
+            self.load()
+        address = self._address("llvm_func_name")
+        binding.add_symbol(self.symbol, address)
+        return address
+
+    @cached_property
+    def callback(self) -> int:
+        """Address by which C calls it, if it was made with `no_cfunc_wrapper=False`."""
+        assert self.address
+        return self._address("llvm_cfunc_wrapper_name")
+
+    def _address(self, of: str) -> int:
+        (made,) = self.function.overloads.values()
+        return made.library.get_pointer_to_function(getattr(made.fndesc, of))
 
     def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         """Code that calls the function at `address`."""
-        assert "address" in vars(self), f"{self.symbol} is missing in the `calls` of a kernel"
-        given = [argument.type for argument in arguments]
-        kind = ir.FunctionType(context.get_value_type(signature.return_type), given)
-        module = builder.module
+        missing = f"{self.symbol} is missing in the `calls` of a kernel"
+        assert self.function.signatures and self.address, missing
+        convention, given = context.call_conv, (signature.return_type, signature.args)
+        kind, module = convention.get_function_type(*given), builder.module
         found = module.globals.get(self.symbol) or ir.Function(module, kind, self.symbol)
-        return builder.call(found, arguments)
+        return convention.call_function(builder, found, *given, arguments)[1]
 
 
 def callees(values: Iterable[Any]) -> Iterator[Kernel]:

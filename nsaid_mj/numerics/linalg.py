@@ -32,7 +32,7 @@ def cholesky(M, L):
     return smallest
 
 
-@kernel(f8(matrix, matrix, vector))
+@kernel(f8(matrix, matrix, vector), inner=True)
 def solve_positive(M, L, x):
     """Overwrites b in x (n,) by M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 
@@ -66,7 +66,7 @@ def solve_positive(M, L, x):
 solve_inline = inlined(solve_positive)
 
 
-@kernel(void(matrix, matrix))
+@kernel(void(matrix, matrix), inner=True)
 def solve_many(L, X):
     """Overwrites B in X (n, k) by M⁻¹ B, with the factor L that `solve_positive` left."""
     n, k = X.shape
@@ -133,7 +133,7 @@ def evaluate(mass_tensor, W_C, F, theta):
     return a_hat, np.dot(a_hat, mass_tensor.reshape(n, n * p)).reshape(n, p) + W, pivot  # (10)
 
 
-@kernel(void(matrix, matrix, matrix))
+@kernel(void(matrix, matrix, matrix), inner=True)
 def multiply(A, B, C):
     """Writes A B (n, k) into C, for A (n, m) and B (m, k) of any sizes, by four rows of B."""
     rows, inner, columns = A.shape[0], A.shape[1], B.shape[1]
@@ -154,7 +154,7 @@ def multiply(A, B, C):
                 C[i, j] += a * B[r, j]
 
 
-@kernel(void(matrix, matrix))
+@kernel(void(matrix, matrix), inner=True)
 def subtract_square(A, C):
     """Subtracts Aᵀ A from C (k, k), for A (n, k); a symmetric C stays symmetric to the bit."""
     rows, columns = A.shape
@@ -171,7 +171,7 @@ def subtract_square(A, C):
                 C[i, j] -= a * A[r, j]
 
 
-@kernel(void(matrix, matrix))
+@kernel(void(matrix, matrix), inner=True)
 def transpose(A, B):
     """Writes the transpose of A (n, m) into B (m, n)."""
     for i in range(A.shape[0]):

@@ -20,7 +20,7 @@ RIGHT = 0.6
 
 _DISTANCE = "Distance to the true set [log₁₀], −2 is 1 %"
 _ERROR = "Velocity error Δv: predicted − measured"
-_RMS = "Velocity error, rms over all velocities [log₁₀ of SI]"
+_RMS = "Velocity error, rms over all velocities [log₁₀ of rad/s, m/s]"
 _CONSERVED = "Relative drift of the conserved quantity (30) [log₁₀]"
 _EXCITATION = "Persistence of excitation over a window [N·m·s]"
 _MARK = (255, 255, 255)

@@ -207,7 +207,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
         found.append(
             Curves(
                 path("log_velocity_rms", title),
-                [f"{title} rms Δv [log₁₀ of SI]"],
+                [f"{title} rms Δv [log₁₀ of rad/s, m/s]"],
                 np.log10(np.maximum(rms, 1e-16))[:, None],
                 color=k,
             )

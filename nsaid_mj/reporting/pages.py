@@ -184,6 +184,17 @@ def render(page: Page) -> str:
     return _environment().get_template("page.html").render(page=page)
 
 
+def shared_legend(figures: Sequence[Figure]) -> Sequence[tuple[str, str, str]]:
+    """The legend of several figures of which each has all or a part of it; empty if there is none.
+
+    It then stands above them once, and switches a curve of all of them.
+    """
+    legends = [figure.legend for figure in figures]
+    longest = max(legends, key=len, default=())
+    inside = all(legend and set(legend) <= set(longest) for legend in legends)
+    return longest if len(legends) > 1 and inside else ()
+
+
 @cache
 def _environment() -> Any:
     import jinja2  # imported late: needed only after a run
@@ -209,6 +220,6 @@ def _environment() -> Any:
     environment.filters.update(spoken=spoken, kind=kind, plain=Markup)
     environment.globals.update(
         light=COLOURS, dark=DARK, variables=VARIABLES, dashes=DASHES, band=BAND,
-        script=Markup(script), digest=digest, levels=LEVELS,
+        script=Markup(script), digest=digest, levels=LEVELS, shared_legend=shared_legend,
     )  # fmt: skip
     return environment

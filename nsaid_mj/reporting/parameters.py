@@ -84,11 +84,14 @@ def brief_gains(result: Result) -> list[Table]:
         value, interval = estimate(p.value, p.low, p.high)
         line: list[Cell] = [name if names.count(name) == 1 else p.label, value]
         line += [ABSENT if p.status == "known" else interval, relative(p), number(p.prior)]
-        line += [number(p.true)] if p.true is not None else []
+        if p.true is not None:  # as many digits as the estimate has
+            half = (p.high - p.low) / 2
+            line.append(estimate(p.true, p.true - half, p.true + half)[0])
         lines.append([*line, p.unit, STATUSES[p.status]])
     heads = ["gains", "estimate", "95 % interval", "relative", "prior", *["true"] * known]
     heads += ["unit", "status"]
-    return [Table(heads, lines, (0, len(heads) - 2, len(heads) - 1), spare=(4, 3), most=_LINES)]
+    spare = (4, 2) if known and gains[0].relative is not None else (4, 3)
+    return [Table(heads, lines, (0, len(heads) - 2, len(heads) - 1), spare=spare, most=_LINES)]
 
 
 def forests(parameters: Sequence[Parameter]) -> list[Forest]:

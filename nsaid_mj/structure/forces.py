@@ -82,7 +82,7 @@ def _add_projection(bodies, state, b, x, force):
         b = bodies[b, PARENT]
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector))
+@kernel(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector), inner=True)
 def write_forces(structure, state, q, v, u, which, x, F):
     """Writes F at a sample.
 

@@ -159,7 +159,7 @@ def place(structure, q, v, state):
 _place = inlined(place)
 
 
-@kernel(void(STRUCTURE, matrix, matrix, matrix))
+@kernel(void(STRUCTURE, matrix, matrix, matrix), inner=True)
 def place_along(structure, q, v, states):
     """Writes the states (N, s) at q (N, m) and v (N, n)."""
     for k in range(q.shape[0]):

@@ -53,7 +53,7 @@ def _add_row(structure, b, state, axis, j, x, W):
     add_power(bodies, entries, values, b, x, _R, _V, _V, W, j)
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, f8, vector, WORKSPACE, matrix))
+@kernel(void(STRUCTURE, vector, vector, vector, f8, vector, WORKSPACE, matrix), inner=True)
 def write_regressor(structure, state, w, a, weight, F, work, W):
     """Writes W(t, x, w, a) (n, p): W_M + W_C − F of (10).
 

@@ -115,7 +115,7 @@ def _write_column_wrench(structure, b, reads, u, theta, x, to):
                 x[to + i] += theta[columns[k, PARAMETER]] * x[WRENCH + i]
 
 
-@kernel(void(STRUCTURE, index, vector, index, vector, vector, vector, vector, index))
+@kernel(void(STRUCTURE, index, vector, index, vector, vector, vector, vector, index), inner=True)
 def _write_columns(structure, b, state, ground, u, theta, x, slopes, own):
     """Writes minus the columns' wrench on a body, and its derivatives, in the common frame."""
     frame = b * FRAME
@@ -176,7 +176,7 @@ def _add_rigid(structure, b, state, ground, theta, motion, x, slopes, own):
     slopes[change + 5] = both + 2.0 * (wx * yz - wy * xz - hz * vz)
 
 
-@kernel(void(STRUCTURE, index, vector, index, vector, vector, vector, vector, index))
+@kernel(void(STRUCTURE, index, vector, index, vector, vector, vector, vector, index), inner=True)
 def _add_entries(structure, b, state, ground, theta, motion, x, slopes, own):
     """Writes I of a body's entries, and adds I A + V ×* I V and its derivatives.
 
@@ -275,7 +275,7 @@ def _write_felt(bodies, b, state, far, own, axis, x, inertia, body):
     add_pushed(state, axis, body, at + LOAD, 1.0, x, 30)
 
 
-@kernel(void(STRUCTURE, vector, vector, SLOPES))
+@kernel(void(STRUCTURE, vector, vector, SLOPES), inner=True)
 def _gather(structure, x, inertia, slopes):
     """Writes ∂τ/∂q and ∂τ/∂v into `slopes.by_state`, from the tips inwards."""
     bodies, state, body, far = structure.bodies, slopes.state, slopes.bodies, slopes.axes
@@ -359,8 +359,7 @@ def _add_loads(structure, q, v, rates, theta, work, slopes):
 @kernel(
     f8(
         STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, SLOPES, vector, matrix, vector
-    ),
-)  # fmt: skip
+    ), inner=True)  # fmt: skip
 def linearise(structure, q, v, u, theta, scale, work, slopes, a, B, rates):
     """Writes v̇ and its derivatives; returns M's smallest pivot, > 0 if it succeeded.
 

@@ -225,7 +225,7 @@ def _gather(bodies, state, work, force):
                     inertia[parent * INERTIA + i] += inertia[b * INERTIA + i]
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
+@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector), inner=True)
 def write_equations(structure, state, w, theta, work, force):
     """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
     bodies, rotors = structure.bodies, structure.rotors
@@ -245,7 +245,7 @@ def write_equations(structure, state, w, theta, work, force):
 _write_equations = inlined(write_equations)
 
 
-@kernel(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector))
+@kernel(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector), inner=True)
 def accelerate(structure, state, F, w, theta, work, a):
     """Writes â of (29) into a (n,); returns M̂'s smallest pivot, > 0 if it succeeded.
 
@@ -326,7 +326,9 @@ def _add_square_gradient(structure, b, state, ground, motion, own, x, gradient):
             gradient[entries[e, 2]] += values[e] * power
 
 
-@kernel(f8(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector, vector))
+@kernel(
+    f8(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector, vector), inner=True
+)
 def stage(structure, state, v, F, w, theta, work, a, gradient):
     """Writes â of (29) into a (n,) and Wᵀ Δv into gradient (p,); returns M̂'s smallest pivot.
 
@@ -358,7 +360,7 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
     return pivot
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector))
+@kernel(void(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector), inner=True)
 def require(structure, state, F, v, a, theta, work, force):
     """Writes what a motion requires beyond F θ, M a + C v − F θ, into force (n,).
 

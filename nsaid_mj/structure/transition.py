@@ -43,7 +43,7 @@ def _advance(group, stage, dt, v, rows, x):
         way[i], speed[i] = reach * rate[i], v[i] + reach * rows[FORCE, i]
 
 
-@kernel(void(index, f8, vector, matrix, matrix, vector, matrix))
+@kernel(void(index, f8, vector, matrix, matrix, vector, matrix), inner=True)
 def _write_flow(group, dt, v, A, rates, x, F):
     """Writes the flow of deviations under constant derivatives, to fourth order in the step.
 
@@ -99,6 +99,7 @@ def _write_flow(group, dt, v, A, rates, x, F):
         matrix,
         matrix,
     ),
+    inner=True,
 )
 def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, seen):
     """Writes the state after a step with the command held, and its derivatives.

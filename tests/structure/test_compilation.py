@@ -33,7 +33,7 @@ assert len(_follow.function.signatures) == len(track.function.signatures) == 1
 """
 
 
-@kernel(f8(vector))
+@kernel(f8(vector), inner=True)
 def norm(x):
     """A kernel."""
     total = 0.0

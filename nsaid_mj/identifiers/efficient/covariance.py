@@ -14,7 +14,7 @@ SMALL = 0.1
 _FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
 
 
-@kernel(void(matrix, matrix))
+@kernel(void(matrix, matrix), inner=True)
 def copy_matrix(source, target):
     """Copies a matrix."""
     for i in range(source.shape[0]):
@@ -39,7 +39,7 @@ def keep_above_rounding(P, L):
             P[i, i] += _FLOOR * largest
 
 
-@kernel(void(vector, f8, vector, matrix, matrix, matrix))
+@kernel(void(vector, f8, vector, matrix, matrix, matrix), inner=True)
 def _add_unexplained(density, dt, theta, L, spread, rows):
     """Adds M̂⁻¹ D M̂⁻¹/dt to the covariance of c, the last n columns of `rows` (n, 3n).
 
@@ -58,7 +58,7 @@ def _add_unexplained(density, dt, theta, L, spread, rows):
                 rows[i, 2 * n + j] += columns[i, k] * columns[j, k] * own
 
 
-@kernel(void(LAW, f8, FILTER, MEMORIES))
+@kernel(void(LAW, f8, FILTER, MEMORIES), inner=True)
 def predict(law, dt, filter, memory):
     """Writes P̄, without R, from the derivatives F and B of `transition`."""
     Pxx, Pxt, Ptt, gamma, F = filter.Pxx, filter.Pxt, filter.Ptt, law.gamma, memory.F
@@ -94,7 +94,7 @@ def predict(law, dt, filter, memory):
             Ptt[k, k] += law.walk[k] * dt * relative * relative
 
 
-@kernel(f8(LAW, FILTER, MEMORIES))
+@kernel(f8(LAW, FILTER, MEMORIES), inner=True)
 def innovate(law, filter, memory):
     """Factors S and writes the step of θ̂ for the innovation y.
 
@@ -133,7 +133,7 @@ def innovate(law, filter, memory):
     return spread
 
 
-@kernel(void(LAW, FILTER, f8, MEMORIES))
+@kernel(void(LAW, FILTER, f8, MEMORIES), inner=True)
 def update(law, filter, share, memory):
     """Moves θ̂ by a share of its step, updates P, and overwrites y by the step of the state."""
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt

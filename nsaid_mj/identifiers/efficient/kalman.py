@@ -93,7 +93,7 @@ def restart_state(filter, q, v, R):
     copy_matrix(filter.Ptt, filter.safe_P[1])
 
 
-@kernel(f8(LAW, vector, vector, vector, FILTER, MEMORIES))
+@kernel(f8(LAW, vector, vector, vector, FILTER, MEMORIES), inner=True)
 def _linear_share(law, q, v, u, filter, memory):
     """Largest share 2⁻ᵏ of θ̂'s step that keeps half of M̂ at a state q (m,), v (n,).
 
@@ -116,7 +116,7 @@ def _linear_share(law, q, v, u, filter, memory):
     return 0.0
 
 
-@kernel(void(FILTER, matrix))
+@kernel(void(FILTER, matrix), inner=True)
 def _begin_window(filter, factor):
     """Begins another window of innovations; `factor` (p, p) is workspace."""
     theta, safe, safe_P, tally = filter.theta, filter.safe, filter.safe_P, filter.tally
@@ -129,14 +129,14 @@ def _begin_window(filter, factor):
         tally[i] = 0.0
 
 
-@kernel(void(vector, vector, matrix))
+@kernel(void(vector, vector, matrix), inner=True)
 def _see(before, after, seen):
     """Writes the velocities (3, n) of a step: measured at both ends, and half-way."""
     for i in range(before.shape[0]):
         seen[0, i], seen[1, i], seen[2, i] = before[i], 0.5 * (before[i] + after[i]), after[i]
 
 
-@kernel(f8(LAW, FILTER, f8, vector, vector, vector, MEMORIES))
+@kernel(f8(LAW, FILTER, f8, vector, vector, vector, MEMORIES), inner=True)
 def _move(law, filter, dt, q, v, u, memory):
     """Carries state and covariance through a step, and writes the step and the innovation y.
 
@@ -153,7 +153,7 @@ def _move(law, filter, dt, q, v, u, memory):
     return pivot
 
 
-@kernel(i8(LAW, FILTER, i8, vector, matrix, matrix, matrix, ALONG, MEMORIES))
+@kernel(i8(LAW, FILTER, i8, vector, matrix, matrix, matrix, ALONG, MEMORIES), inner=True)
 def _follow_row(law, filter, k, t, q, v, u, along, memory):
     """Runs the filter from row k − 1 to k, and returns how that ended."""
     structure, tally, totals = law.structure, filter.tally, filter.totals

@@ -38,7 +38,7 @@ class Noise(NamedTuple):
 NOISE = types.NamedTuple((matrix, vector, vector, vector), Noise)
 
 
-@kernel(void(NOISE, vector))
+@kernel(void(NOISE, vector), inner=True)
 def add_increment(noise, increment):
     """Updates the estimate of the noise by an increment (2n,) of position and velocity."""
     increments, variance, count, seen = noise

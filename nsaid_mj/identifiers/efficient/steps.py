@@ -149,7 +149,7 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
             theta[k] = 0.5 * (theta[k] + before[k]) if share > 0.0 else before[k]
 
 
-@kernel(void(vector, vector, vector, matrix, matrix, vector, vector))
+@kernel(void(vector, vector, vector, matrix, matrix, vector, vector), inner=True)
 def carry_scale(before, after, scale, Pxt, Ptt, moved, gained):
     """Carries the error of the common scale along with θ̂, from `before` (p,) to `after` (p,).
 

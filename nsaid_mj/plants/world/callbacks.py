@@ -90,6 +90,7 @@ def _pointer(_: Any, address: Any, kind: Any) -> Any:
 
 
 pointer: Any = intrinsic(_pointer)
+array_at: Any = carray  # as numba's stub does not know that a shape may be a number
 NUMBERS, INDICES = types.CPointer(f8), types.CPointer(i8)
 _RETURNS = INLINE | {"_nrt": True}  # without, no array can be returned
 
@@ -101,25 +102,25 @@ def vector_of(user, layout, k):
     From word `layout` on, the userdata hold three numbers of every part: the word at which it
     begins, and its numbers of rows and columns.
     """
-    parts, own = carray(pointer(user, NUMBERS), WORDS), layout + 3 * k
+    parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
     at = user + types.uintp(8 * parts[own])
-    return carray(pointer(at, NUMBERS), i8(parts[own + 1]))
+    return array_at(pointer(at, NUMBERS), i8(parts[own + 1]))
 
 
 @routine(matrix(types.uintp, i8, i8), **_RETURNS)
 def matrix_of(user, layout, k):
     """As `vector_of`, with its rows and columns."""
-    parts, own = carray(pointer(user, NUMBERS), WORDS), layout + 3 * k
+    parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
     at = user + types.uintp(8 * parts[own])
-    return carray(pointer(at, NUMBERS), (i8(parts[own + 1]), i8(parts[own + 2])))
+    return array_at(pointer(at, NUMBERS), (i8(parts[own + 1]), i8(parts[own + 2])))
 
 
 @routine(table(types.uintp, i8, i8), **_RETURNS)
 def table_of(user, layout, k):
     """As `matrix_of`, of indices."""
-    parts, own = carray(pointer(user, NUMBERS), WORDS), layout + 3 * k
+    parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
     at = user + types.uintp(8 * parts[own])
-    return carray(pointer(at, INDICES), (i8(parts[own + 1]), i8(parts[own + 2])))
+    return array_at(pointer(at, INDICES), (i8(parts[own + 1]), i8(parts[own + 2])))
 
 
 @cache

@@ -65,7 +65,7 @@ def read_coordinates(reading, qpos, qvel, numbers, velocity):
         velocity[0], velocity[1] = c * x + s * y, c * y - s * x
 
 
-@kernel(void(READING, vector, vector))
+@kernel(void(READING, vector, vector), inner=True)
 def write_position(reading, numbers, q):
     """Writes q (m,) from position numbers (n,), as `StructuredKinematics` defines it."""
     first = 0

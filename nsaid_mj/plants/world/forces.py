@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import carray, types
+from numba import types
 
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
@@ -57,6 +57,7 @@ from ...structure.structure import Structure
 from .callbacks import (
     NUMBERS,
     WORDS,
+    array_at,
     c_function,
     field_offsets,
     matrix_of,
@@ -330,20 +331,22 @@ def column_forces() -> Any:
         offsets[name] for name in ("qpos", "qvel", "ctrl", "act", "qfrc_passive", "userdata")
     )
 
-    @kernel(void(types.uintp, types.uintp), _nrt=True)  # of arrays at addresses
+    @kernel(
+        void(types.uintp, types.uintp), inner=True, no_cfunc_wrapper=False, _nrt=True
+    )  # with counted references, as arrays at addresses are
     def passive(model, data):
-        arrays = carray(pointer(data, _ADDRESSES), WORDS)
+        arrays = array_at(pointer(data, _ADDRESSES), WORDS)
         user, commands = arrays[at_user], arrays[at_ctrl]
-        d = carray(pointer(user, NUMBERS), WORDS)
+        d = array_at(pointer(user, NUMBERS), WORDS)
         if d[_LAGGED] > 0:
             commands = arrays[at_act]
-        u = carray(pointer(commands, NUMBERS), np.int64(d[_COMMANDS]))
+        u = array_at(pointer(commands, NUMBERS), np.int64(d[_COMMANDS]))
         for i in range(u.shape[0]):
             if not abs(u[i]) <= _LARGEST:
                 return  # MuJoCo, which comes to its controls next, warns of them and zeroes them
-        qpos = carray(pointer(arrays[at_q], NUMBERS), WORDS)
-        qvel = carray(pointer(arrays[at_v], NUMBERS), WORDS)
-        pushed = carray(pointer(arrays[at_force], NUMBERS), WORDS)
+        qpos = array_at(pointer(arrays[at_q], NUMBERS), WORDS)
+        qvel = array_at(pointer(arrays[at_v], NUMBERS), WORDS)
+        pushed = array_at(pointer(arrays[at_force], NUMBERS), WORDS)
         dofs, theta = table_of(user, _LAYOUT, _DOFS), vector_of(user, _LAYOUT, _THETA)
         bodies, columns = table_of(user, _LAYOUT, 0), table_of(user, _LAYOUT, 7)
         constants = vector_of(user, _LAYOUT, 8)
@@ -388,4 +391,4 @@ def column_forces() -> Any:
             _rne(model, data, np.int32(0), user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 5)]))
         _end(d, work, own, dofs, pushed)
 
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.address)
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.callback)

@@ -68,7 +68,7 @@ class Errors(NamedTuple):
 ERRORS = types.NamedTuple((f8, f8, f8, cube), Errors)
 
 
-@kernel(void(ERRORS, i8, vector, vector))
+@kernel(void(ERRORS, i8, vector, vector), inner=True)
 def add_errors(errors, k, position, velocity):
     """Adds the k-th errors to a true position (n,) and velocity (n,) in place.
 

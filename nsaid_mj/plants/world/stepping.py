@@ -107,7 +107,7 @@ def sound(warnings, q, v, u):
     return np.isfinite(total)
 
 
-@kernel(void(WORLD, READING, ERRORS, LOG, i8, vector))
+@kernel(void(WORLD, READING, ERRORS, LOG, i8, vector), inner=True)
 def _advance(world, reading, errors, log, k, numbers):
     """Advances to row k with the command before, and writes a measurement with the k-th errors.
 

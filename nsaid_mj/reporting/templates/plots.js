@@ -113,7 +113,9 @@ class Plot {
     this.frame = element("rect", { style: "fill: var(--accent); fill-opacity: 0.15" });
     svg.append(this.cursor, this.frame);
     figure.append(this.tip, this.tools());
-    for (const entry of figure.querySelectorAll(".legend > li")) this.toggle(entry);
+    const shared = figure.parentElement.previousElementSibling;
+    this.legend = figure.querySelector(".legend") || (shared?.matches(".shared") ? shared : figure);
+    for (const entry of this.legend.querySelectorAll("li")) this.toggle(entry);
     svg.addEventListener("pointermove", (event) => this.move(event));
     svg.addEventListener("pointerleave", () => this.leave());
     svg.addEventListener("pointerdown", (event) => this.press(event));
@@ -138,9 +140,11 @@ class Plot {
     const name = entry.textContent.trim();
     const nodes = [...this.svg.querySelectorAll("[data-curve]")].filter((node) => node.dataset.curve === name);
     if (!nodes.length) return;
-    const button = element("button", { type: "button", "aria-pressed": "true", title: "Show or hide" });
-    button.append(...entry.childNodes);
-    entry.append(button);
+    const button = entry.querySelector("button") || element("button", { type: "button", "aria-pressed": "true", title: "Show or hide" });
+    if (!button.isConnected) {
+      button.append(...entry.childNodes);
+      entry.append(button);
+    }
     this.switches = [...(this.switches || []), (on) => {
       button.setAttribute("aria-pressed", on);
       for (const node of nodes) node.style.display = on ? "" : "none";
@@ -236,7 +240,7 @@ class Plot {
   }
   drawing() {
     const copy = this.svg.cloneNode(true), [, , width, height] = this.svg.getAttribute("viewBox").split(" ").map(Number);
-    const entries = [...this.figure.querySelectorAll(".legend > li")].map((entry) =>
+    const entries = [...this.legend.querySelectorAll("li")].map((entry) =>
       [entry.textContent.trim(), entry.querySelector("path").getAttribute("style")]);
     const text = (words, x, y, size) => element("text", { x, y, style: `font: ${size}px sans-serif; fill: var(--ink)` }, words);
     copy.append(text(this.title, 4, -8, 10));
