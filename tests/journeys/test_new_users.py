@@ -2,27 +2,21 @@
 
 The owner of an arm with a CSV is in tests/test_readme.py
 (`test_the_newcomers_path_leads_to_a_calibrated_robot`), the owner of an arm of position servos in
-tests/cli/test_servos.py (`test_so101_is_a_demo_with_a_line_for_every_servo`).
+tests/cli/test_servos.py (`test_so101_is_a_demo_with_a_line_for_every_servo`), the owner of a
+quadrotor with a ULog in tests/calibration/test_flight.py
+(`test_two_commands_lead_from_a_px4_log_to_thrust_ratios`).
 """
 
 from __future__ import annotations
 
 import re
 import shlex
-import shutil
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from nsaid_mj.cli.exit_codes import EXPLAINED, NOT_EXPLAINED
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.plants.world.mismatch import Mismatch
-from nsaid_mj.resources import asset
 from tests.support.faulty import CHECKOUT, Heard, shell, strict
-from tests.support.flight_logs import topics, write_ulog
 
 
 @pytest.fixture(autouse=True)
@@ -64,23 +58,3 @@ def test_a_reviewer_finds_an_unmodelled_lag_contradicted(folder: Path):
     assert code == NOT_EXPLAINED
     assert "✘ bluerov2: the motion contradicts this structure" in said.out
     assert shell(*command.split(), "--quiet")[0] == EXPLAINED  # without the lag
-
-
-def test_a_quadrotors_owner_gets_thrusts_from_a_flight_log_and_a_sheet(folder: Path):
-    flight = replace(load("hummingbird"), duration=10.0, sensors="ideal", seed=3)
-    plant = replace(flight.plant, mismatch=Mismatch(lag=0.03, delay=0.02))
-    setup = Setup.of(replace(flight, plant=plant))
-    with setup.plant.running():
-        write_ulog(folder / "flight.ulg", topics(setup.simulate()))
-    shutil.copy(asset("hummingbird", "vehicle.toml"), "quad.toml")
-    code, said = give("docs/flight.md", "nsaid inspect flight.ulg --model quad.toml")
-    assert code == EXPLAINED, said.err
-    code, said = give("docs/flight.md", "nsaid identify --model quad.toml --log flight.ulg")
-    assert code == EXPLAINED, said.err
-    found = strict((folder / "runs/quad-identify/identification.json").read_text("utf-8"))
-    thrust = {p["name"]: p["value"] for p in found["parameters"] if p["unit"] == "N"}
-    space = setup.plant.system.space
-    ratios = np.array([thrust[n] / setup.plant.truth[space.index(n)] for n in space.names
-                       if n.startswith("thrust_")])  # fmt: skip
-    assert len(ratios) == 4
-    assert np.abs(ratios / ratios.mean() - 1).max() < 0.02
