@@ -179,8 +179,8 @@ class StructuredSystem(StructuredKinematics):
 
     def _unforced(self, q: Array, v: Array, w: Array, a: Array) -> Array:
         """(N, n, p) W without F and weight, for N of w and a (N, n) at q (m,) and v (n,)."""
-        at = (x[None].repeat(len(w), axis=0) for x in (q, v))
-        return self._regressors(*at, np.zeros((len(w), self.n_u)), w, a, 0.0)
+        here, moving = (x[None].repeat(len(w), axis=0) for x in (q, v))
+        return self._regressors(here, moving, np.zeros((len(w), self.n_u)), w, a, 0.0)
 
     def _W_M(self, q: Array, a: Array) -> Array:
         return self._unforced(q, self._still, self._still[None], a[None])[0]

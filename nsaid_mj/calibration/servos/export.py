@@ -170,8 +170,14 @@ def _hold_others(mj: Any, data: Any, where: JointMap) -> None:
     """
     others = np.setdiff1d(np.arange(mj.nv), where.dof)
     mj.dof_armature[others] = _IMMOVABLE
-    for j in set(mj.dof_jntid[others]):
-        if mj.jnt_limited[j] and mj.jnt_type[j] != mujoco.mjtJoint.mjJNT_BALL:
-            data.qpos[mj.jnt_qposadr[j]] = np.clip(0.0, *mj.jnt_range[j])
+    held = [
+        mj.joint(j) for j in set(mj.dof_jntid[others]) if mj.jnt_limited[j] and mj.joint(j).name
+    ]
+    ends = {
+        joint.name: joint.range for joint in held if joint.type[0] != mujoco.mjtJoint.mjJNT_BALL
+    }
+    if ends:
+        middle = [np.clip(0.0, *limits) for limits in ends.values()]
+        JointMap(mj, list(ends)).write(data, np.array(middle), np.zeros(len(ends)))
     if len(others):
         mujoco.mj_setConst(mj, mujoco.MjData(mj))  # what constraints know of inertias
