@@ -158,8 +158,8 @@ def comparison(panel: Comparison) -> str:
             low, high = panel.predicted - panel.half, panel.predicted + panel.half
             band(upper, t, low, high, COLOURS[0], INTERVAL)
         for values, name, colour, width, alpha in (
-            (panel.measured, MEASURED, COLOURS[1], 2.4, 0.8),
-            (panel.predicted, PREDICTED, COLOURS[0], 0.9, 1.0),
+            (panel.measured, MEASURED, COLOURS[1], 4.5, 0.4),
+            (panel.predicted, PREDICTED, COLOURS[0], 1.1, 1.0),
         ):
             times, drawn = _thinned(t, values, parts)
             line(upper, times, drawn, name, color=colour, linewidth=width, alpha=alpha)
