@@ -172,28 +172,34 @@ def verdict(joints: tuple[JointFit, ...], arm: bool = True) -> tuple[Explains, s
         return "no", "No part of the log could be predicted from the others: it is too short."
     held_out = np.array([j.held_out for j in joints])
     figures = (
-        f"held-out NRMSE {held_out.min():.3f} to {held_out.max():.3f}, where 1 is no "
-        "better than the mean"
+        f"on held-out data it misses {_range(held_out)} of the commands' variation "
+        "(100 %: no better than the mean)"
     )
     values = np.fmax(held_out, [np.nan if j.validation is None else j.validation for j in joints])
     good, worst = int(np.sum(values < _GOOD)), joints[int(np.argmax(values))]
     checked = [j.validation for j in joints if j.validation is not None]
     if np.isfinite(checked).any():
-        figures += f"; on the validation log {np.nanmin(checked):.3f} to {np.nanmax(checked):.3f}"
+        figures += f"; on the validation log {_range(np.array(checked))}"
     n = len(joints)
     if not (values < _FAIR).all():
         poor = [j.name for j, value in zip(joints, values, strict=True) if not value < _FAIR]
         explains: Explains = "no" if len(poor) > n / 2 else "partly"
         return explains, (
-            f"The structure does not explain the motion of {', '.join(poor)} ({figures}). "
+            f"The structure does not explain the motion of {', '.join(poor)}: {figures}. "
             f"Do not trust parameters of these {of}."
         )
     if good == n:
-        return "yes", f"The structure explains the log ({figures})."
+        return "yes", f"The structure explains the log: {figures}."
     return "partly", (
         f"The structure explains {good} of {n} {of} well and the others roughly, "
-        f"worst {worst.name} ({figures})."
+        f"worst {worst.name}: {figures}."
     )
+
+
+def _range(nrmse: Array) -> str:
+    """The least and the largest error, in percent."""
+    ends = dict.fromkeys(f"{100 * end:.2g}" for end in (np.nanmin(nrmse), np.nanmax(nrmse)))
+    return f"{' to '.join(ends)} %"
 
 
 def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...]) -> str:
