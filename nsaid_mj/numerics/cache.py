@@ -16,6 +16,7 @@ import re
 import shutil
 import sys
 import tempfile
+import threading
 import time
 import warnings
 from collections.abc import Iterator
@@ -183,15 +184,18 @@ FOLDER = open_cache()
 
 numba.config.CACHE_DIR = str(FOLDER)
 
+_THREADS = threading.RLock()
+
 
 @contextmanager
 def one_process(name: str) -> Iterator[None]:
-    """Context in which at most one thread of one process is, for one name; without locks, any are.
+    """Context in which one thread of one process is, for one name; without locks of files, of each.
 
     Args:
         name: of what they compile or load.
     """
     with ExitStack() as stack:
+        stack.enter_context(_THREADS)
         if fcntl is not None:
             with suppress(OSError):
                 file = stack.enter_context(open(FOLDER / f"{name}.lock", "w"))

@@ -125,8 +125,8 @@ class Kernel:
         for callee in callees((*self.calls, self)):
             assert callee.address
         function, signature = self.function, self.signature or given
-        function.disable_compile(False)
         with one_process(self.symbol):
+            function.disable_compile(False)
             try:
                 timed(function, signature)
             except (NumbaError, AssertionError):  # a mistake in a text, or in `calls`
@@ -137,7 +137,7 @@ class Kernel:
                 for path in FOLDER.rglob(f"*.{self.__name__}-*.nb?"):
                     path.unlink(missing_ok=True)  # compiled already if it only could not be saved
                 timed(function, signature)
-        function.disable_compile()
+            function.disable_compile()
 
     @cached_property
     def address(self) -> int:

@@ -152,3 +152,31 @@ def test_a_process_waits_for_what_another_one_compiles_and_for_nothing_else(
             holder.stdin.flush()
             assert other.stdout.readline() == "True\n"
             assert other.wait() == holder.wait() == 0
+
+
+THREADS = """
+import sys, threading, warnings
+from concurrent.futures import ThreadPoolExecutor
+from nsaid_mj.numerics.kernels import f8, kernel
+def made(k):
+    @kernel(f8(f8))
+    def shifted(x):
+        return x + k
+    return shifted
+sys.setswitchinterval(1e-5)
+for k in range(5):
+    one, start = made(float(k)), threading.Barrier(8)
+    def call(_):
+        start.wait()
+        return one(1.0)
+    with ThreadPoolExecutor(8) as pool, warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert set(pool.map(call, range(8))) == {1.0 + k}
+print("same")
+"""
+
+
+def test_threads_that_want_one_kernel_at_once_get_it(tmp_path: Path) -> None:
+    script = tmp_path / "threads.py"
+    script.write_text(THREADS)
+    assert called(script, tmp_path / "cache") == "same"
