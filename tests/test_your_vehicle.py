@@ -78,12 +78,16 @@ def test_a_vehicle_without_a_model_is_drawn_as_a_box(tmp_path):
     np.testing.assert_allclose(np.ptp(box.vertices, axis=0), [0.46, 0.34, 0.25])
 
 
-def test_a_vehicle_without_model_or_size_is_refused_with_the_remedy(tmp_path):
+def test_a_vehicle_without_model_or_size_is_drawn_as_a_box_of_its_inertia(tmp_path):
     sheet = written(tmp_path, without="hexa/model.xml") / "vehicle.toml"
     text = sheet.read_text(encoding="utf-8")
     sheet.write_text(re.sub(r"^size.*$", "", text, flags=re.MULTILINE), encoding="utf-8")
-    with pytest.raises(InvalidInput, match=r"model\.xml.*size = \[length, width, height\]"):
-        BlueROV2Plant(vehicle=str(sheet)).build(1e-2, 0)
+    plant = BlueROV2Plant(vehicle=str(sheet), spread=0.0).build(1e-2, 0)
+    (box,) = plant.visuals()
+    sides, model = np.ptp(box.vertices, axis=0), plant.model
+    assert sorted(model.body_inertia[1]) == pytest.approx(
+        sorted(model.body_mass[1] / 12 * ((sides**2).sum() - sides**2)), rel=1e-6
+    )
 
 
 @pytest.mark.parametrize(

@@ -122,8 +122,8 @@ class Kernel:
         Args:
             given: types of the arguments, if it has no signature.
         """
-        for callee in callees((*self.calls, self)):
-            assert callee.address
+        for callee in callees((*self.calls, *named(self.py_func))):
+            assert callee.address  # by its name it is found from code that comes from the cache
         function, signature = self.function, self.signature or given
         with one_process(self.symbol):
             function.disable_compile(False)
@@ -168,14 +168,19 @@ class Kernel:
         return convention.call_function(builder, found, *given, arguments)[1]
 
 
+def named(function: Callable[..., Any]) -> Iterator[Any]:
+    """The values of the names in a function's text."""
+    found = inspect.getclosurevars(function)
+    yield from (*found.nonlocals.values(), *found.globals.values())
+
+
 def callees(values: Iterable[Any]) -> Iterator[Kernel]:
-    """Kernels with a signature that the texts of compiled functions name, or those of parts."""
+    """The kernels with a signature among some values, and those that the others' texts name."""
     for value in values:
-        if hasattr(value, "py_func"):
-            found = inspect.getclosurevars(value.py_func)
-            for one in (*found.nonlocals.values(), *found.globals.values()):
-                known = isinstance(one, Kernel) and one.signature is not None
-                yield from (one,) if known else callees((one,))
+        if isinstance(value, Kernel) and value.signature is not None:
+            yield value
+        elif hasattr(value, "py_func"):
+            yield from callees(named(value.py_func))
 
 
 @typeof_impl.register(Part)

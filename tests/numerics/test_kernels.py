@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 import nsaid_mj
+from nsaid_mj.identifiers.rk4 import follow
 from nsaid_mj.numerics import cache
+from nsaid_mj.numerics.kernels import Kernel, callees, named
 
 PACKAGE = Path(nsaid_mj.__file__).parent
 SHOW = "from nsaid_mj.numerics import cache; import numba; print(numba.config.CACHE_DIR)"
@@ -248,3 +250,11 @@ print(stopwatch.compile_seconds(), len(calls), *times)
     assert end - begin <= compiling + theirs - ours <= after - before
     assert calls >= 1
     assert second[:2] == [0.0, 0.0]
+
+
+def test_code_from_the_cache_finds_every_kernel_that_it_calls():
+    """A process that compiles nothing must know all addresses, of overloads' kernels too."""
+    own = {call for call in follow.calls if isinstance(call, Kernel) and call.signature is not None}
+    found = set(callees((*follow.calls, *named(follow.py_func))))
+    assert own and own <= found
+    assert found >= set(callees(own))
