@@ -13,9 +13,10 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from nsaid_mj import Record, postprocessing, run
+from nsaid_mj import Record, run
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.experiment.library import load
+from nsaid_mj.recording import postprocessing
 from nsaid_mj.studies import sweep, sweep_report, sweep_results
 from nsaid_mj.studies.sweep_engine import Engine
 from scripts.campaign_tries import Draw, Kind, Try, carried_out

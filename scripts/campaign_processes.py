@@ -11,8 +11,9 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from nsaid_mj import Record, postprocessing
+from nsaid_mj import Record
 from nsaid_mj.errors import NsaidError
+from nsaid_mj.recording import postprocessing
 from scripts.campaign_tries import Draw, Kind, Try, carried_out
 
 ROOT = Path(__file__).resolve().parents[1]

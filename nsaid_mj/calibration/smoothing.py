@@ -8,17 +8,19 @@ W(q, v, v̇, u) θ = 0 still holds for what is left of it.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy
-from scipy.interpolate import BSpline
 
 from ..log import Log
 from ..numerics.low_pass import decimated, symmetric, zero_phase
 from ..parameters import Array, Indices
 from .data import Recordings, Segment
 from .problem import Mask
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 _SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
 _ABOVE = 4.0  # power over the noise's at which it counts as motion

@@ -118,7 +118,7 @@ class Compare(Comparison):
 
     All methods get the same logs and are judged by the same figures; writes a table, compare.json,
     compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME --help`. `nsaid
-    compare --log FILE… --models FILE…` compares model files on a robot's own logs.
+    compare --log FILE… --models FILE… [--map FILE]` compares model files on a robot's own logs.
     """
 
     scenario: ScenarioName = field(kw_only=True)

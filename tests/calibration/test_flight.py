@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from nsaid_mj.calibration.data import RobotModel
 from nsaid_mj.calibration.logs import prepare, read_tables
+from nsaid_mj.calibration.logs.errors import UnmatchedChannels
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.vehicles import Drive
 from nsaid_mj.cli.commands import command
-from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
@@ -118,13 +118,13 @@ def test_a_position_is_integrated_where_a_log_has_none(flight, tmp_path, quadrot
 def test_a_log_without_a_standard_topic_asks_for_a_map(flight, tmp_path, quadrotor, missing):
     some = {name: topic for name, topic in topics(flight.log).items() if name != missing}
     log = write_ulog(tmp_path / "flight.ulg", some)
-    with pytest.raises(InvalidInput, match=r"map\.toml"):
+    with pytest.raises(UnmatchedChannels, match=r"map\.toml"):
         prepare(read_tables([log]), None, quadrotor)
 
 
 def test_an_underwater_vehicle_is_not_taken_for_a_quadrotor(flight, tmp_path):
     log = write_ulog(tmp_path / "flight.ulg", topics(flight.log))
-    with pytest.raises(InvalidInput, match=r"map\.toml"):
+    with pytest.raises(UnmatchedChannels, match=r"map\.toml"):
         prepare(read_tables([log]), None, load_robot_model("bluerov2"))
 
 

@@ -21,7 +21,6 @@ from nsaid_mj import (
     MultisineCommand,
     NullspaceAID,
     Scenario,
-    postprocessing,
     recording,
 )
 from nsaid_mj.evaluation import converged_at, summarize, truth_of
@@ -29,6 +28,7 @@ from nsaid_mj.evaluation.verify import verify
 from nsaid_mj.experiment.loop import Run, SimulatedRun, run
 from nsaid_mj.experiment.record import FILE as RECORD
 from nsaid_mj.nullspace import structural
+from nsaid_mj.recording import postprocessing
 from nsaid_mj.reporting import pages
 from tests.support.faulty import ROV
 from tests.support.recordings import entities_of

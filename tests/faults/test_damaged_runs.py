@@ -11,10 +11,11 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from nsaid_mj import Record, postprocessing, run
+from nsaid_mj import Record, run
 from nsaid_mj.calibration.logs.formats.run import read as read_log
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation.verify import verify_folder
+from nsaid_mj.recording import postprocessing
 from tests.support.faulty import ROV
 
 READERS: dict[str, Callable[[Path], object]] = {

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj import ConventionalAID, NullspaceAID, Scenario, postprocessing
+from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.cli.exit_codes import code_of
 from nsaid_mj.control import multisine, tracking
 from nsaid_mj.evaluation import mark_of
@@ -21,6 +21,7 @@ from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.record import BATCH_SECONDS, Record
 from nsaid_mj.identifiers import Status
 from nsaid_mj.plants import SensorNoise
+from nsaid_mj.recording import postprocessing
 from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict
 from tests.support.recordings import entities_of
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj import NsaidError, postprocessing, recording
+from nsaid_mj import NsaidError, recording
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import FILE, Record
-from nsaid_mj.recording import live
+from nsaid_mj.recording import live, postprocessing
 from tests.support.faulty import FILES, ROV, script, strict
 
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
