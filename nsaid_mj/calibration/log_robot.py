@@ -146,7 +146,7 @@ class LogRobot(MeasuredRobot):
         return self.robot_of(load_robot_model(self.robot, (), self.joints or None))
 
     def robot_of(self, model: RobotModel) -> Robot:
-        """The same with a model that is already loaded."""
+        """Structure, prior and looks of a robot whose model is already loaded."""
         system = self._vehicle(model) if model.system is not None else self._arm(model)
         prior = drawn_inside(system.space, np.array(self.prior), 0.0, np.random.default_rng(0))
         return Robot(system, prior, model.visuals)

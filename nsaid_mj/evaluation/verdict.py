@@ -59,6 +59,8 @@ def verdict(summary: dict[str, Any]) -> str:
         worst = None if stated is None else stated["deviation_largest"]
         best = max(PREDICTS, _MARGIN * (floor or 0.0))
         explained = summary.get("misfit") == "none" and worst is not None
+        if explained and residual is not None and residual > best:
+            predicts += " by noise of the measured accelerations"
         arrived = explained or (residual is not None and residual <= best)
         arrived = arrived and (worst is None or worst <= CONVERGED)
         nearer = True

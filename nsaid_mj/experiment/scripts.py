@@ -47,7 +47,7 @@ class CheckedDriver(Driver):
         self._driver, self._n, self._n_u = driver, system.n, system.n_u
 
     def start(self) -> tuple[Array, Array]:
-        """See `Driver.start`.
+        """Position and velocity from which the driver starts, checked.
 
         Raises:
             BadScript: it is not a pair of (n,) arrays.
@@ -60,7 +60,7 @@ class CheckedDriver(Driver):
         return position, velocity
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """See `Driver.command`.
+        """The driver's command (n_u,) at a time and measured state, checked.
 
         Raises:
             BadScript: it is not an (n_u,) array of numbers.
@@ -68,7 +68,7 @@ class CheckedDriver(Driver):
         return self._array("command", self._driver.command(t, q, v), self._n_u)
 
     def compiled(self, t: Array) -> Array | Tracking | None:
-        """See `Driver.compiled`.
+        """What compiled loops take from the driver for times t (k,), checked.
 
         Raises:
             BadScript: it is neither None, nor a `Tracking`, nor a (k, n_u) array of numbers.

@@ -93,7 +93,7 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
 
 @njit(**FAST)
 def _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient):
-    """Does what `follow` says, in its memory."""
+    """Integrates (44, 45) along a motion, in memory that `follow` has allocated."""
     t, z, theta = motion.t, work[1], work[4]
     v_hat = z[: v_hats.shape[1]]
     for k in range(first, t.shape[0]):

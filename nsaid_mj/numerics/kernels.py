@@ -13,8 +13,7 @@ from functools import cached_property
 from typing import Any, cast
 
 from llvmlite import binding, ir
-from numba import config, njit, typeof, types
-from numba.core.errors import NumbaError
+from numba import NumbaError, config, njit, typeof, types
 from numba.extending import lower_builtin, type_callable, typeof_impl
 
 from ..errors import DamagedKernelCache, NoKernelCache

@@ -67,7 +67,8 @@ class Identified:
         anchor: what fixed the common scale of masses, frictions and gains, in words.
         parameters: all parameters with their intervals, for tables.
         notes: anything else that a reader of the exported files should know.
-        couplings: of joints that share a motor; a URDF cannot hold them.
+        couplings: of joints that share a motor; a URDF cannot hold them. None keeps those that the
+            model's own file has as tendons.
     """
 
     model: Any
@@ -78,7 +79,7 @@ class Identified:
     anchor: str
     parameters: tuple[Parameter, ...] = ()
     notes: tuple[str, ...] = ()
-    couplings: tuple[Coupling, ...] = ()
+    couplings: tuple[Coupling, ...] | None = ()
 
     @property
     def rotor(self) -> Array:
@@ -96,7 +97,9 @@ class Identified:
         model = with_inertias(robot.model, inertial_parameters(robot.model), robot.rotor)
         speeds = np.full(len(robot.joints), friction_speed)
         anchor = "values of the model file; nothing was identified"
-        return Identified(model, robot.damping, robot.friction, speeds, robot.gain, anchor)
+        return Identified(
+            model, robot.damping, robot.friction, speeds, robot.gain, anchor, couplings=None
+        )
 
 
 def inertial_parameters(model: pin.Model) -> Array:

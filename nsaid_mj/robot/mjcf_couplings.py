@@ -40,9 +40,11 @@ def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str])
         if _acts(mj, t):
             _refuse(robot, "tendon", name, joints, locked)
         elif _drags(mj, t) and len(set(joints) - locked) > 1:
-            text = f"inertia and friction that it adds to {' and '.join(joints)} are left out"
+            text = (
+                f"inertia and friction of this tendon are left out; it couples {', '.join(joints)}"
+            )
             remedy = "Name the coupling of the joints in the map."
-            found.append(Finding("warning", "tendon", f"tendon {name}", text, remedy))
+            found.append(Finding("warning", "tendon", name, text, remedy))
     return found
 
 

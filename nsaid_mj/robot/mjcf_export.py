@@ -101,8 +101,11 @@ def _calibrated(robot: RobotModel, values: Identified, folder: Path) -> tuple[No
         joints[name].set("armature", numbers(values.rotor[k]))
         joints[name].set("damping", numbers(values.damping[k]))
         joints[name].set("frictionloss", numbers(values.friction[k]))
-    for coupling in values.couplings:
-        _couple(root, robot, coupling, joints)
+    if values.couplings is not None:
+        tendons = {f.where for f in robot.findings if f.code == "tendon"}
+        remove_references(root, tendons, ("tendon",), "tendon")
+        for coupling in values.couplings:
+            _couple(root, robot, coupling, joints)
     return root, remarks(robot, values, also)
 
 
@@ -126,8 +129,6 @@ def _couple(root: Node, robot: RobotModel, coupling: Coupling, joints: dict[str,
             own["frictionloss"] = max(coupling.friction, 0.0)
         if own:
             name = f"{pair[0]} {'+' if sign > 0 else '-'} {pair[1]}"
-            for old in [part for part in section if part.get("name") == name]:
-                section.remove(old)
             tendon = SubElement(section, "fixed", name=name)
             tendon.attrib.update({key: numbers(value) for key, value in own.items()})
             for joint, factor in zip(pair, (1, sign), strict=True):
@@ -180,6 +181,9 @@ def _edited(
     for number, body in enumerate(bodies_of_file(root), start=1):
         if not body.get("name") and own_joints(body):
             body.set("name", f"body {number}")
+    tendons = (part for section in root.findall("tendon") for part in section.iterchildren("*"))
+    for number, tendon in enumerate(tendons):
+        tendon.set("name", tendon.get("name") or str(number))
     before = _actuators(root)
     also += _set_motors(root, robot, values, mj, names)
     links = split_bodies(root, mj, held)

@@ -113,7 +113,7 @@ class Column:
                 object.__setattr__(self, name, value)
 
     def shifted(self, parameter: int, command: int = 0) -> Column:
-        """The same term, its parameter and, if it reads one, its command that much later."""
+        """This term with the indices of its parameter and of its command, if any, raised."""
         constants = dict[str, Any](self.constants)
         later = self.input + command if self.input >= 0 else self.input
         place = {"body": self.body, "dof": self.dof, "input": later}

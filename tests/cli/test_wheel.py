@@ -10,7 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from numba.core.caching import _CacheLocator
+from numba.core.caching import _CacheLocator  # names the folder; if it moves, the test is slow
 
 from nsaid_mj.numerics.cache import FOLDER, PACKAGE
 from nsaid_mj.resources import scenarios

@@ -105,6 +105,16 @@ def test_without_a_truth_the_verdict_is_the_same(case):
     assert "true set" not in blind
 
 
+def test_a_residual_that_is_noise_is_told_as_noise_and_does_not_judge():
+    found = without_truth(summary("ur5", "memory", 6.0)) | {"force_residual_ratio": 0.26}
+    assert found["misfit"] == "none"
+    told = verdict(found)
+    assert told.startswith("converged: ")
+    assert told.endswith("force residual 26 % by noise of the measured accelerations")
+    other = verdict(found | {"misfit": "some", "misfit_widening": 2.0})
+    assert other.startswith("still converging: ") and "noise" not in other
+
+
 def test_no_theta_has_a_smaller_residual_than_the_floor():
     system = Setup.of(load("bluerov2")).system
     rng = np.random.default_rng(0)

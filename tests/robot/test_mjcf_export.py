@@ -125,6 +125,21 @@ def test_a_motor_that_two_joints_share_is_a_tendon(tmp_path, sign, inertia, damp
     assert loss[f"{robot.joints[1]} {'+' if sign > 0 else '-'} {robot.joints[2]}"] == 0.3
     again = load_robot_model(str(out))
     assert [f.code for f in again.findings if f.level == "warning"].count("tendon") == mj.ntendon
+    out = tmp_path / "again.xml"
+    write_mjcf(again, Identified.nominal(again), out)
+    kept = mujoco.MjModel.from_xml_path(str(out))
+    np.testing.assert_allclose(kept.tendon_armature, mj.tendon_armature)
+    write_mjcf(again, plain, out)
+    assert mujoco.MjModel.from_xml_path(str(out)).ntendon == 0
+
+
+def test_a_tendon_without_a_name_is_left_out_of_what_was_identified_without_it(tmp_path):
+    path = tmp_path / "arm.xml"
+    tendon = '<tendon><fixed armature="0.1"><joint joint="elbow" coef="1"/>'
+    path.write_text(arm(more=f'{tendon}<joint joint="wrist" coef="1"/></fixed></tendon>'))
+    robot = load_robot_model(str(path))
+    assert "elbow, wrist" in next(f.text for f in robot.findings if f.code == "tendon")
+    assert exported(tmp_path, robot, identified(robot))[1].ntendon == 0
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "kinova"])

@@ -200,7 +200,7 @@ def _follow_row(law, filter, k, t, q, v, u, along, memory):
 
 @kernel(types.UniTuple(i8, 2)(LAW, FILTER, vector, matrix, matrix, matrix, ALONG, MEMORIES))
 def _follow(law, filter, t, q, v, u, along, memory):
-    """Does what `follow_filter` says, in its memory."""
+    """Runs the filter along a log, in memory that `follow_filter` has allocated."""
     n, tally = v.shape[1], filter.tally
     for k in range(1, t.shape[0]):
         end = _follow_row(law, filter, k, t, q, v, u, along, memory)
@@ -240,7 +240,7 @@ def follow_filter(
 
 @kernel(i8(LAW, FILTER, vector, vector, matrix, matrix, matrix, MEMORIES))
 def _cover(law, filter, R, t, q, v, u, memory):
-    """Does what `covariance_along` says, in its memory."""
+    """Propagates the covariance along a log, in memory that `covariance_along` has allocated."""
     for i in range(R.shape[0]):
         memory.R[i] = R[i]
     for k in range(1, t.shape[0]):
