@@ -2,10 +2,10 @@
 
     python scripts/published.py FOLDER   # with so101.xml and logs NAME.csv.gz
 
-Makes docs/published.png. Sets of (kp, kv, armature, friction) of all joints are compared in
-logarithms. Their difference has a part along the common scale, which no log decides unless a mass
-is known; a part along directions whose 95 % interval in these logs is wider than a factor of two;
-and a part that these logs decide.
+Makes docs/published.png, and FOLDER/other.xml with another project's values, for `nsaid compare`.
+Sets of (kp, kv, armature, friction) of all joints are compared in logarithms. Their difference has
+a part along the common scale, which no log decides unless a mass is known; a part along directions
+whose 95 % interval in these logs is wider than a factor of two; and a part that they decide.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ def main() -> None:
         "another project": np.tile(OTHER, len(found)),
         "identified": np.concatenate([values(joint) for joint in found]),
     }
+    write_other(folder / "so101.xml", folder / "other.xml")
     projections = undecided(found)
     rows = {}
     print("| sets | rms disagreement, a factor of | " + " | ".join(PARTS) + " |")
@@ -64,6 +65,18 @@ def in_file(path: Path, joints: tuple[str, ...]) -> Array:
         friction = mj.dof_frictionloss[dof]
         rows.append([mj.actuator_gainprm[servo, 0], kv, mj.dof_armature[dof], friction])
     return np.log(rows).ravel()
+
+
+def write_other(path: Path, other: Path) -> None:
+    """Writes a file with another project's values on all joints, its damping all in kv."""
+    spec = mujoco.MjSpec.from_file(str(path))
+    kp, kv, armature, friction = np.exp(OTHER)
+    for joint, actuator in zip(spec.joints, spec.actuators, strict=True):
+        joint.damping = [0, 0, 0]
+        joint.armature, joint.frictionloss = armature, friction
+        actuator.gainprm[0], actuator.biasprm[1], actuator.biasprm[2] = kp, -kp, -kv
+    spec.compile()
+    other.write_text(spec.to_xml())
 
 
 def values(joint: JointEstimate) -> Array:
