@@ -17,7 +17,7 @@ from .fit import minimise
 from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
 from .links import file_links
 from .problem import Problem
-from .selection import choose, refined, with_offsets
+from .selection import choose, refined, with_constants
 from .smoothing import Filter, filter_for
 from .smoothing import refined as finer
 from .structure import Options, Structured, Velocity
@@ -86,7 +86,7 @@ def structured_arm(
             choice, doubt, note = refined(choice, problem_of, robot.joints)
             notes.append(note)
         if options.columns is None:
-            choice, said = with_offsets(choice, problem_of, robot.joints)
+            choice, said = with_constants(choice, problem_of, robot.joints)
             notes += said
         if options.delay is None:
             others.append(problem_of(replace(choice, delay=choice.delay + _DOUBT * doubt)))

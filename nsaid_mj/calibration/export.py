@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import NsaidError
 from ..parameters import Array
-from ..robot.identified import Coupling, Identified, Parameter, with_inertias
+from ..robot.identified import Coupling, Identified, Parameter, Spring, with_inertias
 from ..robot.mjcf_export import write_mjcf
 from ..robot.tables import write_sysid, write_yaml
 from ..robot.urdf_export import write_urdf
@@ -71,8 +72,17 @@ def identified(result: Identification) -> Identified:
     )
     return Identified(
         model, damping, friction, speed, gain, result.anchor, parameters,
-        (result.verdict, *notes), couplings,
+        (result.verdict, *notes), couplings, tuple(_springs(result)),
     )  # fmt: skip
+
+
+def _springs(result: Identification) -> Iterator[Spring]:
+    """The springs among the chosen columns; the offset of such a joint is where they rest."""
+    value = {p.name: p.value for p in result.parameters}
+    for j, joint in enumerate(result.joints):
+        if "spring" in joint.columns:
+            stiffness = value[f"stiffness_{j + 1}"]
+            yield Spring(j, stiffness, -value[f"offset_{j + 1}"] / stiffness)
 
 
 def _file_name(name: str) -> str:

@@ -49,13 +49,17 @@ COLUMNS = {
     "rotor": Column("rotor inertia", "rotor", ("kg·m²", "kg"), "positive"),
     "viscous": Column("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), "positive"),
     "coulomb": Column("Coulomb friction", "coulomb", ("N·m", "N"), "positive"),
+    "stribeck": Column("Stribeck friction", "stribeck", ("N·m", "N"), "positive"),
     "load": Column("load-dependent friction", "load", ("1", "1"), "positive"),
     "quadratic": Column("quadratic friction", "quadratic", ("N·m·s²/rad²", "N·s²/m²"), "free"),
     "cubic": Column("cubic friction", "cubic", ("N·m·s³/rad³", "N·s³/m³"), "free"),
+    "spring": Column("stiffness", "stiffness", ("N·m/rad", "N/m"), "free"),
     "offset": Column("offset", "offset", ("N·m", "N"), "free"),
 }
-"""Columns of a joint by name: rotor v̇, viscous v, Coulomb tanh(v/s), load tanh(v/s)·|weight's
-torque|, quadratic v|v|, cubic v³, offset 1."""
+"""Columns of a joint by name: rotor v̇, viscous v, Coulomb tanh(v/s), Stribeck tanh(v/s)
+exp(−(v/0.1)²), load tanh(v/s)·|weight's torque|, quadratic v|v|, cubic v³, spring q, offset 1."""
+
+STRIBECK = 0.1  # speed at which Stribeck friction has fallen to 1/e [rad/s or m/s]
 
 COUPLINGS = ("inertia", "viscous", "coulomb")
 """Columns of coupled joints i, j: the motor of one turns by v_i ± v_j. Rows i and j have v̇_j and
@@ -108,8 +112,8 @@ class JointRows:
 
     Attributes:
         links: (N, n, 10 b) columns of the links.
-        diagonal: name of a column → (N, n) entries on the joints' own rows; "coulomb" and "load"
-            have a further leading axis for `SPEEDS`.
+        diagonal: name of a column → (N, n) entries on the joints' own rows; "coulomb", "stribeck"
+            and "load" have a further leading axis for `SPEEDS`.
         weight: (K n, 10 b) columns of the links' weight at poses along the log.
         usable: (N, n) whether a row may be used.
         t: (N,) times of the rows [s].
@@ -149,11 +153,11 @@ class JointRows:
             "viscous": joined(lambda m: m.v),
             "quadratic": joined(lambda m: m.v * np.abs(m.v)),
             "cubic": joined(lambda m: m.v**3),
+            "spring": joined(lambda m: m.q),
             "offset": joined(lambda m: np.ones_like(m.v)),
+            "coulomb": np.stack([joined(lambda m, s=s: np.tanh(m.v / s)) for s in SPEEDS]),
+            "stribeck": np.stack([joined(lambda m, s=s: _stribeck(m.v, s)) for s in SPEEDS]),
         }
-        self.diagonal["coulomb"] = np.stack(
-            [joined(lambda m, s=s: np.tanh(m.v / s)) for s in SPEEDS]
-        )
         self.joined = joined
         self.weight = weight_columns(
             self.robot.model, np.concatenate([m.q[m.usable.any(axis=1)] for _, _, m in parts])
@@ -294,7 +298,7 @@ def nearest_friction(problem: Problem, theta: Array) -> tuple[Array, Array]:
         theta: (p,) the estimate.
     """
     space = problem.space
-    kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "offset")]
+    kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "spring", "offset")]
     used = [space[block.name] for block in space.blocks if block.name in kinds]
     pairs = [COLUMNS[name].block for name in ("viscous", "coulomb")]
     if not {block.name for block in space.blocks}.issuperset(pairs):
@@ -314,11 +318,18 @@ _SHARES = {
     "rotor": 0.1,
     "viscous": 0.2,
     "coulomb": 0.2,
+    "stribeck": 0.1,
     "load": 0.05,
     "quadratic": 0.1,
     "cubic": 0.1,
+    "spring": 3.0,  # it may carry more than the actuator does
     "offset": 0.05,
 }  # guessed share of an actuator's force that a column explains
+
+
+def _stribeck(v: Array, s: float) -> Array:
+    """What dry friction has beyond Coulomb's while slow, over its value at 0."""
+    return np.tanh(v / s) * np.exp(-((v / STRIBECK) ** 2))
 
 
 def differentiates(recordings: Recordings, cutoff: float) -> bool:

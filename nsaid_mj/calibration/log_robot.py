@@ -28,7 +28,7 @@ from ..structure.single_body import LEVEL
 from ..structure.structure import Structure
 from ..structure.structured import StructuredKinematics, StructuredSystem
 from .data import Recordings, RobotModel
-from .joints import COLUMNS
+from .joints import COLUMNS, STRIBECK
 from .measured import MeasuredRobot
 from .models import load_robot_model
 from .problem import Problem
@@ -193,6 +193,7 @@ class LogRobot(MeasuredRobot):
         for j, names in enumerate(self.columns):
             constants = {
                 "coulomb": {"speed": self.speeds[j]},
+                "stribeck": {"speed": self.speeds[j], "stribeck": STRIBECK},
                 "load": {"speed": self.speeds[j], "bodies": loads},
                 "offset": {"force": -1.0},
             }

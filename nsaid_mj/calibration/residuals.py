@@ -14,6 +14,7 @@ after another, the one that explains most first, until none is left that is more
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -49,12 +50,14 @@ class Suspect(NamedTuple):
         where: the joint; "" where it concerns all.
         columns: (N, n, c) what it adds to the rows, up to c unknown coefficients.
         remedy: what to do about it.
+        size: of an effect whose coefficient has a meaning, and cannot be negative: its words.
     """
 
     words: str
     where: str
     columns: Array
     remedy: str
+    size: Callable[[float], str] | None = None
 
 
 class Followed(NamedTuple):
@@ -93,12 +96,14 @@ def followed(
     level = _CHANCE / max(len(suspects), 1)
     left, entered = list(suspects), []
     for _ in range(_MOST):
-        trials = [rows.trial(suspect.columns) for suspect in left]
+        trials = [rows.trial(suspect.columns, suspect.size is not None) for suspect in left]
         beyond = [trial.beyond(level) for trial in trials]
         if not any(beyond):
             break
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
-        entered.append((left.pop(best), beyond[best], rows.add(trials[best])))
+        entered.append((left[best], beyond[best], rows.add(trials[best])))
+        name = left[best][:2]  # of the same effect, other sizes or places of the encoder are tried
+        left = [suspect for suspect in left if suspect[:2] != name]
     found = []
     if not entered:
         return ()
@@ -140,7 +145,7 @@ def doubts(
     ]
     stated = ~problem.known & np.array(kinds) & (half < _STATED * size)
     findings = []
-    for suspect, share, shift, _ in left:
+    for suspect, share, shift, coefficients in left:
         worst = int(np.argmax(np.where(stated, np.abs(shift) / size, 0.0)))
         moved = float(abs(shift[worst]) / size[worst]) if stated[worst] else 0.0
         explained = float(np.sqrt(np.nanmax(np.maximum(share, 0) * held_out**2)))
@@ -148,13 +153,14 @@ def doubts(
         label = problem.space.labels[worst]
         if not beyond and explained <= _EXPLAINED and share.max() < _TOLD:
             continue
+        told = f", {suspect.size(coefficients[0])}" if suspect.size else ""
         words = f", which would move {label} by {moved:.0%}" if moved > 0.01 else ""
         findings.append(
             Finding(
                 "warning" if beyond or explained > _EXPLAINED else "note",
                 "residuals",
                 suspect.where,
-                f"the residuals follow {suspect.words} ({share.max():.0%} of their variance"
+                f"the residuals follow {suspect.words}{told} ({share.max():.0%} of their variance"
                 f"{words})",
                 suspect.remedy,
                 {"share": float(share.max()), "moved": moved, "parameter": label},
@@ -253,14 +259,14 @@ class _Rows:
         """Columns (N, n, c) with the rows' weights."""
         return columns * self._weight[:, :, None]
 
-    def trial(self, columns: Array) -> _Trial:
-        """What further columns (N, n, c) would explain."""
+    def trial(self, columns: Array, positive: bool = False) -> _Trial:
+        """What further columns (N, n, c) would explain, or one with a positive coefficient."""
         Z = self.weighed(columns).reshape(-1, columns.shape[2])
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
         rest = self._outside(Z / size, self._basis)
         values, vectors = scipy.linalg.eigh(rest.T @ rest)
         kept = values > _OUTSIDE
-        if not kept.any():
+        if not kept.any() or (positive and rest[:, 0] @ self._residual > 0):
             return _Trial(rest[:, :0], vectors[:, :0], 0.0, 0.0, (1, 1))
         combine = vectors[:, kept] / np.sqrt(values[kept])
         basis = rest @ combine

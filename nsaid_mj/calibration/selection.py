@@ -89,7 +89,7 @@ def _choose_joint(
             best, choice = errors, trial
 
     def speeds() -> None:
-        if "coulomb" in choice.columns[joint] or "load" in choice.columns[joint]:
+        if {"coulomb", "stribeck", "load"} & choice.columns[joint]:
             for index, speed in enumerate(SPEEDS):
                 if index != choice.speed[joint]:
                     better(choice.at(joint, speed=index), f"s = {speed:g}")
@@ -101,6 +101,9 @@ def _choose_joint(
             names.insert(0, "load")
         for name in names:
             better(choice.at(joint, add=name), f"+ {name}")
+        for index, speed in enumerate(SPEEDS):  # a smaller speed imitates it where it is missing
+            trial = choice.at(joint, add="stribeck", speed=index)
+            better(trial, f"+ stribeck with s = {speed:g}")
         speeds()
     name = rows.robot.joints[joint]
     used = ", ".join(sorted(choice.columns[joint]))
@@ -196,12 +199,12 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
     return replace(choice, delay=found), shared, findings
 
 
-def with_offsets(
+def with_constants(
     choice: Choice, problem_of: Callable[[Choice], Problem], names: tuple[str, ...]
 ) -> tuple[Choice, list[Finding]]:
-    """The choice with offsets where they help the physical fit, in which all joints share links.
+    """The choice with offsets and springs where they help the physical fit, which shares links.
 
-    Joint by joint, with the links' columns free for each, weight stands in for an offset.
+    Joint by joint, with the links' columns free for each, weight stands in for both.
 
     Args:
         choice: with delays and all other columns.
@@ -210,12 +213,13 @@ def with_offsets(
     """
     best, findings = _shared_errors(problem_of(choice)), []
     for j, name in enumerate(names):
-        trial = choice.at(j, add="offset")
-        errors = _shared_errors(problem_of(trial))
-        if np.isfinite([errors, best]).all() and worthwhile(best, errors, _WORTH):
-            text = f"a constant offset; held-out NRMSE {_rms(best):.4f} → {_rms(errors):.4f}"
-            findings.append(Finding("note", "columns", name, text, data={"columns": ["offset"]}))
-            choice, best = trial, errors
+        for column, words in (("offset", "a constant offset"), ("spring", "a spring")):
+            trial = choice.at(j, add="offset").at(j, add=column)
+            errors = _shared_errors(problem_of(trial))
+            if np.isfinite([errors, best]).all() and worthwhile(best, errors, _WORTH):
+                text = f"{words}; held-out NRMSE {_rms(best):.4f} → {_rms(errors):.4f}"
+                findings.append(Finding("note", "columns", name, text, data={"columns": [column]}))
+                choice, best = trial, errors
     return choice, findings
 
 

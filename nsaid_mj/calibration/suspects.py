@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
+from numba import njit
 
 from ..parameters import Array
 from ..structure.optional import pin
@@ -21,6 +22,7 @@ from .residuals import Suspect
 from .smoothing import Smooth
 
 _SMALL = 0.1  # of the rms force: below it the force of a dead zone is not followed
+PLAYS = (0.002, 0.006, 0.02)  # of gears, by which links that hang free in them are simulated
 
 
 def arm_suspects(rows: JointRows, choice: Choice, problem: Problem, theta: Array) -> list[Suspect]:
@@ -33,6 +35,7 @@ def arm_suspects(rows: JointRows, choice: Choice, problem: Problem, theta: Array
         theta: (p,) θ̂, links first.
     """
     model = pin.Model(rows.robot.model)
+    model.armature = np.zeros(model.nv)  # rotors are columns of their own
     for i in range(1, model.njoints):
         phi = theta[10 * i - 10 : 10 * i]
         model.inertias[i] = pin.Inertia.FromDynamicParameters(phi)
@@ -45,7 +48,7 @@ def arm_suspects(rows: JointRows, choice: Choice, problem: Problem, theta: Array
         for name in rows.robot.joints
     ])  # fmt: skip
     return [
-        *_kinematic(rows, model, rotor, residual),
+        *_kinematic(rows, model, rotor, residual, rows.links @ theta[: rows.links.shape[2]]),
         *(_between(needed, stated, residual) for needed, stated in either),
         *_own(rows, choice),
     ]
@@ -97,9 +100,17 @@ def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
 
 
 def _kinematic(
-    rows: JointRows, model: pin.Model, rotor: Array, residual: Array
+    rows: JointRows, model: pin.Model, rotor: Array, residual: Array, torque: Array
 ) -> Iterator[Suspect]:
-    """A mount that is not level; zero and ratio of every joint's encoder."""
+    """A mount that is not level; zero and ratio of every joint's encoder; its gear's yielding.
+
+    Args:
+        rows: of the training log.
+        model: with the estimated links.
+        rotor: (n,) inertias of the rotors.
+        residual: (N, n) forces that the measured motion needs beyond those of the commands.
+        torque: (N, n) of the links.
+    """
     names, down = rows.robot.joints, model.gravity.linear.copy()
     if np.linalg.norm(down) > 0:
         across = np.linalg.svd(down[None])[2][1:] * np.linalg.norm(down)
@@ -111,23 +122,40 @@ def _kinematic(
             columns,
             "Check how the base is mounted: the model's gravity should be as many degrees off.",
         )
-    slopes = rows.joined(lambda m: _slopes(model, m))
+    found = np.moveaxis(rows.joined(lambda m: _of_joints(model, m)), 1, 0)
+    twists = _rates(rows, torque)
     answered = _answered(rows, model, rotor, residual)
     for j, name in enumerate(names):
+        zero, by_v, by_a, scale, *plays = found[:, :, :, j, None]
         yield Suspect(
-            "a shift of its position",
-            name,
-            slopes[:, 0, :, j, None],
-            "Check the encoder's zero against the model's.",
+            "a shift of its position", name, zero, "Check the encoder's zero against the model's."
         )
         ratio = Suspect(
             "a scale of its position",
             name,
-            slopes[:, 1, :, j, None],
+            scale,
             "Check the gear ratio and the unit of its position in the map.",
         )
         stated = ratio._replace(columns=ratio.columns - answered[:, :, j, None])
         yield _between(ratio, stated, residual)
+        first, second = twists[:, j, :, None, None].swapaxes(0, 1)
+        behind = -(torque[:, j, None, None] * zero + first * by_v + second * by_a)
+        for columns in (behind, _on(j, len(names), rotor[j] * second[:, :, 0])):
+            yield Suspect(
+                "the twist of an elastic joint",
+                name,
+                columns,
+                "Its gear, belt or shaft yields: identify from slower motion.",
+                lambda x: f"about {1 / max(x, 1e-300):.2g} N·m/rad",
+            )
+        for play, columns in zip(PLAYS, plays, strict=True):
+            yield Suspect(
+                "backlash",
+                name,
+                columns,
+                "Its gear has play: tighten it, or keep its load to one side.",
+                lambda x, play=play: f"about {1e3 * x * play:.2g} mrad",
+            )
 
 
 def _weight(model: pin.Model, gravity: Array) -> Callable[[Array], Array]:
@@ -137,20 +165,59 @@ def _weight(model: pin.Model, gravity: Array) -> Callable[[Array], Array]:
     return weight_of(own, None)
 
 
-def _slopes(model: pin.Model, motion: Smooth) -> Array:
-    """(N, 2, n, n) changes of all joints' torques with each joint's zero and relative scale."""
+def _of_joints(model: pin.Model, motion: Smooth) -> Array:
+    """(N, K, n, n) changes of all torques with each joint's motion.
+
+    They are the derivatives by its position, velocity and acceleration; what a relative scale of
+    its position changes; and what each of `PLAYS` behind an encoder on the motor's side does.
+
+    Args:
+        model: with the estimated links.
+        motion: of a segment.
+    """
     data, n = model.createData(), model.nv
-    found = np.empty((len(motion.t), 2, n, n))
+    slopes = np.empty((len(motion.t), 3, n, n))
+    torque, inertia = np.empty((2, len(motion.t), n))
     for k, q in enumerate(positions(model, motion.q)):
-        v, a = motion.v[k], motion.a[k]
-        by_q, by_v, by_a = pin.computeRNEADerivatives(model, data, q, v, a)
-        found[k, 0] = by_q
-        found[k, 1] = by_q * motion.q[k] + by_v * v + by_a * a
-    return found
+        slopes[k] = pin.computeRNEADerivatives(model, data, q, motion.v[k], motion.a[k])
+        torque[k], inertia[k] = data.tau, np.diag(slopes[k, 2])
+
+    def moved(q: Array, v: Array, a: Array) -> Array:
+        return np.einsum("knij,nkj->nij", slopes.swapaxes(0, 1), np.stack([q, v, a], axis=1))
+
+    def behind(twist: Array) -> Array:
+        rate = np.gradient(twist, motion.t, axis=0)
+        return -moved(twist, rate, np.gradient(rate, motion.t, axis=0))
+
+    plays = [behind(_between_flanks(motion.t, torque / inertia, play)) for play in PLAYS]
+    scale = moved(motion.q, motion.v, motion.a)
+    return np.concatenate([slopes, np.stack([scale, *plays], axis=1)], axis=1)
+
+
+@njit(cache=True)
+def _between_flanks(t, needed, play):
+    """(N, n) how far links are behind their motors, in gears with play, without a rebound.
+
+    Args:
+        t: (N,) times [s].
+        needed: (N, n) torque of the rigid joint over the link's inertia [1/s²].
+        play: of every gear [rad or m].
+    """
+    behind = np.zeros(needed.shape)
+    for j in range(needed.shape[1]):
+        x, rate = 0.5 * play * np.sign(needed[0, j]), 0.0
+        for k in range(len(t)):
+            h = t[k] - t[max(k - 1, 0)]
+            rate += h * needed[k, j]
+            x += h * rate
+            if abs(x) >= 0.5 * play:
+                x, rate = 0.5 * play * np.sign(x), 0.0
+            behind[k, j] = x
+    return behind
 
 
 def _answered(rows: JointRows, model: pin.Model, rotor: Array, residual: Array) -> Array:
-    """(N, n, n) the part of `_slopes` by acceleration that the commands do not ask for.
+    """(N, n, n) the part of a relative scale by acceleration that the commands do not ask for.
 
     Args:
         rows: of the training log.
@@ -168,13 +235,7 @@ def _answered(rows: JointRows, model: pin.Model, rotor: Array, residual: Array) 
 
 def _lags(rows: JointRows, force: Array) -> Iterator[Suspect]:
     """First and second derivatives of the forces: of all together, and of each."""
-    rates = np.empty((*force.shape, 2))
-    for number in np.unique(rows.segment):
-        own = rows.segment == number
-        rate = force[own]
-        for order in (0, 1):
-            rate = np.gradient(rate, rows.t[own], axis=0) if own.sum() > 2 else 0 * rate
-            rates[own, :, order] = rate
+    rates = _rates(rows, force)
     remedy = (
         "Its force lags behind the recorded command: record the measured current instead of the "
         "commanded one, or give each command's delay."
@@ -182,6 +243,18 @@ def _lags(rows: JointRows, force: Array) -> Iterator[Suspect]:
     yield Suspect("the rate of all forces", "", rates, remedy)
     for j, name in enumerate(rows.robot.joints):
         yield Suspect("the rate of its force", name, _on(j, force.shape[1], rates[:, j]), remedy)
+
+
+def _rates(rows: JointRows, x: Array) -> Array:
+    """(N, n, 2) first and second derivatives of x (N, n) along the segments."""
+    rates = np.empty((*x.shape, 2))
+    for number in np.unique(rows.segment):
+        own = rows.segment == number
+        rate = x[own]
+        for order in (0, 1):
+            rate = np.gradient(rate, rows.t[own], axis=0) if own.sum() > 2 else 0 * rate
+            rates[own, :, order] = rate
+    return rates
 
 
 def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
@@ -196,13 +269,14 @@ def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
             "a constant": (np.ones((len(v), 1)), "Name the column `offset`."),
             "its position": (
                 angle[:, j],
-                "A spring, a counterweight or a cable pulls at it, or its axis is not the model's.",
+                "A counterweight or a cable pulls at it, or its axis is not the model's: try the "
+                "column `spring`.",
             ),
             "its acceleration": (a[:, [j]], "Check its rotor inertia and the delay."),
             "its velocity": (
                 np.column_stack([v[:, j], rows.diagonal["quadratic"][:, j],
                                  rows.diagonal["cubic"][:, j]]),
-                "Its friction curve is another: name the columns `quadratic` and `cubic`.",
+                "Its friction curve is another: name the columns `quadratic`, `cubic`, `stribeck`.",
             ),
             "its direction": (
                 curve[:, :, j].T,

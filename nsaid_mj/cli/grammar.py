@@ -61,7 +61,8 @@ class Identify:
         lock: comma-separated joints that do not move.
         joints: comma-separated joints that move; all others are locked.
         columns: auto, or comma-separated columns that all joints have besides rotor inertia,
-            viscous and Coulomb friction: load, quadratic, cubic, offset; "" for none.
+            viscous and Coulomb friction: stribeck, load, quadratic, cubic, spring, offset; ""
+            for none.
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
         law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which follow the

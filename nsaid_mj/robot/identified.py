@@ -51,12 +51,26 @@ class Coupling(NamedTuple):
     friction: float
 
 
+class Spring(NamedTuple):
+    """A spring, counterweight or cable that pulls at a joint.
+
+    Attributes:
+        joint: its index.
+        stiffness: [N·m/rad or N/m]; negative where it pushes away from its rest.
+        rest: position at which it exerts nothing [rad or m].
+    """
+
+    joint: int
+    stiffness: float
+    rest: float
+
+
 @dataclass(frozen=True)
 class Identified:
     """Identified values of a tree of n joints, in SI units.
 
-    Joint i moves by M v̇ + C v + g = gain·u − damping·v − friction·tanh(v/friction_speed), where M
-    includes the rotor inertias.
+    Joint i moves by M v̇ + C v + g = gain·u − damping·v − friction·tanh(v/friction_speed)
+    − stiffness·(q − rest), where M includes the rotor inertias.
 
     Attributes:
         model: Pinocchio's model with the identified inertias and, in `armature`, rotor inertias.
@@ -69,6 +83,7 @@ class Identified:
         notes: anything else that a reader of the exported files should know.
         couplings: of joints that share a motor; a URDF cannot hold them. None keeps those that the
             model's own file has as tendons.
+        springs: of joints; a URDF cannot hold them. Other joints keep those of an MJCF.
     """
 
     model: Any
@@ -80,6 +95,7 @@ class Identified:
     parameters: tuple[Parameter, ...] = ()
     notes: tuple[str, ...] = ()
     couplings: tuple[Coupling, ...] | None = ()
+    springs: tuple[Spring, ...] = ()
 
     @property
     def rotor(self) -> Array:

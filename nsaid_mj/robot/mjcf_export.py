@@ -101,6 +101,12 @@ def _calibrated(robot: RobotModel, values: Identified, folder: Path) -> tuple[No
         joints[name].set("armature", numbers(values.rotor[k]))
         joints[name].set("damping", numbers(values.damping[k]))
         joints[name].set("frictionloss", numbers(values.friction[k]))
+    degrees = next((c.get("angle") for c in root.iter("compiler") if c.get("angle")), "degree")
+    for spring in values.springs:
+        own = joints[robot.joints[spring.joint]]
+        own.set("stiffness", numbers(spring.stiffness))
+        turns = own.get("type") != "slide" and degrees == "degree"
+        own.set("springref", numbers(np.rad2deg(spring.rest) if turns else spring.rest))
     if values.couplings is not None:
         tendons = {f.where for f in robot.findings if f.code == "tendon"}
         remove_references(root, tendons, ("tendon",), "tendon")

@@ -57,6 +57,11 @@ def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
     if welded:
         whose = "Their inertia is part of the link that they are fixed to: "
         also += (whose + ", ".join(welded) + ".",)
+    if values.springs:
+        sprung = ", ".join(robot.joints[spring.joint] for spring in values.springs)
+        also += (
+            f"Springs were identified, which a URDF cannot hold: {sprung}. The MJCF has them.",
+        )
     write_xml(path, root, remarks(robot, values, also))
 
 

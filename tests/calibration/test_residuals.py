@@ -24,7 +24,7 @@ from nsaid_mj.calibration.residuals import (
     with_doubts,
 )
 from nsaid_mj.calibration.scale import with_known
-from nsaid_mj.calibration.selection import choose, refined, with_offsets
+from nsaid_mj.calibration.selection import choose, refined, with_constants
 from nsaid_mj.calibration.smoothing import filter_for
 from nsaid_mj.calibration.suspects import _answered, _between
 from nsaid_mj.log import Log
@@ -310,7 +310,7 @@ def test_an_offset_is_chosen_where_the_shared_fit_needs_it():
     for shift, wanted in ((0.0, 0), (0.8, 1)):
         moved = values | {"elbow_current": values["elbow_current"] + shift}
         rows = rows_of(moved)
-        choice, said = with_offsets(
+        choice, said = with_constants(
             start, lambda c, rows=rows: rows.problem(c, np.ones(2), np.full(2, 2.0)), ("a", "b")
         )
         assert ["offset" in c for c in choice.columns] == [False, bool(wanted)]

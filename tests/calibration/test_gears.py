@@ -1,0 +1,123 @@
+"""Springs, friction and gears that a model file does not have: found or named, and no others."""
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from nsaid_mj.calibration.export import write_models
+from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.joints import BASIC
+from nsaid_mj.calibration.models import load_robot_model
+from tests.support.gears import GAIN, RIGID, Gear, log, mjcf, written
+from tests.support.robot_logs import write_csv
+
+KNOWN = {"gain_1": GAIN[0]}
+OTHERS = ("elastic joint", "backlash")
+
+
+def stiction(v, data):
+    """Torques of dry friction that is twice as large while slow."""
+    return np.array([4.0, 1.5]) * np.tanh(v / 0.02) * (1 + np.exp(-((v / 0.1) ** 2)))
+
+
+def identified(folder: Path, seed: int = 0, gears=RIGID, drag=None, spring=0.0, rest=0.0, **more):
+    """The result of a log; and whose residuals follow what, by joint."""
+    text = mjcf(gears, spring, rest)
+    file = write_csv(folder / "log.csv", log(text, gears, seed, drag))
+    found = identify(load_robot_model(str(written(folder))), file, known=KNOWN, **more)
+    told = [f for f in found.findings if f.code == "residuals"]
+    return found, {(f.where, words): f.text for f in told for words in OTHERS if words in f.text}
+
+
+def size(text: str) -> float:
+    """The number after "about"."""
+    return float(text.split("about ")[1].split(maxsplit=1)[0])
+
+
+TWISTS = {
+    "elbow, its encoder on the motor": ("elbow", (Gear(), Gear(300.0)), 300),
+    "elbow, its encoder on the link": ("elbow", (Gear(), Gear(300.0, load_side=True)), 300),
+    "shoulder": ("shoulder", (Gear(2000.0), Gear()), 2000),
+}
+
+
+@pytest.mark.parametrize("name", TWISTS)
+def test_an_elastic_joint_is_named_with_its_stiffness(tmp_path, name):
+    joint, gears, stiffness = TWISTS[name]
+    _, named = identified(tmp_path, gears=gears)
+    assert list(named) == [(joint, "elastic joint")], named
+    assert size(named[joint, "elastic joint"]) == pytest.approx(stiffness, rel=0.25)
+
+
+@pytest.mark.parametrize(("joint", "play"), [("elbow", 0.02), ("elbow", 0.005), ("shoulder", 0.01)])
+def test_backlash_behind_a_motors_encoder_is_named_with_its_size(tmp_path, joint, play):
+    own = Gear(play=play)
+    _, named = identified(tmp_path, gears=(own, Gear()) if joint == "shoulder" else (Gear(), own))
+    assert list(named) == [(joint, "backlash")], named
+    assert size(named[joint, "backlash"]) == pytest.approx(1e3 * play, rel=0.3)
+
+
+def test_a_rigid_arm_has_neither(tmp_path):
+    for seed in (3, 4):
+        assert not identified(tmp_path, seed)[1]
+
+
+def test_a_spring_is_found_with_its_rest_and_is_in_the_exported_model(tmp_path):
+    found, named = identified(tmp_path, spring=20.0, rest=0.3)
+    assert not named
+    at = [p.name for p in found.parameters].index("stiffness_1")
+    stiffness = found.parameters[at]
+    assert stiffness.value == pytest.approx(20, rel=0.03) and stiffness.low > 15
+    files, _ = write_models(found, tmp_path)
+    model = mujoco.MjModel.from_xml_path(str(next(f for f in files if f.suffix == ".xml")))
+    shoulder = model.joint("shoulder")
+    assert shoulder.stiffness[0] == pytest.approx(stiffness.value)
+    assert shoulder.qpos_spring[0] == pytest.approx(0.3, abs=0.02)
+    assert model.joint("elbow").stiffness[0] == 0
+
+
+def test_a_spring_in_a_file_whose_angles_are_degrees_rests_where_it_does(tmp_path):
+    degrees = mjcf().replace('<compiler angle="radian"/>', "")
+    text = mjcf(spring=20.0, rest=0.3)
+    file = write_csv(tmp_path / "log.csv", log(text, RIGID, 0))
+    (tmp_path / "arm.xml").write_text(degrees, encoding="utf-8")
+    found = identify(load_robot_model(str(tmp_path / "arm.xml")), file, known=KNOWN)
+    files, _ = write_models(found, tmp_path)
+    model = mujoco.MjModel.from_xml_path(str(next(f for f in files if f.suffix == ".xml")))
+    assert model.joint("shoulder").qpos_spring[0] == pytest.approx(0.3, abs=0.02)
+
+
+def test_stribeck_friction_is_chosen_and_predicts_another_log_better(tmp_path):
+    other = tmp_path / "other"
+    other.mkdir()
+    validation = write_csv(other / "log.csv", log(mjcf(), RIGID, 7, stiction))
+    found, named = identified(tmp_path, 2, drag=stiction, validate=validation)
+    plain, _ = identified(tmp_path, 2, drag=stiction, validate=validation, columns=BASIC)
+    assert not named and any("stribeck" in joint.columns for joint in found.joints)
+    for rich, poor in zip(found.joints, plain.joints, strict=True):
+        assert rich.validation and poor.validation
+        assert rich.validation < 0.9 * poor.validation
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10, 14))
+@pytest.mark.parametrize("case", ["rigid", "spring", "stiction", "play", "twist"])
+def test_chosen_columns_never_predict_worse_than_the_plain_ones(tmp_path, seed, case):
+    options = {
+        "rigid": {},
+        "spring": {"spring": 20.0, "rest": 0.3},
+        "stiction": {"drag": stiction},
+        "play": {"gears": (Gear(), Gear(play=0.01))},
+        "twist": {"gears": (Gear(), Gear(300.0))},
+    }[case]
+    other = tmp_path / "other"
+    other.mkdir()
+    text = mjcf(options.get("gears", RIGID), options.get("spring", 0.0), options.get("rest", 0.0))
+    logged = log(text, options.get("gears", RIGID), seed + 100, options.get("drag"))
+    validation = write_csv(other / "log.csv", logged)
+    found, _ = identified(tmp_path, seed, validate=validation, **options)
+    plain, _ = identified(tmp_path, seed, validate=validation, columns=BASIC, **options)
+    errors = np.array([[j.validation for j in r.joints] for r in (found, plain)])
+    assert np.log(errors[0] / errors[1]).mean() < 0.02
