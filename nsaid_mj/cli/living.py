@@ -71,7 +71,8 @@ def follow_robot(chosen: Live) -> int:
 
 
 def _send(estimate: Estimate) -> None:
-    print(estimate.line(), flush=True)
+    sys.stdout.buffer.write(estimate.line())
+    sys.stdout.buffer.flush()
 
 
 def _print(estimate: Estimate) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import subprocess
@@ -13,6 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import orjson
 from numpy.typing import ArrayLike
 
 from ..calibration.live_robot import LiveRobot
@@ -142,9 +142,8 @@ class LiveIdentifier:
             BadRun: the law's process has failed; its message is on the standard error.
         """
         at, *parts = sample_of(self._system, t, q, v, u)
-        named = zip("qvu", parts, strict=True)
-        found = {"t": at} | {name: part.tolist() for name, part in named}
-        self._unsent += json.dumps(found).encode() + b"\n"
+        found = {"t": at} | dict(zip("qvu", parts, strict=True))
+        self._unsent += orjson.dumps(found, option=_LINE)
         if self._process is None or self._process.returncode is not None or not self._exchange():
             self._check()
         return self.estimate
@@ -219,7 +218,7 @@ class LiveIdentifier:
             piece = None
         *lines, self._unread = self._unread.split(b"\n")
         for line in lines[-2:]:  # the summary follows the last estimate
-            self._take(json.loads(line))
+            self._take(orjson.loads(line))
         return piece is None
 
     def _take(self, found: dict[str, Any]) -> None:
@@ -233,5 +232,6 @@ class LiveIdentifier:
 
 
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_LINE = orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_APPEND_NEWLINE
 _PIECE = 65_536  # bytes written or read at once
 _POLL = 1e-3  # pause between two exchanges, where the user waits [s]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import orjson
 
-from ..bounds import without_nonfinite
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.misfit import running_misfit
 from ..identifiers import State
@@ -60,13 +59,12 @@ class Estimate:
     misfit: str
     faults: tuple[str, ...]
 
-    def line(self) -> str:
-        """The estimate as a line of JSON, without names and units."""
-        gains = [[g.value, *_finite(g.low, g.high)] for g in self.gains]
+    def line(self) -> bytes:
+        """The estimate as a line of JSON, without names and units; null for what is not finite."""
         found: dict[str, Any] = {"t": self.t, "samples": self.samples}
-        found |= {"theta": self.theta_hat.tolist(), "gains": gains}
+        found |= {"theta": self.theta_hat, "gains": [[g.value, g.low, g.high] for g in self.gains]}
         found |= {"misfit": self.misfit, "faults": self.faults}
-        return json.dumps(without_nonfinite(found), allow_nan=False)
+        return orjson.dumps(found, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_APPEND_NEWLINE)
 
     @staticmethod
     def of_line(found: dict[str, Any], space: Names) -> Estimate:
@@ -106,10 +104,6 @@ def estimate_of(space: Names, state: State, samples: int, deviation: Array) -> E
         state.t, samples, space.names, space.units, state.theta_hat, tuple(gains),
         running_misfit(state), faults,
     )  # fmt: skip
-
-
-def _finite(*numbers: float) -> list[float | None]:
-    return [x if np.isfinite(x) else None for x in numbers]
 
 
 def _ends(low: float | None, high: float | None) -> tuple[float, float]:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Literal, get_args
 
 import numpy as np
+import orjson
 
 from ..errors import InvalidInput, UnknownName
 from ..experiment.source import LONGEST_STEP
@@ -155,15 +156,23 @@ def parsed(system: SecondOrderSystem, line: bytes) -> tuple[float, Array, Array,
         InvalidInput: it is no sample of this system.
     """
     try:
-        found = json.loads(line)
+        found = orjson.loads(line)
     except ValueError:
-        found = None
+        found = _lenient(line)
     if isinstance(found, dict) and found.get("end"):
         return None
     if not isinstance(found, dict) or not {"t", "q", "v", "u"} <= found.keys():
         got = line[:60].decode("utf-8", "replace").strip()
         raise InvalidInput("sample", _EXPECTED, got, "See docs/live.md.")
     return sample_of(system, *(found[key] for key in "tqvu"))
+
+
+def _lenient(line: bytes) -> object:
+    """What a line with NaN or Infinity in it says, which JSON does not have; None if nothing."""
+    try:
+        return json.loads(line)
+    except ValueError:
+        return None
 
 
 def turned(system: SecondOrderSystem, q: Array, v: Array) -> tuple[Array, Array]:

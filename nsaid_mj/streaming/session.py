@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import socket
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO
 
 import numpy as np
+import orjson
 
 from ..calibration.measured import MeasuredRobot, identifiers_of
 from ..evaluation.confidence import gain_deviations
@@ -102,8 +102,8 @@ class Session:
         for k in range(max(_LEAST, round(_WARM / dt))):
             moved = v + self.scenario.noise.velocity * rng.standard_normal(system.n)
             q = system.integrate(q, dt * moved)
-            parts = {"t": k * dt, "q": q.tolist(), "v": moved.tolist(), "u": u.tolist()}
-            lines.append(json.dumps(parts).encode() + b"\n")
+            parts = {"t": k * dt, "q": q, "v": moved, "u": u}
+            lines.append(orjson.dumps(parts, option=orjson.OPT_SERIALIZE_NUMPY) + b"\n")
         with TemporaryDirectory(prefix="nsaid-mj-") as folder:
             self.run(io.BytesIO(b"".join(lines)), Path(folder), lambda _: None)
         self.cleaner = Cleaner(system, 1 / dt, self._frame)
