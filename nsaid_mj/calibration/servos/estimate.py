@@ -10,9 +10,11 @@ from scipy import stats
 
 from ...parameters import Array, Indices
 from ..data import RobotModel
+from ..findings import Finding
 from ..payloads import Load
 from ..problem import Mask
 from .covariance import OFFSET, clusters, covariance_of, zeros
+from .effects import effects_of
 from .fit import GRAVITY, JointFit, OutputError, Prior, minimise, undisturbed
 from .logs import ServoLog, weighed, without_armature
 from .simulation import JointLog, simulate
@@ -94,11 +96,13 @@ class Estimate(NamedTuple):
         joints: of every joint, under the masses of the model file.
         used: (N,) 1 of samples in use, 0 of masked ones, of the logs in their order.
         scale: of the masses; None without a load.
+        findings: effects beyond the servos' equation.
     """
 
     joints: tuple[JointEstimate, ...]
     used: Array
     scale: MassScale | None
+    findings: tuple[Finding, ...] = ()
 
 
 def estimate(
@@ -147,13 +151,14 @@ def estimate(
         mean[GRAVITY], deviation[GRAVITY] = common[j], 0.0
         priors[j] = Prior(mean, deviation)
         fits[j] = minimise(simulated[j], fits[j].x, priors[j])
-    judged = []
+    judged, effects = [], []
     for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True)):
         covariance, offset = covariance_of(own, fit, prior, cluster, zero[[j]])
         change, sure = float(offset[GRAVITY, 0]), bool(known[j])
         one = _judged(own.logs, fit, sure, used, cluster, covariance, change)
         judged.append(one._replace(zero=float(zero[j])))
-    return Estimate(_moderated(judged, cluster), used, None)
+        effects += effects_of(robot.joints[j], own, fit, prior, cluster)
+    return Estimate(_moderated(judged, cluster), used, None, tuple(effects))
 
 
 class _Fitted(NamedTuple):

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ...parameters import Array, Indices
-from .simulation import JointLog, simulate
+from .simulation import NONE, Effects, JointLog, simulate
 
 NAMES = ("T", "f", "g", "a", "d")
 GRAVITY = NAMES.index("g")
@@ -84,16 +84,17 @@ class JointFit:
     Args:
         logs: of the joint.
         used: (N,) 1 of samples that count, 0 of masked ones.
+        effects: beyond the servo's equation.
     """
 
-    def __init__(self, logs: Sequence[JointLog], used: Array):
-        self.logs, self.used = logs, used
+    def __init__(self, logs: Sequence[JointLog], used: Array, effects: Effects = NONE):
+        self.logs, self.used, self.effects = logs, used, effects
         self.spacing = np.concatenate([np.gradient(log.t) for log in logs])
 
     def residual(self, x: Array) -> Array:
         """(N,) residual [rad or m] at (5,) ln θ."""
-        theta = np.exp(x)
-        return np.concatenate([simulate(log, theta) - log.position for log in self.logs])
+        theta, own = np.exp(x), self.effects
+        return np.concatenate([simulate(log, theta, own) - log.position for log in self.logs])
 
     def moved(self, x: Array, offset: Array) -> Array:
         """(N, 1) change of the residual by an offset (1,) of the targets."""

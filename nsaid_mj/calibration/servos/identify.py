@@ -176,7 +176,7 @@ def identify_servos(
             for k, (name, joint) in enumerate(pairs, 1)
             for p in parameters(name, k, joint, found.scale)
         ),
-        findings=(*doubts, *notes, *given.findings),
+        findings=(*doubts, *found.findings, *notes, *given.findings),
         robot=given.robot,
         servos=servos,
         scale=masses(found.scale),

@@ -21,6 +21,7 @@ from ...parameters import Array
 
 STEP = 4e-3
 """Longest step of the simulation [s]."""
+FALL = 0.1  # speed at which Stribeck friction has fallen to 1/e [rad/s or m/s]
 
 
 class JointLog(NamedTuple):
@@ -43,21 +44,37 @@ class JointLog(NamedTuple):
     limit: float = np.inf
 
 
-def simulate(log: JointLog, theta: Array) -> Array:
+class Effects(NamedTuple):
+    """What a servo may do beyond the equation above.
+
+    Attributes:
+        stribeck: friction over kp that it has at rest beyond f, and loses with speed [rad or m].
+        load: friction per torque of the load [1].
+    """
+
+    stribeck: float = 0.0
+    load: float = 0.0
+
+
+NONE = Effects()
+
+
+def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
     """(N,) positions of a joint that starts at rest at its first measured position.
 
     Args:
         log: its targets, load and inertia.
         theta: (5,) T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
+        effects: beyond the equation.
     """
     out = np.empty(len(log.t))
-    start = log.position[0]
-    _simulate(log.t, log.target, start, log.load, log.inertia, log.limit, theta, STEP, out)
+    start, own = log.position[0], log.limit
+    _simulate(log.t, log.target, start, log.load, log.inertia, own, theta, effects, STEP, out)
     return out
 
 
 @njit(cache=True)
-def _simulate(t, target, q, load, inertia, limit, theta, longest, out):
+def _simulate(t, target, q, load, inertia, limit, theta, effects, longest, out):
     """Steps of the θ-method; the joint sticks where friction can hold what drives it.
 
     θ between 1/2 and 1 makes the decay of a speed by damping alone, exp(−h T/J), exact, so that
@@ -65,6 +82,7 @@ def _simulate(t, target, q, load, inertia, limit, theta, longest, out):
     positions are continuous in it. A servo that saturates exerts its largest force over a step.
     """
     T, f, g, a, d = theta
+    stribeck, rising = effects
     last, held, v = len(t) - 1, 0, 0.0
     out[0] = q
     for i in range(last):
@@ -85,13 +103,16 @@ def _simulate(t, target, q, load, inertia, limit, theta, longest, out):
             area += target[k] * (begin + h - at)
             w = (s + 0.5) / steps
             hold = g * ((1 - w) * load[i] + w * load[i + 1])
-            drive = (J - (1 - part) * resisted) * v + area - h * (q + hold)
+            error, grip = area - h * q, h * (f + rising * abs(hold))
+            if stribeck > 0:
+                grip += h * stribeck * np.exp(-((v / FALL) ** 2))
+            drive = (J - (1 - part) * resisted) * v + error - h * hold
             before, v = v, 0.0
-            if abs(drive) > h * f:
-                v = (drive - np.sign(drive) * h * f) / (J + part * resisted)
-            servo = area - h * q - resisted * ((1 - part) * before + part * v)
+            if abs(drive) > grip:
+                v = (drive - np.sign(drive) * grip) / (J + part * resisted)
+            servo = error - resisted * ((1 - part) * before + part * v)
             if abs(servo) > h * g * limit:
                 drive = J * before + np.sign(servo) * h * g * limit - h * hold
-                v = np.sign(drive) * max(abs(drive) - h * f, 0.0) / J
+                v = np.sign(drive) * max(abs(drive) - grip, 0.0) / J
             q += h * ((1 - part) * before + part * v)
         out[i + 1] = q

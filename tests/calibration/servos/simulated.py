@@ -72,7 +72,7 @@ def targets(rng, t, speed=2.5):
     return np.round(found / TICK) * TICK
 
 
-def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0):
+def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0, change=None):
     """(N,) times, (N, 6) targets and (N, 6) positions of one log.
 
     Args:
@@ -82,6 +82,7 @@ def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0):
         push: begin [s], end [s] and torque [N·m] of a foreign force on the shoulder's lift.
         heavier: the true masses over those of the file.
         load: mass of a ball in the gripper [kg].
+        change: called with MuJoCo's model and data before every step.
     """
     rng, mj = np.random.default_rng(seed), arm(heavier, load)
     t = np.arange(0, seconds, 0.02) + rng.uniform(-2e-3, 2e-3, round(seconds / 0.02))
@@ -97,6 +98,8 @@ def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0):
             data.ctrl[:] = u[held[i]]
             if push is not None:
                 data.qfrc_applied[1] = push[2] if push[0] < instants[i] < push[1] else 0.0
+            if change is not None:
+                change(mj, data)
             mujoco.mj_step(mj, data)
         q[k] = data.qpos
     q += np.gradient(q, t, axis=0) * SKEW * np.arange(6)
