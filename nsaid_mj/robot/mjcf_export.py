@@ -21,17 +21,17 @@ from ..structure.joints import bodies_of, body_names
 from ..structure.optional import pin
 from .identified import Coupling, Identified, remarks
 from .mjcf import initial_pose
-from .mjcf_actuators import is_motor
-from .mjcf_edit import (
+from .mjcf_file import (
     bodies_of_file,
+    compile_file,
     joints_of_file,
     name_joints,
+    own_file,
     own_joints,
     remove_references,
     split_bodies,
 )
-from .mjcf_file import compile_file, own_file
-from .mjcf_tree import actuators_of, joint_names, rigid_tree
+from .mjcf_tree import actuators_of, is_motor, joint_names, rigid_tree
 from .model import RobotModel
 from .tree import wxyz
 from .xml import numbers, with_remarks
