@@ -12,7 +12,7 @@ from .calibration.result import Identification as Identification
 from .cli import main as main
 from .control import DriverConfig as DriverConfig
 from .control import Phase as Phase
-from .control.adaptive.config import AdaptiveTracking as AdaptiveTracking
+from .control.adaptive.tracker import AdaptiveTracking as AdaptiveTracking
 from .control.autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
 from .control.designed import DesignedSignals as DesignedSignals
 from .control.designed import DesignedTracking as DesignedTracking

@@ -104,7 +104,7 @@ def _telling(action: Callable[[], int]) -> int:
     except NsaidError:
         raise
     except (Exception, SystemExit) as error:
-        from ..experiment.blame import blame
+        from ..experiment.library import blame
 
         if found := blame(error):
             raise found from error
@@ -124,7 +124,7 @@ def _command(arguments: Sequence[str]) -> int:
 
         return getattr(studies, word)(name, arguments[2:])
     if word == "compare" and {"--log", "--models"} & {a.partition("=")[0] for a in arguments}:
-        from .comparing import compare_on_logs
+        from .studies import compare_on_logs
 
         return compare_on_logs(arguments[1:])
     from . import grammar

@@ -37,7 +37,7 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     """Designs, and writes and prints the results."""
     from .. import design as room
     from ..design import files, harmonics, prediction
-    from ..design.models import own_limits
+    from ..design.experiment import own_limits
     from ..design.trial import tried
     from ..recording.design import FILE, record
     from ..reporting import design as design_page
@@ -85,7 +85,7 @@ def _scenario(chosen: Excite) -> Scenario:
     from ..experiment.library import load
 
     if chosen.model is not None:
-        from ..design.models import scenario_of_model
+        from ..design.experiment import scenario_of_model
 
         found = scenario_of_model(chosen.model)
     else:

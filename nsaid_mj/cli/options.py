@@ -13,8 +13,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-from ..experiment.fields import REGISTRY, field_at, field_paths, same_end, with_fields
-from ..experiment.scenario import Scenario
+from ..experiment.scenario import REGISTRY, Scenario, field_at, field_paths, same_end, with_fields
 from ..plants import Fault, fault_text
 from .grammar import Output
 

@@ -11,10 +11,9 @@ from ..errors import NoMotion
 from ..log import Log
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from .arms import JointMotions
 from .experiment import Experiment
 from .limits import Limits, coordinates_of, extents_of
-from .vehicles import DrivenMotions
+from .motions import DrivenMotions, JointMotions
 
 _SHRINK = 0.98  # of a joint that breaks a limit, beyond what its use says
 _ATTEMPTS = 12  # smaller versions of an arm's motion

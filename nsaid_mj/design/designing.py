@@ -20,11 +20,12 @@ from ..control import DriverConfig, FourierTracking
 from ..errors import NoEstimate, NoMotion
 from ..log import Log
 from ..parameters import Array
-from .arms import JointMotions
-from .asked import GAINS, Asked, asked_for
 from .checking import Motions, checked
 from .experiment import DRAWS, Experiment
 from .information import (
+    GAINS,
+    Asked,
+    asked_for,
     bound_cost,
     check_criterion,
     gramian_cost,
@@ -33,8 +34,8 @@ from .information import (
     rms,
 )
 from .limits import COMMAND, RANDOM, Limit, Limits, envelope, extents_of, units_of
+from .motions import DrivenMotions, JointMotions
 from .search import Found, minimise
-from .vehicles import DrivenMotions
 
 _REHEARSED = 12  # random motions from which limits are taken
 _REHEARSAL = 20.0  # longest of them [s]

@@ -13,9 +13,9 @@ import numpy as np
 from ..control import DriverConfig, FourierTracking
 from ..log import Log
 from ..nullspace import split
-from .arms import JointMotions
 from .experiment import Experiment
 from .limits import Limits
+from .motions import JointMotions
 
 _SAMPLES = 1500  # of a motion, at most
 _MOST = 8

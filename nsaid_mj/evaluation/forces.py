@@ -9,7 +9,7 @@ import numpy as np
 from ..experiment.loop import Run
 from ..parameters import Array
 from .confidence import INTERVAL, known
-from .rows import midpoints, states, stride_of
+from .figures import midpoints, states, stride_of
 from .summary import nullspace_of
 from .truth import Truth
 

@@ -13,7 +13,7 @@ from ..identifiers import Identifier
 from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from .rows import states
+from .figures import states
 from .truth import Truth
 
 _CHUNK = 1_000_000  # entries of temporary arrays in memory at once; the record itself may be large

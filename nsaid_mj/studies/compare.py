@@ -31,8 +31,8 @@ from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
 from ..reporting.progress import announcing, counted
 from ..resources import check_own, locked, write_json, write_text
+from . import compare_report
 from .cells import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
-from .compare_report import print_table
 from .study import Study
 
 FILES = ("compare.json", "compare.csv")
@@ -311,14 +311,12 @@ def _run(plan: Plan, folder: Path, quiet: bool) -> list[Cell]:
                 bar.advance(task)
     finally:
         write(folder, plan, cells)
-        from . import compare_plots, compare_report  # imported late: matplotlib
-
-        drawn = compare_plots.lines(cells)
-        plots = compare_plots.write(folder, drawn)
+        drawn = compare_report.lines(cells)
+        plots = compare_report.write_pictures(folder, drawn)
         page = compare_report.write(folder, cells, drawn, plan.manifest)
     if not quiet:
         console = Console(highlight=False)
-        print_table(cells, console)
+        compare_report.print_table(cells, console)
         files: list[Any] = [page] + [folder / name for name in FILES] + plots
         console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
     return cells

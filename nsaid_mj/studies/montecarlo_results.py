@@ -18,7 +18,7 @@ from ..resources import check_own
 from ..robot.findings import Finding
 from .montecarlo import JOBS, Plan, rows_of
 from .study import MOST_JOBS, check_count
-from .sweep_folder import opened
+from .sweep import opened
 from .sweep_results import MANIFEST, Group, Row, Sweep, digits, files_of, read
 
 FIGURES = {

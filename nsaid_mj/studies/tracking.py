@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 
 from ..control.adaptive import AdaptiveTracking, Tracker
-from ..control.adaptive.config import Law
+from ..control.adaptive.tracker import Law
 from ..control.driver import Driver
 from ..errors import BadRun, InvalidInput, UnknownName
 from ..evaluation import Truth

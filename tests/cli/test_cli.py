@@ -18,8 +18,8 @@ from nsaid_mj.cli import exit_codes
 from nsaid_mj.cli.folders import folder_for, title_of
 from nsaid_mj.cli.options import MAIN, Output, parse, repeated
 from nsaid_mj.evaluation import mark_of
-from nsaid_mj.experiment.fields import field_paths
 from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.scenario import field_paths
 from nsaid_mj.resources import known_robots, scenarios
 from tests.support.faulty import FILES, NSAID, Heard, code_of, flat, shell, strict
 

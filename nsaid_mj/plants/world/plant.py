@@ -25,8 +25,7 @@ from .callbacks import installed
 from .coordinates import Reading
 from .faults import Faults
 from .faults.kinds import Fault
-from .faults.schedule import Schedule
-from .faults.variant import Variant
+from .faults.schedule import Schedule, Variant
 from .mismatch import Mismatch
 from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
