@@ -45,11 +45,7 @@ Method = Callable[[Problem], Estimate]
 
 
 def follow(identifier: Identifier, problem: Problem) -> Estimate:
-    """The identifier's final estimate.
-
-    Args:
-        identifier: starts from its own prior.
-        problem: only its log is used.
+    """The final estimate of an identifier that starts from its own prior and sees only the log.
 
     Raises:
         NoEstimate: the identifier ended early.

@@ -15,11 +15,7 @@ def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
 
     Positions on a manifold are filtered component by component; each measured position is then
     moved along its tangent space towards the filtered value, so that it remains on the manifold.
-
-    Args:
-        system: the structure.
-        log: at a constant sampling rate.
-        cutoff: of the filter [Hz]; limited to 0.8 of the Nyquist frequency.
+    The log has a constant rate; the cut-off [Hz] is limited to 0.8 of the Nyquist frequency.
     """
     rate = 1 / log.step
     cutoff, q = min(cutoff, 0.4 * rate), _continuous(system, log.q)
@@ -43,14 +39,9 @@ def _continuous(system: SecondOrderSystem, q: Array) -> Array:
 
 
 def low_passed(W: Array, rate: float, cutoff: float) -> Array:
-    """(K, n, p) rows of W, low-pass filtered and decimated to a rate of 4·cutoff.
+    """(K, n, p) rows of W (N, n, p), low-pass filtered and decimated to 4·cutoff [Hz].
 
     The filter is a symmetric FIR filter with half amplitude at the cut-off; rows where it would
     extend beyond the data are dropped.
-
-    Args:
-        W: (N, n, p) rows.
-        rate: sampling rate [Hz].
-        cutoff: [Hz].
     """
     return decimated(W, symmetric(cutoff, rate), max(1, int(rate / (4 * cutoff))))

@@ -59,10 +59,6 @@ def condense(W: Array) -> Array:
 class Gauge:
     """Fixes the free scale and the unobserved directions of θ by the prior.
 
-    Args:
-        system: the structure.
-        prior: (p,) θ̂(0).
-
     Attributes:
         scale: (p,) of θ.
         start: (p,) the prior over the scale.
@@ -81,9 +77,8 @@ class Gauge:
     def solve(self, rows: Array, tolerance: float = TOLERANCE) -> Array:
         """(p,) the minimiser θ/scale of ‖rows·θ/scale‖ that is nearest to the prior.
 
-        Args:
-            rows: (N, p) of W·diag(scale).
-            tolerance: singular values below this share of the largest count as 0.
+        `rows` (N, p) are of W·diag(scale); singular values below `tolerance` of the largest count
+        as 0.
         """
         target = -rows @ self.start
         y = np.linalg.lstsq(rows @ self.tangent, target, rcond=tolerance)[0]
@@ -121,11 +116,7 @@ def weighted(gauge: Gauge, W: Array) -> Array:
     shrinking a gain does not reduce it. Weights follow from the residuals themselves: this is the
     maximum-likelihood estimate under Gaussian noise of unknown variance in every velocity, the
     minimum of N Σ_i log‖r_i‖ + ½ ‖θ_s − θ̂_s(0)‖². The second term is a prior of standard deviation
-    1 in θ/scale; it regularises poorly excited directions.
-
-    Args:
-        gauge: scale and unobserved directions, from the prior.
-        W: (N, n, p) rows of W·diag(scale).
+    1 in θ/scale; it regularises poorly excited directions. W (N, n, p) holds rows of W·diag(scale).
     """
     factors = condense(W)
     forces = factors * gauge.normal  # actuator columns only
@@ -200,18 +191,13 @@ def filtered(problem: Problem) -> tuple[Array, float, float]:
 def choose_cutoff(problem: Problem, log: Log, W: Array, rate: float) -> float:
     """The cut-off [Hz] whose estimates best predict velocity changes in held-out data.
 
-    The log is split into contiguous folds. An estimate from all folds but one predicts the changes
+    The log of N samples is smoothed, and W (N−2, n, p) holds its rows of W·diag(scale). It is split
+    into contiguous folds. An estimate from all folds but one predicts the changes
     of v over short windows of the remaining one, with error M̂⁻¹ Σ W θ̂ dt. As Σ v̇ dt is the
     difference of two velocities, its noise does not depend on the candidate; a residual of W θ̂
     would favour estimates that are biased towards zero by noisy regressors. The score is the sum
     over velocities of the log of the mean squared error, the likelihood of Gaussian errors of
     unknown variance.
-
-    Args:
-        problem: whose structure and prior are used.
-        log: N samples, smoothed.
-        W: (N−2, n, p) its rows of W·diag(scale).
-        rate: sampling rate [Hz].
 
     Raises:
         InvalidInput: the log is too short for any cut-off.
@@ -252,11 +238,7 @@ def candidates(rate: float, samples: int, system: SecondOrderSystem) -> list[flo
 class _Windows:
     """Summed rows of W and mass matrices over short windows, to predict velocity changes.
 
-    Args:
-        system: the structure.
-        log: N samples.
-        W: (N−2, n, p) its rows of W·diag(scale).
-        dt: time between samples [s].
+    `W` (N−2, n, p) are a log's rows of W·diag(scale), at intervals of dt [s].
     """
 
     def __init__(self, system: SecondOrderSystem, log: Log, W: Array, dt: float):

@@ -126,13 +126,8 @@ def without_excitation(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
 def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig:
     """The excitation for `--excitation designed` or `--excitation designed:FOLDER`.
 
-    Args:
-        scenario: that is run.
-        given: what follows `--excitation`.
-        progress: shows the search.
-
     Raises:
-        InvalidInput: `given` is neither.
+        InvalidInput: what was given is neither.
         BadRun: the folder holds no design.
     """
     word, colon, folder = given.partition(":")

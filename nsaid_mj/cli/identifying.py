@@ -213,14 +213,7 @@ def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs
 def identify_given(
     model: str, given: ServoLogs, chosen: Identify, path: Path, progress: Progress
 ) -> tuple[ServoIdentification, list[Path]]:
-    """Identifies servos and writes the results.
-
-    Args:
-        model: as named on the command line.
-        given: the arm and its logs.
-        chosen: the command's options.
-        path: of the JSON file to write; the MJCF is written beside it.
-        progress: told the name of every stage.
+    """Identifies servos and writes the results: JSON into the path, and an MJCF beside it.
 
     Raises:
         InvalidInput: an option has no meaning for logs of targets.

@@ -44,13 +44,9 @@ def parse(
 ) -> tuple[Scenario, _Options]:
     """Parses the part of a command line that follows a scenario's name.
 
-    Args:
-        name: of the scenario, for the help text.
-        default: the scenario as defined by its script.
-        arguments: the command line after the name.
-        command: of `nsaid`, for the help text.
-        options: the command's own options; they take precedence over fields of the scenario with
-            the same name, which are then not available as flags.
+    `default` is the scenario as its script defines it. The options of a command of `nsaid` take
+    precedence over fields of the scenario with the same name, which are then not available as
+    flags.
 
     Returns:
         The scenario with the fields given as flags replaced, and the command's options.

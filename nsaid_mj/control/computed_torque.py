@@ -68,15 +68,7 @@ def computed_torque(tracking, t, q, v, workspace, u):
     """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,).
 
     Like a motor's, the command is limited: a model far from the truth can make the sampled loop
-    unstable, whose motion then remains bounded.
-
-    Args:
-        tracking: `Tracking`.
-        t: time [s].
-        q: (m,) measured position.
-        v: (n,) measured velocity.
-        workspace: of `tracking_workspace`; overwritten.
-        u: (n,) receives the command.
+    unstable, whose motion then remains bounded. q (m,) and v (n,) are measured.
     """
     structure, theta, series, omega, limit = tracking
     desired, a, still, work, slopes = workspace

@@ -115,14 +115,7 @@ class DesignedSignals(DriverConfig):
 
 
 class Given(np.random.Generator):
-    """Hands out given shares in place of uniform draws; after the last one, 0.5.
-
-    Args:
-        shares: (k,) in [0, 1].
-
-    Attributes:
-        used: number of draws so far.
-    """
+    """Hands out given shares (k,) in [0, 1] in place of uniform draws; after the last one, 0.5."""
 
     def __init__(self, shares: Array):
         super().__init__(np.random.PCG64(0))

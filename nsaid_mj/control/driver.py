@@ -21,13 +21,7 @@ class Driver(ABC):
 
     @abstractmethod
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """(n_u,) command that is held from t [s] until the next sample.
-
-        Args:
-            t: time of the sample [s].
-            q: (m,) measured position.
-            v: (n,) measured velocity.
-        """
+        """(n_u,) command that is held from t [s] until the next sample; q (m,), v (n,) measured."""
 
     @abstractmethod
     def compiled(self, t: Array) -> Array | Tracking | None:
@@ -64,10 +58,7 @@ class DriverConfig(Config, ABC):
 
     @abstractmethod
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver.
+        """Makes the driver of a structure, whose controller uses the prior θ̂(0) (p,) as its model.
 
-        Args:
-            system: the structure of the plant.
-            prior: (p,) θ̂(0), the model that the controller uses.
-            rng: source of frequencies, phases and coefficients.
+        Frequencies, phases and coefficients come from `rng`.
         """

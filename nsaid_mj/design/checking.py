@@ -33,12 +33,9 @@ def checked(
 ) -> tuple[DriverConfig, tuple[Log, ...], dict[str, float]]:
     """The driver of a candidate whose simulations under all draws keep all limits.
 
-    Args:
-        motions: turns candidates into motions.
-        candidates: the best one first. That of an arm is made smaller until it keeps the limits,
-            first the joints that break one, then all, as light joints are moved by the others; of
-            a vehicle's, the first that keeps them is taken, as it is or with smaller commands.
-        limits: that must not be broken.
+    The best candidate comes first. That of an arm is made smaller until it keeps the limits, first
+    the joints that break one, then all, as light joints are moved by the others; of a vehicle's,
+    the first that keeps them is taken, as it is or with smaller commands.
 
     Raises:
         NoMotion: all break one.

@@ -88,12 +88,9 @@ class Design:
     stride: int
 
     def covariance(self, log: Log, draw: int, experiment: Experiment | None = None) -> Array:
-        """(p, p) predicted of θ̂/scale after a simulated motion under a draw.
+        """(p, p) predicted of θ̂/scale after a motion simulated under a draw.
 
-        Args:
-            log: the motion.
-            draw: number of the draw.
-            experiment: with other sensors; None for the design's own.
+        Another experiment may have other sensors.
         """
         return predicted(experiment or self.experiment, _coarse(self.stride, log), draw)
 
@@ -283,14 +280,7 @@ def _first_stage(motions: Motions, asked: Asked, rng: np.random.Generator) -> Ar
 class _Costs:
     """The criterion of candidates, averaged over draws of the prior, with penalties.
 
-    Args:
-        motions: turns candidates into motions.
-        asked: what is asked for.
-        criterion: what is minimised.
-        draws: number of draws of the prior over which it is averaged.
-
-    Attributes:
-        seen: (cost, candidate) of all that were judged.
+    All that were judged are in `seen`: (cost, candidate).
     """
 
     def __init__(self, motions: Motions, asked: Asked, criterion: str, draws: int = 1):

@@ -69,10 +69,6 @@ class Experiment:
     def of(scenario: Scenario, seed: int = 0) -> Experiment:
         """The experiment of a scenario, from its plant's published values alone.
 
-        Args:
-            scenario: with any sensors and any prior.
-            seed: of the draws.
-
         Raises:
             InvalidInput: the plant cannot be made with a given θ, its structure has no compiled
                 forward dynamics, or the scenario's noise is zero.
@@ -113,15 +109,7 @@ class Experiment:
     ) -> Log | None:
         """The motion of a plant with a draw of the prior, under a driver that knows the prior.
 
-        Args:
-            driver: makes the commands from the prior.
-            draw: number of the draw that is the plant's θ.
-            duration: of the motion [s].
-            seed: of the driver's random numbers.
-            sensors: what measures.
-
-        Returns:
-            The measurements; None if the plant diverges.
+        `duration` is in seconds, `seed` that of the driver. None if the plant diverges.
         """
         plant, dt = self.plant(draw), self.scenario.dt
         made = driver.build(self.system, self.prior, np.random.default_rng(seed))
@@ -189,14 +177,10 @@ def _vehicle(path: Path) -> Scenario:
 
 
 def own_limits(system: SecondOrderSystem, default: Limits) -> Limits:
-    """The limits of an arm's model file: position, velocity and effort.
+    """The limits of an arm's model file, on a fixed base: position, velocity and effort.
 
     Where the file has none, or 0, as for accelerations, the default holds; `sources` of the result
     say which joints these are.
-
-    Args:
-        system: a tree of joints on a fixed base.
-        default: the limits of random motions.
     """
     model, names = system.model, system.joint_names  # type: ignore[attr-defined]  # a tree
     limits, sources = dict(default.limits), dict(default.sources)

@@ -43,13 +43,7 @@ class Ranks:
 
 
 def ranks(experiment: Experiment, limits: Limits, seed: int = 0) -> Ranks:
-    """Measures the rank of motions with 1, 2, … harmonics, until P_⊥ is excited.
-
-    Args:
-        experiment: what is known beforehand.
-        limits: of the motions.
-        seed: of the motions.
-    """
+    """Measures the rank of motions with 1, 2, … harmonics, until P_⊥ is excited."""
     system, base = experiment.system, experiment.scenario.excitation
     needed = system.p - experiment.nullspace.r
     bound = max(1, int(np.ceil((needed / system.n - 1) / 2)))

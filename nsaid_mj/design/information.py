@@ -108,10 +108,7 @@ def check_criterion(name: str) -> None:
 def predicted(experiment: Experiment, log: Log, draw: int) -> Array:
     """(p, p) Cramér–Rao bound on the covariance of θ̂/scale after a motion, under a draw.
 
-    Args:
-        experiment: what is known beforehand.
-        log: the motion, possibly at coarser steps than the measurements.
-        draw: number of the draw.
+    The motion may be given at coarser steps than the measurements.
 
     Raises:
         NoEstimate: M is not positive definite along the motion.
@@ -123,11 +120,7 @@ def predicted(experiment: Experiment, log: Log, draw: int) -> Array:
 def information(experiment: Experiment, log: Log, draw: int, basis: Array) -> Array:
     """(d, d) what a motion tells about Zᵀθ/scale under a draw, without what is known beforehand.
 
-    Args:
-        experiment: what is known beforehand.
-        log: the motion, possibly at coarser steps than the measurements.
-        draw: number of the draw.
-        basis: (p, d) Z, orthonormal; the other directions of θ/scale are taken as known.
+    `basis` (p, d) is Z, orthonormal; the other directions of θ/scale are taken as known.
 
     White noise of variance σ² at every dt carries as much information per second as noise of
     variance σ² dt/h at every h. So a motion given at coarser steps has nearly the same bound, as

@@ -43,10 +43,7 @@ _PENALTY = 3.0  # cost per unit of use beyond a limit
 class JointMotions:
     """Candidates of an arm's motion.
 
-    Args:
-        experiment: of an arm on a fixed base.
-        limits: of the motion.
-        base: the excitation whose harmonics and tracking loop are taken.
+    Harmonics and tracking loop are those of `base`, an excitation.
 
     Attributes:
         step: at which the search computes information [s].
@@ -177,12 +174,7 @@ _AMPLITUDES = ("amplitude", "dither", "swing")  # fields of drivers: shares of a
 
 
 class DrivenMotions:
-    """Candidates of a vehicle's motion.
-
-    Args:
-        experiment: of a vehicle.
-        limits: of the motion.
-        base: the excitation whose frequencies and phases are designed.
+    """Candidates of a vehicle's motion: frequencies and phases of `base`, an excitation.
 
     Attributes:
         size: length of a candidate.
@@ -241,12 +233,6 @@ def amplitudes_of(config: DriverConfig) -> list[str]:
 
 
 def amplified(config: DriverConfig, factor: float, largest: float = np.inf) -> DriverConfig:
-    """A driver with the amplitudes of its commands times a factor.
-
-    Args:
-        config: of the driver.
-        factor: > 0.
-        largest: no amplitude exceeds it.
-    """
+    """A driver with the amplitudes of its commands times a factor > 0; none exceeds the largest."""
     values = {name: getattr(config, name) for name in amplitudes_of(config)}
     return replace(config, **{name: min(factor * x, largest) for name, x in values.items()})

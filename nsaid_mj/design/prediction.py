@@ -48,7 +48,6 @@ class Remedy:
     """Another experiment, and what it would tell instead.
 
     Attributes:
-        words: the experiment.
         predicted: rms deviation of what is asked for.
         weak: number of weak directions that it leaves.
         covariance: (p, p) predicted of θ̂/scale.
@@ -80,10 +79,7 @@ class Helped:
 def weak_directions(found: Design, covariance: Array, draw: int = 0) -> Array:
     """(p, k) unit directions of θ/scale of which the data tell little, the weakest first.
 
-    Args:
-        found: the design.
-        covariance: (p, p) predicted of θ̂/scale.
-        draw: number of the draw.
+    `covariance` (p, p) is the one predicted of θ̂/scale.
     """
     basis = found.experiment.bases[draw]
     variance, vectors = scipy.linalg.eigh(basis.T @ covariance @ basis)
@@ -299,12 +295,7 @@ class Prediction:
 
 
 def predict(found: Design, told: Told = lambda _words, _share: None) -> Prediction:
-    """Predicts what a designed experiment tells, and computes what would help.
-
-    Args:
-        found: the design.
-        told: receives progress.
-    """
+    """Predicts what a designed experiment tells, and computes what would help."""
     experiment = found.experiment
     space, covariances = experiment.system.space, found.covariances
     weak = [weak_directions(found, P, draw) for draw, P in enumerate(covariances)]

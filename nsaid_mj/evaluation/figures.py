@@ -80,10 +80,7 @@ def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
     With the truth they include the distance to the true set and the force residual on a held-out
     trajectory; without it, the force residual over the last tenth of the run itself.
 
-    Args:
-        run: a run with at least one row.
-        name: of the identifier; "" is the scenario's own.
-        truth: of the run's plant; None if it is unknown.
+    The identifier "" is the scenario's own.
     """
     suffix = f"_{name}" if name else ""
     record, system = run.record, run.system
@@ -160,15 +157,10 @@ def force_residual_ratio(
 ) -> float | None:
     """rms of W(t, x, v, v̇) θ̂ with the true v̇, over rms of the actuator forces under θ̂.
 
-    Args:
-        system: the structure.
-        later: held-out trajectory, which the estimate has not seen.
-        theta_hat: (p,) the estimate.
-        truth: (p,) θ for v̇ by (29); None if no θ describes the plant: v̇ is then the finite
-            difference of measured velocities, half-way between samples.
-
-    Returns:
-        None if there is no held-out trajectory, or if the actuators exert no force along it.
+    `later` is a trajectory that the estimate has not seen, `truth` (p,) is θ for v̇ by (29). Where
+    no θ describes the plant, that is None: v̇ is then the finite difference of measured velocities,
+    half-way between samples. None without a trajectory, or if the actuators exert no force along
+    it.
     """
     return residual_ratio(system, held_out_rows(system, later, truth), theta_hat)
 
@@ -176,13 +168,7 @@ def force_residual_ratio(
 def measured_residual_ratio(system: SecondOrderSystem, log: Log, theta_hat: Array) -> float | None:
     """rms of W(t, x, v, v̇) θ̂ with the measured v̇, over rms of the actuator forces under θ̂.
 
-    Args:
-        system: the structure.
-        log: the measurements, of which the last tenth is used; commands are held between rows.
-        theta_hat: (p,) the estimate.
-
-    Returns:
-        None if there are fewer than two rows, or no actuator force.
+    The last tenth of the log is used. None of fewer than two rows, or without actuator force.
     """
     rows = len(log.t)
     if rows < 2:

@@ -91,13 +91,10 @@ def whiteness(e: Array) -> Whiteness:
 
 
 def _judged(sums: Array, shape: Array, first: Indices, level: Array) -> Whiteness:
-    """Judges cells of a spectrum, with the period in units of the log's length.
+    """Judges b cells of a spectrum in c channels, with the period in units of the log's length.
 
-    Args:
-        sums: (b, c) of the periodogram over its level; Γ(shape, 1) of white innovations.
-        shape: (b,) number of frequencies in each; ½ for the mean.
-        first: (b,) lowest frequency in each, in periods of the log.
-        level: (c,) of each channel.
+    `sums` (b, c) of the periodogram over its level are Γ(shape, 1) of white innovations; `shape`
+    (b,) counts the frequencies in each, ½ for the mean, `first` (b,) is the lowest of them.
     """
     sums = sums * np.where(shape < 1, 0.5, 1.0)[:, None]  # the mean is χ² of one degree
     chance = gammaincc(shape[:, None], sums)

@@ -55,14 +55,11 @@ _OF_THE_RECORD = (
 
 @single_threaded
 def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
-    """Computes every key of a run's summary.json.
+    """Computes every key of the summary.json of a run, completed or not.
 
-    Args:
-        run: a finished run, completed or not.
-        truth: of its plant. If None, the keys that need it are absent, and the unobservable
-            directions are those at the last estimate.
-
-    Figures that are not finite are None, as JSON has no other word for them.
+    Without the truth of its plant, the keys that need it are absent, and the unobservable
+    directions are those at the last estimate. Figures that are not finite are None, as JSON has no
+    other word for them.
     """
     summary = without_nonfinite(_summary(run, truth))
     return summary | {"verdict": verdict(summary)}

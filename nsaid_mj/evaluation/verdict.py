@@ -27,9 +27,6 @@ def verdict(summary: dict[str, Any]) -> str:
     stated confidence and, unless the filter's innovations show that the structure explains the
     motion, the force residual replace the distance: with noisy sensors the residual stays large. A
     misfit of `some` is told with the widening of the intervals, or as gains that drift.
-
-    Args:
-        summary: see `summarize`; keys that need a truth may be absent.
     """
     if summary["status"] != "completed":
         signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""

@@ -63,12 +63,9 @@ class Verdict:
 
 @single_threaded
 def verify(run: Run, truth: Truth | None, summary: dict[str, Any] | None = None) -> list[Verdict]:
-    """Checks the paper's statements on a run.
+    """Checks the paper's statements on a finished run, completed or not.
 
-    Args:
-        run: a finished run, completed or not.
-        truth: of its plant; if None, statements about the true θ are not applicable.
-        summary: of this run; computed if None.
+    Without the truth of its plant, statements about the true θ are not applicable.
 
     Raises:
         BadRun: the record is too short.

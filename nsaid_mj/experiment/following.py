@@ -20,14 +20,9 @@ CHECK = 0.5
 
 
 class Following:
-    """An identifier and its state along a log.
-
-    Args:
-        identifier: the identifier.
-        log: its first measurement initializes the state.
+    """An identifier and its state along a log, whose first measurement initializes it.
 
     Attributes:
-        identifier: the identifier.
         state: after the last measurement absorbed, or at the one where the identifier failed.
         ended: time at which the identifier failed [s]; None while it has not.
         drift: largest relative drift of the conserved quantity at any check.
@@ -48,12 +43,8 @@ class Following:
     def follow(self, log: Log, due: np.ndarray) -> Estimates:
         """Follows a segment that begins at the last measurement absorbed.
 
-        Args:
-            log: the segment.
-            due: rows of the segment after which the conserved quantity is checked.
-
-        Returns:
-            The estimates up to the end of the segment, or up to the failure.
+        The conserved quantity is checked after the rows that are due. Returns the estimates up to
+        the end of the segment, or up to the failure.
         """
         return self.absorb(log, *self.identifier.follow(self.state, log), due)
 
@@ -62,16 +53,9 @@ class Following:
         self.state = self.identifier.resume(self.state, here)
 
     def absorb(self, log: Log, state: State, estimates: Estimates, due: np.ndarray) -> Estimates:
-        """Absorbs the estimates of a segment, up to the first check with a drift beyond `DRIFT`.
+        """Absorbs estimates and last state of a segment, up to a drift beyond `DRIFT`.
 
-        Args:
-            log: the segment.
-            state: of the identifier at the end of the segment.
-            estimates: along the segment.
-            due: rows of the segment after which the conserved quantity is checked.
-
-        Returns:
-            The estimates up to the end of the segment, or up to the failure.
+        Returns the estimates up to the end of the segment, or up to the failure.
         """
         rows = len(estimates.pivot)
         if self.ended is None and rows < len(log.t):
@@ -98,11 +82,8 @@ class Following:
 def due_rows(first: int, rows: int, dt: float, last: int) -> np.ndarray:
     """The rows of a segment after which the conserved quantity is checked.
 
-    Args:
-        first: time step of the run at the segment's first row.
-        rows: measurements in the segment; the first also ends the segment before.
-        dt: time step [s].
-        last: last time step of the run, which is always checked.
+    `first` is the run's time step at the segment's first row, which also ends the segment before;
+    `last` is the run's last time step, which is always checked.
     """
     row = np.arange(1, rows)
     steps = first + row

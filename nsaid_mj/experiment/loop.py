@@ -45,12 +45,9 @@ _PE_SAMPLES = 50  # regressors in a window of the online persistence levels
 
 @dataclass
 class Ending:
-    """How a run ended, or its state so far.
+    """How a run ended, or its state so far, at a simulated time [s].
 
-    Attributes:
-        status: the status.
-        time: simulated time of the end [s].
-        signal: the signal that showed the failure; empty if the run completed.
+    The signal is the one that showed the failure; empty if the run completed.
     """
 
     status: Status = Status.completed
@@ -219,14 +216,9 @@ def followed(
 ) -> Run:
     """Runs identifiers on the measurements of a source until it ends, and writes the record.
 
-    Args:
-        scenario: of the run; its plant is not simulated here.
-        robot: what is known of it.
-        source: of the measurements.
-        identifiers: by name; "" is the scenario's own.
-        folder: of the run's files, which no other run may write; created if missing.
-        observers: called during the run.
-        metadata: further entries of the record's.
+    The identifier "" is the scenario's own. The scenario's plant is not simulated here; no other
+    run may write into the folder, which is created if missing. `metadata` are further entries of
+    the record's.
 
     Raises:
         NotWritten: the disk is full; the record up to there is kept.

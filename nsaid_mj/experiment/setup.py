@@ -122,11 +122,8 @@ class Setup:
     def simulate(self, check: Callable[[], object] = lambda: None) -> Log:
         """Drives the plant for the run's duration; call it inside `with plant.running():`.
 
-        Args:
-            check: called now and then; it may raise, to stop.
-
-        Returns:
-            The measurements, ending early if the plant diverges or after one that is not finite.
+        `check` is called now and then; it may raise, to stop. The measurements end early if the
+        plant diverges, or after one that is not finite.
         """
         driver, sensors, parts = self.driver(), self.sensors(), []
         last, left = self.plant.begin(driver, sensors), self.scenario.steps
@@ -141,11 +138,8 @@ class Setup:
     def held_out(self, as_at: float) -> Log | None:
         """Drives the plant along a trajectory that no identifier has seen, with exact sensors.
 
-        Args:
-            as_at: time of the run whose actuator state, faulty or not, is used [s].
-
-        Returns:
-            The log; None if the plant diverges.
+        Actuators are in their state, faulty or not, at a time of the run [s]. None if the plant
+        diverges.
         """
         driver = self._driver(self.seeds.held_out)
         steps = max(2, round(self.scenario.held_out / self.scenario.dt))
@@ -168,10 +162,6 @@ def told(config: IdentifierConfig, scenario: Scenario) -> IdentifierConfig:
 
 def published(config: PlantConfig, dt: float) -> tuple[Plant, Array]:
     """A plant whose θ has its published values, and these values (p,).
-
-    Args:
-        config: the plant.
-        dt: time step [s].
 
     Raises:
         InvalidInput: the plant cannot be made with a given θ.
@@ -225,16 +215,9 @@ def draw_prior(
     """(p,) a prior θ̂(0) with uniform relative errors of up to ±error on every parameter.
 
     Errors are relative to the parameter's magnitude, or to a tenth of its scale if that is larger,
-    so that a product of inertia near 0 is not exact from the start.
-
-    Args:
-        truth: (p,) the true θ.
-        space: its names and scales.
-        error: largest relative error.
-        gain_error: if given, the relative error of actuator parameters, alternately positive and
-            negative.
-        rng: random number generator.
-        in_cone: whether θ̂(0) must be physically consistent; see `cone.prior.drawn_inside`.
+    so that a product of inertia near 0 is not exact from the start. `gain_error` is that of
+    actuator parameters, alternately positive and negative; with `in_cone`, θ̂(0) is physically
+    consistent, see `cone.prior.drawn_inside`.
     """
     if in_cone:
         prior = drawn_inside(space, truth, error, rng)
@@ -260,15 +243,8 @@ def trajectory(
 ) -> Log:
     """Drives a running plant for a number of time steps.
 
-    Args:
-        plant: inside its `running()` context.
-        driver: makes the commands.
-        steps: number of time steps.
-        sensors: make the measurements.
-        as_at: freezes the actuators in their state at this time of a run [s].
-
-    Returns:
-        steps + 1 measurements, fewer if the plant diverges.
+    `as_at` freezes the actuators in their state at this time of a run [s]. Returns steps + 1
+    measurements, fewer if the plant diverges.
     """
     return plant.drive(driver, plant.begin(driver, sensors, as_at), steps, sensors)
 
@@ -300,12 +276,7 @@ def _wrong(function: object, expected: str, got: object) -> BadScript:
 
 
 class CheckedDriver(Driver):
-    """A user's driver, whose results are checked for their shape.
-
-    Args:
-        driver: the driver.
-        system: the structure of the plant.
-    """
+    """A user's driver, whose results are checked for their shape."""
 
     def __init__(self, driver: Driver, system: SecondOrderSystem):
         self._driver, self._n, self._n_u = driver, system.n, system.n_u

@@ -36,11 +36,8 @@ def load_mjcf(
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
     bias forces.
 
-    Args:
-        path: of the file.
-        lock: joints to fix, at 0 or at the limit nearest to it.
-        joints: joints to keep; None keeps all that are not in `lock`.
-        base: of a robot to simulate, `held` or `free`; None for one to identify, on a stand.
+    `base` is None for a robot to identify, on a stand; the other arguments are those of
+    `load_tree`.
 
     Raises:
         BadRobot: MuJoCo rejects the file, or it is not a tree of hinges and slides: it has ball
@@ -130,12 +127,6 @@ _TENDON, _OF_JOINTS = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtWrap.mjWRAP_JOINT
 
 def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str]) -> list[Finding]:
     """Checks that no equality constraint, and no tendon by a spring or actuator, couples joints.
-
-    Args:
-        robot: name or file, for messages.
-        mj: MuJoCo's model.
-        names: of all joints.
-        locked: names of the joints that are locked.
 
     Returns:
         Warnings of tendons between joints that move which have inertia or friction only, as those

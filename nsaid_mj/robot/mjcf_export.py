@@ -47,10 +47,7 @@ def write_mjcf(robot: RobotModel, values: Identified, path: Path) -> None:
     their limits, and motors. A joint's motor takes the command of the logs. Mass matrix and bias
     forces are those of `values.model`.
 
-    Args:
-        robot: a tree of joints.
-        values: what was identified.
-        path: of the file to write; paths of meshes are relative to its folder.
+    Paths of meshes are relative to the file's folder.
 
     Raises:
         InvalidInput: the robot is a vehicle.
@@ -216,11 +213,8 @@ def _set_inertials(
 ) -> list[str]:
     """Gives bodies their inertias; returns the names of those welded to a moving body.
 
-    Args:
-        root: the MJCF.
-        model: Pinocchio's model with the inertias.
-        links: the body behind each joint.
-        anchors: of each joint in the frame of its body [m].
+    `links` are the bodies behind the joints, `anchors` the joints' in the frames of their bodies
+    [m].
     """
     moving = {body: name for name, body in links.items()}
     welded = []

@@ -102,11 +102,7 @@ def _note(path: Path, missing: list[str]) -> list[Finding]:
 def own_file(path: Path, spec: Any, mj: Any, findings: list[Finding]) -> tuple[Node, bool]:
     """The content of an MJCF file, to be edited, with included files in their places.
 
-    Args:
-        path: of the file.
-        spec: its specification.
-        mj: its compiled model.
-        findings: on files that are missing, whose meshes and textures are removed.
+    Meshes and textures of files that `findings` name as missing are removed.
 
     Returns:
         The root, and whether it is the file's own. Where elements stand for several bodies, as
@@ -152,14 +148,7 @@ _ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]  # places of MuJoCo's f
 
 
 def check_inertials(spec: Any) -> list[Finding]:
-    """Moves the explicit inertias of a specification inside the cone of physical ones, in place.
-
-    Args:
-        spec: MuJoCo's specification.
-
-    Returns:
-        A warning for each inertia that was changed.
-    """
+    """Moves explicit inertias inside the cone of physical ones, in place; warns of each."""
     findings = []
     for body in spec.bodies:
         full = np.isfinite(body.fullinertia).all()
@@ -207,13 +196,7 @@ def own_joints(body: Node) -> list[Node]:
 
 
 def name_joints(root: Node, mj: Any, names: list[str]) -> None:
-    """Gives all joints names, in place, also where others refer to them.
-
-    Args:
-        root: the MJCF.
-        mj: its compiled model.
-        names: of all joints, in MuJoCo's order.
-    """
+    """Gives all joints names, in MuJoCo's order, in place, also where others refer to them."""
     for joint, name in zip(joints_of_file(root), names, strict=True):
         joint.set("name", name)
     renamed = {mj.joint(j).name: name for j, name in enumerate(names) if mj.joint(j).name != name}
@@ -228,10 +211,8 @@ def split_bodies(root: Node, mj: Any, held: Mapping[str, float]) -> dict[str, No
 
     The last body of a chain keeps name and content.
 
-    Args:
-        root: the MJCF, all of whose joints have names.
-        mj: its compiled model.
-        held: position of each locked joint [rad or m]; of no meaning for balls and free joints.
+    All joints must have names. `held` has the position of each locked joint [rad or m]; it has no
+    meaning for balls and free joints.
 
     Returns:
         The body behind each joint that is left.
@@ -260,14 +241,10 @@ def split_bodies(root: Node, mj: Any, held: Mapping[str, float]) -> dict[str, No
 
 
 def _chain(body: Node, steps: list[tuple[pin.SE3, Node | None]]) -> dict[str, Node]:
-    """Makes a body a chain of bodies, one for each step.
+    """Makes a body a chain of bodies, one for each step; returns the body behind each joint.
 
-    Args:
-        body: the first of the chain; it stays alone if it has one joint, where it is drawn.
-        steps: pose of each body in the one before it, and its joint, if it has one.
-
-    Returns:
-        The body behind each joint.
+    A step is the pose of a body in the one before it, and its joint, if it has one. A body of one
+    joint stays alone, where it is drawn.
     """
     joints = [joint for _, joint in steps if joint is not None]
     alone = len(steps) < 2 and all(place.isIdentity(0.0) for place, _ in steps)
@@ -309,11 +286,8 @@ def remove_references(
 ) -> None:
     """Removes actuators, tendons, constraints and sensors that refer to what is gone.
 
-    Args:
-        root: the MJCF.
-        gone: names of joints or actuators.
-        keys: attributes that refer to them.
-        named: section whose elements of these names are removed themselves.
+    `keys` are the attributes that refer to it; elements of the section `named` go by their own
+    names.
     """
     for tag in ("tendon", "equality", "actuator", "sensor"):
         for part in [p for section in root.findall(tag) for p in section.iterchildren("*")]:

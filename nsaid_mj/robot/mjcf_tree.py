@@ -26,10 +26,6 @@ def rigid_tree(mj: Any, name: str) -> pin.Model:
     and slides are those of MuJoCo. A body of several joints becomes a chain of links, all but the
     last without mass. Bodies without a joint are merged into their parents. Rotor inertias, of
     joints and of actuators, are in `armature`.
-
-    Args:
-        mj: MuJoCo's compiled model.
-        name: of the robot.
     """
     model = pin.Model()
     model.name = name
@@ -89,15 +85,9 @@ def actuators_of(mj: Any, joint: int) -> list[int]:
 def _add_joint(
     model: pin.Model, mj: Any, j: int, parent: int, place: pin.SE3, name: str
 ) -> tuple[int, pin.SE3]:
-    """Adds a joint to a model.
+    """Adds MuJoCo's joint j behind Pinocchio's joint `parent`.
 
-    Args:
-        model: Pinocchio's model.
-        mj: MuJoCo's model.
-        j: index of the joint in MuJoCo.
-        parent: index in Pinocchio of the joint before it.
-        place: of the body's frame in the frame of that joint, without this joint's motion.
-        name: of the new joint.
+    `place` is that of the body's frame in the frame of the parent, without this joint's motion.
 
     Returns:
         Index of the new joint, and the place of the body's frame in its frame.
@@ -160,15 +150,10 @@ class Motors(NamedTuple):
 
 
 def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
-    """The motors of a MuJoCo model.
+    """The motors of k joints of a MuJoCo model, whose joints have these names.
 
     The command of a motor is its `ctrl`, and its gain is gear · gainprm. A joint with a servo, or
     without any actuator, has commands in N·m or N and gain 1.
-
-    Args:
-        mj: MuJoCo's model.
-        names: of all its joints.
-        joints: (k,) names of the joints to look at.
     """
     gain, limits, damping = (
         np.ones(len(joints)),

@@ -68,12 +68,7 @@ _MARK = "\1"  # no name has it: XML forbids the character
 def locked_joints(
     names: Sequence[str], lock: Sequence[str], keep: Sequence[str] | None
 ) -> set[str]:
-    """The joints to lock.
-
-    Args:
-        names: of all joints that move.
-        lock: joints to lock.
-        keep: joints to keep, all others being locked; None keeps all that are not in `lock`.
+    """The joints to lock: those of `lock`, and all but those of `keep` unless that is None.
 
     Raises:
         UnknownName: there is no such joint.
@@ -121,10 +116,7 @@ def reduced(
 def check_tree(robot: str, model: pin.Model, base: str | None = None) -> None:
     """Checks that a model consists of 1-DOF joints, after a free flyer if its base is `free`.
 
-    Args:
-        robot: name or file, for messages.
-        model: the model.
-        base: of a robot to simulate; None for one to identify, whose joints can be locked.
+    `base` is None for a robot to identify, whose joints can be locked.
 
     Raises:
         BadRobot: a joint has several degrees of freedom, no joint moves, or the base is fixed.

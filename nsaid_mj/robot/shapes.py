@@ -48,13 +48,7 @@ class VisualMesh(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A mesh on a tree of joints.
-
-    Attributes:
-        mesh: the mesh.
-        joint: Pinocchio's index of the joint that moves it; 0 for the base.
-        place: its pose in the joint's axes (`pin.SE3`).
-    """
+    """A mesh on a tree: Pinocchio's index of its joint, 0 for the base, and its pose there."""
 
     mesh: VisualMesh
     joint: int
@@ -62,12 +56,7 @@ class Shape(NamedTuple):
 
 
 class Shapes:
-    """The meshes of a tree of joints, made on first access; there may be none.
-
-    Args:
-        tree: Pinocchio's model.
-        made: makes the meshes.
-    """
+    """The meshes of a tree of joints, made on first access; there may be none."""
 
     def __init__(self, tree: pin.Model, made: Callable[[], Iterable[Shape]]):
         self._tree, self._made = tree, made
@@ -115,9 +104,7 @@ def shapes_of_geometry(visual: pin.GeometryModel) -> Iterable[Shape]:
 def shapes_of_geoms(mj: Any, tree: pin.Model) -> Iterable[Shape]:
     """The meshes and primitive shapes of a MuJoCo model.
 
-    Args:
-        mj: MuJoCo's model.
-        tree: Pinocchio's model, which has a frame or else a joint for every body, by its name.
+    The tree has a frame or else a joint for every body, by its name.
     """
     for g in range(mj.ngeom):
         body = mj.geom_bodyid[g]
@@ -152,12 +139,7 @@ def _mesh(mj: Any, geom: int) -> VisualMesh:
 
 
 def of_geom(model: Any, i: int) -> VisualMesh:
-    """The mesh of a MuJoCo geom, in the geom's own frame.
-
-    Args:
-        model: MuJoCo's model.
-        i: index of a box, cylinder, capsule, ellipsoid or sphere.
-    """
+    """The mesh of MuJoCo's geom i, a box or a solid of revolution, in the geom's own frame."""
     size, kind = model.geom_size[i].copy(), model.geom_type[i]
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         vertices, triangles = _CORNERS * size, _FACES
@@ -175,9 +157,7 @@ def of_geom(model: Any, i: int) -> VisualMesh:
 def _profile(kind: int, size: Array) -> tuple[Array, Array]:
     """(k,) radii and (k,) heights [m] along the axis of a solid of revolution.
 
-    Args:
-        kind: geom type: cylinder, capsule, ellipsoid (as a unit sphere) or sphere.
-        size: (3,) MuJoCo's `geom_size`.
+    An ellipsoid is a unit sphere; `size` (3,) is MuJoCo's `geom_size`.
     """
     arc = np.linspace(0, np.pi, 13)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
@@ -209,14 +189,7 @@ def resolve_meshes(root: Element, path: Path) -> list[Finding]:
 
     `package://` names are looked for in every ancestor folder of the file, in `ROS_PACKAGE_PATH`
     and in `AMENT_PREFIX_PATH`; relative names in every ancestor folder. Collision shapes are
-    removed.
-
-    Args:
-        root: the URDF.
-        path: its file.
-
-    Returns:
-        One note on all meshes that were not found, if there are any.
+    removed. Returns one note on all meshes that were not found, if there are any.
     """
     missing = []
     for link in root.iter("link"):

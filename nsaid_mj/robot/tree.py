@@ -14,15 +14,12 @@ from ..structure.optional import pin
 
 
 def tree_spec(model: pin.Model, dt: float) -> Any:
-    """MuJoCo's specification of a Pinocchio model, without friction and motors.
+    """MuJoCo's specification, with time step dt [s], of a Pinocchio model; no friction, no motors.
 
     MuJoCo's URDF importer is not used, so that no effort limit clips a hidden gain, no joint limit
     becomes a soft constraint, and no inertia is silently altered. Bodies and joints have the names
-    of the model's joints; MuJoCo reserves "world" for its own body.
-
-    Args:
-        model: Pinocchio's model, of 1-DOF joints and possibly a free flyer.
-        dt: time step [s].
+    of the model's joints, of one degree of freedom, after a free flyer if there is one; MuJoCo
+    reserves "world" for its own body.
     """
     spec = mujoco.MjSpec()
     set_options(spec, dt)
@@ -44,11 +41,7 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
 
 
 def set_options(spec: Any, dt: float) -> None:
-    """Sets the options of all plants: RK4, no automatic reset, no contacts, no joint limits.
-
-    Args:
-        spec: MuJoCo's specification.
-        dt: time step [s].
+    """Sets all plants' options: RK4 by dt [s], no automatic reset, no contacts, no joint limits.
 
     Raises:
         InvalidInput: dt is not a positive number.

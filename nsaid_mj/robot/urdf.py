@@ -50,13 +50,8 @@ def load_urdf(
 ) -> RobotModel:
     """Reads a URDF.
 
-    Args:
-        path: of the file.
-        root: its content, which is changed.
-        encoding: findings about its encoding.
-        lock: joints to fix, at 0 or at the limit nearest to it.
-        joints: joints to keep; None keeps all that are not in `lock`.
-        base: of a robot to simulate, `held` or `free`; None for one to identify, on a stand.
+    `root` is changed; `encoding` holds findings about it. `base` is None for a robot to identify,
+    on a stand; the other arguments are those of `load_tree`.
 
     Raises:
         BadRobot: the file describes a robot that is not a tree of revolute and prismatic joints.
@@ -246,11 +241,6 @@ def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
     `<inertial>` and `<dynamics>` of moving links and joints are replaced; everything else is kept
     as it is, comments and meshes included. A moving link carries the inertia of all links welded to
     it, theirs being removed. Gains, rotor inertias and the scale's anchor are in a comment.
-
-    Args:
-        robot: as read from a URDF.
-        values: what was identified.
-        path: of the file to write.
 
     Raises:
         InvalidInput: the robot was not read from a URDF.

@@ -250,10 +250,6 @@ def check_inertials(path: Path, root: Element) -> list[Finding]:
     An `<inertial>` without mass is left out; what moves without any mass is found later, when
     links welded together are merged.
 
-    Args:
-        path: of the file.
-        root: the URDF.
-
     Returns:
         A warning for each inertial of a moving link that was changed or left out.
 

@@ -47,9 +47,6 @@ class Plan(Study):
     """The methods of a comparison and the logs that they get.
 
     Attributes:
-        script: name of the packaged scenario, or path of its script.
-        scenario: the plant, its excitation, and the gains of our identifiers.
-        arguments: flags of `nsaid run` that turn the script's scenario into this one.
         methods: names; see `METHODS`.
         seeds: of truth, prior, excitation and sensors.
         durations: lengths of log that the methods get [s].
@@ -118,12 +115,7 @@ class Plan(Study):
 
 
 def compare(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Iterator[Cell]:
-    """Yields the cells of a comparison as they become available.
-
-    Args:
-        plan: methods and logs.
-        report: called with a description of each stage, for a progress display.
-    """
+    """Yields the cells of a comparison as they become available; `report` is told of each stage."""
     warm = False
     for seed in plan.seeds:
         for noise in plan.noises:
@@ -146,11 +138,6 @@ def compare(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Itera
 
 class World:
     """The log of one plant, the methods that get it, and the truth that judges them.
-
-    Args:
-        plan: methods and logs.
-        seed: of the run.
-        noise: multiple of the scenario's sensor noise.
 
     Raises:
         NsaidError: the plant cannot be built, or diverges.
@@ -282,11 +269,6 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
     """Runs a comparison, writes its files and plots, and prints the table.
 
     After Ctrl-C it writes the cells that are available.
-
-    Args:
-        plan: methods and logs.
-        folder: of the results; created if missing.
-        quiet: print nothing.
 
     Raises:
         FolderInUse: another process is writing into the folder.

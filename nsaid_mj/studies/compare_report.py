@@ -35,14 +35,7 @@ def write(
     drawn: Mapping[str, Sequence[Line]],
     manifest: dict[str, Any],
 ) -> Path:
-    """Writes a comparison's report.html and returns its path.
-
-    Args:
-        folder: of the comparison.
-        cells: its results; may be empty.
-        drawn: its plots, see `lines`.
-        manifest: see `compare.Plan.manifest`.
-    """
+    """Writes a comparison's report.html, with its plots from `lines`, and returns its path."""
     found = rows(cells)
     shown = figures(drawn)
     failures = [
@@ -182,13 +175,7 @@ Draw = Callable[[Any], None]
 
 @dataclass(frozen=True)
 class Line:
-    """A line of panels in a picture: one figure each, on the same logs.
-
-    Attributes:
-        logs: which logs, in words.
-        methods: that are drawn.
-        panels: by the figure's label.
-    """
+    """A line of panels in a picture, by the figure's label, on the same logs."""
 
     logs: str
     methods: Sequence[str]

@@ -46,9 +46,7 @@ class Plan(Study):
     combinations, so these are compared on the same plants, priors and noise.
 
     Attributes:
-        script: name of the packaged scenario, or path of its script.
-        scenario: the scenario that is varied; its seed is the master seed.
-        arguments: flags of `nsaid run` that turn the script's scenario into this one.
+        scenario: that is varied; its seed is the master seed.
         vary: values by dotted field name.
         seeds: number of draws.
 
@@ -137,12 +135,7 @@ def run(
 
     After Ctrl-C, finished runs are kept and the same call resumes the sweep.
 
-    Args:
-        plan: the runs.
-        folder: of the results; created if missing.
-        engine: executes the runs; None for local processes.
-        quiet: show no progress.
-        retry: repeat runs without a result.
+    Without an engine, the runs are made by local processes. `retry` repeats runs without a result.
 
     Raises:
         FolderInUse: another process is writing into the folder.
@@ -207,10 +200,7 @@ def opened(
 
     The folder is locked within the context; at its end the table of all rows is written.
 
-    Args:
-        folder: of the sweep.
-        manifest: see `Plan.manifest`.
-        say: called with a line about damaged rows, which are made again.
+    `say` is called with a line about damaged rows, which are made again.
 
     Raises:
         FolderInUse: another process is writing into the folder.

@@ -69,13 +69,9 @@ class Engine:
         """Executes runs and yields their figures as they become available, in any order.
 
         If a worker dies, joblib loses all runs in progress. They are repeated one at a time, so
-        that the death of a worker can be attributed to one run. A run that crashes or hangs does so
-        in a child process of its worker, so the worker survives.
-
-        Args:
-            numbers: of the runs.
-            job: makes the job of a run from its number.
-            longest: largest wall time that one of them may take [s].
+        that the death of a worker can be attributed to one run. A run that crashes or hangs, or
+        takes longer than `longest` [s], does so in a child process of its worker, so the worker
+        survives.
 
         Raises:
             InvalidInput: the engine is not available or has died, or its workers cannot execute any
@@ -191,10 +187,6 @@ _SILENCE = 10.0  # without a connection for so long, the scheduler counts as dea
 @contextmanager
 def watched(client: Any, address: str | None) -> Iterator[None]:
     """Within the context, the scheduler's death ends what the main thread waits for.
-
-    Args:
-        client: Dask's client.
-        address: of the scheduler.
 
     Raises:
         InvalidInput: the scheduler has died.

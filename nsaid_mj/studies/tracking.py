@@ -44,9 +44,7 @@ class Plan(Study):
     """The laws of a study, and the plants they control.
 
     Attributes:
-        script: name of the packaged scenario, or path of its script.
         scenario: its excitation is `AdaptiveTracking`; its law is replaced by every law in turn.
-        arguments: flags of `nsaid run` that turn the script's scenario into this one.
         laws: names.
         seeds: of truth, prior, reference and sensors.
 
@@ -90,13 +88,9 @@ class Course:
     """A law on one plant.
 
     Attributes:
-        law: its name.
         seed: of plant, prior, reference and sensors.
         figures: of `evaluation.tracking.figures`; with exact sensors also `v_rises`, the number of
             steps in which V rose beyond its bound, for the law of which this is proven.
-        motion: the motion.
-        setup: the plant.
-        tracker: the controller.
     """
 
     law: str
@@ -108,12 +102,7 @@ class Course:
 
 
 def courses(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Iterator[Course]:
-    """Runs every law on the plant of every seed.
-
-    Args:
-        plan: laws and seeds.
-        report: called with what is being done.
-    """
+    """Runs every law on the plant of every seed; `report` is told what is being done."""
     for seed in plan.seeds:
         scenario = replace(plan.scenario, seed=seed)
         base = Setup.of(scenario)
@@ -125,12 +114,7 @@ def courses(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Itera
 
 
 def course(setup: Setup, last: float) -> Course:
-    """Runs a scenario that is driven by `AdaptiveTracking`.
-
-    Args:
-        setup: plant and prior.
-        last: time at the end over which errors are taken [s].
-    """
+    """Runs a scenario that is driven by `AdaptiveTracking`, with errors over its last seconds."""
     scenario, tracker = setup.scenario, setup.driver()
     assert isinstance(scenario.excitation, AdaptiveTracking)
     assert isinstance(tracker, Tracker)
@@ -144,12 +128,7 @@ def course(setup: Setup, last: float) -> Course:
 
 
 def drive(setup: Setup, tracker: Tracker) -> Motion:
-    """Drives the plant; an informed law gets the estimates of the scenario's identifier.
-
-    Args:
-        setup: plant, sensors and identifier.
-        tracker: the controller.
-    """
+    """Drives the plant; an informed law gets the estimates of the scenario's identifier."""
     scenario, plant, sensors = setup.scenario, setup.plant, setup.sensors()
     witness = _Witness(tracker, plant)
     every = int(min(informing_steps(tracker, scenario.dt), scenario.steps))

@@ -33,11 +33,6 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
 
     After Ctrl-C it writes what is available.
 
-    Args:
-        plan: laws and seeds.
-        folder: of the results; created if missing.
-        quiet: print nothing.
-
     Raises:
         FolderInUse: another process is writing into the folder.
         NotWritten: the folder cannot be written.

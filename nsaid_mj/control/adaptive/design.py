@@ -26,12 +26,7 @@ _PROBES = 20  # configurations over which the prior's inertia is averaged
 
 
 class Rehearsal(NamedTuple):
-    """The prior's dynamics along the desired motion.
-
-    Attributes:
-        W: (k, n, p) regressors, with the prior's own commands.
-        M: (k, n, n) mass matrices.
-    """
+    """The prior's W (k, n, p), by its own commands, and M (k, n, n) along the desired motion."""
 
     W: Array
     M: Array
@@ -58,14 +53,7 @@ def rehearse(
 
 
 def stiffness(rehearsal: Rehearsal, scale: Array, damping: Array, floor: float) -> Array:
-    """(p,) the diagonal of Γ⁻¹ at γ = 1 [J].
-
-    Args:
-        rehearsal: the prior's dynamics.
-        scale: (p,) of the parameters.
-        damping: (n,) K_d.
-        floor: least entry of D.
-    """
+    """(p,) the diagonal of Γ⁻¹ at γ = 1 [J], with K_d (n,) and the least entry of D."""
     effect = np.mean((rehearsal.W * scale) ** 2 / damping[:, None], axis=0).sum(axis=0)
     return np.asarray((effect / effect.max() + floor) / scale**2)
 
@@ -73,9 +61,7 @@ def stiffness(rehearsal: Rehearsal, scale: Array, damping: Array, floor: float) 
 def loop_frequency(rehearsal: Rehearsal, mobility: Array) -> float:
     """Largest natural frequency ω [rad/s] of the adaptation's loop along the desired motion.
 
-    Args:
-        rehearsal: the prior's dynamics.
-        mobility: (p, p) (∇²ψ)⁻¹ at the prior.
+    `mobility` (p, p) is (∇²ψ)⁻¹ at the prior.
     """
     stiffness = rehearsal.W @ mobility @ rehearsal.W.transpose(0, 2, 1)
     squares = np.linalg.eigvals(np.linalg.solve(rehearsal.M, stiffness)).real

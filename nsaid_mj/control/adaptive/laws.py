@@ -35,13 +35,9 @@ class Estimate:
     The slope −Wᵀ s does not depend on θ̂. It is taken half-way between two samples and held in
     Heun's method, with an error of third order in the time between them.
 
-    Args:
-        prior: (p,) θ̂(0).
-        metric: ∇²ψ; None if no motion changes θ̂.
-
     Attributes:
-        theta: (p,) θ̂; what listens to an identifier overwrites it.
-        metric: as given.
+        theta: (p,) θ̂, at first the prior; what listens to an identifier overwrites it.
+        metric: ∇²ψ; None if no motion changes θ̂.
     """
 
     def __init__(self, prior: Array, metric: Metric | None = None):
@@ -59,13 +55,9 @@ class Estimate:
             begin(self._law, self._work, self.theta, self._eta)
 
     def learn(self, slope: Array, step: float) -> None:
-        """Integrates the adaptation over the time between two samples.
+        """Integrates the adaptation from sample to sample, `step` [s], with −Wᵀ s (p,) half-way.
 
         θ̂ stays where it is if that leaves the metric's domain.
-
-        Args:
-            slope: (p,) −Wᵀ s half-way between them.
-            step: time between them [s].
         """
         if self.metric is not None:
             theta = np.empty(len(self.theta))
@@ -89,14 +81,8 @@ def begin(law, work, theta, eta):
 def descend(law, work, slope, step, eta, theta, moved):
     """A step of Heun's method in the chart; returns whether θ̂ is still inside its domain.
 
-    Args:
-        law: the metric.
-        work: of `workspace`.
-        slope: (p,) −Wᵀ s.
-        step: its length [s].
-        eta: (p,) η of θ̂; moved, unless the step fails.
-        theta: (p,) θ̂ at the start.
-        moved: (p,) receives θ̂ at the end.
+    `slope` (p,) is −Wᵀ s and `step` a time [s]. η of θ̂ (p,) is moved in place, unless the step
+    fails; `moved` receives θ̂ (p,) at its end.
     """
     first, second, ahead, guess, scratch = work
     p = eta.shape[0]
@@ -164,13 +150,8 @@ def conventional(
 ) -> TrackingLaw:
     """θ̂̇ = −Γ Wᵀ s of the plant; the gains are the prior's.
 
-    Args:
-        space: of the parameters.
-        prior: (p,) θ̂(0); its gains are taken as known.
-        rehearsal: the prior's dynamics along the desired motion.
-        shape: (p,) diagonal of Γ⁻¹ at γ = 1.
-        frequency: of the adaptation's loop [rad/s]; it sets γ.
-        damping: (n,) K_d.
+    `shape` (p,) is the diagonal of Γ⁻¹ at γ = 1, and the frequency [rad/s] of the adaptation's loop
+    sets γ; `damping` (n,) is K_d.
     """
     known = np.isin(np.arange(len(space)), space.actuators)
     unit = np.where(known, 0.0, 1 / shape)

@@ -59,12 +59,7 @@ class Reference:
 
 @kernel()
 def attitude_of(angles, rates, accelerations):
-    """Attitude and its derivatives from roll, pitch and yaw.
-
-    Args:
-        angles: (3,) roll φ, pitch θ, yaw ψ [rad], R = R_z(ψ) R_y(θ) R_x(φ).
-        rates: (3,) [rad/s].
-        accelerations: (3,) [rad/s²].
+    """Attitude and its derivatives from roll φ, pitch θ and yaw ψ [rad], R = R_z(ψ) R_y(θ) R_x(φ).
 
     Returns:
         (4,) quaternion x, y, z, w; (3,) ω in body axes [rad/s]; (3,) ω̇ in body axes [rad/s²].
@@ -91,15 +86,11 @@ def attitude_of(angles, rates, accelerations):
 
 @kernel()
 def follow_pose(motion, q, v, rate, v_r, a_r):
-    """Writes the first six entries of v_r and v̇_r; see `Reference`.
+    """Writes the first six entries of v_r (n,) and v̇_r (n,); see `Reference`.
 
-    Args:
-        motion: (n, 3) positions and angles, velocities, accelerations of the desired motion.
-        q: (m,) measured position, the pose [p, quaternion] first.
-        v: (n,) measured velocity, the body twist first.
-        rate: Λ [1/s].
-        v_r: (n,); written.
-        a_r: (n,); written.
+    `motion` (n, 3) holds positions and angles, velocities, accelerations of the desired motion; q
+    (m,) begins with the measured pose [p, quaternion], v (n,) with the body twist; `rate` is Λ
+    [1/s].
     """
     attitude, omega = q[3:7], v[3:6]
     slip = motion[:3, 1] - rotate(attitude, v[:3])

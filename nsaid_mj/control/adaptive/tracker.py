@@ -30,15 +30,7 @@ from .reference import Reference
 class Tracker(InformedDriver):
     """Tracks a reference under one of the laws.
 
-    Args:
-        system: the structure.
-        reference: the desired motion.
-        actuation: the actuators.
-        law: the law.
-        period: interval at which an informed law wants the identifier's estimate [s].
-
-    Attributes:
-        reference: the desired motion.
+    An informed law wants the identifier's estimate at intervals of `period` [s].
     """
 
     def __init__(

@@ -37,9 +37,7 @@ class Looks(Protocol):
 class GeomLooks:
     """The geoms of a MuJoCo model, without the ground, posed by its kinematics.
 
-    Args:
-        model: MuJoCo's model.
-        place: writes a position q (m,) of the system into MuJoCo's data.
+    `place` writes a position q (m,) of the system into MuJoCo's data.
     """
 
     def __init__(self, model: Any, place: Callable[[Any, Array], None]):

@@ -20,11 +20,6 @@ _NOTCH = 0.02  # share of a gain, lost slowly, after which evaluation counts the
 class Schedule:
     """Faults on the grid of time steps; each strikes between two steps, the nearest to its time.
 
-    Args:
-        faults: any number.
-        system: of the plant.
-        dt: time step [s].
-
     Attributes:
         edges: sorted times at which a fault begins or ends [s].
 
@@ -141,12 +136,7 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS  # time, positions, velocities, act
 class Variant:
     """One model of a plant, its data, and its actuators' gains before any fault of theirs.
 
-    Attributes:
-        model: MuJoCo's model.
-        data: MuJoCo's data.
-        gain_places: see `Plant`.
-        gainprm: the model's actuator gains.
-        userdata: the callback's parameters.
+    `gain_places` are those of `Plant`; `userdata` are the callback's parameters.
     """
 
     model: Any
