@@ -150,10 +150,7 @@ def converged_at(t: Array, distance: Array) -> float | None:
 
 
 def force_residual_ratio(
-    system: SecondOrderSystem,
-    later: Log | None,
-    theta_hat: Array,
-    truth: Array | None,
+    system: SecondOrderSystem, later: Log | None, theta_hat: Array, truth: Array | None
 ) -> float | None:
     """rms of W(t, x, v, v̇) θ̂ with the true v̇, over rms of the actuator forces under θ̂.
 
@@ -181,16 +178,17 @@ def held_out_rows(
     system: SecondOrderSystem, later: Log | None, truth: Array | None
 ) -> Array | None:
     """(k, n, p) W along a held-out trajectory, with v̇ as in `force_residual_ratio`."""
-    if later is None:
-        return None
-    stride = stride_of(len(later.t), system)
+    return None if later is None else timed_rows(system, later, truth)[1]
+
+
+def timed_rows(system: SecondOrderSystem, log: Log, truth: Array | None) -> tuple[Array, Array]:
+    """(k,) times and (k, n, p) W along a log, with v̇ as in `force_residual_ratio`."""
+    stride = stride_of(len(log.t), system)
     if truth is not None:
-        t, x, v, u = states(later, stride)
-        _, W = system.evaluate(t, x, v, u, truth)
-    else:
-        t, x, v, u, a = midpoints(later, system, stride)
-        W = system.regressor(t, x, v, a, u)
-    return W
+        t, x, v, u = states(log, stride)
+        return t, system.evaluate(t, x, v, u, truth)[1]
+    t, x, v, u, a = midpoints(log, system, stride)
+    return t, system.regressor(t, x, v, a, u)
 
 
 def residual_ratio(system: SecondOrderSystem, W: Array | None, theta_hat: Array) -> float | None:

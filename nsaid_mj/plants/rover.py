@@ -111,11 +111,7 @@ class Rover(Plant):
         return self._looks.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the geoms at q (k, 3); wheels do not turn, as q has no wheel angles.
-
-        Returns:
-            translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
-        """
+        """World poses of the geoms at q (k, 3); wheels do not turn, as q has no angles."""
         return self._looks.poses(q)
 
     def _settled(self) -> Array:

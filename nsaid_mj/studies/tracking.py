@@ -5,8 +5,6 @@ Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +16,7 @@ from rich.console import Console
 from ..control.adaptive import AdaptiveTracking, Tracker
 from ..control.adaptive.tracker import Law
 from ..control.driver import Driver
-from ..errors import BadRun, InvalidInput, UnknownName
+from ..errors import InvalidInput, UnknownName
 from ..evaluation import Truth
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.following import Following
@@ -31,8 +29,8 @@ from ..parameters import Array
 from ..plants import Plant
 from ..reporting.pages import Table, Text, count
 from ..reporting.terminal import print_panels
-from ..resources import write_json, write_text
-from .study import Study
+from ..resources import write_json
+from .study import Study, write_csv
 
 LAWS: tuple[str, ...] = get_args(Law)
 FILES = ("tracking.json", "tracking.csv")
@@ -184,28 +182,16 @@ def write(folder: Path, plan: Plan, done: list[Course]) -> None:
     """Writes tracking.json, with the plan, and tracking.csv, one row for every law and seed.
 
     Raises:
-        BadRun: the folder cannot be written.
+        NotWritten: the folder cannot be written.
     """
     rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
     heads = list(dict.fromkeys(key for row in rows for key in row))
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, heads, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        finite = [
-            {k: v if not isinstance(v, float) or np.isfinite(v) else None for k, v in row.items()}
-            for row in rows
-        ]
-        write_json(
-            folder / FILES[0], plan.manifest | {"medians": medians(plan, done), "rows": finite}
-        )
-        write_text(folder / FILES[1], stream.getvalue())
-    except OSError as error:
-        raise BadRun(
-            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
-        ) from error
+    finite = [
+        {k: v if not isinstance(v, float) or np.isfinite(v) else None for k, v in row.items()}
+        for row in rows
+    ]
+    write_json(folder / FILES[0], plan.manifest | {"medians": medians(plan, done), "rows": finite})
+    write_csv(folder / FILES[1], heads, rows)
 
 
 def medians(plan: Plan, done: list[Course]) -> dict[str, dict[str, float]]:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from ..evaluation.result import Mark, judged
 from ..evaluation.tracking import Motion
@@ -20,50 +20,26 @@ from ..reporting import pages, plots
 from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
 from ..reporting.palette import COLOURS
 from ..reporting.picture import picture
-from ..reporting.progress import announcing, counted
-from ..resources import check_own, locked
 from ..robot.findings import Finding
 from ..system import SecondOrderSystem
+from .study import carried_out
 from .tracking import FILES, Course, Plan, courses, medians_in_words, print_table, table_of, write
 
 
 @single_threaded
 def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
-    """Runs a study, writes its files, page and recording, and prints the table.
+    """Runs a study, writes its files, page and recording, and prints the table."""
 
-    After Ctrl-C it writes what is available.
+    def made(told: Callable[[str], object]) -> Iterator[Course]:
+        for found in courses(plan, told):
+            first = found.seed == plan.seeds[0]
+            yield found if first else replace(found, motion=_thinned(found.motion))
 
-    Raises:
-        FolderInUse: another process is writing into the folder.
-        NotWritten: the folder cannot be written.
-    """
-    check_own(folder, FILES[:1])
-    with locked(folder):
-        return _run(plan, folder, quiet)
+    def drawn(done: list[Course]) -> list[Path]:
+        return [folder / name for name in FILES] + (draw(folder, plan, done) if done else [])
 
-
-def _run(plan: Plan, folder: Path, quiet: bool) -> list[Course]:
-    done: list[Course] = []
-    bar = counted(quiet)
-    write(folder, plan, done)  # fails before the work if the folder cannot be written
-    try:
-        with bar, announcing(bar.console):
-            task = bar.add_task("", total=len(plan.seeds) * len(plan.laws))
-            for found in courses(plan, lambda words: bar.update(task, description=words)):
-                first = found.seed == plan.seeds[0]
-                done.append(found if first else replace(found, motion=_thinned(found.motion)))
-                bar.advance(task)
-    finally:
-        write(folder, plan, done)
-        pages = []
-        if done:
-            pages = draw(folder, plan, done)
-    if not quiet:
-        console = Console(highlight=False)
-        print_table(plan, done, console)
-        files = [folder / name for name in FILES] + pages
-        console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
-    return done
+    total, show = len(plan.seeds) * len(plan.laws), None if quiet else partial(print_table, plan)
+    return carried_out(folder, FILES[:1], total, made, partial(write, folder, plan), drawn, show)
 
 
 def _thinned(motion: Motion) -> Motion:

@@ -211,11 +211,7 @@ class Plant(ABC):
 
     @abstractmethod
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
+        """World poses of the meshes at positions q (k, m); see `Looks.poses`."""
 
     @property
     def t(self) -> float:

@@ -124,9 +124,5 @@ class SimulatedRobot(Plant):
         return self._looks.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
+        """World poses of the meshes at positions q (k, m); see `Looks.poses`."""
         return self._looks.poses(q)
