@@ -14,8 +14,8 @@ from .control import DriverConfig as DriverConfig
 from .control import Phase as Phase
 from .control.adaptive.tracker import AdaptiveTracking as AdaptiveTracking
 from .control.autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
-from .control.designed import DesignedSignals as DesignedSignals
-from .control.designed import DesignedTracking as DesignedTracking
+from .control.tracking import DesignedSignals as DesignedSignals
+from .control.tracking import DesignedTracking as DesignedTracking
 from .control.driving import Driving as Driving
 from .control.multisine import AxisMultisine as AxisMultisine
 from .control.multisine import MultisineCommand as MultisineCommand

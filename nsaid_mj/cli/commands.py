@@ -29,8 +29,16 @@ from ..resources import (
     reading,
     scenarios,
 )
-from .exit_codes import EXPLAINED, INTERRUPTED, NOT_EXPLAINED, UNUSABLE, code_of
-from .process import ending_like_ctrl_c, open_streams, silence
+from .process import (
+    EXPLAINED,
+    INTERRUPTED,
+    NOT_EXPLAINED,
+    UNUSABLE,
+    code_of,
+    ending_like_ctrl_c,
+    open_streams,
+    silence,
+)
 
 if TYPE_CHECKING:
     from ..evaluation.verify import Verdict

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
 from ..resources import print_json, reading
-from .exit_codes import code_of
 from .folders import folder_for_design
 from .grammar import Excite
+from .process import code_of
 
 if TYPE_CHECKING:
     from ..control import DriverConfig

@@ -14,9 +14,9 @@ import numpy as np
 from ..bounds import without_nonfinite
 from ..errors import BadRun, InvalidInput
 from ..resources import check_own, locked, print_json, reading, write_json
-from .exit_codes import code_of
 from .folders import FORCE, RUNS, check_writable
 from .grammar import Identify
+from .process import code_of
 
 if TYPE_CHECKING:
     from ..calibration.findings import Finding, UnusableLog

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
 from ..resources import print_json, reading
-from .exit_codes import EXPLAINED, UNUSABLE
 from .folders import check_writable
 from .grammar import Inspect
+from .process import EXPLAINED, UNUSABLE
 
 if TYPE_CHECKING:
     from ..calibration.logs.inspection import Inspection

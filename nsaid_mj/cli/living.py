@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bounds import without_nonfinite
-from .exit_codes import code_of
 from .folders import folder_for
 from .grammar import Live
+from .process import code_of
 
 if TYPE_CHECKING:
     from ..experiment.loop import Observer

@@ -18,9 +18,9 @@ from tyro.conf import arg
 from ..errors import InvalidInput, UnknownName
 from ..experiment.library import load
 from ..resources import print_json
-from .exit_codes import code_of
 from .grammar_of_studies import Comparison, Drawing, Report, Sweeping, Tracking
 from .options import parse, repeated
+from .process import code_of
 
 if TYPE_CHECKING:
     from ..calibration.comparison import Score

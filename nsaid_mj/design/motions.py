@@ -21,8 +21,8 @@ from dataclasses import fields, replace
 import numpy as np
 
 from ..control import DesignedSignals, DesignedTracking, DriverConfig, FourierTracking
-from ..control.designed import Given
 from ..control.signals import Series
+from ..control.tracking import Given
 from ..errors import InvalidInput
 from ..log import Log
 from ..parameters import Array

@@ -21,8 +21,7 @@ from .figures import held_out_rows, judge
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
 from .misfit import misfit_of, widened
 from .truth import Truth
-from .verdict import residual_floor, verdict
-from .words import scientific
+from .words import residual_floor, scientific, verdict
 
 _CORRELATED = 40  # parameters whose correlations are kept, at most
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")

@@ -8,13 +8,14 @@ import pytest
 
 from nsaid_mj.baselines import BATCH, Estimate, follow
 from nsaid_mj.baselines import sysid as toolbox_module
-from nsaid_mj.baselines.filters import low_passed, smoothed
 from nsaid_mj.baselines.least_squares import (
     Gauge,
     candidates,
     central_rows,
     condense,
     filtered,
+    low_passed,
+    smoothed,
     weighted,
     window,
 )

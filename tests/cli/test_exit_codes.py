@@ -11,7 +11,7 @@ import pytest
 import nsaid_mj.cli
 from nsaid_mj.calibration.findings import Finding, UnusableLog
 from nsaid_mj.cli import commands
-from nsaid_mj.cli.exit_codes import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
+from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation.result import Mark
 from nsaid_mj.identifiers import Status
@@ -196,7 +196,7 @@ def test_an_error_of_ours_is_unusable_input(monkeypatch: Patch) -> None:
 
 def test_the_documentation_has_the_table() -> None:
     text = (ROOT / "docs/usage.md").read_text(encoding="utf-8")
-    from nsaid_mj.cli import exit_codes
+    from nsaid_mj.cli import process
 
-    table = [line for line in (exit_codes.__doc__ or "").splitlines() if line.startswith("|")]
+    table = [line for line in (process.__doc__ or "").splitlines() if line.startswith("|")]
     assert all(line in text for line in table)
