@@ -200,3 +200,26 @@ def residual_ratio(system: SecondOrderSystem, W: Array | None, theta_hat: Array)
     if not force.any():
         return None
     return float(np.sqrt(np.mean((W @ theta_hat) ** 2) / np.mean(force**2)))
+
+
+def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
+    """The smallest force residual ratio of any θ on regressors W (k, n, p).
+
+    It is the square root of the smallest generalised eigenvalue of WᵀW with respect to that of the
+    actuator columns: the part of the actuator forces that remains when plant and gains are fitted
+    to this motion. None if there is no motion, or if the actuators exert no force along it.
+    """
+    if W is None:
+        return None
+    actuators = system.space.actuators
+    plant = np.setdiff1d(np.arange(system.p), actuators)
+    rows = (W * system.space.scale).reshape(-1, system.p)
+    forces = rows[:, actuators]
+    forces = forces[:, forces.any(axis=0)]
+    if not forces.size:
+        return None
+    u, s, _ = np.linalg.svd(rows[:, plant], full_matrices=False)
+    u = u[:, s > 1e-10 * s[0]]
+    left = forces - u @ (u.T @ forces)  # residual of the best fit of the plant's parameters
+    _, R = np.linalg.qr(forces)
+    return float(np.linalg.svd(np.linalg.solve(R.T, left.T), compute_uv=False)[-1])

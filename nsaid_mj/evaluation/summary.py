@@ -17,11 +17,11 @@ from ..numerics.threads import single_threaded
 from ..parameters import Array, ParameterSpace
 from .confidence import Determined, determined, known
 from .excitation import motion_figures, persistence_figures
-from .figures import held_out_rows, judge
+from .figures import held_out_rows, judge, residual_floor
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
 from .misfit import misfit_of, widened
 from .truth import Truth
-from .words import residual_floor, scientific, verdict
+from .words import scientific, verdict
 
 _CORRELATED = 40  # parameters whose correlations are kept, at most
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
-from ..parameters import Array, phrase
+from ..parameters import phrase
 from ..system import SecondOrderSystem
+from .figures import CONVERGED
 
 _FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of a generalised force, by unit of its velocity
 
@@ -131,7 +130,6 @@ def unobservable_lines(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return found
 
 
-CONVERGED = 1e-2  # largest distance to the true set, or ± along any direction, over ‖θ̂/scale‖
 PREDICTS = 1e-3  # largest force residual on a held-out trajectory, used if the truth is unknown
 CONTRADICTED = 1e-2  # smallest share of the actuator forces left unexplained by every θ
 _MARGIN = 3.0  # factor on the smallest possible residual, within which an estimate has converged
@@ -202,29 +200,6 @@ def verdict(summary: dict[str, Any]) -> str:
     else:
         advice = _FASTER
     return f"{'still converging' if nearer else 'not converging'}: {where}; {advice}"
-
-
-def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
-    """The smallest force residual ratio of any θ on regressors W (k, n, p).
-
-    It is the square root of the smallest generalised eigenvalue of WᵀW with respect to that of the
-    actuator columns: the part of the actuator forces that remains when plant and gains are fitted
-    to this motion. None if there is no motion, or if the actuators exert no force along it.
-    """
-    if W is None:
-        return None
-    actuators = system.space.actuators
-    plant = np.setdiff1d(np.arange(system.p), actuators)
-    rows = (W * system.space.scale).reshape(-1, system.p)
-    forces = rows[:, actuators]
-    forces = forces[:, forces.any(axis=0)]
-    if not forces.size:
-        return None
-    u, s, _ = np.linalg.svd(rows[:, plant], full_matrices=False)
-    u = u[:, s > 1e-10 * s[0]]
-    left = forces - u @ (u.T @ forces)  # residual of the best fit of the plant's parameters
-    _, R = np.linalg.qr(forces)
-    return float(np.linalg.svd(np.linalg.solve(R.T, left.T), compute_uv=False)[-1])
 
 
 def _share(value: float) -> str:

@@ -23,9 +23,9 @@ from ...structure.sensing import displaced
 from ...system import SecondOrderSystem
 from .callbacks import installed
 from .coordinates import Reading
-from .faults import Faults
 from .faults.kinds import Fault
 from .faults.schedule import Schedule, Variant
+from .faults.text import Faults
 from .mismatch import Mismatch
 from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
