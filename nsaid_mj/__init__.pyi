@@ -14,14 +14,14 @@ from .control import DriverConfig as DriverConfig
 from .control import Phase as Phase
 from .control.adaptive.tracker import AdaptiveTracking as AdaptiveTracking
 from .control.autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
-from .control.tracking import DesignedSignals as DesignedSignals
-from .control.tracking import DesignedTracking as DesignedTracking
 from .control.driving import Driving as Driving
 from .control.multisine import AxisMultisine as AxisMultisine
 from .control.multisine import MultisineCommand as MultisineCommand
 from .control.pose_hold import PoseHold as PoseHold
 from .control.quadrotor import QuadrotorFlight as QuadrotorFlight
 from .control.sequence import Sequence as Sequence
+from .control.tracking import DesignedSignals as DesignedSignals
+from .control.tracking import DesignedTracking as DesignedTracking
 from .control.tracking import FourierTracking as FourierTracking
 from .control.vehicle_manipulator import HoverAndReach as HoverAndReach
 from .control.vehicle_manipulator import SwimAndReach as SwimAndReach

@@ -17,8 +17,7 @@ from ..parameters import Array
 from ..structure.joints import JointTree
 from ..structure.structured import plain
 from ..system import SecondOrderSystem
-from .computed_torque import Tracking, computed_torque, tracking_workspace
-from .driver import Driver, DriverConfig
+from .driver import Driver, DriverConfig, Tracking, computed_torque, tracking_workspace
 from .multisine import MultisineCommand
 from .signals import FourierTrajectory, Series, fourier
 

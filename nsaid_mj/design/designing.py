@@ -20,7 +20,6 @@ from ..control import DriverConfig, FourierTracking
 from ..errors import NoEstimate, NoMotion
 from ..log import Log
 from ..parameters import Array
-from .checking import Motions, checked
 from .experiment import DRAWS, Experiment
 from .information import (
     GAINS,
@@ -34,7 +33,7 @@ from .information import (
     rms,
 )
 from .limits import COMMAND, RANDOM, Limit, Limits, envelope, extents_of, units_of
-from .motions import DrivenMotions, JointMotions
+from .motions import DrivenMotions, JointMotions, Motions, checked
 from .search import Found, minimise
 
 _REHEARSED = 12  # random motions from which limits are taken

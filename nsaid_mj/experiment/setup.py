@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..control import Driver, DriverConfig
-from ..control.computed_torque import Tracking
+from ..control.driver import Tracking
 from ..errors import BadScript, InvalidInput
 from ..identifiers import Identifier, IdentifierConfig, NullspaceAID
 from ..identifiers.cone.prior import drawn_inside

@@ -18,9 +18,9 @@ from ..structure.optional import pin
 from .findings import Finding
 from .inertias import make_physical
 from .mjcf_file import compile_file
-from .mjcf_tree import joint_names, motors, rigid_tree
 from .model import RobotModel, check_tree, home, locked_joints, reduced
 from .shapes import Shapes, shapes_of_geoms
+from .tree import joint_names, motors, rigid_tree
 
 _NAMELESS = "MuJoCo Model"  # what MuJoCo calls a model without a name
 

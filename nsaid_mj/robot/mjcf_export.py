@@ -31,9 +31,8 @@ from .mjcf_file import (
     remove_references,
     split_bodies,
 )
-from .mjcf_tree import actuators_of, is_motor, joint_names, rigid_tree
 from .model import RobotModel
-from .tree import wxyz
+from .tree import actuators_of, is_motor, joint_names, rigid_tree, wxyz
 from .xml import numbers, with_remarks
 
 _OVERRULING = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")

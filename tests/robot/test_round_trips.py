@@ -15,7 +15,7 @@ from nsaid_mj.robot.mjcf_export import write_mjcf
 from nsaid_mj.robot.urdf import write_urdf
 
 from .test_mjcf_export import difference
-from .test_mjcf_tree import bodies
+from .test_tree import bodies
 from .urdfs import link, robot
 from .values import identified, same_inertias
 

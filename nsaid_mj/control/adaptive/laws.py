@@ -26,7 +26,7 @@ from ...identifiers.metric import (
 from ...numerics.kernels import kernel
 from ...numerics.linalg import copy_into
 from ...parameters import Array, ParameterSpace
-from .design import Rehearsal, loop_frequency
+from .reference import Rehearsal, loop_frequency
 
 
 class Estimate:

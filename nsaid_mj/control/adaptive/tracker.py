@@ -22,9 +22,8 @@ from ...system import SecondOrderSystem
 from ..driver import DriverConfig, InformedDriver
 from ..signals import FourierTrajectory
 from .actuation import Actuation
-from .design import mean_inertia, rehearse, stiffness
 from .laws import Estimate, TrackingLaw, conventional, nullspace
-from .reference import Reference
+from .reference import Reference, mean_inertia, rehearse, stiffness
 
 
 class Tracker(InformedDriver):
@@ -119,7 +118,7 @@ class AdaptiveTracking(DriverConfig):
         rate: Λ, decay of the tracking error where s = 0 [1/s].
         damping: K_d over the prior's mean inertia about every axis [1/s].
         adaptation: fastest natural frequency of the adaptation's loop at the prior, which sets
-            its gain γ [rad/s]; see `design`.
+            its gain γ [rad/s]; see `reference`.
         floor: least share of the best excited parameter's stiffness Γ⁻¹.
         barrier: μ of the cone's metric, in units of Γ⁻¹ at the scale.
         period: interval at which `composite` takes over the identifier's estimate [s].
