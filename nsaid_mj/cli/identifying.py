@@ -15,7 +15,7 @@ from ..bounds import without_nonfinite
 from ..errors import BadRun, InvalidInput
 from ..resources import check_own, locked, print_json, reading, write_json
 from .folders import FORCE, RUNS, check_writable
-from .grammar import Identify
+from .grammar import Identify, names_in
 from .process import code_of
 
 if TYPE_CHECKING:
@@ -82,9 +82,9 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 validate_mapping=chosen.validate_map,
                 known=dict(_known(text) for text in chosen.known),
                 loads=chosen.load,
-                lock=_names(chosen.lock),
-                joints=_names(chosen.joints) or None,
-                columns=None if chosen.columns == "auto" else _names(chosen.columns),
+                lock=names_in(chosen.lock),
+                joints=names_in(chosen.joints) or None,
+                columns=None if chosen.columns == "auto" else names_in(chosen.columns),
                 delay=None if chosen.delay == "auto" else _numbers("--delay", chosen.delay),
                 cutoff=chosen.cutoff,
                 law=chosen.law,
@@ -180,10 +180,6 @@ def _known(text: str) -> tuple[str, float]:
         raise InvalidInput("--known", "NAME=VALUE", text, "Such as gain_1=0.11.") from error
 
 
-def _names(text: str) -> Sequence[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
-
-
 def _numbers(flag: str, text: str) -> Sequence[float]:
     try:
         return [float(part) for part in text.split(",")]
@@ -202,10 +198,7 @@ def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs
     from ..calibration.payloads import load_of
     from ..calibration.servos import servo_logs
 
-    lock, joints = (
-        [name.strip() for name in text.split(",") if name.strip()]
-        for text in (chosen.lock, chosen.joints)
-    )
+    lock, joints = names_in(chosen.lock), names_in(chosen.joints)
     loads = [load_of(text) for text in chosen.load] if logs == chosen.log else []
     return servo_logs(model, logs, chosen.map, lock, joints or None, loads)
 

@@ -110,7 +110,7 @@ class Plan(Study):
         ) | {"scenario": self.scenario.to_json()}
 
 
-def compare(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Iterator[Cell]:
+def compare(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Cell]:
     """Yields the cells of a comparison as they become available; `report` is told of each stage."""
     warm = False
     for seed in plan.seeds:

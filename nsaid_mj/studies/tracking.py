@@ -99,7 +99,7 @@ class Course:
     tracker: Tracker
 
 
-def courses(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Iterator[Course]:
+def courses(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Course]:
     """Runs every law on the plant of every seed; `report` is told what is being done."""
     for seed in plan.seeds:
         scenario = replace(plan.scenario, seed=seed)
