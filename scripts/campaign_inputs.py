@@ -145,7 +145,7 @@ _LAWS = ("paper", "cone", "memory", "efficient")
 
 def runs(rng: random.Random) -> Iterator[Try]:
     """Whole runs of a few steps, with one or two fields set to odd numbers."""
-    from nsaid_mj.experiment.fields import field_at
+    from nsaid_mj.experiment.scenario import field_at
 
     while True:
         name = rng.choice(_RUNS)

@@ -26,8 +26,8 @@ from nsaid_mj import Scenario
 from nsaid_mj.bounds import shown
 from nsaid_mj.cli.options import parse
 from nsaid_mj.errors import InvalidInput, NsaidError, UnknownName
-from nsaid_mj.experiment.fields import field_at, field_paths, with_fields
 from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.scenario import field_at, field_paths, with_fields
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.resources import scenarios
 

@@ -22,8 +22,7 @@ from lxml import etree
 from nsaid_mj.plants.world.coordinates import JointMap
 from nsaid_mj.plants.world.quiet import quiet
 from nsaid_mj.resources import example_robots, folder
-from nsaid_mj.robot.mjcf_tree import rigid_tree
-from nsaid_mj.robot.tree import tree_spec
+from nsaid_mj.robot.tree import rigid_tree, tree_spec
 
 _STEP = 1e-3  # any: nothing is simulated [s]
 _EXACT = 1e-9  # relative difference of M and bias below which both engines agree

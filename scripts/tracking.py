@@ -16,8 +16,7 @@ import numpy as np
 
 from nsaid_mj.experiment.library import load
 from nsaid_mj.studies.tracking import Course, Plan, table_of
-from nsaid_mj.studies.tracking_page import PICTURE
-from nsaid_mj.studies.tracking_run import run
+from nsaid_mj.studies.tracking_run import PICTURE, run
 
 
 def over_time(course: Course, every: float) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
-from nsaid_mj.cli.exit_codes import code_of
+from nsaid_mj.cli.process import code_of
 from nsaid_mj.evaluation import mark_of
 from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.resources import known_robots, scenarios

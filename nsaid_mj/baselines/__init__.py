@@ -1,13 +1,12 @@
 """Established identification methods, for comparison on identical logs."""
 
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
-from .adaptive import follow as follow
 from .base import Estimate as Estimate
 from .base import Method as Method
 from .base import Problem as Problem
-from .least_squares import ordinary, practitioners
+from .base import follow as follow
+from .least_squares import ordinary, practitioners, total
 from .recursive import kalman, normalised
-from .total import total
 
 BATCH: dict[str, Method] = {
     "ols": ordinary,

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from ..errors import NoEstimate
+from ..identifiers import Identifier, Status
 from ..log import EXACT, Log, SensorLevels
 from ..parameters import Array
 from ..system import SecondOrderSystem
@@ -40,3 +42,17 @@ class Estimate(NamedTuple):
 
 Method = Callable[[Problem], Estimate]
 """A method raises an `NsaidError` if it finds no estimate."""
+
+
+def follow(identifier: Identifier, problem: Problem) -> Estimate:
+    """The final estimate of an identifier that starts from its own prior and sees only the log.
+
+    Raises:
+        NoEstimate: the identifier ended early.
+    """
+    log = problem.log
+    state, made = identifier.follow(identifier.init(log.at(0)), log)
+    if state.status is not Status.completed:
+        failed = log.t[len(made.pivot)]
+        raise NoEstimate(f"{state.status.words} at t = {failed:.4g} s", state.status.remedy)
+    return Estimate(state.theta_hat)

@@ -1,19 +1,137 @@
-"""Batch least squares: ordinary, and filtered and weighted as in common practice."""
+"""Batch least squares: ordinary, filtered and weighted as in common practice, and total.
+
+All regressors, rows of W θ = 0 (13), are those of θ/scale. A log contains no information on the
+common scale of θ; the prior fixes it: Σ k_i/scale_i over the actuator gains keeps its value.
+Unobserved directions keep the prior's values: of all minimisers, the one nearest to the prior in
+θ/scale is returned.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, NoEstimate
 from ..log import Log
+from ..nullspace import TOLERANCE
+from ..numerics.low_pass import decimated, symmetric, zero_phase
 from ..parameters import Array
 from ..quotient.cost import Quotient
 from ..quotient.descent import Rules, minimise
 from ..quotient.likelihood import Posterior
 from ..system import SecondOrderSystem
 from .base import Estimate, Problem
-from .filters import low_passed, smoothed
-from .regression import Gauge, central_rows, condense
+
+
+def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
+    """The log with q and v passed through a zero-phase Butterworth filter; u is unchanged.
+
+    Positions on a manifold are filtered component by component; each measured position is then
+    moved along its tangent space towards the filtered value, so that it remains on the manifold.
+    The log has a constant rate; the cut-off [Hz] is limited to 0.8 of the Nyquist frequency.
+    """
+    rate = 1 / log.step
+    cutoff, q = min(cutoff, 0.4 * rate), _continuous(system, log.q)
+    filtered = zero_phase(q, cutoff, rate)
+    if system.m != system.n:
+        steps = [np.linalg.lstsq(system.J(z), dz)[0] for z, dz in zip(q, filtered - q, strict=True)]
+        filtered = np.array([system.integrate(z, dz) for z, dz in zip(q, steps, strict=True)])
+    return log._replace(q=filtered, v=zero_phase(log.v, cutoff, rate))
+
+
+def _continuous(system: SecondOrderSystem, q: Array) -> Array:
+    """Positions (N, m) with quaternion signs chosen so that they are continuous in time."""
+    if system.group != 6:
+        return q
+    attitude = q[:, 3:7]
+    turned = np.sum(attitude[1:] * attitude[:-1], axis=1) < 0
+    side = np.where(np.cumsum(turned) % 2, -1.0, 1.0)
+    q = q.copy()
+    q[1:, 3:7] *= side[:, None]
+    return q
+
+
+def low_passed(W: Array, rate: float, cutoff: float) -> Array:
+    """(K, n, p) rows of W (N, n, p), low-pass filtered and decimated to 4·cutoff [Hz].
+
+    The filter is a symmetric FIR filter with half amplitude at the cut-off; rows where it would
+    extend beyond the data are dropped.
+    """
+    return decimated(W, symmetric(cutoff, rate), max(1, int(rate / (4 * cutoff))))
+
+
+def central_rows(system: SecondOrderSystem, log: Log) -> Array:
+    """(N−2, n, p) W(t, x, v, v̇, u)·diag(scale) of (10) at the inner samples.
+
+    v̇ is the central difference of the measured velocities: the mean acceleration over the two time
+    steps next to a sample. F is therefore averaged over the two commands held during these steps;
+    a misalignment of half a time step would increase the error several hundred times.
+
+    Raises:
+        InvalidInput: the log has fewer than three samples.
+    """
+    t, q, v, u = log
+    if len(t) < 3:
+        raise InvalidInput("log", "at least 3 samples", len(t), "Record longer.")
+    before, after = t[1:-1] - t[:-2], t[2:] - t[1:-1]
+    both = (before + after)[:, None]
+    here, x, w = t[1:-1], np.hstack([q, v])[1:-1], v[1:-1]
+    a = (v[2:] - v[:-2]) / both
+    share = (before[:, None] / both)[:, :, None]
+    W = system.regressor(here, x, w, a, u[:-2])
+    W *= share
+    W += (1 - share) * system.regressor(here, x, w, a, u[1:-1])
+    W *= system.space.scale
+    return W
+
+
+def condense(W: Array) -> Array:
+    """(n, p, p) triangular R_i with ‖R_i θ‖ = ‖W_i θ‖ for every velocity i of W (N, n, p)."""
+    N, _, p = W.shape
+    if p > N:
+        W = np.concatenate([W, np.zeros((p - N, *W.shape[1:]))])
+    return np.stack([np.linalg.qr(W[:, i], mode="r") for i in range(W.shape[1])])
+
+
+class Gauge:
+    """Fixes the free scale and the unobserved directions of θ by the prior.
+
+    Attributes:
+        scale: (p,) of θ.
+        start: (p,) the prior over the scale.
+        normal: (p,) 1 at actuator gains, else 0; estimates keep normal · θ/scale.
+        tangent: (p, p−1) orthonormal basis of the directions that keep it.
+    """
+
+    def __init__(self, system: SecondOrderSystem, prior: Array):
+        self.scale = system.space.scale
+        self.start = prior / self.scale
+        normal = np.zeros((system.p, 1))
+        normal[system.space.actuators] = 1.0
+        self.normal = normal[:, 0]
+        self.tangent = scipy.linalg.null_space(normal.T)  # (p, p−1)
+
+    def solve(self, rows: Array, tolerance: float = TOLERANCE) -> Array:
+        """(p,) the minimiser θ/scale of ‖rows·θ/scale‖ that is nearest to the prior.
+
+        `rows` (N, p) are of W·diag(scale); singular values below `tolerance` of the largest count
+        as 0.
+        """
+        target = -rows @ self.start
+        y = np.linalg.lstsq(rows @ self.tangent, target, rcond=tolerance)[0]
+        return self.start + self.tangent @ y
+
+    def rescaled(self, theta_s: Array) -> Array:
+        """(p,) θ/scale multiplied such that the sum of its gains is the prior's.
+
+        Raises:
+            InvalidInput: the sum of its gains is 0.
+        """
+        total = self.normal @ theta_s
+        if not abs(total) > 1e-9 * np.linalg.norm(theta_s):
+            raise InvalidInput("gains", "a sum that is not 0", total, "Record longer.")
+        return theta_s * (self.normal @ self.start / total)
+
 
 SMOOTHING = 30.0  # cut-off of the filter on q and v [Hz]
 _FOLDS = 4  # of the cross-validation, contiguous in time
@@ -35,11 +153,7 @@ def weighted(gauge: Gauge, W: Array) -> Array:
     shrinking a gain does not reduce it. Weights follow from the residuals themselves: this is the
     maximum-likelihood estimate under Gaussian noise of unknown variance in every velocity, the
     minimum of N Σ_i log‖r_i‖ + ½ ‖θ_s − θ̂_s(0)‖². The second term is a prior of standard deviation
-    1 in θ/scale; it regularises poorly excited directions.
-
-    Args:
-        gauge: scale and unobserved directions, from the prior.
-        W: (N, n, p) rows of W·diag(scale).
+    1 in θ/scale; it regularises poorly excited directions. W (N, n, p) holds rows of W·diag(scale).
     """
     factors = condense(W)
     forces = factors * gauge.normal  # actuator columns only
@@ -114,18 +228,13 @@ def filtered(problem: Problem) -> tuple[Array, float, float]:
 def choose_cutoff(problem: Problem, log: Log, W: Array, rate: float) -> float:
     """The cut-off [Hz] whose estimates best predict velocity changes in held-out data.
 
-    The log is split into contiguous folds. An estimate from all folds but one predicts the changes
+    The log of N samples is smoothed, and W (N−2, n, p) holds its rows of W·diag(scale). It is split
+    into contiguous folds. An estimate from all folds but one predicts the changes
     of v over short windows of the remaining one, with error M̂⁻¹ Σ W θ̂ dt. As Σ v̇ dt is the
     difference of two velocities, its noise does not depend on the candidate; a residual of W θ̂
     would favour estimates that are biased towards zero by noisy regressors. The score is the sum
     over velocities of the log of the mean squared error, the likelihood of Gaussian errors of
     unknown variance.
-
-    Args:
-        problem: whose structure and prior are used.
-        log: N samples, smoothed.
-        W: (N−2, n, p) its rows of W·diag(scale).
-        rate: sampling rate [Hz].
 
     Raises:
         InvalidInput: the log is too short for any cut-off.
@@ -166,11 +275,7 @@ def candidates(rate: float, samples: int, system: SecondOrderSystem) -> list[flo
 class _Windows:
     """Summed rows of W and mass matrices over short windows, to predict velocity changes.
 
-    Args:
-        system: the structure.
-        log: N samples.
-        W: (N−2, n, p) its rows of W·diag(scale).
-        dt: time between samples [s].
+    `W` (N−2, n, p) are a log's rows of W·diag(scale), at intervals of dt [s].
     """
 
     def __init__(self, system: SecondOrderSystem, log: Log, W: Array, dt: float):
@@ -203,3 +308,30 @@ def window(log: Log) -> int:
             break
         width *= 2
     return width
+
+
+def total(problem: Problem) -> Estimate:
+    """θ/scale along the smallest right singular vector of W·diag(scale).
+
+    This is consistent only if the noise of all columns has the same variance, which does not hold
+    here. W is filtered as in `least_squares.practitioners`, with the same choice of the cut-off,
+    and the rows of each velocity are scaled to the same norm. Unobserved directions are excluded;
+    they keep the prior's values.
+
+    Raises:
+        InvalidInput: the log is too short for any cut-off.
+        NoEstimate: the actuator gains of the vector sum to 0.
+    """
+    W, rate, cutoff = filtered(problem)
+    gauge = Gauge(problem.system, problem.prior)
+    factors = condense(low_passed(W, rate, cutoff))
+    factors /= np.linalg.norm(factors, axis=(1, 2), keepdims=True)
+    _, s, Vt = np.linalg.svd(factors.reshape(-1, problem.system.p))
+    seen = int(np.count_nonzero(s > TOLERANCE * s[0]))
+    shortest, unseen = Vt[seen - 1], Vt[seen:]
+    rest = unseen.T @ (unseen @ gauge.start)
+    gains = gauge.normal @ shortest
+    if not abs(gains) > TOLERANCE:
+        raise NoEstimate("the gains in the smallest singular vector sum to 0", "Record longer.")
+    theta_s = rest + shortest * (gauge.normal @ (gauge.start - rest)) / gains
+    return Estimate(gauge.scale * theta_s, f"cut-off {cutoff:.3g} Hz")

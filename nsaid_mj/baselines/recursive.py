@@ -12,8 +12,7 @@ from ..log import Log, SensorLevels
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .base import Estimate, Problem
-from .least_squares import window
-from .regression import central_rows
+from .least_squares import central_rows, window
 
 _SPREAD = 0.3  # standard deviation of the prior, in θ/scale
 _ROUGHNESS = 1e-4  # standard deviation of the differences' error, relative to the acting forces

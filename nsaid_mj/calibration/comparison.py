@@ -15,7 +15,7 @@ from ..errors import BadRobot, InvalidInput
 from ..parameters import Array
 from ..robot.identified import Identified
 from ..robot.mjcf_file import compile_file
-from ..robot.mjcf_tree import joint_names
+from ..robot.tree import joint_names
 from .calibrate import calibrate
 from .data import Recordings, RobotModel, Segment
 from .export import identified

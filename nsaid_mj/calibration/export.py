@@ -14,7 +14,7 @@ from ..parameters import Array
 from ..robot.identified import Coupling, Identified, Parameter, Spring, with_inertias
 from ..robot.mjcf_export import write_mjcf
 from ..robot.tables import write_sysid, write_yaml
-from ..robot.urdf_export import write_urdf
+from ..robot.urdf import write_urdf
 from .findings import Finding
 from .replay import replay
 from .result import Identification

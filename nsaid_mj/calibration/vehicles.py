@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ..baselines.filters import smoothed
+from ..baselines.least_squares import smoothed
 from ..parameters import Array, Block, ParameterSpace
 from .data import Recordings, RobotModel, Segment
 from .findings import Finding

@@ -29,8 +29,16 @@ from ..resources import (
     reading,
     scenarios,
 )
-from .exit_codes import EXPLAINED, INTERRUPTED, NOT_EXPLAINED, UNUSABLE, code_of
-from .process import ending_like_ctrl_c, open_streams, silence
+from .process import (
+    EXPLAINED,
+    INTERRUPTED,
+    NOT_EXPLAINED,
+    UNUSABLE,
+    code_of,
+    ending_like_ctrl_c,
+    open_streams,
+    silence,
+)
 
 if TYPE_CHECKING:
     from ..evaluation.verify import Verdict
@@ -104,7 +112,7 @@ def _telling(action: Callable[[], int]) -> int:
     except NsaidError:
         raise
     except (Exception, SystemExit) as error:
-        from ..experiment.blame import blame
+        from ..experiment.library import blame
 
         if found := blame(error):
             raise found from error
@@ -124,7 +132,7 @@ def _command(arguments: Sequence[str]) -> int:
 
         return getattr(studies, word)(name, arguments[2:])
     if word == "compare" and {"--log", "--models"} & {a.partition("=")[0] for a in arguments}:
-        from .comparing import compare_on_logs
+        from .studies import compare_on_logs
 
         return compare_on_logs(arguments[1:])
     from . import grammar

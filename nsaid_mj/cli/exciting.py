@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
 from ..resources import print_json, reading
-from .exit_codes import code_of
 from .folders import folder_for_design
 from .grammar import Excite
+from .process import code_of
 
 if TYPE_CHECKING:
     from ..control import DriverConfig
@@ -37,7 +37,7 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     """Designs, and writes and prints the results."""
     from .. import design as room
     from ..design import files, harmonics, prediction
-    from ..design.models import own_limits
+    from ..design.experiment import own_limits
     from ..design.trial import tried
     from ..recording.design import FILE, record
     from ..reporting import design as design_page
@@ -85,7 +85,7 @@ def _scenario(chosen: Excite) -> Scenario:
     from ..experiment.library import load
 
     if chosen.model is not None:
-        from ..design.models import scenario_of_model
+        from ..design.experiment import scenario_of_model
 
         found = scenario_of_model(chosen.model)
     else:
@@ -126,13 +126,8 @@ def without_excitation(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
 def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig:
     """The excitation for `--excitation designed` or `--excitation designed:FOLDER`.
 
-    Args:
-        scenario: that is run.
-        given: what follows `--excitation`.
-        progress: shows the search.
-
     Raises:
-        InvalidInput: `given` is neither.
+        InvalidInput: what was given is neither.
         BadRun: the folder holds no design.
     """
     word, colon, folder = given.partition(":")

@@ -24,10 +24,7 @@ RUN = ("record.arrow", "scenario.json", "summary.json")
 def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
     """The title of a run: the scenario's name, or that of the robot chosen for it.
 
-    Args:
-        name: of the scenario.
-        default: the scenario as defined by its script.
-        scenario: the scenario that is run.
+    `default` is the scenario as defined by its script.
     """
     robot = getattr(scenario.plant, "robot", "")
     chosen = name == "arm" or robot != getattr(default.plant, "robot", "")
@@ -39,12 +36,6 @@ def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) ->
     """Yields the folder of a run, locked.
 
     It is `out`, or runs/TITLE-LAW, numbered if that holds a completed run or is in use.
-
-    Args:
-        title: of the run.
-        scenario: the scenario that is run.
-        out: given on the command line; None to choose a folder.
-        force: overwrite a completed run.
 
     Raises:
         BadRun: `out` holds a completed run, and `force` is not set.
@@ -59,11 +50,6 @@ def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) ->
 @contextmanager
 def folder_for_design(name: str, out: Path | None, force: bool) -> Iterator[Path]:
     """Yields the folder of a design, locked: `out`, or runs/NAME-excite, numbered as above.
-
-    Args:
-        name: of the robot.
-        out: given on the command line; None to choose a folder.
-        force: overwrite a design.
 
     Raises:
         BadRun: `out` holds a design, and `force` is not set; or it cannot be written to.

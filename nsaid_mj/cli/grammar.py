@@ -292,5 +292,10 @@ def parse(arguments: Sequence[str]) -> Any:
     )
 
 
+def names_in(text: str) -> tuple[str, ...]:
+    """The parts of a comma-separated text."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
 def _first_line(kind: type) -> str:
     return (kind.__doc__ or "").partition("\n")[0]

@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import itertools
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..bounds import without_nonfinite
 from ..errors import BadRun, InvalidInput
 from ..resources import check_own, locked, print_json, reading, write_json
-from .exit_codes import code_of
 from .folders import FORCE, RUNS, check_writable
-from .grammar import Identify
+from .grammar import Identify, names_in
+from .process import code_of
 
 if TYPE_CHECKING:
-    from ..calibration.findings import UnusableLog
+    from ..calibration.findings import Finding, UnusableLog
     from ..calibration.result import Identification
+    from ..calibration.servos import ServoIdentification, ServoLog, ServoLogs
+    from ..parameters import Array
+    from ..reporting.progress import Progress
+
 
 RESULT = "identification.json"
 
@@ -41,7 +48,6 @@ def identify_log(chosen: Identify) -> int:
 
 def _identify(model: str, chosen: Identify, folder: Path) -> int:
     from ..reporting.progress import Progress
-    from .servos import identify_given, servos_of
 
     with Progress(Path(model).stem, quiet=chosen.quiet or chosen.json) as progress:
         progress.say("reading the model and the log")
@@ -76,9 +82,9 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 validate_mapping=chosen.validate_map,
                 known=dict(_known(text) for text in chosen.known),
                 loads=chosen.load,
-                lock=_names(chosen.lock),
-                joints=_names(chosen.joints) or None,
-                columns=None if chosen.columns == "auto" else _names(chosen.columns),
+                lock=names_in(chosen.lock),
+                joints=names_in(chosen.joints) or None,
+                columns=None if chosen.columns == "auto" else names_in(chosen.columns),
                 delay=None if chosen.delay == "auto" else _numbers("--delay", chosen.delay),
                 cutoff=chosen.cutoff,
                 law=chosen.law,
@@ -174,12 +180,88 @@ def _known(text: str) -> tuple[str, float]:
         raise InvalidInput("--known", "NAME=VALUE", text, "Such as gain_1=0.11.") from error
 
 
-def _names(text: str) -> Sequence[str]:
-    return [part.strip() for part in text.split(",") if part.strip()]
-
-
 def _numbers(flag: str, text: str) -> Sequence[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError as error:
         raise InvalidInput(flag, "comma-separated numbers", text, "Such as 0.01.") from error
+
+
+_NO_TORQUE = (
+    "The other laws identify a motion from forces; a servo's log has none, and its velocity is too "
+    "coarse between two rows. "
+)
+
+
+def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
+    """The arm and its logs if they are of targets and positions, else None."""
+    from ..calibration.payloads import load_of
+    from ..calibration.servos import servo_logs
+
+    lock, joints = names_in(chosen.lock), names_in(chosen.joints)
+    loads = [load_of(text) for text in chosen.load] if logs == chosen.log else []
+    return servo_logs(model, logs, chosen.map, lock, joints or None, loads)
+
+
+def identify_given(
+    model: str, given: ServoLogs, chosen: Identify, path: Path, progress: Progress
+) -> tuple[ServoIdentification, list[Path]]:
+    """Identifies servos and writes the results: JSON into the path, and an MJCF beside it.
+
+    Raises:
+        InvalidInput: an option has no meaning for logs of targets.
+    """
+    from ..calibration.servos import identify_servos, write_servo_mjcf
+
+    plain = Identify()
+    for name in ("known", "columns", "delay", "cutoff", "law"):
+        if getattr(chosen, name) != getattr(plain, name):
+            expected = "no such option with logs of targets and positions"
+            why = _NO_TORQUE if name == "law" else ""
+            raise InvalidInput(f"--{name}", expected, getattr(chosen, name), f"{why}Leave it out.")
+    own = replace(chosen, map=chosen.validate_map or chosen.map)
+    others = servos_of(model, chosen.validate, own) if chosen.validate else None
+    result = identify_servos(given, progress.say)
+    progress.say("writing and trying the calibrated model")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    model_file = path.with_name(f"{result.robot.name}.xml")
+    write_servo_mjcf(result, model_file)
+    told, replay = _followed(others or given, result, model_file)
+    result = replace(result, findings=(*result.findings, told))
+    write_json(path, result.summary())
+    from ..reporting.identification.servos import write_servos
+
+    again = ["nsaid", "identify", *(["--model"] if chosen.log else []), model]
+    again += ["--log", *map(str, chosen.log)] if chosen.log else []
+    return result, [path, model_file, write_servos(result, path.parent, shlex.join(again), replay)]
+
+
+def _followed(
+    given: ServoLogs, result: ServoIdentification, path: Path
+) -> tuple[Finding, tuple[ServoLog, Array]]:
+    """How far MuJoCo departs from logs with the exported file, and with the user's own.
+
+    Returns:
+        The same in words; and the first log, with its positions (N, n) by the exported file.
+    """
+    from ..calibration.findings import Finding
+    from ..calibration.servos import rollout
+
+    source, joints = result.robot.source, result.robot.joints
+    logs = [log for log in given.logs if not log.loaded]  # of the model file's own links
+    assert source is not None  # a model with servos comes from a file
+    delays = [servo.delay for servo in result.servos]
+    simulated = [rollout(path, joints, log, delays) for log in logs]
+    nominal = [rollout(source, joints, log, 0.0) for log in logs]
+    own, before = (
+        np.mean([np.abs(q - log.position).mean(axis=0) for q, log in pairs], axis=0) * 1e3
+        for pairs in (zip(simulated, logs, strict=True), zip(nominal, logs, strict=True))
+    )
+    what = ", ".join(dict.fromkeys(log.source for log in logs))
+    text = (
+        f"MuJoCo, driven by the targets alone, departs from {what} by {own.mean():.1f} mrad in the "
+        f"mean with the exported file and the delays, and by {before.mean():.1f} mrad with yours"
+    )
+    data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
+    level = "note" if own.mean() < before.mean() else "warning"
+    return Finding(level, "replay", "", text, "", data), (logs[0], simulated[0])

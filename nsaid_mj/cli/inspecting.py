@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 from ..errors import InvalidInput
 from ..resources import print_json, reading
-from .exit_codes import EXPLAINED, UNUSABLE
 from .folders import check_writable
-from .grammar import Inspect
+from .grammar import Inspect, names_in
+from .process import EXPLAINED, UNUSABLE
 
 if TYPE_CHECKING:
     from ..calibration.logs.inspection import Inspection
@@ -32,9 +32,8 @@ def inspect_log(chosen: Inspect) -> int:
     if chosen.model is not None:
         from ..calibration.models import load_robot_model
 
-        lock = [name.strip() for name in chosen.lock.split(",") if name.strip()]
-        kept = [name.strip() for name in chosen.joints.split(",") if name.strip()]
-        robot = load_robot_model(chosen.model, lock, kept or None)
+        kept = names_in(chosen.joints) or None
+        robot = load_robot_model(chosen.model, names_in(chosen.lock), kept)
     with limited_to(chosen.limit * 1e9):
         tables = read_tables(chosen.logs, mapping)
     found = inspect(tables, mapping, robot)

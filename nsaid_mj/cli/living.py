@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bounds import without_nonfinite
-from .exit_codes import code_of
 from .folders import folder_for
-from .grammar import Live
+from .grammar import Live, names_in
+from .process import code_of
 
 if TYPE_CHECKING:
     from ..experiment.loop import Observer
@@ -31,8 +31,8 @@ def follow_robot(chosen: Live) -> int:
     from ..streaming.stream import bound
 
     name = Path(chosen.model).stem
-    robot = LiveRobot(robot=chosen.model, lock=_names(chosen.lock), joints=_names(chosen.joints),
-                      gain=chosen.gain)  # fmt: skip
+    lock, joints = names_in(chosen.lock), names_in(chosen.joints)
+    robot = LiveRobot(robot=chosen.model, lock=lock, joints=joints, gain=chosen.gain)
     noise = chosen.position_noise, chosen.velocity_noise
     scenario = measured_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
     quiet = chosen.quiet or chosen.json
@@ -83,7 +83,3 @@ def _print(estimate: Estimate) -> None:
     doubt = f"  misfit: {estimate.misfit}" if estimate.misfit not in ("", "none") else ""
     faults = f"  faults: {'; '.join(estimate.faults)}" if estimate.faults else ""
     print(f"{estimate.t:8.2f} s  {gains}{doubt}{faults}", flush=True)
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(",") if part.strip())

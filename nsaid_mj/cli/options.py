@@ -13,8 +13,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-from ..experiment.fields import REGISTRY, field_at, field_paths, same_end, with_fields
-from ..experiment.scenario import Scenario
+from ..experiment.scenario import REGISTRY, Scenario, field_at, field_paths, same_end, with_fields
 from ..plants import Fault, fault_text
 from .grammar import Output
 
@@ -45,13 +44,9 @@ def parse(
 ) -> tuple[Scenario, _Options]:
     """Parses the part of a command line that follows a scenario's name.
 
-    Args:
-        name: of the scenario, for the help text.
-        default: the scenario as defined by its script.
-        arguments: the command line after the name.
-        command: of `nsaid`, for the help text.
-        options: the command's own options; they take precedence over fields of the scenario with
-            the same name, which are then not available as flags.
+    `default` is the scenario as its script defines it. The options of a command of `nsaid` take
+    precedence over fields of the scenario with the same name, which are then not available as
+    flags.
 
     Returns:
         The scenario with the fields given as flags replaced, and the command's options.

@@ -3,8 +3,6 @@
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
 from .adaptive import AdaptiveTracking as AdaptiveTracking
 from .autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
-from .designed import DesignedSignals as DesignedSignals
-from .designed import DesignedTracking as DesignedTracking
 from .driver import Driver as Driver
 from .driver import DriverConfig as DriverConfig
 from .driver import InformedDriver as InformedDriver
@@ -15,6 +13,8 @@ from .pose_hold import PoseHold as PoseHold
 from .quadrotor import QuadrotorFlight as QuadrotorFlight
 from .sequence import Phase as Phase
 from .sequence import Sequence as Sequence
+from .tracking import DesignedSignals as DesignedSignals
+from .tracking import DesignedTracking as DesignedTracking
 from .tracking import FourierTracking as FourierTracking
 from .vehicle_manipulator import HoverAndReach as HoverAndReach
 from .vehicle_manipulator import SwimAndReach as SwimAndReach

@@ -1,15 +1,98 @@
-"""The interface of a driver: the initial state, and the command at every sample."""
+"""The interface of a driver: the initial state, and the command at every sample.
+
+Computed torque along a Fourier series, the law of `FourierTracking`, is compiled.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import NamedTuple
 
 import numpy as np
+from numba import types
 
 from ..bounds import Config, config
 from ..parameters import Array
+from ..structure.arrays import AT_Q, CIRCLE, KIND, Slopes, StructureArrays, Workspace, memory_of
+from ..structure.compiled import SLOPES, STRUCTURE, WORKSPACE, f8, kernel, matrix, vector, void
+from ..structure.forces import ALL, write_forces
+from ..structure.kinematics import place
+from ..structure.stage import require
 from ..system import SecondOrderSystem
-from .computed_torque import Tracking
+from .signals import SERIES, Series, fourier
+
+
+class Tracking(NamedTuple):
+    """Parameters of a computed-torque controller for an arm on a fixed base.
+
+    Attributes:
+        structure: of the arm; every joint has a motor.
+        theta: (p,) the controller's model θ̂₀; the gains of the motors come last.
+        series: the reference trajectory of the joints.
+        omega: bandwidth of the tracking loop [rad/s].
+        limit: (n,) largest commands, > 0.
+    """
+
+    structure: StructureArrays
+    theta: Array
+    series: Series
+    omega: float
+    limit: Array
+
+
+class TrackingMemory(NamedTuple):
+    """What `computed_torque` overwrites.
+
+    Attributes:
+        desired: (n, 3) position, velocity and acceleration.
+        a: (n,) acceleration asked for.
+        still: (n,) zeros.
+        stage: memory of a stage.
+        slopes: memory of derivatives.
+    """
+
+    desired: Array
+    a: Array
+    still: Array
+    stage: Workspace
+    slopes: Slopes
+
+
+def tracking_workspace(tracking: Tracking) -> TrackingMemory:
+    """Allocates the workspace of `computed_torque`."""
+    n = len(tracking.limit)
+    own = np.empty((n, 3)), np.empty(n), np.zeros(n)
+    return TrackingMemory(*own, *memory_of(tracking.structure, n))
+
+
+TRACKING = types.NamedTuple((STRUCTURE, vector, SERIES, f8, vector), Tracking)
+TRACKING_MEMORY = types.NamedTuple((matrix, vector, vector, WORKSPACE, SLOPES), TrackingMemory)
+
+
+@kernel(void(TRACKING, f8, vector, vector, TRACKING_MEMORY, vector))
+def computed_torque(tracking, t, q, v, workspace, u):
+    """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,).
+
+    Like a motor's, the command is limited: a model far from the truth can make the sampled loop
+    unstable, whose motion then remains bounded. q (m,) and v (n,) are measured.
+    """
+    structure, theta, series, omega, limit = tracking
+    desired, a, still, work, slopes = workspace
+    bodies, gain = structure.bodies, theta.shape[0] - v.shape[0]
+    fourier(series, t, desired)
+    for i in range(v.shape[0]):
+        at = bodies[i, AT_Q]
+        if bodies[i, KIND] == CIRCLE:  # error along the shorter arc
+            c, s = np.cos(desired[i, 0]), np.sin(desired[i, 0])
+            error = np.arctan2(s * q[at] - c * q[at + 1], c * q[at] + s * q[at + 1])
+        else:
+            error = desired[i, 0] - q[at]
+        a[i] = desired[i, 2] + 2 * omega * (desired[i, 1] - v[i]) + omega**2 * error
+    place(structure, q, v, slopes.state)
+    write_forces(structure, slopes.state, q, v, still, ALL, work.scratch, slopes.F)
+    require(structure, slopes.state, slopes.F, v, a, theta, work, u)
+    for i in range(v.shape[0]):
+        u[i] = min(max(u[i] / theta[gain + i], -limit[i]), limit[i])
 
 
 class Driver(ABC):
@@ -21,13 +104,7 @@ class Driver(ABC):
 
     @abstractmethod
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """(n_u,) command that is held from t [s] until the next sample.
-
-        Args:
-            t: time of the sample [s].
-            q: (m,) measured position.
-            v: (n,) measured velocity.
-        """
+        """(n_u,) command that is held from t [s] until the next sample; q (m,), v (n,) measured."""
 
     @abstractmethod
     def compiled(self, t: Array) -> Array | Tracking | None:
@@ -64,10 +141,7 @@ class DriverConfig(Config, ABC):
 
     @abstractmethod
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver.
+        """Makes the driver of a structure, whose controller uses the prior θ̂(0) (p,) as its model.
 
-        Args:
-            system: the structure of the plant.
-            prior: (p,) θ̂(0), the model that the controller uses.
-            rng: source of frequencies, phases and coefficients.
+        Frequencies, phases and coefficients come from `rng`.
         """

@@ -103,14 +103,11 @@ class _BodyModel(NamedTuple):
 
 
 class _Loops(NamedTuple):
-    """The controller's bandwidths and bounds.
+    """The controller's bandwidths [rad/s] and bounds.
 
     Attributes:
-        place: natural frequency of the position loop [rad/s].
-        attitude: (3,) natural frequencies of the attitude loops [rad/s].
         slope: tangent of the largest tilt.
-        least: lower bound on the squared rotor speeds, before dither.
-        most: upper bound on the squared rotor speeds, before dither.
+        least, most: bounds on the squared rotor speeds, before dither.
     """
 
     place: float
@@ -252,17 +249,9 @@ def _aim(q, v, path, dt, sums, loops, R, x):
 def _mix(q, v, path, dt, sums, loops, model, R, x, squares):
     """Writes the squared rotor speeds (4,) that track the path.
 
-    Args:
-        q: (7,) pose.
-        v: (6,) body twist.
-        path: (4, 4) desired position [m] and heading [rad], and their first three derivatives.
-        dt: time since the last command [s].
-        sums: (6,) integrals of the position [m·s] and attitude [rad·s] errors; updated in place.
-        loops: bandwidths and bounds.
-        model: the controller's model of the quadrotor.
-        R: (9,) workspace.
-        x: (30,) workspace.
-        squares: (4,) written.
+    `path` (4, 4) holds desired position [m] and heading [rad], and their first three derivatives;
+    `sums` (6,) the integrals of position [m·s] and attitude [rad·s] errors, updated in place over
+    dt [s]. q is the pose (7,), v the body twist (6,); R (9,) and x (30,) are workspaces.
     """
     for i in range(3):
         x[i] = -q[3 + i]

@@ -110,13 +110,9 @@ class FourierTrajectory:
     ) -> FourierTrajectory:
         """A trajectory about the middle of joints' ranges, after a base's about 0.
 
-        Args:
-            limits: (k,), (k,) of the joints' ranges [rad or m].
-            reach: share of these ranges that it uses.
-            speed: (k,) largest speeds of the joints [rad/s or m/s].
-            harmonics: frequency of the first harmonic [Hz], and their number.
-            rng: source of the coefficients.
-            base: (b,) largest displacements of the base, and (b,) its largest speeds.
+        It uses a share `reach` of the k joints' ranges [rad or m], up to their largest speeds (k,).
+        `harmonics` are the first one's frequency [Hz] and their number; `base` holds its largest
+        displacements (b,) and speeds (b,).
         """
         low, high = limits
         centre, half = 0.5 * (low + high), 0.5 * reach * (high - low)
@@ -135,13 +131,7 @@ class FourierTrajectory:
 class Multisine:
     """Random-phase sines of equal amplitude, one set for each channel, within ±amplitude.
 
-    Args:
-        channels: number of signals.
-        low: lowest frequency [Hz].
-        high: highest frequency [Hz].
-        tones: number of sines in a channel.
-        amplitude: bound on every signal.
-        rng: source of frequencies and phases.
+    The band is from `low` to `high` [Hz], with so many tones in every channel.
 
     Raises:
         InvalidInput: the band is empty or there is no tone.

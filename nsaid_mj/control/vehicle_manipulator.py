@@ -220,12 +220,10 @@ class _HoverAndReach(Driver):
         return desired
 
     def _attitude_error(self, attitude: Array, pull: Array, heading: float) -> Array:
-        """(3,) rotation vector in body axes [rad] to the attitude of this heading, z along `pull`.
+        """(3,) rotation vector, in body axes [rad], to the attitude of a heading, z along `pull`.
 
-        Args:
-            attitude: (4,) quaternion x, y, z, w.
-            pull: (3,) desired specific force in the world [m/s²].
-            heading: [rad].
+        The attitude is a quaternion x, y, z, w; `pull` (3,) the desired specific force, world
+        [m/s²].
         """
         z = pull / np.linalg.norm(pull)
         z[2] = max(z[2], 0.5)  # at most 60° of tilt
@@ -258,16 +256,9 @@ def joint_torque(
 ) -> Array:
     """(k,) motor torques [N·m or N] that accelerate the joints as desired, on a floating base.
 
-    The joints' accelerations are those without motors plus (M⁻¹)_jj τ.
-
-    Args:
-        system: the structure, with k joints after the base's six velocities.
-        theta: (p,) the model.
-        t: time [s].
-        q: (m,) position.
-        v: (n,) velocity.
-        thrust: (n_u − k,) commands of the thrusters.
-        desired: (k,) joint accelerations [rad/s² or m/s²].
+    The joints' accelerations are those without motors plus (M⁻¹)_jj τ. The k joints come after the
+    base's six velocities; `thrust` (n_u − k,) are the thrusters' commands, `desired` (k,) the
+    joints' accelerations [rad/s² or m/s²].
     """
     u = np.concatenate([np.zeros(len(system.joints)), thrust])
     free = system.evaluate_at(t, q, v, u, v, theta).a

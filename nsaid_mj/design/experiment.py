@@ -6,17 +6,23 @@ engineer who does not know better would draw them. Published values alone would 
 draws alone too generic: a last link whose centre of mass lies on its axis, as most are built, tells
 far less about its motor than one drawn at random. The truth of a scenario's plant is never drawn,
 let alone read.
+
+`scenario_of_model` is the experiment with a robot of one's own. A vehicle's file is of a known
+family, whose scenario says how it is driven.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
-from ..control import DriverConfig
-from ..errors import InvalidInput
+from ..calibration.models import plant_of
+from ..control import DriverConfig, FourierTracking
+from ..errors import InvalidInput, UnknownName
+from ..experiment.library import load
 from ..experiment.scenario import Scenario
 from ..experiment.setup import is_sound, published, trajectory
 from ..identifiers.cone.prior import drawn_inside
@@ -26,8 +32,10 @@ from ..parameters import Array
 from ..plants import ArmPlant, ParametricPlantConfig, Plant, Sensors
 from ..plants.world.contacts import Contacts
 from ..plants.world.sensors import EXACT_SENSORS
+from ..resources import scenarios, vehicle_files
 from ..robot.loading import load_robot
 from ..system import SecondOrderSystem
+from .limits import Limit, Limits, source_of
 
 DRAWS = 4
 """Values of θ under which a design is judged, the first of them the prior itself; the search itself
@@ -60,10 +68,6 @@ class Experiment:
     @staticmethod
     def of(scenario: Scenario, seed: int = 0) -> Experiment:
         """The experiment of a scenario, from its plant's published values alone.
-
-        Args:
-            scenario: with any sensors and any prior.
-            seed: of the draws.
 
         Raises:
             InvalidInput: the plant cannot be made with a given θ, its structure has no compiled
@@ -105,15 +109,7 @@ class Experiment:
     ) -> Log | None:
         """The motion of a plant with a draw of the prior, under a driver that knows the prior.
 
-        Args:
-            driver: makes the commands from the prior.
-            draw: number of the draw that is the plant's θ.
-            duration: of the motion [s].
-            seed: of the driver's random numbers.
-            sensors: what measures.
-
-        Returns:
-            The measurements; None if the plant diverges.
+        `duration` is in seconds, `seed` that of the driver. None if the plant diverges.
         """
         plant, dt = self.plant(draw), self.scenario.dt
         made = driver.build(self.system, self.prior, np.random.default_rng(seed))
@@ -141,3 +137,68 @@ class Experiment:
     @cached_property
     def _plants(self) -> dict[int, Plant]:
         return {}
+
+
+_EXCITATION = FourierTracking(fundamental=0.2, harmonics=10)
+_STEP = 1e-3  # of an arm's simulation [s]
+_UNLIMITED = 1e6  # what some readers of URDFs put where there is no limit
+
+
+def scenario_of_model(model: str) -> Scenario:
+    """The experiment with a robot, before it has a motion.
+
+    Args:
+        model: path of a URDF, an MJCF (.xml or .mjb) or a vehicle's TOML file or folder; or the
+            name of a robot.
+
+    Raises:
+        InvalidInput, UnknownName: a vehicle's file is wrong.
+    """
+    path = Path(model).expanduser()
+    if path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file()):
+        return _vehicle(path)
+    plant = ArmPlant(robot=str(path.resolve()) if path.is_file() else model)
+    return replace(load("ur5"), plant=plant, excitation=_EXCITATION, dt=_STEP)
+
+
+def _vehicle(path: Path) -> Scenario:
+    """The scenario of a vehicle's family, with the vehicle.
+
+    Raises:
+        UnknownName: no scenario has a vehicle of the family.
+    """
+    sheet = vehicle_files(str(path)).sheet
+    plant = plant_of(sheet.resolve())
+    for name in scenarios():
+        known = load(name)
+        if type(known.plant) is type(plant):
+            return replace(known, plant=plant)
+    raise UnknownName("scenario with a vehicle like", type(plant).__name__, scenarios())
+
+
+def own_limits(system: SecondOrderSystem, default: Limits) -> Limits:
+    """The limits of an arm's model file, on a fixed base: position, velocity and effort.
+
+    Where the file has none, or 0, as for accelerations, the default holds; `sources` of the result
+    say which joints these are.
+    """
+    model, names = system.model, system.joint_names  # type: ignore[attr-defined]  # a tree
+    limits, sources = dict(default.limits), dict(default.sources)
+    ranges = [model.joints[i].idx_q for i in range(1, model.njoints)]
+    bounded = [
+        model.joints[i].nq == 1 and bool(np.isfinite(model.upperPositionLimit[k]))
+        for i, k in enumerate(ranges, 1)
+    ]
+    low, high = system.limits  # type: ignore[attr-defined]  # as above
+    limits["position"] = Limit(low, high, default.limits["position"].unit)
+    missing = [name for name, given in zip(names, bounded, strict=True) if not given]
+    sources["position"] = source_of(names, missing, "±π")
+    for name, values in (("speed", model.velocityLimit), ("torque", model.effortLimit)):
+        if name not in limits:
+            continue
+        own, given = limits[name], (values > 0) & (values < _UNLIMITED)
+        largest = np.where(given, values, own.high)
+        limits[name] = Limit(-largest, largest, own.unit)
+        missing = [joint for joint, there in zip(names, given, strict=True) if not there]
+        sources[name] = source_of(names, missing, default.sources.get(name, ""))
+    return replace(default, limits=limits, sources=sources)

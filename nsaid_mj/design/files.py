@@ -37,12 +37,7 @@ if __name__ == "__main__":
 
 
 def scenario_of(found: Design, original: Scenario) -> Scenario:
-    """The experiment with the designed excitation, noisy sensors and the law `efficient`.
-
-    Args:
-        found: the design.
-        original: the scenario that it was designed for.
-    """
+    """The original scenario with the designed excitation, noisy sensors and the law `efficient`."""
     law = original.identifier
     if isinstance(law, NullspaceAID):
         law = replace(law, law="efficient")
@@ -60,18 +55,7 @@ def scenario_of(found: Design, original: Scenario) -> Scenario:
 def write(
     found: Design, prediction: Prediction, ranks: Ranks, scenario: Scenario, folder: Path
 ) -> list[Path]:
-    """Writes motion, scenario and figures into a folder.
-
-    Args:
-        found: the design.
-        prediction: of what it tells.
-        ranks: of motions with few harmonics.
-        scenario: of `scenario_of`.
-        folder: made if it does not exist.
-
-    Returns:
-        The files.
-    """
+    """Writes motion, scenario and figures into a folder, made if need be; returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / DESIGN, document(found, prediction, ranks, folder.name))
     write_text(folder / MOTION, motion_csv(found))

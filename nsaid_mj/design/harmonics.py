@@ -13,9 +13,9 @@ import numpy as np
 from ..control import DriverConfig, FourierTracking
 from ..log import Log
 from ..nullspace import split
-from .arms import JointMotions
 from .experiment import Experiment
 from .limits import Limits
+from .motions import JointMotions
 
 _SAMPLES = 1500  # of a motion, at most
 _MOST = 8
@@ -43,13 +43,7 @@ class Ranks:
 
 
 def ranks(experiment: Experiment, limits: Limits, seed: int = 0) -> Ranks:
-    """Measures the rank of motions with 1, 2, … harmonics, until P_⊥ is excited.
-
-    Args:
-        experiment: what is known beforehand.
-        limits: of the motions.
-        seed: of the motions.
-    """
+    """Measures the rank of motions with 1, 2, … harmonics, until P_⊥ is excited."""
     system, base = experiment.system, experiment.scenario.excitation
     needed = system.p - experiment.nullspace.r
     bound = max(1, int(np.ceil((needed / system.n - 1) / 2)))

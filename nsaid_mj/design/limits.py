@@ -105,12 +105,7 @@ def source_of(names: Sequence[str], missing: Sequence[str], other: str) -> str:
 
 
 def envelope(extents: Sequence[Extents], share: float) -> dict[str, tuple[Array, Array]]:
-    """The bounds that a given share of motions keep, separately for every entry.
-
-    Args:
-        extents: of several motions.
-        share: 0.5 for the median, 1 for all.
-    """
+    """The bounds that a share of motions keep, 0.5 the median, 1 all, for every entry."""
     return {
         name: (
             np.quantile([each[name][0] for each in extents], 1 - share, axis=0),
@@ -121,13 +116,7 @@ def envelope(extents: Sequence[Extents], share: float) -> dict[str, tuple[Array,
 
 
 def extents_of(system: SecondOrderSystem, log: Log, theta: Array) -> dict[str, tuple[Array, Array]]:
-    """The limited quantities along a motion.
-
-    Args:
-        system: the structure.
-        log: of exact measurements.
-        theta: (p,) parameters of the plant that moved.
-    """
+    """The limited quantities along an exact motion of a plant with parameters θ (p,)."""
     if system.group:
         return _vehicle(system, log)
     position = np.unwrap(coordinates_of(system, log.q), axis=0)

@@ -2,19 +2,248 @@
 
 All of it is at a fixed common scale, that is, on P_⊥: nothing is ever learned of P_s from motion,
 and the report says what fixes it. Figures are root mean squares over the draws of the prior.
+
+An arm may repeat its motion with a known payload, or in another pose; a vehicle may use larger
+commands; both may move for longer, or have quieter sensors. A payload's inertia is known in kg and
+not only in proportion to the rest of θ, so it also tells of directions of P_s. Such remedies are
+computed for the published values.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.linalg
 
+from ..control import DesignedSignals, DesignedTracking
 from ..evaluation.confidence import INTERVAL
+from ..log import Log, SensorLevels
 from ..nullspace import directions
+from ..parameters import Array, phrase
+from ..structure.joints import JointTree
+from ..structure.payload import point_mass
 from .designing import Design, Told
-from .information import PRIOR
-from .remedies import Helped, Remedy, helped, remedies, weak_directions
+from .experiment import DRAWS, Experiment
+from .information import PRIOR, bound, rms
+from .limits import coordinates_of, extents_of
+from .motions import amplified, amplitudes_of
+
+WEAK = 0.7
+"""Predicted over prior deviation above which a direction counts as weak."""
+_NAMED = 0.3  # weight over the largest of a direction's parameters that are named
+_HELPS = 0.95  # of a direction's deviation: what leaves more of it does not help
+_CARRIED, _HELD = 0.1, 0.1  # payload: share of the moving mass, distance from the joint's axis [m]
+_PAYLOADS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.5, 0.8), (0.25, 0.6))  # of it and of swing
+_POSES, _SWING = 6, 0.7  # other poses that are tried, and the share of the swing in them
+_LARGER, _LARGEST = (
+    1.5,
+    0.99,
+)  # amplitudes of a vehicle's commands: factor, and share of their range
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """Another experiment, and what it would tell instead.
+
+    Attributes:
+        predicted: rms deviation of what is asked for.
+        weak: number of weak directions that it leaves.
+        covariance: (p, p) predicted of θ̂/scale.
+    """
+
+    words: str
+    predicted: float
+    weak: int
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class Helped:
+    """A weak direction, and the experiment that tells most of it.
+
+    Attributes:
+        words: the direction's leading parameters.
+        left: its predicted deviation, over that before the experiment.
+        remedy: what helps most; "" if nothing that was computed does.
+        after: its deviation then, over that before the experiment.
+    """
+
+    words: str
+    left: float
+    remedy: str
+    after: float
+
+
+def weak_directions(found: Design, covariance: Array, draw: int = 0) -> Array:
+    """(p, k) unit directions of θ/scale of which the data tell little, the weakest first.
+
+    `covariance` (p, p) is the one predicted of θ̂/scale.
+    """
+    basis = found.experiment.bases[draw]
+    variance, vectors = scipy.linalg.eigh(basis.T @ covariance @ basis)
+    return basis @ vectors[:, variance > (WEAK * PRIOR) ** 2][:, ::-1]
+
+
+def helped(found: Design, direction: Array, others: list[Remedy]) -> Helped:
+    """What helps most with a weak direction (p,) of θ/scale."""
+    labels, size = found.experiment.system.space.labels, np.abs(direction)
+    leading = [i for i in np.argsort(-size) if size[i] >= _NAMED * size.max()][:4]
+
+    def left(covariance: Array) -> float:
+        return float(np.sqrt(direction @ covariance @ direction)) / PRIOR
+
+    own, best = left(found.covariances[0]), min(others, key=lambda each: left(each.covariance))
+    after = left(best.covariance)
+    words = phrase(labels[i] for i in leading)
+    if after > _HELPS * own:
+        return Helped(words, own, "", own)
+    return Helped(words, own, best.words, after)
+
+
+def remedies(found: Design) -> list[Remedy]:
+    """Other experiments with the same robot, computed."""
+    made = [*_longer(found), _quieter(found)]
+    if isinstance(found.driver, DesignedTracking):
+        made += [*_loaded(found, found.driver), *_elsewhere(found, found.driver)]
+    elif isinstance(found.driver, DesignedSignals):
+        made += _larger(found, found.driver)
+    return made
+
+
+def _remedy(found: Design, words: str, covariance: Array) -> Remedy:
+    predicted = rms(found.asked.deviations(covariance, found.experiment.draws[0]))
+    return Remedy(words, predicted, weak_directions(found, covariance).shape[1], covariance)
+
+
+def _longer(found: Design) -> Iterator[Remedy]:
+    """Twice and four times the duration."""
+    for factor in (2, 4):
+        duration = factor * found.experiment.scenario.duration
+        log = found.experiment.simulate(found.driver, 0, duration)
+        if log is not None:
+            words = f"{duration:g} s instead of {duration / factor:g} s"
+            yield _remedy(found, words, found.covariance(log, 0))
+
+
+def _quieter(found: Design) -> Remedy:
+    """Sensors with a tenth of the noise."""
+    levels = SensorLevels(*(0.1 * level for level in found.experiment.levels))
+    quiet = replace(found.experiment, levels=levels)
+    P = found.covariance(found.logs[0], 0, quiet)
+    return _remedy(found, "sensors with a tenth of the noise", P)
+
+
+def _loaded(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
+    """The motion once more with a known payload, the largest of some that keeps the limits."""
+    experiment = found.experiment
+    space = experiment.system.space
+    place = _held(experiment)
+    moving = sum(experiment.prior[at][0] for b, at in space if b.geometry == "pseudo_inertia")
+    for part, swing in _PAYLOADS:
+        mass = float(f"{part * _CARRIED * moving:.1g}")
+        added = point_mass(space, mass, place)
+        loaded = replace(experiment, prior=experiment.prior + added, draws=experiment.draws + added)
+        log = _kept(found, loaded, _swung(driver, swing))
+        if log is None:
+            continue
+        whole = np.eye(len(space))  # a payload tells of P_s too
+        J = found.information(found.logs[0], 0, whole)
+        P = bound(J + found.information(log, 0, whole, loaded), whole)
+        Z = experiment.bases[0]
+        scale = experiment.draws[0] / space.scale
+        known = np.sqrt(scale @ P @ scale) / (scale @ scale)
+        words = (
+            f"the motion once more with a known payload, {mass:g} kg held "
+            f"{100 * np.linalg.norm(place):.0f} cm off the last joint's axis"
+            f"{_smaller(swing)} (also tells the common scale to {100 * known:.1g} %)"
+        )
+        yield _remedy(found, words, Z @ (Z.T @ P @ Z) @ Z.T)
+        return
+
+
+def _held(experiment: Experiment) -> Array:
+    """(3,) where a payload is held, in the last link's axes, at right angles to its joint's [m]."""
+    arm = experiment.system
+    assert isinstance(arm, JointTree)
+    axis = np.asarray(arm.structure.bodies[-1].axis)
+    side = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+    return _HELD * side / np.linalg.norm(side)
+
+
+def _elsewhere(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
+    """The motion once more in another pose: the best of some random ones that keep the limits."""
+    experiment, basis = found.experiment, found.experiment.bases[0]
+    series, limit = driver.series, found.limits.limits["position"]
+    t = np.linspace(0, 1 / driver.fundamental, 500)
+    phase = np.outer(t, series.omega)
+    peak = np.abs(np.hstack([np.sin(phase), np.cos(phase)]) @ series.coefficients.T).max(axis=0)
+    room = np.maximum(0.5 * (limit.high - limit.low) - _SWING * peak, 0.0)
+    middle, rng, made = 0.5 * (limit.low + limit.high), np.random.default_rng(0), []
+    J, directions = found.information(found.logs[0], 0, basis), weak_directions(
+        found, found.covariances[0]
+    )  # fmt: skip
+    for _ in range(_POSES):
+        centre = middle + room * rng.uniform(-1, 1, len(room))
+        moved = replace(_swung(driver, _SWING), centre=tuple(centre.tolist()))
+        log = _kept(found, experiment, moved)
+        if log is None:
+            continue
+        P = bound(J + found.information(log, 0, basis), basis)
+        asked = rms(found.asked.deviations(P, experiment.draws[0]))
+        cost = np.trace(directions.T @ P @ directions) if directions.size else asked
+        made.append((float(cost), centre, P))
+    if made:
+        _, centre, P = min(made, key=lambda each: each[0])
+        pose = ", ".join(f"{x:.2g}" for x in centre)
+        words = f"the motion once more in another pose, about ({pose}){_smaller(_SWING)}"
+        yield _remedy(found, words, P)
+
+
+def _larger(found: Design, driver: DesignedSignals) -> Iterator[Remedy]:
+    """A vehicle's commands half as large again."""
+    experiment, names = found.experiment, amplitudes_of(driver.driver)
+    inner = amplified(driver.driver, _LARGER, _LARGEST)
+    if inner == driver.driver:
+        return
+    log = experiment.simulate(replace(driver, driver=inner), 0, experiment.scenario.duration)
+    if log is None:
+        return
+    uses = found.limits.uses(extents_of(experiment.system, log, experiment.draws[0]))
+    broken = phrase(name for name, use in uses.items() if use > 1)
+    values = ", ".join(f"{name} {getattr(inner, name):.2g}" for name in names)
+    words = f"larger commands ({values})" + (f", beyond the limits of {broken}" if broken else "")
+    yield _remedy(found, words, found.covariance(log, 0))
+
+
+def _swung(driver: DesignedTracking, share: float) -> DesignedTracking:
+    """A motion with the swing of all joints times a share."""
+    sines, cosines = (tuple(share * x for x in part) for part in (driver.sines, driver.cosines))
+    return replace(driver, sines=sines, cosines=cosines)
+
+
+def _smaller(swing: float) -> str:
+    return "" if swing == 1 else f", with {100 * swing:.0f} % of the swing"
+
+
+def _kept(found: Design, experiment: Experiment, driver: DesignedTracking) -> Log | None:
+    """The simulated motion under the first draw; None if it breaks a limit under any draw."""
+    system, first = experiment.system, None
+    for draw in range(DRAWS):
+        log = experiment.simulate(driver, draw, experiment.scenario.duration)
+        first = log if first is None else first
+        if log is None:
+            return None
+        uses = found.limits.uses(extents_of(system, log, experiment.draws[draw]))
+        if max(uses.values()) > 1:
+            return None
+        if found.limits.contacts and found.experiment.contacts is not None:
+            poses = coordinates_of(system, log.q[:: found.stride])
+            if any(found.experiment.contacts.touching(poses)):
+                return None
+    return first
+
 
 _LISTED = 6  # weak directions that are described
 
@@ -66,12 +295,7 @@ class Prediction:
 
 
 def predict(found: Design, told: Told = lambda _words, _share: None) -> Prediction:
-    """Predicts what a designed experiment tells, and computes what would help.
-
-    Args:
-        found: the design.
-        told: receives progress.
-    """
+    """Predicts what a designed experiment tells, and computes what would help."""
     experiment = found.experiment
     space, covariances = experiment.system.space, found.covariances
     weak = [weak_directions(found, P, draw) for draw, P in enumerate(covariances)]

@@ -17,13 +17,7 @@ from ..parameters import Array
 
 
 class Found(NamedTuple):
-    """The best candidate of a search.
-
-    Attributes:
-        x: (d,) the candidate.
-        cost: its cost; inf if none was feasible.
-        evaluations: number of candidates tried.
-    """
+    """The best candidate x (d,) of a search; its cost is inf if none was feasible."""
 
     x: Array
     cost: float

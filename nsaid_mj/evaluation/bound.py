@@ -31,11 +31,6 @@ _DRAWS = 200  # estimates whose median figures are those of the bound
 def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     """(p, p) smallest covariance of θ̂/scale that an estimate from a log and the prior can have.
 
-    Args:
-        truth: of the plant.
-        log: the measurements.
-        levels: standard deviations of the sensors' noise, > 0.
-
     Raises:
         NoEstimate: the sensors are exact, the system has no compiled forward dynamics, or M is not
             positive definite along the log.
@@ -62,13 +57,7 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
 
 
 def bound_figures(truth: Truth, judge: Judge, covariance: Array) -> dict[str, float | None]:
-    """Median figures of estimates that attain the bound.
-
-    Args:
-        truth: of the plant.
-        judge: of estimates of that plant.
-        covariance: (p, p) of `cramer_rao`.
-    """
+    """Median figures of estimates that attain the bound, with its covariance (p, p)."""
     basis, scale = truth.nullspace.P_perp, truth.system.space.scale
     values, vectors = scipy.linalg.eigh(basis.T @ covariance @ basis)
     root = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))

@@ -41,12 +41,7 @@ class Known:
     blocks: Array
 
     def covered(self, theta_hat_s: Array, theta_s: Array) -> float:
-        """Share of the directions whose 95 % interval contains a given θ.
-
-        Args:
-            theta_hat_s: (p,) the estimate over scale.
-            theta_s: (p,) the given θ over scale; its norm does not matter.
-        """
+        """Share of the directions whose 95 % interval contains θ; θ̂ and θ (p,) are over scale."""
         off = self.directions @ (theta_s / np.linalg.norm(theta_s))
         off -= self.directions @ (theta_hat_s / np.linalg.norm(theta_hat_s))
         return float(np.mean(np.abs(off) <= INTERVAL * self.deviation))
@@ -55,11 +50,7 @@ class Known:
         """Share of predicted forces whose 95 % interval contains the actual force.
 
         W θ̂ along a motion of the plant is the error of the prediction: the force that θ̂ predicts
-        from the motion, less that of the actuators.
-
-        Args:
-            theta_hat_s: (p,) the estimate over scale.
-            W_s: (k, n, p) regressors along a motion of the plant, times scale.
+        from the motion, less that of the actuators. `W_s` (k, n, p) is W times scale.
         """
         spread = W_s @ (self.directions.T * self.deviation) * np.linalg.norm(theta_hat_s)
         deviation = np.linalg.norm(spread, axis=-1)
@@ -114,14 +105,7 @@ def determined(
 def known(
     confidence: Confidence, theta_hat: Array, nullspace: Nullspace, space: ParameterSpace
 ) -> Known:
-    """Decomposes an estimate's covariance along the observable directions.
-
-    Args:
-        confidence: the identifier's covariance and that of its prior.
-        theta_hat: (p,) the estimate.
-        nullspace: P_s(θ̂), at the estimate.
-        space: names and scale of θ.
-    """
+    """Decomposes the covariance of an estimate θ̂ (p,) along the observable directions there."""
     basis, size = nullspace.P_perp, float(np.linalg.norm(theta_hat / space.scale))
     covariance, prior = (_within(part, basis, space.scale) for part in confidence[:2])
     variance, vectors = scipy.linalg.eigh(covariance)
@@ -138,13 +122,7 @@ def known(
 def gain_deviations(
     confidence: Confidence | None, theta_hat: Array, space: ParameterSpace
 ) -> Array:
-    """(a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown.
-
-    Args:
-        confidence: the identifier's covariance, if it states one.
-        theta_hat: (p,) the estimate.
-        space: names and scale of θ.
-    """
+    """(a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown."""
     k = space.actuators
     if confidence is None:
         return np.full(len(k), np.inf)

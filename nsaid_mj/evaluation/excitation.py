@@ -7,8 +7,7 @@ import numpy as np
 from ..experiment.loop import Run
 from ..nullspace import level, split
 from ..parameters import Array
-from .figures import last_tenth
-from .rows import states, stride_of
+from .figures import last_tenth, states, stride_of
 from .truth import Truth
 
 _WINDOW_ROWS = 100  # regressors per window, about

@@ -1,4 +1,4 @@
-"""Figures that judge an estimate, independent of the method that produced it."""
+"""Figures that judge an estimate, whatever made it, and the rows of a log they are taken at."""
 
 from __future__ import annotations
 
@@ -11,8 +11,43 @@ from ..log import Log
 from ..nullspace import regressor_stack, split
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from .rows import midpoints, states, stride_of
 from .truth import Truth
+
+NUMBERS = 20_000_000
+"""Largest number of regressor entries in memory at once."""
+
+_ROWS = 2000  # of a trajectory, at most, at which regressors are formed
+
+
+def stride_of(length: int, system: SecondOrderSystem) -> int:
+    """The stride through a log of `length` rows that keeps its regressors within `NUMBERS`."""
+    rows = min(_ROWS, max(50, NUMBERS // (system.n * system.p)))
+    return max(1, length // rows)
+
+
+def states(log: Log, stride: int) -> tuple[Array, Array, Array, Array]:
+    """t (k,), x (k, m + n), v (k, n) and u (k, n_u) of every stride-th row."""
+    k = slice(None, None, stride)
+    v = log.v[k]
+    return log.t[k], np.hstack([log.q[k], v]), v, log.u[k]
+
+
+def midpoints(
+    log: Log, system: SecondOrderSystem, stride: int
+) -> tuple[Array, Array, Array, Array, Array]:
+    """t, x, v, u and v̇ half-way between a row and its successor, for every stride-th row.
+
+    v̇ is the finite difference of the measured velocities, so it needs no truth. The command must
+    be constant between rows.
+    """
+    k = np.arange(0, len(log.t) - 1, stride)
+    t, q, v, u = log.t, log.q, log.v, log.u[k]
+    steps = [0.5 * system.difference(q[i], q[i + 1]) for i in k]
+    middle = np.array([system.integrate(q[i], step) for i, step in zip(k, steps, strict=True)])
+    mean = 0.5 * (v[k] + v[k + 1])
+    rate = (v[k + 1] - v[k]) / (t[k + 1] - t[k])[:, None]
+    return 0.5 * (t[k] + t[k + 1]), np.hstack([middle, mean]), mean, u, rate
+
 
 CONVERGED = 0.01
 """Distance to the true set below which an estimate has converged, if it stays there."""
@@ -45,10 +80,7 @@ def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
     With the truth they include the distance to the true set and the force residual on a held-out
     trajectory; without it, the force residual over the last tenth of the run itself.
 
-    Args:
-        run: a run with at least one row.
-        name: of the identifier; "" is the scenario's own.
-        truth: of the run's plant; None if it is unknown.
+    The identifier "" is the scenario's own.
     """
     suffix = f"_{name}" if name else ""
     record, system = run.record, run.system
@@ -118,22 +150,14 @@ def converged_at(t: Array, distance: Array) -> float | None:
 
 
 def force_residual_ratio(
-    system: SecondOrderSystem,
-    later: Log | None,
-    theta_hat: Array,
-    truth: Array | None,
+    system: SecondOrderSystem, later: Log | None, theta_hat: Array, truth: Array | None
 ) -> float | None:
     """rms of W(t, x, v, v̇) θ̂ with the true v̇, over rms of the actuator forces under θ̂.
 
-    Args:
-        system: the structure.
-        later: held-out trajectory, which the estimate has not seen.
-        theta_hat: (p,) the estimate.
-        truth: (p,) θ for v̇ by (29); None if no θ describes the plant: v̇ is then the finite
-            difference of measured velocities, half-way between samples.
-
-    Returns:
-        None if there is no held-out trajectory, or if the actuators exert no force along it.
+    `later` is a trajectory that the estimate has not seen, `truth` (p,) is θ for v̇ by (29). Where
+    no θ describes the plant, that is None: v̇ is then the finite difference of measured velocities,
+    half-way between samples. None without a trajectory, or if the actuators exert no force along
+    it.
     """
     return residual_ratio(system, held_out_rows(system, later, truth), theta_hat)
 
@@ -141,13 +165,7 @@ def force_residual_ratio(
 def measured_residual_ratio(system: SecondOrderSystem, log: Log, theta_hat: Array) -> float | None:
     """rms of W(t, x, v, v̇) θ̂ with the measured v̇, over rms of the actuator forces under θ̂.
 
-    Args:
-        system: the structure.
-        log: the measurements, of which the last tenth is used; commands are held between rows.
-        theta_hat: (p,) the estimate.
-
-    Returns:
-        None if there are fewer than two rows, or no actuator force.
+    The last tenth of the log is used. None of fewer than two rows, or without actuator force.
     """
     rows = len(log.t)
     if rows < 2:
@@ -160,16 +178,17 @@ def held_out_rows(
     system: SecondOrderSystem, later: Log | None, truth: Array | None
 ) -> Array | None:
     """(k, n, p) W along a held-out trajectory, with v̇ as in `force_residual_ratio`."""
-    if later is None:
-        return None
-    stride = stride_of(len(later.t), system)
+    return None if later is None else timed_rows(system, later, truth)[1]
+
+
+def timed_rows(system: SecondOrderSystem, log: Log, truth: Array | None) -> tuple[Array, Array]:
+    """(k,) times and (k, n, p) W along a log, with v̇ as in `force_residual_ratio`."""
+    stride = stride_of(len(log.t), system)
     if truth is not None:
-        t, x, v, u = states(later, stride)
-        _, W = system.evaluate(t, x, v, u, truth)
-    else:
-        t, x, v, u, a = midpoints(later, system, stride)
-        W = system.regressor(t, x, v, a, u)
-    return W
+        t, x, v, u = states(log, stride)
+        return t, system.evaluate(t, x, v, u, truth)[1]
+    t, x, v, u, a = midpoints(log, system, stride)
+    return t, system.regressor(t, x, v, a, u)
 
 
 def residual_ratio(system: SecondOrderSystem, W: Array | None, theta_hat: Array) -> float | None:
@@ -181,3 +200,26 @@ def residual_ratio(system: SecondOrderSystem, W: Array | None, theta_hat: Array)
     if not force.any():
         return None
     return float(np.sqrt(np.mean((W @ theta_hat) ** 2) / np.mean(force**2)))
+
+
+def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
+    """The smallest force residual ratio of any θ on regressors W (k, n, p).
+
+    It is the square root of the smallest generalised eigenvalue of WᵀW with respect to that of the
+    actuator columns: the part of the actuator forces that remains when plant and gains are fitted
+    to this motion. None if there is no motion, or if the actuators exert no force along it.
+    """
+    if W is None:
+        return None
+    actuators = system.space.actuators
+    plant = np.setdiff1d(np.arange(system.p), actuators)
+    rows = (W * system.space.scale).reshape(-1, system.p)
+    forces = rows[:, actuators]
+    forces = forces[:, forces.any(axis=0)]
+    if not forces.size:
+        return None
+    u, s, _ = np.linalg.svd(rows[:, plant], full_matrices=False)
+    u = u[:, s > 1e-10 * s[0]]
+    left = forces - u @ (u.T @ forces)  # residual of the best fit of the plant's parameters
+    _, R = np.linalg.qr(forces)
+    return float(np.linalg.svd(np.linalg.solve(R.T, left.T), compute_uv=False)[-1])

@@ -9,7 +9,7 @@ import numpy as np
 from ..experiment.loop import Run
 from ..parameters import Array
 from .confidence import INTERVAL, known
-from .rows import midpoints, states, stride_of
+from .figures import timed_rows
 from .summary import nullspace_of
 from .truth import Truth
 
@@ -59,13 +59,7 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
     log = later if later is not None else run.record.log
     if not held_out:
         log, exact = log.part(len(log.t) - max(2, len(log.t) // 10), len(log.t)), None
-    stride = stride_of(len(log.t), system)
-    if exact is not None:
-        t, x, v, u = states(log, stride)
-        _, W = system.evaluate(t, x, v, u, exact)
-    else:
-        t, x, v, u, a = midpoints(log, system, stride)
-        W = system.regressor(t, x, v, a, u)
+    t, W = timed_rows(system, log, exact)
     scale, k = system.space.scale, system.space.actuators
     factor = 1.0
     if truth is not None:

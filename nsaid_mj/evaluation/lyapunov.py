@@ -13,7 +13,7 @@ from ..identifiers import Identifier
 from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..parameters import Array
 from ..system import SecondOrderSystem
-from .rows import states
+from .figures import states
 from .truth import Truth
 
 _CHUNK = 1_000_000  # entries of temporary arrays in memory at once; the record itself may be large
@@ -58,13 +58,7 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
 
 
 def energy(run: Run, truth: Truth, rows: NDArray[np.intp] | None = None) -> Array:
-    """(k,) V of the scenario's own identifier, under the true θ at each row's time [J].
-
-    Args:
-        run: a finished run.
-        truth: of its plant.
-        rows: (k,) of the record; None for all.
-    """
+    """(k,) V of the scenario's own identifier, under the true θ at each row's time [J]."""
     system, identifier, record = run.system, run.identifiers[""], run.record
     columns = {key: record[key] for key in ("t", "q", "v", "v_hat", "theta_hat")}
     if rows is not None:

@@ -8,7 +8,7 @@ well the structure explains the motion:
   again. A structure that explains the motion is hardly ever contradicted, one that does not, again
   and again;
 - innovations that are not white over longer times are small effects that W does not have; see
-  `whiteness`;
+  `whiteness` and below;
 - how far, relative to its stated covariance, the estimate has moved in the first run, as a whole
   and from part to part, says whether the intervals hold.
 
@@ -16,6 +16,14 @@ Where the gains were found to drift, the log is judged from then on, and they wa
 
 Faults that were found divide the log; what made a fault known is not held against the structure,
 but everything else is.
+
+An effect that is left out makes innovations larger where the motion has its power, at 0.03 to a few
+hertz: by far too little to be seen sample by sample, but over 1 to 100 s it adds up. Where the
+structure explains the motion, the periodogram of each normalised innovation is exponentially
+distributed about its variance at every frequency, independently (Mehra, IEEE TAC 15(2), 1970). So
+each octave has its own test, from the mean of the whole log to the upper half of the spectrum,
+whose mean, or 1 if that is larger, is the level of the others; and so has each line, for periodic
+motions.
 """
 
 from __future__ import annotations
@@ -26,6 +34,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
+from scipy.special import gammaincc
 
 from ..experiment.loop import Run
 from ..experiment.setup import told
@@ -36,10 +45,73 @@ from ..identifiers.efficient.drift import walks
 from ..identifiers.efficient.faults.signals import Signals
 from ..identifiers.efficient.replay import FilterAlone, Replay
 from ..log import Log
-from ..parameters import Array
+from ..parameters import Array, Indices
 from ..quotient.cone import cone_of, inside
 from ..system import SecondOrderSystem
-from .whiteness import whiteness
+
+_SHORTEST = 32  # samples that have a spectrum
+
+
+class Whiteness(NamedTuple):
+    """How far innovations are from white.
+
+    Attributes:
+        chance: probability that white innovations have a cell, an octave or a line of one channel,
+            as large as the largest is, times the number of cells.
+        energy: squared normalised innovations in excess of chance, in the cells with more than it.
+        channel: of the largest cell; −1 if there is none.
+        period: of the largest cell [samples]; infinite for the mean.
+    """
+
+    chance: float
+    energy: float
+    channel: int
+    period: float
+
+
+def whiteness(e: Array) -> Whiteness:
+    """Judges normalised innovations (N, c); rows that are not finite are left out."""
+    e = e[np.isfinite(e).all(axis=1)]
+    if len(e) < _SHORTEST:
+        return Whiteness(1.0, 0.0, -1, np.inf)
+    power = np.abs(np.fft.rfft(e, axis=0)) ** 2 / len(e)
+    upper = len(power) // 2
+    level = np.maximum(1.0, power[upper:].mean(axis=0))
+    edges = np.array([0, *_octaves(upper)])
+    octaves = np.add.reduceat(power[:upper], edges[:-1], axis=0)
+    lines = np.arange(1, upper)
+    found = [
+        _judged(power[lines] / level, np.ones(len(lines)), lines, level),
+        _judged(octaves / level, np.where(edges[:-1], np.diff(edges), 0.5), edges[:-1], level),
+    ]
+    chance = min(2.0 * one.chance for one in found)  # two families of tests
+    energy = max(one.energy for one in found)
+    best = min(found, key=lambda one: one.chance)
+    return Whiteness(chance, energy, best.channel, len(e) * best.period)
+
+
+def _judged(sums: Array, shape: Array, first: Indices, level: Array) -> Whiteness:
+    """Judges b cells of a spectrum in c channels, with the period in units of the log's length.
+
+    `sums` (b, c) of the periodogram over its level are Γ(shape, 1) of white innovations; `shape`
+    (b,) counts the frequencies in each, ½ for the mean, `first` (b,) is the lowest of them.
+    """
+    sums = sums * np.where(shape < 1, 0.5, 1.0)[:, None]  # the mean is χ² of one degree
+    chance = gammaincc(shape[:, None], sums)
+    beyond = chance < 0.05 / chance.size
+    energy = float(np.sum((2 * level * (sums - shape[:, None]))[beyond]))
+    band, channel = np.unravel_index(np.argmin(chance), chance.shape)
+    period = 1 / first[band] if first[band] else np.inf
+    return Whiteness(float(chance.min() * chance.size), energy, int(channel), float(period))
+
+
+def _octaves(upper: int) -> list[int]:
+    """Edges of the octaves, as indices of frequencies: 1, 3, 7, 15 … and `upper`."""
+    edges = [1]
+    while 2 * edges[-1] + 1 < upper:
+        edges.append(2 * edges[-1] + 1)
+    return [*edges, upper] if edges[-1] < upper else edges
+
 
 NONE, SOME, CONTRADICTS = "none", "some", "contradicts"
 _LONGEST = 120.0  # length of log that is judged, its end [s]

@@ -131,13 +131,7 @@ def counts(parameters: Iterable[Parameter]) -> list[Mark]:
 
 
 class Figure(NamedTuple):
-    """A figure of one or several estimates.
-
-    Attributes:
-        name: in words.
-        unit: SI unit, or %, for a number that is printed in percent.
-        values: by what is judged; None where there is no value.
-    """
+    """A figure of one or several estimates, in an SI unit or percent; None where unknown."""
 
     name: str
     unit: str

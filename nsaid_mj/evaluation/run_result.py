@@ -24,12 +24,7 @@ _STREAM = {
 
 
 def result_of(summary: dict[str, Any], space: ParameterSpace | None = None) -> Result:
-    """The result of a run.
-
-    Args:
-        summary: the content of its summary.json.
-        space: names and blocks of the parameters; without one they have no blocks.
-    """
+    """The result of a run from its summary.json; without a space, parameters have no blocks."""
     told = summary.get("verdict") or summary.get("status", "completed")
     return Result(
         explains=explains_of(told),

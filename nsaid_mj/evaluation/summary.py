@@ -17,12 +17,11 @@ from ..numerics.threads import single_threaded
 from ..parameters import Array, ParameterSpace
 from .confidence import Determined, determined, known
 from .excitation import motion_figures, persistence_figures
-from .figures import held_out_rows, judge
+from .figures import held_out_rows, judge, residual_floor
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
 from .misfit import misfit_of, widened
 from .truth import Truth
-from .verdict import residual_floor, verdict
-from .words import scientific
+from .words import scientific, verdict
 
 _CORRELATED = 40  # parameters whose correlations are kept, at most
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
@@ -55,14 +54,11 @@ _OF_THE_RECORD = (
 
 @single_threaded
 def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
-    """Computes every key of a run's summary.json.
+    """Computes every key of the summary.json of a run, completed or not.
 
-    Args:
-        run: a finished run, completed or not.
-        truth: of its plant. If None, the keys that need it are absent, and the unobservable
-            directions are those at the last estimate.
-
-    Figures that are not finite are None, as JSON has no other word for them.
+    Without the truth of its plant, the keys that need it are absent, and the unobservable
+    directions are those at the last estimate. Figures that are not finite are None, as JSON has no
+    other word for them.
     """
     summary = without_nonfinite(_summary(run, truth))
     return summary | {"verdict": verdict(summary)}

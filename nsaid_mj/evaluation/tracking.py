@@ -43,13 +43,7 @@ class Motion:
 def figures(
     motion: Motion, system: SecondOrderSystem, tracker: Tracker, last: float
 ) -> dict[str, float | str]:
-    """Errors by unit, and efforts, of a motion.
-
-    Args:
-        motion: the motion.
-        system: the structure.
-        tracker: the controller.
-        last: time at the end over which rms errors are taken [s].
+    """Errors by unit over the last seconds, and efforts, of a motion.
 
     Returns:
         `rms_rad`, `rms_m`, `peak_rad`, `peak_m` where there are such coordinates, infinite if the

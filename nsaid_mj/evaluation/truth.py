@@ -26,10 +26,6 @@ class Truth:
 
     Faults change them during the run; members without a time argument refer to `end`.
 
-    Args:
-        setup: the simulated scenario.
-        end: time at which estimates are judged [s].
-
     Attributes:
         system: the structure whose parameters these are.
         end: time at which estimates are judged [s].

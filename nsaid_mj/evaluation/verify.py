@@ -36,6 +36,15 @@ ROWS = 20
 """Minimum length of a record: two rows in a tenth."""
 
 
+_VELOCITY = (
+    "Theorem 1 (70)", "Δv vanishes", "rms of Δv over a tenth of the run:", "velocity_error_rms",
+)  # fmt: skip
+_EXCITED = (
+    "Lemma 1 (74)", "W(t, x, v, θ) P̄_⊥ θ̄_P⊥ vanishes", "rms of W θ̂ over a tenth of the run:",
+    "excited_error_rms",
+)  # fmt: skip
+"""Statement, claim, words and key of the summary of what must vanish."""
+
 Word = Literal["holds", "not yet", "fails", "not applicable"]
 _COLOURS = {"holds": "green", "not yet": "yellow", "fails": "red", "not applicable": "dim"}
 
@@ -63,12 +72,9 @@ class Verdict:
 
 @single_threaded
 def verify(run: Run, truth: Truth | None, summary: dict[str, Any] | None = None) -> list[Verdict]:
-    """Checks the paper's statements on a run.
+    """Checks the paper's statements on a finished run, completed or not.
 
-    Args:
-        run: a finished run, completed or not.
-        truth: of its plant; if None, statements about the true θ are not applicable.
-        summary: of this run; computed if None.
+    Without the truth of its plant, statements about the true θ are not applicable.
 
     Raises:
         BadRun: the record is too short.
@@ -79,25 +85,9 @@ def verify(run: Run, truth: Truth | None, summary: dict[str, Any] | None = None)
     excitation = _excitation(run, summary, premises)
     return [
         _lyapunov(run, summary, premises),
-        _limit(
-            "Theorem 1 (70)",
-            "Δv vanishes",
-            "rms of Δv over a tenth of the run:",
-            "velocity_error_rms",
-            run,
-            summary,
-            premises,
-        ),
+        _limit(*_VELOCITY, run, summary, premises),
         _conserved(summary),
-        _limit(
-            "Lemma 1 (74)",
-            "W(t, x, v, θ) P̄_⊥ θ̄_P⊥ vanishes",
-            "rms of W θ̂ over a tenth of the run:",
-            "excited_error_rms",
-            run,
-            summary,
-            premises,
-        ),
+        _limit(*_EXCITED, run, summary, premises),
         excitation,
         _convergence(run, summary, premises, excitation),
     ]
@@ -116,7 +106,9 @@ def _check_length(folder: Path, record: Record) -> None:
 def _lyapunov(run: Run, summary: dict[str, Any], premises: str) -> Verdict:
     """(69): V decreases in every time step, up to the integration error."""
     name, claim = "Theorem 1 (69)", "V decreases in every time step"
-    broken = premises or _anchored(run)
+    broken = premises
+    if not broken and getattr(run.identifiers[""], "anchor", 0.0) > 0:  # V need not decrease
+        broken = "the anchor pulls towards the prior; see docs/theory.md"
     if not run.identifiers[""].proven:
         broken = "this law is not (44, 45); the theorem says nothing of it"
     if broken:
@@ -147,13 +139,7 @@ def _conserved(summary: dict[str, Any]) -> Verdict:
 
 
 def _limit(
-    name: str,
-    claim: str,
-    what: str,
-    key: str,
-    run: Run,
-    summary: dict[str, Any],
-    premises: str,
+    name: str, claim: str, what: str, key: str, run: Run, summary: dict[str, Any], premises: str
 ) -> Verdict:
     """A quantity that must vanish: its value at the end of the run over that at the start."""
     broken = premises or _no_limit(run, summary)
@@ -165,11 +151,10 @@ def _limit(
         f"{what} {first:.2g} at the start, {last:.2g} at the end; ratio {share:.2g}, "
         f"bound {SETTLED:g}"
     )
-    if share <= SETTLED:
-        return Verdict(name, claim, "holds", share, SETTLED, words)
-    if share < 1 - _ROUNDING:
-        return Verdict(name, claim, "not yet", share, SETTLED, words)
-    return Verdict(name, claim, "fails", share, SETTLED, words + "; no decay")
+    if not share < 1 - _ROUNDING:
+        return Verdict(name, claim, "fails", share, SETTLED, words + "; no decay")
+    word: Word = "holds" if share <= SETTLED else "not yet"
+    return Verdict(name, claim, word, share, SETTLED, words)
 
 
 def _excitation(run: Run, summary: dict[str, Any], premises: str) -> Verdict:
@@ -209,13 +194,6 @@ def _premises(run: Run, truth: Truth | None, summary: dict[str, Any]) -> str:
         return f"the true θ has changed: {summary['fault']}"
     if isinstance(run.scenario.identifier, ConventionalAID):
         return "the law holds parameters at their prior values, which are not the true ones"
-    return ""
-
-
-def _anchored(run: Run) -> str:
-    """Why V need not decrease; empty if it must."""
-    if getattr(run.identifiers[""], "anchor", 0.0) > 0:
-        return "the anchor pulls towards the prior; see docs/theory.md"
     return ""
 
 

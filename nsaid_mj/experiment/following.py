@@ -1,16 +1,38 @@
-"""Runs an identifier along a log in segments and checks the drift of its conserved quantity.
+"""Identifiers follow measurements in segments, as they come from a source.
 
-A run and a Monte Carlo study both feed an identifier one segment of measurements at a time; this
-module decides when an identifier has to be stopped.
+A run and a Monte Carlo study both feed an identifier one segment of measurements at a time;
+`Following` decides when an identifier has to be stopped, and `Loop` moves a run's source, its
+identifiers, the record and the observers on.
 """
 
 from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
+from ..identifiers.faults import FaultEvent
 from ..log import Log, Measurement
+from ..nullspace import PersistenceMonitor
+from ..numerics.stopwatch import clock
+from ..parameters import Array
+from ..plants import Looks
+from ..resources import write_json
+from ..system import SecondOrderSystem
+from .record import BATCH_SECONDS, RecordWriter
+from .scenario import Scenario
+from .source import Segment, Source
+
+FAULTS = "faults.json"
+"""The faults found so far, rewritten whenever there is a new one."""
+
+_PE_SAMPLES = 50  # regressors in a window of the online persistence levels
 
 DRIFT = 1e-3
 """Relative drift of the conserved quantity beyond which RK4 has lost the law's solution."""
@@ -20,14 +42,9 @@ CHECK = 0.5
 
 
 class Following:
-    """An identifier and its state along a log.
-
-    Args:
-        identifier: the identifier.
-        log: its first measurement initializes the state.
+    """An identifier and its state along a log, whose first measurement initializes it.
 
     Attributes:
-        identifier: the identifier.
         state: after the last measurement absorbed, or at the one where the identifier failed.
         ended: time at which the identifier failed [s]; None while it has not.
         drift: largest relative drift of the conserved quantity at any check.
@@ -48,12 +65,8 @@ class Following:
     def follow(self, log: Log, due: np.ndarray) -> Estimates:
         """Follows a segment that begins at the last measurement absorbed.
 
-        Args:
-            log: the segment.
-            due: rows of the segment after which the conserved quantity is checked.
-
-        Returns:
-            The estimates up to the end of the segment, or up to the failure.
+        The conserved quantity is checked after the rows that are due. Returns the estimates up to
+        the end of the segment, or up to the failure.
         """
         return self.absorb(log, *self.identifier.follow(self.state, log), due)
 
@@ -62,16 +75,9 @@ class Following:
         self.state = self.identifier.resume(self.state, here)
 
     def absorb(self, log: Log, state: State, estimates: Estimates, due: np.ndarray) -> Estimates:
-        """Absorbs the estimates of a segment, up to the first check with a drift beyond `DRIFT`.
+        """Absorbs estimates and last state of a segment, up to a drift beyond `DRIFT`.
 
-        Args:
-            log: the segment.
-            state: of the identifier at the end of the segment.
-            estimates: along the segment.
-            due: rows of the segment after which the conserved quantity is checked.
-
-        Returns:
-            The estimates up to the end of the segment, or up to the failure.
+        Returns the estimates up to the end of the segment, or up to the failure.
         """
         rows = len(estimates.pivot)
         if self.ended is None and rows < len(log.t):
@@ -98,12 +104,203 @@ class Following:
 def due_rows(first: int, rows: int, dt: float, last: int) -> np.ndarray:
     """The rows of a segment after which the conserved quantity is checked.
 
-    Args:
-        first: time step of the run at the segment's first row.
-        rows: measurements in the segment; the first also ends the segment before.
-        dt: time step [s].
-        last: last time step of the run, which is always checked.
+    `first` is the run's time step at the segment's first row, which also ends the segment before;
+    `last` is the run's last time step, which is always checked.
     """
     row = np.arange(1, rows)
     steps = first + row
     return row[(steps % max(1, round(CHECK / dt)) == 0) | (steps == last)]
+
+
+@dataclass
+class Ending:
+    """How a run ended, or its state so far, at a simulated time [s].
+
+    The signal is the one that showed the failure; empty if the run completed.
+    """
+
+    status: Status = Status.completed
+    time: float = 0.0
+    signal: str = ""
+
+
+@dataclass
+class Cost:
+    """Computing times of a run. Only `compile` includes the compilation of kernels.
+
+    Attributes:
+        wall: wall time of the whole loop [s].
+        plant: time in MuJoCo [s].
+        identifier: time in the identifiers [s].
+        steps: number of time steps.
+        compile: time spent compiling kernels [s]; 0 if all were cached on disk.
+    """
+
+    wall: float = 0.0
+    plant: float = 0.0
+    identifier: float = 0.0
+    steps: int = 0
+    compile: float = 0.0
+
+
+class Robot(NamedTuple):
+    """What is known of the robot that moves: no true value.
+
+    Attributes:
+        system: the structure.
+        prior: (p,) θ̂(0).
+        looks: its visual meshes; None if there are none.
+    """
+
+    system: SecondOrderSystem
+    prior: Array
+    looks: Looks | None
+
+
+class Observer(ABC):
+    """Callbacks during a run, for a progress bar or a live viewer.
+
+    Attributes:
+        period: largest interval between two calls of `see`, in simulated time [s].
+    """
+
+    period: float = np.inf
+
+    @abstractmethod
+    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+        """Called at the first measurement."""
+
+    @abstractmethod
+    def see(
+        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
+    ) -> None:
+        """Called after every segment of the run.
+
+        Args:
+            measurement: the last sample of the segment.
+            states: every identifier's state at that sample, by name; "" is the first identifier's.
+            levels: ε₀ of (2) and of (75) over the current window.
+        """
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Called at the end of the run, also after an error."""
+
+
+def segment_steps(scenario: Scenario) -> int:
+    """Time steps in a segment: simulated first, then followed by the identifiers and recorded."""
+    return max(1, round(BATCH_SECONDS / scenario.dt))
+
+
+@dataclass
+class Loop:
+    """The loop of a run: for each segment, first the robot moves, then the identifiers follow."""
+
+    scenario: Scenario
+    robot: Robot
+    source: Source
+    identifiers: dict[str, Identifier]
+    monitor: PersistenceMonitor
+    writer: RecordWriter
+    observers: Sequence[Observer]
+    folder: Path
+    following: dict[str, Following] = field(default_factory=dict)
+    ending: Ending = field(default_factory=Ending)
+    cost: Cost = field(default_factory=Cost)
+    stopped: bool = False
+    faults: tuple[FaultEvent, ...] = ()
+
+    @property
+    def states(self) -> dict[str, State]:
+        """The state of every identifier, by name."""
+        return {name: following.state for name, following in self.following.items()}
+
+    def stop(self) -> None:
+        """Ends the loop after the current segment."""
+        self.stopped = True
+        self.source.stop()
+
+    def __call__(self) -> None:
+        """Runs the loop: for each segment, first the robot moves, then the identifiers follow."""
+        scenario, source = self.scenario, self.source
+        period = min((observer.period for observer in self.observers), default=np.inf)
+        most = max(1, round(min(period / scenario.dt, segment_steps(scenario))))
+        with source.running():
+            first = source.begin()
+            if first.end:
+                self._end(*first.end, float(first.log.t[0]))
+                return
+            log = first.log
+            for observer in self.observers:
+                observer.start(scenario, self.robot, log.at(0))
+            self.following |= {name: Following(i, log) for name, i in self.identifiers.items()}
+            self._keep(0, 0, log, {name: Estimates.of(s) for name, s in self.states.items()})
+            k = 0
+            while k < scenario.steps and self.ending.status is Status.completed:
+                begin = clock()
+                segment = source.segment(log.at(-1), k, min(most, scenario.steps - k))
+                self.cost.plant += clock() - begin
+                k, log = self._absorb(k, segment)
+                if self.stopped or (segment.end and segment.end[0] is Status.completed):
+                    break
+            if self.stopped and self.ending.status is Status.completed:
+                self._end(source.stopped, "", self.ending.time)
+
+    def _absorb(self, k: int, segment: Segment) -> tuple[int, Log]:
+        """Follows and records a segment after measurement k; returns the last one's number."""
+        log = segment.log
+        if segment.end and segment.end[0] is not Status.completed:
+            self._end(*segment.end, float(log.t[-1]))
+            log = log.first(len(log.t) - 1)
+        if segment.resumed:
+            for following in self.following.values():
+                following.resume(log.at(0))
+            k += 1
+            self._keep(k, 0, log.first(1), {n: Estimates.of(s) for n, s in self.states.items()})
+        if len(log.t) > 1:
+            log, estimates = self._follow(k, log)
+            self._keep(k, 1, log, estimates)
+            k += len(log.t) - 1
+        self.cost.steps = k
+        self.source.inform(k, self.following[""].state.theta_hat)
+        return k, log
+
+    def _end(self, status: Status, signal: str, t: float) -> None:
+        self.ending.status, self.ending.signal, self.ending.time = status, signal, t
+
+    def _follow(self, k: int, log: Log) -> tuple[Log, dict[str, Estimates]]:
+        """Runs the identifiers along a segment from time step k; cut where the own one fails."""
+        begin, estimates = clock(), {}
+        for name, following in self.following.items():  # the scenario's own comes first
+            due = due_rows(k, len(log.t), self.scenario.dt, self.scenario.steps)
+            found = following.follow(log, due)
+            if not name and following.ended is not None:
+                self._end(following.state.status, following.signal, following.ended)
+                log = log.first(len(found.pivot))
+            estimates[name] = found.padded(len(log.t))
+        self.cost.identifier += clock() - begin
+        return log, estimates
+
+    def _keep(self, k: int, fresh: int, log: Log, estimates: dict[str, Estimates]) -> None:
+        """Records a segment from time step k, beginning with row `fresh`; calls the observers."""
+        scenario, system = self.scenario, self.robot.system
+        own, rows = estimates[""], np.arange(fresh, len(log.t))
+        every = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
+        levels = np.empty((len(log.t), 2))
+        levels[:] = self.monitor.level, self.monitor.level_perp
+        for j in rows[(k + rows) % every == 0]:
+            stage = system.evaluate_at(*log.at(j), own.v_hat[j], own.theta_hat[j])
+            self.monitor.add(stage.W * system.space.scale, every * scenario.dt)
+            levels[j:] = self.monitor.level, self.monitor.level_perp
+        first = fresh + -(k + fresh) % scenario.record_every
+        pivot = np.where(np.isfinite(own.pivot), own.pivot, 0.0)
+        columns = [log.t, log.q, log.v, log.u, pivot, own.spent, *levels.T]
+        columns += [part for made in estimates.values() for part in (made.v_hat, made.theta_hat)]
+        self.writer.extend(*(column[first :: scenario.record_every] for column in columns))
+        if self.ending.status is Status.completed:
+            self.ending.time = float(log.t[-1])
+        if self.states[""].faults != self.faults:
+            self.faults = self.states[""].faults
+            write_json(self.folder / FAULTS, [fault.keys() for fault in self.faults])
+        for observer in self.observers:
+            observer.see(log.at(-1), self.states, (self.monitor.level, self.monitor.level_perp))

@@ -9,86 +9,31 @@ from __future__ import annotations
 import json
 import signal
 import threading
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ..identifiers import Identifier, State, Status
-from ..identifiers.base import Estimates
 from ..identifiers.faults import FaultEvent
-from ..log import Log, Measurement
 from ..nullspace import PersistenceMonitor, structural
 from ..numerics.stopwatch import clock, compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..plants import Looks, Plant
-from ..resources import locked, told, write_json
+from ..resources import locked, told
 from ..system import SecondOrderSystem
-from .following import Following, due_rows
-from .record import BATCH_SECONDS, FILE, Record, RecordWriter
+from .following import FAULTS, Cost, Ending, Loop, Observer, Robot, segment_steps
+from .record import FILE, Record, RecordWriter
 from .scenario import Scenario
 from .setup import Seeds, Setup
-from .source import Segment, Simulation, Source
-
-FAULTS = "faults.json"
-"""The faults found so far, rewritten whenever there is a new one."""
+from .source import Simulation, Source
 
 DERIVED = ("summary.json", "scenario.json", "run.rrd", "report.html", "verify.json", FAULTS)
 """Files of an earlier run that `run` deletes from its folder."""
-_PE_SAMPLES = 50  # regressors in a window of the online persistence levels
-
-
-@dataclass
-class Ending:
-    """How a run ended, or its state so far.
-
-    Attributes:
-        status: the status.
-        time: simulated time of the end [s].
-        signal: the signal that showed the failure; empty if the run completed.
-    """
-
-    status: Status = Status.completed
-    time: float = 0.0
-    signal: str = ""
-
-
-@dataclass
-class Cost:
-    """Computing times of a run. Only `compile` includes the compilation of kernels.
-
-    Attributes:
-        wall: wall time of the whole loop [s].
-        plant: time in MuJoCo [s].
-        identifier: time in the identifiers [s].
-        steps: number of time steps.
-        compile: time spent compiling kernels [s]; 0 if all were cached on disk.
-    """
-
-    wall: float = 0.0
-    plant: float = 0.0
-    identifier: float = 0.0
-    steps: int = 0
-    compile: float = 0.0
-
-
-class Robot(NamedTuple):
-    """What is known of the robot that moves: no true value.
-
-    Attributes:
-        system: the structure.
-        prior: (p,) θ̂(0).
-        looks: its visual meshes; None if there are none.
-    """
-
-    system: SecondOrderSystem
-    prior: Array
-    looks: Looks | None
 
 
 @dataclass(eq=False, kw_only=True)
@@ -151,36 +96,6 @@ class SimulatedRun(Run):
         return self.setup.plant
 
 
-class Observer(ABC):
-    """Callbacks during a run, for a progress bar or a live viewer.
-
-    Attributes:
-        period: largest interval between two calls of `see`, in simulated time [s].
-    """
-
-    period: float = np.inf
-
-    @abstractmethod
-    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
-        """Called at the first measurement."""
-
-    @abstractmethod
-    def see(
-        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
-    ) -> None:
-        """Called after every segment of the run.
-
-        Args:
-            measurement: the last sample of the segment.
-            states: every identifier's state at that sample, by name; "" is the first identifier's.
-            levels: ε₀ of (2) and of (75) over the current window.
-        """
-
-    @abstractmethod
-    def stop(self) -> None:
-        """Called at the end of the run, also after an error."""
-
-
 @single_threaded
 def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
     """Runs a scenario: simulates the plant, runs the identifiers, writes the record.
@@ -219,14 +134,9 @@ def followed(
 ) -> Run:
     """Runs identifiers on the measurements of a source until it ends, and writes the record.
 
-    Args:
-        scenario: of the run; its plant is not simulated here.
-        robot: what is known of it.
-        source: of the measurements.
-        identifiers: by name; "" is the scenario's own.
-        folder: of the run's files, which no other run may write; created if missing.
-        observers: called during the run.
-        metadata: further entries of the record's.
+    The identifier "" is the scenario's own. The scenario's plant is not simulated here; no other
+    run may write into the folder, which is created if missing. `metadata` are further entries of
+    the record's.
 
     Raises:
         NotWritten: the disk is full; the record up to there is kept.
@@ -253,7 +163,7 @@ def followed(
         batch=max(1, segment_steps(scenario) // scenario.record_every),
     )
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
-    loop = _Loop(scenario, robot, source, identifiers, monitor, writer, observers, folder)
+    loop = Loop(scenario, robot, source, identifiers, monitor, writer, observers, folder)
     begin = clock()
     try:
         with _ctrl_c(loop.stop):
@@ -345,120 +255,3 @@ def columns(n: int, m: int, n_u: int, p: int, rivals: list[str]) -> dict[str, in
     for name in rivals:
         estimates |= {f"v_hat_{name}": n, f"theta_hat_{name}": p}
     return own | estimates
-
-
-def segment_steps(scenario: Scenario) -> int:
-    """Time steps in a segment: simulated first, then followed by the identifiers and recorded."""
-    return max(1, round(BATCH_SECONDS / scenario.dt))
-
-
-@dataclass
-class _Loop:
-    scenario: Scenario
-    robot: Robot
-    source: Source
-    identifiers: dict[str, Identifier]
-    monitor: PersistenceMonitor
-    writer: RecordWriter
-    observers: Sequence[Observer]
-    folder: Path
-    following: dict[str, Following] = field(default_factory=dict)
-    ending: Ending = field(default_factory=Ending)
-    cost: Cost = field(default_factory=Cost)
-    stopped: bool = False
-    faults: tuple[FaultEvent, ...] = ()
-
-    @property
-    def states(self) -> dict[str, State]:
-        """The state of every identifier, by name."""
-        return {name: following.state for name, following in self.following.items()}
-
-    def stop(self) -> None:
-        """Ends the loop after the current segment."""
-        self.stopped = True
-        self.source.stop()
-
-    def __call__(self) -> None:
-        """Runs the loop: for each segment, first the robot moves, then the identifiers follow."""
-        scenario, source = self.scenario, self.source
-        period = min((observer.period for observer in self.observers), default=np.inf)
-        most = max(1, round(min(period / scenario.dt, segment_steps(scenario))))
-        with source.running():
-            first = source.begin()
-            if first.end:
-                self._end(*first.end, float(first.log.t[0]))
-                return
-            log = first.log
-            for observer in self.observers:
-                observer.start(scenario, self.robot, log.at(0))
-            self.following |= {name: Following(i, log) for name, i in self.identifiers.items()}
-            self._keep(0, 0, log, {name: Estimates.of(s) for name, s in self.states.items()})
-            k = 0
-            while k < scenario.steps and self.ending.status is Status.completed:
-                begin = clock()
-                segment = source.segment(log.at(-1), k, min(most, scenario.steps - k))
-                self.cost.plant += clock() - begin
-                k, log = self._absorb(k, segment)
-                if self.stopped or (segment.end and segment.end[0] is Status.completed):
-                    break
-            if self.stopped and self.ending.status is Status.completed:
-                self._end(source.stopped, "", self.ending.time)
-
-    def _absorb(self, k: int, segment: Segment) -> tuple[int, Log]:
-        """Follows and records a segment after measurement k; returns the last one's number."""
-        log = segment.log
-        if segment.end and segment.end[0] is not Status.completed:
-            self._end(*segment.end, float(log.t[-1]))
-            log = log.first(len(log.t) - 1)
-        if segment.resumed:
-            for following in self.following.values():
-                following.resume(log.at(0))
-            k += 1
-            self._keep(k, 0, log.first(1), {n: Estimates.of(s) for n, s in self.states.items()})
-        if len(log.t) > 1:
-            log, estimates = self._follow(k, log)
-            self._keep(k, 1, log, estimates)
-            k += len(log.t) - 1
-        self.cost.steps = k
-        self.source.inform(k, self.following[""].state.theta_hat)
-        return k, log
-
-    def _end(self, status: Status, signal: str, t: float) -> None:
-        self.ending.status, self.ending.signal, self.ending.time = status, signal, t
-
-    def _follow(self, k: int, log: Log) -> tuple[Log, dict[str, Estimates]]:
-        """Runs the identifiers along a segment from time step k; cut where the own one fails."""
-        begin, estimates = clock(), {}
-        for name, following in self.following.items():  # the scenario's own comes first
-            due = due_rows(k, len(log.t), self.scenario.dt, self.scenario.steps)
-            found = following.follow(log, due)
-            if not name and following.ended is not None:
-                self._end(following.state.status, following.signal, following.ended)
-                log = log.first(len(found.pivot))
-            estimates[name] = found.padded(len(log.t))
-        self.cost.identifier += clock() - begin
-        return log, estimates
-
-    def _keep(self, k: int, fresh: int, log: Log, estimates: dict[str, Estimates]) -> None:
-        """Records a segment from time step k, beginning with row `fresh`; calls the observers."""
-        scenario, system = self.scenario, self.robot.system
-        own, rows = estimates[""], np.arange(fresh, len(log.t))
-        every = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
-        levels = np.empty((len(log.t), 2))
-        levels[:] = self.monitor.level, self.monitor.level_perp
-        for j in rows[(k + rows) % every == 0]:
-            stage = system.evaluate_at(*log.at(j), own.v_hat[j], own.theta_hat[j])
-            self.monitor.add(stage.W * system.space.scale, every * scenario.dt)
-            levels[j:] = self.monitor.level, self.monitor.level_perp
-        first = fresh + -(k + fresh) % scenario.record_every
-        pivot = np.where(np.isfinite(own.pivot), own.pivot, 0.0)
-        columns = [log.t, log.q, log.v, log.u, pivot, own.spent, *levels.T]
-        columns += [part for made in estimates.values() for part in (made.v_hat, made.theta_hat)]
-        self.writer.extend(*(column[first :: scenario.record_every] for column in columns))
-        if self.ending.status is Status.completed:
-            self.ending.time = float(log.t[-1])
-        if self.states[""].faults != self.faults:
-            self.faults = self.states[""].faults
-            write_json(self.folder / FAULTS, [fault.keys() for fault in self.faults])
-        for observer in self.observers:
-            observer.see(log.at(-1), self.states, (self.monitor.level, self.monitor.level_perp))

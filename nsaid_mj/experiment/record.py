@@ -27,13 +27,9 @@ FILE = "record.arrow"
 
 
 class RecordWriter:
-    """Appends rows to an Arrow IPC stream.
+    """Appends rows to an Arrow IPC stream, in batches; another file at its path is replaced.
 
-    Args:
-        path: of the file; another one is replaced.
-        widths: entries per row of each column; 0 for a scalar column.
-        metadata: stored as JSON in the schema.
-        batch: rows in a batch.
+    `widths` are the entries per row of each column, 0 for a scalar; `metadata` becomes JSON.
 
     Raises:
         NotWritten: the file cannot be written, also by the other methods. What was written before
@@ -158,10 +154,7 @@ class Record:
         return [name.removeprefix(prefix) for name in self.columns if name.startswith(prefix)]
 
     def scenario(self, folder: Path) -> str:
-        """The JSON text of the run's scenario.
-
-        Args:
-            folder: of the run, for the message.
+        """The JSON text of the run's scenario; the folder is for the message.
 
         Raises:
             BadRun: the record has none.
@@ -172,11 +165,7 @@ class Record:
         return text
 
     def check(self, folder: Path, widths: Mapping[str, int]) -> None:
-        """Checks that the record has the columns of its scenario.
-
-        Args:
-            folder: of the run, for the message.
-            widths: entries per row of each column; 0 for a scalar column.
+        """Checks that the record has its scenario's columns: entries per row, 0 for a scalar.
 
         Raises:
             BadRun: one is missing, or has another number of entries.

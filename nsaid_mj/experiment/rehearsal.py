@@ -19,16 +19,10 @@ _SAMPLES = 3000  # at most, averaged in the Gramian
 def expected_gramian(
     system: SecondOrderSystem, driver: Driver, theta: Array, dt: float, duration: float
 ) -> Array:
-    """(p, p) mean of S Wᵀ M⁻¹ W S, S = diag(scale), over a motion simulated under θ.
+    """(p, p) mean of S Wᵀ M⁻¹ W S, S = diag(scale), over a motion simulated under θ (p,).
 
-    In θ/scale, this is the Hessian of the cost that (45) descends when Δv follows θ̂.
-
-    Args:
-        system: the structure.
-        driver: makes the commands.
-        theta: (p,) the prior.
-        dt: time step [s].
-        duration: of the simulation [s].
+    In θ/scale, this is the Hessian of the cost that (45) descends when Δv follows θ̂. Times are in
+    seconds.
 
     Raises:
         InvalidInput: under θ the mass matrix becomes indefinite, or the motion diverges.

@@ -14,12 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..control import Driver
-from ..errors import InvalidInput
+from ..control import Driver, DriverConfig
+from ..control.driver import Tracking
+from ..errors import BadScript, InvalidInput
 from ..identifiers import Identifier, IdentifierConfig, NullspaceAID
 from ..identifiers.cone.prior import drawn_inside
 from ..log import EXACT, Log
@@ -27,9 +28,9 @@ from ..parameters import Array, ParameterSpace
 from ..plants import ParametricPlantConfig, Plant, PlantConfig, Sensors
 from ..plants.world.sensors import EXACT_SENSORS
 from ..system import SecondOrderSystem
+from .library import place_of
 from .rehearsal import expected_gramian
 from .scenario import Scenario
-from .scripts import driver_of
 
 _PIECE = 5000  # time steps after which a long simulation can be stopped
 _REHEARSAL = 60.0  # longest simulation for the design of a gain [s]
@@ -121,11 +122,8 @@ class Setup:
     def simulate(self, check: Callable[[], object] = lambda: None) -> Log:
         """Drives the plant for the run's duration; call it inside `with plant.running():`.
 
-        Args:
-            check: called now and then; it may raise, to stop.
-
-        Returns:
-            The measurements, ending early if the plant diverges or after one that is not finite.
+        `check` is called now and then; it may raise, to stop. The measurements end early if the
+        plant diverges, or after one that is not finite.
         """
         driver, sensors, parts = self.driver(), self.sensors(), []
         last, left = self.plant.begin(driver, sensors), self.scenario.steps
@@ -140,11 +138,8 @@ class Setup:
     def held_out(self, as_at: float) -> Log | None:
         """Drives the plant along a trajectory that no identifier has seen, with exact sensors.
 
-        Args:
-            as_at: time of the run whose actuator state, faulty or not, is used [s].
-
-        Returns:
-            The log; None if the plant diverges.
+        Actuators are in their state, faulty or not, at a time of the run [s]. None if the plant
+        diverges.
         """
         driver = self._driver(self.seeds.held_out)
         steps = max(2, round(self.scenario.held_out / self.scenario.dt))
@@ -167,10 +162,6 @@ def told(config: IdentifierConfig, scenario: Scenario) -> IdentifierConfig:
 
 def published(config: PlantConfig, dt: float) -> tuple[Plant, Array]:
     """A plant whose θ has its published values, and these values (p,).
-
-    Args:
-        config: the plant.
-        dt: time step [s].
 
     Raises:
         InvalidInput: the plant cannot be made with a given θ.
@@ -224,16 +215,9 @@ def draw_prior(
     """(p,) a prior θ̂(0) with uniform relative errors of up to ±error on every parameter.
 
     Errors are relative to the parameter's magnitude, or to a tenth of its scale if that is larger,
-    so that a product of inertia near 0 is not exact from the start.
-
-    Args:
-        truth: (p,) the true θ.
-        space: its names and scales.
-        error: largest relative error.
-        gain_error: if given, the relative error of actuator parameters, alternately positive and
-            negative.
-        rng: random number generator.
-        in_cone: whether θ̂(0) must be physically consistent; see `cone.prior.drawn_inside`.
+    so that a product of inertia near 0 is not exact from the start. `gain_error` is that of
+    actuator parameters, alternately positive and negative; with `in_cone`, θ̂(0) is physically
+    consistent, see `cone.prior.drawn_inside`.
     """
     if in_cone:
         prior = drawn_inside(space, truth, error, rng)
@@ -259,15 +243,8 @@ def trajectory(
 ) -> Log:
     """Drives a running plant for a number of time steps.
 
-    Args:
-        plant: inside its `running()` context.
-        driver: makes the commands.
-        steps: number of time steps.
-        sensors: make the measurements.
-        as_at: freezes the actuators in their state at this time of a run [s].
-
-    Returns:
-        steps + 1 measurements, fewer if the plant diverges.
+    `as_at` freezes the actuators in their state at this time of a run [s]. Returns steps + 1
+    measurements, fewer if the plant diverges.
     """
     return plant.drive(driver, plant.begin(driver, sensors, as_at), steps, sensors)
 
@@ -275,3 +252,77 @@ def trajectory(
 def is_sound(plant: Plant, log: Log) -> bool:
     """Whether a plant did not diverge along its last log, and all of the log is finite."""
     return not plant.diverged and all(np.isfinite(part).all() for part in log)
+
+
+def driver_of(
+    config: DriverConfig, system: SecondOrderSystem, prior: Array, rng: np.random.Generator
+) -> Driver:
+    """Builds a driver; one that this package does not define is checked at every call.
+
+    Raises:
+        BadScript: `build` does not return a driver.
+        NsaidError: the driver cannot be built.
+    """
+    driver = config.build(system, prior, rng)
+    if not isinstance(driver, Driver):
+        raise _wrong(type(config).build, "a Driver", type(driver).__name__)
+    packed = type(driver).__module__.startswith("nsaid_mj.")
+    return driver if packed else CheckedDriver(driver, system)
+
+
+def _wrong(function: object, expected: str, got: object) -> BadScript:
+    file, line, code = place_of(function)
+    return BadScript(file, line, f"expected {expected}, got {got}", code)
+
+
+class CheckedDriver(Driver):
+    """A user's driver, whose results are checked for their shape."""
+
+    def __init__(self, driver: Driver, system: SecondOrderSystem):
+        self._driver, self._n, self._n_u = driver, system.n, system.n_u
+
+    def start(self) -> tuple[Array, Array]:
+        """Position and velocity from which the driver starts, checked.
+
+        Raises:
+            BadScript: it is not a pair of (n,) arrays.
+        """
+        found = self._driver.start()
+        if not isinstance(found, tuple | list) or len(found) != 2:
+            function = type(self._driver).start
+            raise _wrong(function, "positions and velocities to start from", type(found).__name__)
+        position, velocity = (self._array("start", part, self._n) for part in found)
+        return position, velocity
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        """The driver's command (n_u,) at a time and measured state, checked.
+
+        Raises:
+            BadScript: it is not an (n_u,) array of numbers.
+        """
+        return self._array("command", self._driver.command(t, q, v), self._n_u)
+
+    def compiled(self, t: Array) -> Array | Tracking | None:
+        """What compiled loops take from the driver for times t (k,), checked.
+
+        Raises:
+            BadScript: it is neither None, nor a `Tracking`, nor a (k, n_u) array of numbers.
+        """
+        found = self._driver.compiled(t)
+        if found is None or isinstance(found, Tracking):
+            return found
+        return self._array("compiled", found, len(t), self._n_u)
+
+    def _array(self, method: str, found: Any, *shape: int) -> Array:
+        """A result of a method as an array of floats, checked for its shape."""
+        expected = f"an array of shape {shape}"
+        try:
+            array = np.array(found, dtype=np.float64)
+            if np.iscomplexobj(found):
+                raise TypeError("complex numbers")
+        except (TypeError, ValueError) as error:
+            function = getattr(type(self._driver), method)
+            raise _wrong(function, expected, f"{type(found).__name__} ({error})") from error
+        if array.shape != shape:
+            raise _wrong(getattr(type(self._driver), method), expected, f"shape {array.shape}")
+        return array

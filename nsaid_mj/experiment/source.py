@@ -65,14 +65,7 @@ class Source(ABC):
 
 
 class Simulation(Source):
-    """A simulated plant, moved by a driver and measured by sensors.
-
-    Args:
-        plant: moves.
-        driver: makes the commands; one that asks for estimates is informed of them.
-        sensors: make the measurements.
-        dt: time step [s].
-    """
+    """A simulated plant, moved by a driver, which is told of estimates if it asks, and measured."""
 
     def __init__(self, plant: Plant, driver: Driver, sensors: Sensors, dt: float):
         self.plant, self._driver, self._sensors = plant, driver, sensors

@@ -15,15 +15,7 @@ from ..structure.parts import Column
 from ..structure.single_body import Operation, Term, numbered, term
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import Inertia, guessed, hidden
-from .world.sheet import (
-    NotNegative,
-    Number,
-    Positive,
-    Table,
-    check_inertia,
-    one,
-    several,
-)
+from .world.sheet import NotNegative, Number, Positive, Table, check_inertia, one, several
 
 _AIR = Fluid(
     1.225,  # standard atmosphere at sea level

@@ -174,13 +174,7 @@ def give_rotors(spec: Any, system: JointTree, theta: Array) -> None:
 
 
 def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model, samples: int = 5) -> None:
-    """Compares M and bias forces of MuJoCo and Pinocchio at random states.
-
-    Args:
-        plant: a robot with motors on its joints only.
-        name: of the robot, for the message.
-        model: Pinocchio's, with the true inertias.
-        samples: number of states.
+    """Compares M and bias forces of MuJoCo and Pinocchio at random states, with the true inertias.
 
     Raises:
         EnginesDisagree: names the link and the quantity that differ.
@@ -213,9 +207,7 @@ def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model, samples:
 def check_stiffness(plant: SimulatedRobot, name: str) -> None:
     """Checks RK4's stability, |λ| dt < 2.78; friction's |λ| is at most (viscous + c/s)/M_ii.
 
-    Args:
-        plant: a robot with motors on its joints only; it is reset.
-        name: of the robot, for the message.
+    The robot has motors on its joints only; it is reset.
 
     Raises:
         BadRobot: names the joint and a time step that is small enough, or M is singular.

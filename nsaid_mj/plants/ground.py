@@ -138,11 +138,8 @@ def single_track(
 def operation(speed: float, grip: float, steering: float, wheelbase: float) -> Operation:
     """A car's ranges: .4 to 1.6 times the cruising speed, slip and yaw rate within the grip.
 
-    Args:
-        speed: cruising speed [m/s].
-        grip: lateral acceleration [m/s²].
-        steering: largest steering angle [rad].
-        wheelbase: [m].
+    Speed in m/s, grip (lateral acceleration) in m/s², largest steering angle in rad, wheelbase in
+    m.
     """
     most = np.array([1.0, steering])
 
@@ -159,12 +156,9 @@ def operation(speed: float, grip: float, steering: float, wheelbase: float) -> O
 
 
 def planar_mass(mass: float, centre: float, inertia: float) -> Array:
-    """(6, 6) mass matrix in the plane of a body with its centre of mass at x = centre.
+    """(6, 6) mass matrix in the plane of a body with its centre of mass at x = centre [m].
 
-    Args:
-        mass: [kg].
-        centre: [m].
-        inertia: about the vertical through the centre of mass [kg·m²].
+    `inertia` is about the vertical through the centre of mass [kg·m²].
     """
     M = np.zeros((6, 6))
     M[0, 0] = M[1, 1] = mass

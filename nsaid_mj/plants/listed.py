@@ -16,16 +16,7 @@ from ..structure.parts import Column, full
 from ..structure.single_body import LEVEL, Operation, Term, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import Inertia, guessed
-from .world.sheet import (
-    LARGEST,
-    NotNegative,
-    Number,
-    Positive,
-    Table,
-    check_inertia,
-    one,
-    several,
-)
+from .world.sheet import LARGEST, NotNegative, Number, Positive, Table, check_inertia, one, several
 
 
 class ColumnRow(Table):

@@ -111,11 +111,7 @@ class Rover(Plant):
         return self._looks.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the geoms at q (k, 3); wheels do not turn, as q has no wheel angles.
-
-        Returns:
-            translations (k, geoms, 3) [m] and quaternions (k, geoms, 4) in x, y, z, w.
-        """
+        """World poses of the geoms at q (k, 3); wheels do not turn, as q has no angles."""
         return self._looks.poses(q)
 
     def _settled(self) -> Array:
@@ -225,9 +221,7 @@ def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Gener
 def ackermann(offset: float, limit: float) -> Array:
     """(5,) polynomial of a front wheel's angle in that of a virtual wheel on the centre line.
 
-    Args:
-        offset: of the wheel from the centre line, positive left, in wheelbases.
-        limit: largest angle on the centre line [rad].
+    `offset` of the wheel is positive left, in wheelbases; `limit` is the virtual one's angle [rad].
     """
     angle = np.linspace(-limit, limit, 101)
     wheel = np.arctan(np.tan(angle) / (1 - offset * np.tan(angle)))

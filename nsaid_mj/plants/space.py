@@ -13,15 +13,7 @@ from ..structure.parts import columns_at
 from ..structure.single_body import Operation, numbered, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import NED, Inertia, guessed
-from .world.sheet import (
-    Number,
-    Positive,
-    Table,
-    check_directions,
-    check_inertia,
-    one,
-    several,
-)
+from .world.sheet import Number, Positive, Table, check_directions, check_inertia, one, several
 
 Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
 

@@ -15,15 +15,7 @@ from ..structure.single_body import Operation, Term, numbered, term
 from .underwater import WATER
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import guessed
-from .world.sheet import (
-    Negative,
-    Number,
-    Positive,
-    Table,
-    check_inertia,
-    one,
-    several,
-)
+from .world.sheet import Negative, Number, Positive, Table, check_inertia, one, several
 
 _FLUID = WATER._replace(
     solid=lambda geom: geom == "hull",  # the fins keep their own lift

@@ -154,12 +154,8 @@ def underwater_manipulator(
     the axis and resists transverse motion only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is
     −c |v_⊥| v_⊥ ds; buoyancy acts at the middle.
 
-    Args:
-        model: Pinocchio's, its root a free flyer; its inertias are discarded.
-        joints: guesses of the links and joints; the base's mass and length are not used.
-        base: the vehicle without its arm.
-        links: in water; an engineer's guesses are of the order of these.
-        friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
+    The inertias of Pinocchio's model, whose root is a free flyer, are discarded. An engineer's
+    guesses of the links in water are of the order of `links`.
     """
     vehicle, names = base.system, body_names(model)[1:]
     assert vehicle.mounts is not None
@@ -210,9 +206,7 @@ def strips(centre: Array, axis: Array, length: float) -> Array:
 def uvms_model(rigid: Array, arm: dict[str, Any]) -> pin.Model:
     """Pinocchio's model of an underwater base with an arm, with the published inertias.
 
-    Args:
-        rigid: (6, 6) the base's rigid-body mass, its centre at the origin.
-        arm: numbers of assets/uvms.
+    `rigid` (6, 6) is the base's rigid-body mass, its centre at the origin; `arm` is of assets/uvms.
     """
     model = pin.Model()
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), BASE)

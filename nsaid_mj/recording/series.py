@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..evaluation import OWN, Truth, energy, force_units, velocity_labels
 from ..evaluation.confidence import INTERVAL
-from ..evaluation.rows import midpoints
+from ..evaluation.figures import midpoints
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
 from ..parameters import Array, ParameterSpace

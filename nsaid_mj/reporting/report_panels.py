@@ -10,7 +10,7 @@ from .. import evaluation
 from ..evaluation import Truth
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Result
-from ..evaluation.verdict import CONVERGED
+from ..evaluation.words import CONVERGED
 from ..experiment.loop import Run
 from ..parameters import Array
 from .panels import AnyPanel, Comparison, HeatMap, Panel, thin

@@ -104,12 +104,7 @@ class Identified:
 
     @staticmethod
     def nominal(robot: RobotModel, friction_speed: float = 0.05) -> Identified:
-        """The values of a robot's own model file.
-
-        Args:
-            robot: a tree of joints.
-            friction_speed: speed at which Coulomb friction saturates [rad/s or m/s].
-        """
+        """The values of a robot's own model file; Coulomb friction saturates at a speed."""
         model = with_inertias(robot.model, inertial_parameters(robot.model), robot.rotor)
         speeds = np.full(len(robot.joints), friction_speed)
         anchor = "values of the model file; nothing was identified"
@@ -129,10 +124,8 @@ def inertial_parameters(model: pin.Model) -> Array:
 def with_inertias(model: pin.Model, inertial: Array, rotor: Array) -> pin.Model:
     """A copy of a model with other inertias.
 
-    Args:
-        model: Pinocchio's model of b links.
-        inertial: (b, 10) inertial parameters in the order of `inertial_parameters`.
-        rotor: (n,) reflected rotor inertias [kg·m² or kg].
+    `inertial` (b, 10) is in the order of `inertial_parameters`; `rotor` (n,) is reflected [kg·m² or
+    kg].
     """
     changed = pin.Model(model)
     set_inertias(changed, np.asarray(inertial))
@@ -141,13 +134,7 @@ def with_inertias(model: pin.Model, inertial: Array, rotor: Array) -> pin.Model:
 
 
 def remarks(robot: RobotModel, values: Identified, also: tuple[str, ...] = ()) -> str:
-    """The text of an exported file's comment: gains, the scale's anchor, and remarks.
-
-    Args:
-        robot: the robot as it was read.
-        values: what was identified.
-        also: remarks on the file.
-    """
+    """The text of an exported file's comment: gains, the scale's anchor, and remarks."""
     lines = ["Calibrated by nsaid-mj.", f"Scale: {values.anchor}."]
     lines.append("Force per unit of command [N·m or N], and speed s of Coulomb friction tanh(v/s):")
     for k, joint in enumerate(robot.joints):

@@ -31,18 +31,10 @@ def is_physical(mass: float, inertia: Array) -> bool:
 
 
 def moved_inside(mass: float, inertia: Array, size: float) -> Array:
-    """The nearest inertia that a body can have, with some margin.
+    """The nearest inertia (3, 3) that a body can have, with some margin [kg·m²].
 
     Second moments of mass about the centre of mass are raised to at least 2 % of the largest one,
-    and to those of mass spread over 5 % of the link's size.
-
-    Args:
-        mass: of the body, > 0 [kg].
-        inertia: (3, 3) about the centre of mass [kg·m²].
-        size: of the body [m].
-
-    Returns:
-        (3, 3) inertia about the centre of mass [kg·m²].
+    and to those of mass [kg] spread over 5 % of the link's size [m].
     """
     moments, axes = np.linalg.eigh(_second_moments(inertia))
     floor = max(_FLATNESS * moments[-1], mass * (_THINNESS * size) ** 2)
@@ -55,10 +47,6 @@ def make_physical(model: pin.Model, names: list[str]) -> list[Finding]:
 
     A massless link gets a thousandth of the robot's mass, at its joint; if no link has a mass, each
     gets one that is spread over the length of the longest.
-
-    Args:
-        model: any tree of joints.
-        names: of the links, one for each joint.
 
     Returns:
         A warning for each inertia that was changed, and one, `no_masses`, if no link has a mass.

@@ -99,11 +99,7 @@ def load_tree(
 
 
 def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
-    """The file that describes a robot.
-
-    Args:
-        name: path or name.
-        others: names to suggest beside those of robots.
+    """The file that describes a robot, by its path or name; `others` are names to suggest as well.
 
     Raises:
         BadRobot: there is no such file, or no file describes the robot of this name.
@@ -141,14 +137,7 @@ def packed_folders() -> dict[str, Path]:
 def _read(
     path: Path, lock: Sequence[str], joints: Sequence[str] | None, base: Base | None = None
 ) -> RobotModel:
-    """Reads a file by its content: a URDF may also be called .xml.
-
-    Args:
-        path: of the file.
-        lock: joints to fix.
-        joints: joints to keep.
-        base: of a robot to simulate; None for one to identify.
-    """
+    """Reads a file by its content: a URDF may also be called .xml. `base` is None to identify."""
     if path.suffix.lower() == ".xacro":
         remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
         raise BadRobot(str(path), "", "it is a xacro template, not a URDF", remedy)

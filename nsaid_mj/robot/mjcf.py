@@ -7,22 +7,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
-from ..errors import RobotChanged
+from ..errors import BadRobot, RobotChanged
 from ..parameters import Array
 from ..structure.joints import body_names
 from ..structure.joints import joint_names as system_joints
 from ..structure.optional import pin
 from .findings import Finding
 from .inertias import make_physical
-from .mjcf_actuators import motors
-from .mjcf_couplings import check_couplings
 from .mjcf_file import compile_file
-from .mjcf_tree import joint_names, rigid_tree
-from .model import RobotModel
-from .reduction import check_tree, home, locked_joints, reduced
+from .model import RobotModel, check_tree, home, locked_joints, reduced
 from .shapes import Shapes, shapes_of_geoms
+from .tree import joint_names, motors, rigid_tree
 
 _NAMELESS = "MuJoCo Model"  # what MuJoCo calls a model without a name
 
@@ -38,11 +36,8 @@ def load_mjcf(
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
     bias forces.
 
-    Args:
-        path: of the file.
-        lock: joints to fix, at 0 or at the limit nearest to it.
-        joints: joints to keep; None keeps all that are not in `lock`.
-        base: of a robot to simulate, `held` or `free`; None for one to identify, on a stand.
+    `base` is None for a robot to identify, on a stand; the other arguments are those of
+    `load_tree`.
 
     Raises:
         BadRobot: MuJoCo rejects the file, or it is not a tree of hinges and slides: it has ball
@@ -125,3 +120,102 @@ def _ignored_forces(mj: Any, names: Sequence[str], locked: set[str]) -> list[Fin
         for code, what, there in found
         if there
     ]
+
+
+_TENDON, _OF_JOINTS = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtWrap.mjWRAP_JOINT
+
+
+def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str]) -> list[Finding]:
+    """Checks that no equality constraint, and no tendon by a spring or actuator, couples joints.
+
+    Returns:
+        Warnings of tendons between joints that move which have inertia or friction only, as those
+        of a motor that two joints share.
+
+    Raises:
+        BadRobot: names the tendon or constraint, and the joints to lock.
+    """
+    for e in range(mj.neq):
+        if mj.eq_active0[e]:
+            _refuse(robot, "equality constraint", mj.eq(e).name or str(e),
+                    [names[j] for j in sorted(_of_equality(mj, e))], locked)  # fmt: skip
+    found = []
+    for t in range(mj.ntendon):
+        name, joints = mj.tendon(t).name or str(t), [names[j] for j in sorted(_of_tendon(mj, t))]
+        if _acts(mj, t):
+            _refuse(robot, "tendon", name, joints, locked)
+        elif _drags(mj, t) and len(set(joints) - locked) > 1:
+            text = (
+                f"inertia and friction of this tendon are left out; it couples {', '.join(joints)}"
+            )
+            remedy = "Name the coupling of the joints in the map."
+            found.append(Finding("warning", "tendon", name, text, remedy))
+    return found
+
+
+def _refuse(robot: str, kind: str, name: str, joints: list[str], locked: set[str]) -> None:
+    moving = [joint for joint in joints if joint not in locked]
+    if moving:
+        raise BadRobot(
+            robot,
+            f"{kind} {name}",
+            f"it couples {', '.join(joints)}; only joints that move by themselves can be "
+            "identified",
+            f"Lock them if they stood still in the log, `--lock {','.join(moving)}`, or remove the "
+            f"{kind} from a copy of the file.",
+        )
+
+
+def _of_equality(mj: Any, e: int) -> set[int]:
+    """The joints that an equality constraint acts on."""
+    kind, one, two = mujoco.mjtEq(mj.eq_type[e]), mj.eq_obj1id[e], mj.eq_obj2id[e]
+    if kind == mujoco.mjtEq.mjEQ_JOINT:
+        return {int(j) for j in (one, two) if j >= 0}
+    if kind == mujoco.mjtEq.mjEQ_TENDON:
+        return set().union(*(_of_tendon(mj, t) for t in (one, two) if t >= 0))
+    if kind in {mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD}:
+        sites = mj.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE
+        bodies = [int(mj.site_bodyid[o]) if sites else int(o) for o in (one, two)]
+        return _between(mj, bodies)
+    return set(range(mj.njnt))  # of flexible bodies
+
+
+def _acts(mj: Any, t: int) -> bool:
+    """Whether a tendon can exert a force on joints at rest."""
+    driven = (mj.actuator_trntype == _TENDON) & (mj.actuator_trnid[:, 0] == t)
+    taut = np.any(mj.tendon_stiffness[t]) or mj.tendon_limited[t] or driven.any()
+    return bool(taut or (_drags(mj, t) and mj.wrap_type[mj.tendon_adr[t]] != _OF_JOINTS))
+
+
+def _drags(mj: Any, t: int) -> bool:
+    """Whether a tendon has inertia or friction."""
+    numbers = (mj.tendon_damping, mj.tendon_frictionloss, mj.tendon_armature)
+    return any(np.any(x[t]) for x in numbers)
+
+
+def _of_tendon(mj: Any, t: int) -> set[int]:
+    """The joints that change a tendon's length."""
+    wraps = range(mj.tendon_adr[t], mj.tendon_adr[t] + mj.tendon_num[t])
+    if mj.wrap_type[wraps[0]] == _OF_JOINTS:
+        return {int(mj.wrap_objid[w]) for w in wraps}
+    bodies = []
+    for w in wraps:
+        kind = mujoco.mjtWrap(mj.wrap_type[w])
+        if kind == mujoco.mjtWrap.mjWRAP_SITE:
+            bodies.append(int(mj.site_bodyid[mj.wrap_objid[w]]))
+        elif kind in {mujoco.mjtWrap.mjWRAP_SPHERE, mujoco.mjtWrap.mjWRAP_CYLINDER}:
+            bodies.append(int(mj.geom_bodyid[mj.wrap_objid[w]]))
+    return _between(mj, bodies)
+
+
+def _between(mj: Any, bodies: Sequence[int]) -> set[int]:
+    """The joints that move some bodies relative to each other."""
+    chains = []
+    for body in bodies:
+        chain, b = set(), body
+        while b:
+            first = int(mj.body_jntadr[b])
+            chain |= set(range(first, first + int(mj.body_jntnum[b])))
+            b = int(mj.body_parentid[b])
+        chains.append(chain)
+    return set().union(*chains) - set.intersection(*chains) if chains else set()

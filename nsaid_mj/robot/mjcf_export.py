@@ -21,19 +21,18 @@ from ..structure.joints import bodies_of, body_names
 from ..structure.optional import pin
 from .identified import Coupling, Identified, remarks
 from .mjcf import initial_pose
-from .mjcf_actuators import is_motor
-from .mjcf_edit import (
+from .mjcf_file import (
     bodies_of_file,
+    compile_file,
     joints_of_file,
     name_joints,
+    own_file,
     own_joints,
     remove_references,
     split_bodies,
 )
-from .mjcf_file import compile_file, own_file
-from .mjcf_tree import actuators_of, joint_names, rigid_tree
 from .model import RobotModel
-from .tree import wxyz
+from .tree import actuators_of, is_motor, joint_names, rigid_tree, wxyz
 from .xml import numbers, with_remarks
 
 _OVERRULING = ("inertiafromgeom", "balanceinertia", "boundmass", "boundinertia", "settotalmass")
@@ -47,10 +46,7 @@ def write_mjcf(robot: RobotModel, values: Identified, path: Path) -> None:
     their limits, and motors. A joint's motor takes the command of the logs. Mass matrix and bias
     forces are those of `values.model`.
 
-    Args:
-        robot: a tree of joints.
-        values: what was identified.
-        path: of the file to write; paths of meshes are relative to its folder.
+    Paths of meshes are relative to the file's folder.
 
     Raises:
         InvalidInput: the robot is a vehicle.
@@ -222,11 +218,8 @@ def _set_inertials(
 ) -> list[str]:
     """Gives bodies their inertias; returns the names of those welded to a moving body.
 
-    Args:
-        root: the MJCF.
-        model: Pinocchio's model with the inertias.
-        links: the body behind each joint.
-        anchors: of each joint in the frame of its body [m].
+    `links` are the bodies behind the joints, `anchors` the joints' in the frames of their bodies
+    [m].
     """
     moving = {body: name for name, body in links.items()}
     welded = []

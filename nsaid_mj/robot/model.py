@@ -1,12 +1,17 @@
-"""A robot as its model file describes it."""
+"""A robot as its model file describes it, and its reduction to the joints that a log is about."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
+from ..errors import BadRobot, InvalidInput, UnknownName
 from ..parameters import Array
+from ..structure.optional import pin
 from .findings import Finding
 
 
@@ -54,3 +59,75 @@ class RobotModel:
     def weightless(self) -> bool:
         """Whether the model file has no masses, so that all inertias are guesses."""
         return any(finding.code == "no_masses" for finding in self.findings)
+
+
+LOCK = "Lock it, if it stood still in the log: `--lock {}`."
+_MARK = "\1"  # no name has it: XML forbids the character
+
+
+def locked_joints(
+    names: Sequence[str], lock: Sequence[str], keep: Sequence[str] | None
+) -> set[str]:
+    """The joints to lock: those of `lock`, and all but those of `keep` unless that is None.
+
+    Raises:
+        UnknownName: there is no such joint.
+        InvalidInput: a joint is both to be locked and to be kept.
+    """
+    for name in [*lock, *(keep or ())]:
+        if name not in names:
+            raise UnknownName("moving joint", name, names)
+    both = sorted(set(lock) & set(keep or ()))
+    if both:
+        remedy = "Name it in one of the two lists."
+        raise InvalidInput("lock", "joints that are not to be kept", both[0], remedy)
+    return set(lock) if keep is None else set(names) - set(keep)
+
+
+def home(model: pin.Model) -> Array:
+    """(nq,) joints at 0 or at the limit nearest to it; floating joints at the origin."""
+    q = pin.neutral(model)
+    for joint in list(model.joints)[1:]:
+        if joint.nq == 1:
+            low = model.lowerPositionLimit[joint.idx_q]
+            high = model.upperPositionLimit[joint.idx_q]
+            if low <= high:
+                q[joint.idx_q] = np.clip(0.0, low, high)
+    return q
+
+
+def reduced(
+    model: pin.Model, geometry: pin.GeometryModel, locked: set[str], q: Array
+) -> tuple[pin.Model, pin.GeometryModel]:
+    """A model and its shapes with joints locked at a configuration q (nq,)."""
+    ids = [i for i in range(1, model.njoints) if model.names[i] in locked]
+    if not ids:
+        return model, geometry
+    marked = pin.Model(model)  # Pinocchio finds a joint's frame by its name, which a body may share
+    for frame in marked.frames:
+        if frame.type == pin.FrameType.BODY:
+            frame.name = _MARK + frame.name
+    small, shapes = pin.buildReducedModel(marked, geometry, ids, q)
+    for frame in small.frames:
+        frame.name = frame.name.removeprefix(_MARK)
+    return small, shapes
+
+
+def check_tree(robot: str, model: pin.Model, base: str | None = None) -> None:
+    """Checks that a model consists of 1-DOF joints, after a free flyer if its base is `free`.
+
+    `base` is None for a robot to identify, whose joints can be locked.
+
+    Raises:
+        BadRobot: a joint has several degrees of freedom, no joint moves, or the base is fixed.
+    """
+    if model.nv == 0:
+        raise BadRobot(robot, "", "no joint moves", "Keep at least one joint.")
+    if base == "free" and model.joints[1].nv != 6:
+        raise BadRobot(robot, "", "its base is fixed", "Take ArmPlant, or a robot that floats.")
+    for i in range(2 if base == "free" else 1, model.njoints):
+        joint, name = model.joints[i], model.names[i]
+        if joint.nv != 1:
+            reason = f"it has {joint.nv} degrees of freedom, not one as a hinge or a slide"
+            remedy = "Make it fixed in a copy of the file." if base else LOCK.format(name)
+            raise BadRobot(robot, f"joint {name}", reason, remedy)

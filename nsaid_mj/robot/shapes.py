@@ -1,16 +1,21 @@
-"""Triangle meshes of robots, and their poses."""
+"""Triangle meshes of robots: where a URDF's files are, and poses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import os
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
+from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import unquote
 
 import mujoco
 import numpy as np
+from lxml.etree import _Element as Element
 
 from ..parameters import Array
 from ..structure.optional import pin
+from .findings import Finding
 from .tree import pose
 
 _CORNERS = np.array(np.meshgrid(*[[-1, 1]] * 3, indexing="ij")).reshape(3, 8).T.astype(float)
@@ -43,13 +48,7 @@ class VisualMesh(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """A mesh on a tree of joints.
-
-    Attributes:
-        mesh: the mesh.
-        joint: Pinocchio's index of the joint that moves it; 0 for the base.
-        place: its pose in the joint's axes (`pin.SE3`).
-    """
+    """A mesh on a tree: Pinocchio's index of its joint, 0 for the base, and its pose there."""
 
     mesh: VisualMesh
     joint: int
@@ -57,12 +56,7 @@ class Shape(NamedTuple):
 
 
 class Shapes:
-    """The meshes of a tree of joints, made on first access; there may be none.
-
-    Args:
-        tree: Pinocchio's model.
-        made: makes the meshes.
-    """
+    """The meshes of a tree of joints, made on first access; there may be none."""
 
     def __init__(self, tree: pin.Model, made: Callable[[], Iterable[Shape]]):
         self._tree, self._made = tree, made
@@ -110,9 +104,7 @@ def shapes_of_geometry(visual: pin.GeometryModel) -> Iterable[Shape]:
 def shapes_of_geoms(mj: Any, tree: pin.Model) -> Iterable[Shape]:
     """The meshes and primitive shapes of a MuJoCo model.
 
-    Args:
-        mj: MuJoCo's model.
-        tree: Pinocchio's model, which has a frame or else a joint for every body, by its name.
+    The tree has a frame or else a joint for every body, by its name.
     """
     for g in range(mj.ngeom):
         body = mj.geom_bodyid[g]
@@ -147,12 +139,7 @@ def _mesh(mj: Any, geom: int) -> VisualMesh:
 
 
 def of_geom(model: Any, i: int) -> VisualMesh:
-    """The mesh of a MuJoCo geom, in the geom's own frame.
-
-    Args:
-        model: MuJoCo's model.
-        i: index of a box, cylinder, capsule, ellipsoid or sphere.
-    """
+    """The mesh of MuJoCo's geom i, a box or a solid of revolution, in the geom's own frame."""
     size, kind = model.geom_size[i].copy(), model.geom_type[i]
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
         vertices, triangles = _CORNERS * size, _FACES
@@ -170,9 +157,7 @@ def of_geom(model: Any, i: int) -> VisualMesh:
 def _profile(kind: int, size: Array) -> tuple[Array, Array]:
     """(k,) radii and (k,) heights [m] along the axis of a solid of revolution.
 
-    Args:
-        kind: geom type: cylinder, capsule, ellipsoid (as a unit sphere) or sphere.
-        size: (3,) MuJoCo's `geom_size`.
+    An ellipsoid is a unit sphere; `size` (3,) is MuJoCo's `geom_size`.
     """
     arc = np.linspace(0, np.pi, 13)
     if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
@@ -197,3 +182,67 @@ def _turned(radius: Array, height: Array) -> tuple[Array, np.ndarray]:
         for part in (np.c_[a + k, a + following, b + k], np.c_[a + following, b + following, b + k])
     ]
     return vertices, np.concatenate(triangles)
+
+
+def resolve_meshes(root: Element, path: Path) -> list[Finding]:
+    """Makes the paths of a URDF's visual meshes absolute, in place; removes those not found.
+
+    `package://` names are looked for in every ancestor folder of the file, in `ROS_PACKAGE_PATH`
+    and in `AMENT_PREFIX_PATH`; relative names in every ancestor folder. Collision shapes are
+    removed. Returns one note on all meshes that were not found, if there are any.
+    """
+    missing = []
+    for link in root.iter("link"):
+        for collision in link.findall("collision"):
+            link.remove(collision)
+        for visual in link.findall("visual"):
+            mesh = visual.find("geometry/mesh")
+            if mesh is None:
+                continue
+            name = mesh.get("filename", "")
+            found = next((p for p in _candidates(name, path) if p.is_file()), None)
+            if found is None:
+                missing.append(name)
+                link.remove(visual)
+            else:
+                mesh.set("filename", str(found))
+    if not missing:
+        return []
+    first = f"{missing[0]}" + (f" and {len(missing) - 1} more" if len(missing) > 1 else "")
+    return [
+        Finding(
+            "note",
+            "mesh_missing",
+            path.name,
+            f"{len(missing)} mesh files were not found ({first}), so these links are not drawn; "
+            "the dynamics do not need them",
+            "Set ROS_PACKAGE_PATH to the folder that contains the package, to see them.",
+            {"files": missing},
+        )
+    ]
+
+
+def _candidates(name: str, path: Path) -> Iterator[Path]:
+    """Places where a mesh may be, the likeliest first."""
+    scheme, _, rest = name.rpartition("://")
+    rest = unquote(rest) if scheme else rest
+    if scheme == "file" or (not scheme and Path(rest).is_absolute()):
+        yield Path(rest)
+        return
+    folders = list(path.resolve().parents)
+    if scheme in {"package", "model"}:
+        package, _, inside = rest.partition("/")
+        for folder in [*folders, *_ros_folders()]:
+            yield folder / package / inside
+            if folder.name == package:
+                yield folder / inside
+        rest = inside
+    for folder in folders:
+        yield folder / rest
+
+
+def _ros_folders() -> Iterator[Path]:
+    """Folders in which ROS 1 and ROS 2 look for packages."""
+    for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
+        for entry in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+            yield Path(entry) / inside

@@ -21,13 +21,7 @@ _SHEAR = 0.5  # ± of the other entries of the pseudo-inertia's factor
 
 
 def write_yaml(robot: RobotModel, values: Identified, path: Path) -> None:
-    """Writes parameters with units, 95 % intervals and status, and the scale's anchor, as YAML.
-
-    Args:
-        robot: the robot.
-        values: what was identified.
-        path: of the file to write.
-    """
+    """Writes parameters with units, 95 % intervals and status, and the scale's anchor, as YAML."""
     table: dict[str, Any] = {
         "robot": robot.name,
         "anchor": values.anchor,
@@ -54,11 +48,6 @@ def write_sysid(robot: RobotModel, values: Identified, path: Path) -> None:
     `viscous`, `coulomb` and `gain`, in the order of the robot's joints. As such a file cannot hold
     functions, the modifiers that apply a parameter to a model must be set after reading it.
 
-    Args:
-        robot: a tree of joints.
-        values: what was identified.
-        path: of the file to write.
-
     Raises:
         InvalidInput: the robot is a vehicle.
     """
@@ -81,10 +70,8 @@ def log_cholesky(inertial: Array) -> Array:
     """(10,) `mujoco.sysid`'s parameters of a link: α, d (3), s₁₂, s₂₃, s₁₃, t (3).
 
     With U = e^α [[e^d₁, s₁₂, s₁₃, t₁], [0, e^d₂, s₂₃, t₂], [0, 0, e^d₃, t₃], [0, 0, 0, 1]], the
-    pseudo-inertia is U Uᵀ (Rucker and Wensing, IEEE RA-L 7(2), 2022).
-
-    Args:
-        inertial: (10,) inertial parameters about the body's frame, in Pinocchio's order.
+    pseudo-inertia is U Uᵀ (Rucker and Wensing, IEEE RA-L 7(2), 2022). `inertial` (10,) is about the
+    body's frame, in Pinocchio's order.
     """
     P = pin.PseudoInertia.FromDynamicParameters(inertial).toMatrix()
     U = np.linalg.cholesky(P[::-1, ::-1])[::-1, ::-1]

@@ -1,8 +1,13 @@
-"""A Pinocchio model in MuJoCo, one body for each joint."""
+"""Pinocchio's models and MuJoCo's: a tree of joints as either, of the same mass matrix and forces.
+
+A Pinocchio model has one body in MuJoCo for each joint; of a compiled MuJoCo model, joints, bodies
+and actuators are read.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -11,18 +16,16 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..structure.joints import bodies_of
 from ..structure.optional import pin
+from .findings import Finding, Level
 
 
 def tree_spec(model: pin.Model, dt: float) -> Any:
-    """MuJoCo's specification of a Pinocchio model, without friction and motors.
+    """MuJoCo's specification, with time step dt [s], of a Pinocchio model; no friction, no motors.
 
     MuJoCo's URDF importer is not used, so that no effort limit clips a hidden gain, no joint limit
     becomes a soft constraint, and no inertia is silently altered. Bodies and joints have the names
-    of the model's joints; MuJoCo reserves "world" for its own body.
-
-    Args:
-        model: Pinocchio's model, of 1-DOF joints and possibly a free flyer.
-        dt: time step [s].
+    of the model's joints, of one degree of freedom, after a free flyer if there is one; MuJoCo
+    reserves "world" for its own body.
     """
     spec = mujoco.MjSpec()
     set_options(spec, dt)
@@ -44,11 +47,7 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
 
 
 def set_options(spec: Any, dt: float) -> None:
-    """Sets the options of all plants: RK4, no automatic reset, no contacts, no joint limits.
-
-    Args:
-        spec: MuJoCo's specification.
-        dt: time step [s].
+    """Sets all plants' options: RK4 by dt [s], no automatic reset, no contacts, no joint limits.
 
     Raises:
         InvalidInput: dt is not a positive number.
@@ -92,3 +91,214 @@ def wxyz(rotation: Array) -> Array:
 def pose(position: Array, wxyz: Array) -> pin.SE3:
     """The pose with MuJoCo's position (3,) and quaternion (4,)."""
     return pin.SE3(pin.Quaternion(*wxyz).normalized().toRotationMatrix(), np.array(position))
+
+
+_KINDS = {  # of Pinocchio's joints: along an axis, and the general one
+    mujoco.mjtJoint.mjJNT_HINGE: ("JointModelR", "JointModelRevoluteUnaligned"),
+    mujoco.mjtJoint.mjJNT_SLIDE: ("JointModelP", "JointModelPrismaticUnaligned"),
+}
+
+
+def rigid_tree(mj: Any, name: str) -> pin.Model:
+    """Pinocchio's model of a MuJoCo model's bodies and joints.
+
+    Every joint has the axes of its MuJoCo body, and lies at the joint's anchor; positions of hinges
+    and slides are those of MuJoCo. A body of several joints becomes a chain of links, all but the
+    last without mass. Bodies without a joint are merged into their parents. Rotor inertias, of
+    joints and of actuators, are in `armature`.
+    """
+    model = pin.Model()
+    model.name = name
+    model.gravity.linear = np.array(mj.opt.gravity)
+    taken = set(model.names)
+    places: dict[int, tuple[int, pin.SE3]] = {0: (0, pin.SE3.Identity())}  # of each body's frame
+    for b in range(1, mj.nbody):
+        joint, place = places[mj.body_parentid[b]]
+        place = place * pose(mj.body_pos[b], mj.body_quat[b])
+        first, count = mj.body_jntadr[b], mj.body_jntnum[b]
+        for j in range(first, first + count):
+            joint, place = _add_joint(model, mj, j, joint, place, _unique(mj, j, taken))
+            model.addJointFrame(joint)
+        places[b] = joint, place
+        inertia = pin.Inertia(mj.body_mass[b], np.zeros(3), np.diag(mj.body_inertia[b]))
+        principal = place * pose(mj.body_ipos[b], mj.body_iquat[b])
+        if joint:
+            model.appendBodyToJoint(joint, inertia, principal)
+        moving = model.getFrameId(model.names[joint], pin.FrameType.JOINT) if joint else 0
+        frame = pin.Frame(body_name(mj, b), joint, moving, place, pin.FrameType.BODY)
+        model.addFrame(frame, False)
+    model.armature = rotors(mj)
+    return model
+
+
+def body_name(mj: Any, b: int) -> str:
+    """The name of a body, or its number."""
+    return mj.body(b).name or f"body {b}"
+
+
+def joint_names(mj: Any) -> list[str]:
+    """The names of all joints in Pinocchio's model; one without a name is called by its body."""
+    taken = {"universe"}
+    return [_unique(mj, j, taken) for j in range(mj.njnt)]
+
+
+def rotors(mj: Any) -> Array:
+    """(nv,) reflected rotor inertia of every velocity, of joints and actuators [kg·m² or kg]."""
+    found = mj.dof_armature.copy()
+    for j in range(mj.njnt):
+        if mujoco.mjtJoint(mj.jnt_type[j]) in _KINDS:
+            for i in actuators_of(mj, j):
+                found[mj.jnt_dofadr[j]] += mj.actuator_armature[i] * mj.actuator_gear[i, 0] ** 2
+    return found
+
+
+def actuators_of(mj: Any, joint: int) -> list[int]:
+    """The actuators that act on a joint alone."""
+    kinds = {mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT}
+    return [
+        int(i)
+        for i in np.flatnonzero(mj.actuator_trnid[:, 0] == joint)
+        if mujoco.mjtTrn(mj.actuator_trntype[i]) in kinds
+    ]
+
+
+def _add_joint(
+    model: pin.Model, mj: Any, j: int, parent: int, place: pin.SE3, name: str
+) -> tuple[int, pin.SE3]:
+    """Adds MuJoCo's joint j behind Pinocchio's joint `parent`.
+
+    `place` is that of the body's frame in the frame of the parent, without this joint's motion.
+
+    Returns:
+        Index of the new joint, and the place of the body's frame in its frame.
+    """
+    kind, axis, anchor = (
+        mujoco.mjtJoint(mj.jnt_type[j]),
+        mj.jnt_axis[j].copy(),
+        mj.jnt_pos[j].copy(),
+    )
+    if kind == mujoco.mjtJoint.mjJNT_FREE:
+        free = model.addJoint(parent, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
+        return free, pin.SE3.Identity()
+    at, back = pin.SE3(np.eye(3), anchor), pin.SE3(np.eye(3), -anchor)
+    if kind == mujoco.mjtJoint.mjJNT_BALL:
+        return model.addJoint(parent, pin.JointModelSpherical(), place * at, name), back
+    aligned, general = _KINDS[kind]
+    exact = [letter for letter, e in zip("XYZ", np.eye(3), strict=True) if np.array_equal(axis, e)]
+    joint = getattr(pin, aligned + exact[0])() if exact else getattr(pin, general)(axis)
+    offset = -mj.qpos0[mj.jnt_qposadr[j]]  # MuJoCo's body is as drawn where the joint is at qpos0
+    if kind == mujoco.mjtJoint.mjJNT_HINGE:
+        start = pin.SE3(pin.exp3(offset * axis), np.zeros(3))
+    else:
+        start = pin.SE3(np.eye(3), offset * axis)
+    low, high = mj.jnt_range[j] if mj.jnt_limited[j] else (-np.inf, np.inf)
+    unlimited = np.array([np.inf])
+    index = model.addJoint(
+        parent, joint, place * at * start, name, unlimited, unlimited, np.r_[low], np.r_[high]
+    )
+    return index, back
+
+
+def _unique(mj: Any, j: int, taken: set[str]) -> str:
+    """A name for a joint that no other one has; it is added to `taken`."""
+    base = mj.joint(j).name or f"{body_name(mj, mj.jnt_bodyid[j])}_joint"
+    name, number = base, 2
+    while name in taken:
+        name, number = f"{base}_{number}", number + 1
+    taken.add(name)
+    return name
+
+
+class Motors(NamedTuple):
+    """The motors of some joints.
+
+    Attributes:
+        joints: (k,) their names.
+        gain: (k,) force per unit of command [N·m or N].
+        limits: (k,) largest absolute commands; inf where there is none.
+        damping: (k,) damping of the actuators [N·m·s/rad or N·s/m].
+        findings: what a command means.
+        passive: names of the joints without an actuator in a file that has some.
+    """
+
+    joints: tuple[str, ...]
+    gain: Array
+    limits: Array
+    damping: Array
+    findings: list[Finding]
+    passive: tuple[str, ...]
+
+
+def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
+    """The motors of k joints of a MuJoCo model, whose joints have these names.
+
+    The command of a motor is its `ctrl`, and its gain is gear · gainprm. A joint with a servo, or
+    without any actuator, has commands in N·m or N and gain 1.
+    """
+    gain, limits, damping = (
+        np.ones(len(joints)),
+        np.full(len(joints), np.inf),
+        np.zeros(len(joints)),
+    )
+    servos, bare, lagging, several = [], [], [], []
+    for k, joint in enumerate(joints):
+        j = names.index(joint)
+        actuators = actuators_of(mj, j)
+        if not actuators:
+            bare.append(joint)
+            continue
+        i, gear = actuators[0], mj.actuator_gear[actuators[0], 0]
+        damping[k] = sum(mj.actuator_damping[a] * mj.actuator_gear[a, 0] ** 2 for a in actuators)
+        if len(actuators) > 1:
+            several.append(joint)
+        if mj.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_NONE:
+            lagging.append(joint)
+        if is_motor(mj, i):
+            gain[k] = gear * mj.actuator_gainprm[i, 0]
+        else:
+            servos.append(joint)
+        limits[k] = _limit(mj, i, j, gear, float(gain[k]))
+    told: tuple[tuple[str, Level, list[str], str], ...] = (
+        ("no_actuator", "note", bare, "no actuator in the file; u must be the joint's force"),
+        ("servo", "warning", servos, "position or velocity servos in the file; u must be the "
+         "joint's force or motor current, not the setpoint"),
+        ("actuator_lag", "note", lagging, "actuators with an activation; the lag was left out"),
+        ("several_actuators", "warning", several, "several actuators; u is taken as the first's"),
+    )  # fmt: skip
+    findings = [
+        Finding(level, code, ", ".join(where), text, data={"joints": where})
+        for code, level, where, text in told
+        if where
+    ]
+    driven = [joint for joint in joints if joint not in {*servos, *bare}]
+    if driven:
+        text = "u is the motor's ctrl; the file's gains are " + ", ".join(
+            f"{gain[joints.index(joint)]:g}" for joint in driven
+        )
+        findings.append(Finding("note", "command", ", ".join(driven), text))
+    return Motors(joints, gain, limits, damping, findings, tuple(bare) if mj.nu else ())
+
+
+def is_motor(mj: Any, actuator: int) -> bool:
+    """Whether an actuator's force is a constant gain times its command or activation."""
+    return bool(
+        mj.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+        and mj.actuator_gainprm[actuator, 0] != 0
+        and mj.actuator_gear[actuator, 0] != 0
+        and (
+            mj.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+            or not mj.actuator_biasprm[actuator].any()
+        )
+    )
+
+
+def _limit(mj: Any, actuator: int, joint: int, gear: float, gain: float) -> float:
+    """The largest absolute command of an actuator; inf if there is none."""
+    found = [np.inf]
+    if mj.actuator_ctrllimited[actuator] and is_motor(mj, actuator):
+        found.append(np.abs(mj.actuator_ctrlrange[actuator]).max())
+    if mj.actuator_forcelimited[actuator]:
+        found.append(abs(gear / gain) * np.abs(mj.actuator_forcerange[actuator]).max())
+    if mj.jnt_actfrclimited[joint]:
+        found.append(np.abs(mj.jnt_actfrcrange[joint]).max() / abs(gain))
+    return float(min(found))

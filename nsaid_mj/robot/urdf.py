@@ -1,28 +1,40 @@
-"""Reads URDF files."""
+"""URDF files in and out: read as a tree of joints, and written with identified numbers.
+
+Pinocchio's torque regressor does not support mimic joints, so that the link behind one is welded
+where its leader is at 0. Leader and follower are then one coordinate.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from lxml import etree
+from lxml.etree import SubElement
 from lxml.etree import _Element as Element
 
-from ..errors import BadRobot
+from ..errors import BadRobot, InvalidInput
 from ..parameters import Array
 from ..structure.joints import body_names, joint_names
 from ..structure.optional import coal, pin
 from .findings import Finding
+from .identified import Identified, remarks
 from .inertias import check_inertias, make_physical
-from .meshes import resolve_meshes
-from .mimic import Follower, mimicking, weld
-from .model import RobotModel
-from .reduction import check_tree, home, locked_joints, reduced
-from .shapes import Shape, Shapes, shapes_of_geometry
-from .urdf_checks import check_masses, check_urdf, passive_joints, warn_of_mimics
-from .urdf_inertials import check_inertials
+from .model import RobotModel, check_tree, home, locked_joints, reduced
+from .shapes import Shape, Shapes, resolve_meshes, shapes_of_geometry
+from .urdf_checks import (
+    ENTRIES,
+    check_inertials,
+    check_masses,
+    check_urdf,
+    end_of,
+    passive_joints,
+    warn_of_mimics,
+)
+from .xml import numbers, read_xml, write_xml
 
 _HELD = "this floating joint was taken as fixed"
 _REMEDY = "Correct the URDF; `check_urdf` of ROS may tell more."
@@ -38,13 +50,8 @@ def load_urdf(
 ) -> RobotModel:
     """Reads a URDF.
 
-    Args:
-        path: of the file.
-        root: its content, which is changed.
-        encoding: findings about its encoding.
-        lock: joints to fix, at 0 or at the limit nearest to it.
-        joints: joints to keep; None keeps all that are not in `lock`.
-        base: of a robot to simulate, `held` or `free`; None for one to identify, on a stand.
+    `root` is changed; `encoding` holds findings about it. `base` is None for a robot to identify,
+    on a stand; the other arguments are those of `load_tree`.
 
     Raises:
         BadRobot: the file describes a robot that is not a tree of revolute and prismatic joints.
@@ -159,3 +166,134 @@ def _pinocchio(path: Path, xml: str, floats: bool) -> pin.Model:
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
         reason = f"Pinocchio cannot read it: {error}"
         raise BadRobot(str(path), "", reason, _REMEDY) from error
+
+
+class Follower(NamedTuple):
+    """How a mimic joint follows: q = multiplier · q_leader + offset.
+
+    Attributes:
+        leader: name of the joint that it follows.
+        multiplier: ratio of the positions.
+        offset: its position where the leader is at 0 [rad or m].
+    """
+
+    leader: str
+    multiplier: float
+    offset: float
+
+    def position(self, leader: float) -> float:
+        """The follower's position at a position of its leader."""
+        return self.multiplier * leader + self.offset
+
+
+def mimicking(path: Path, root: Element) -> dict[str, Follower]:
+    """The mimic joints of a URDF by name, leaders resolved along chains.
+
+    A joint that is said to follow one that does not exist moves freely. The numbers have been
+    checked by `check_urdf`.
+
+    Raises:
+        BadRobot: a mimic joint follows itself.
+    """
+    found, joints = {}, {joint.get("name", ""): joint for joint in root.findall("joint")}
+    for name, joint in joints.items():
+        mimic = joint.find("mimic")
+        if mimic is None or joint.get("type") == "fixed" or mimic.get("joint") not in joints:
+            continue
+        ratio, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+        found[name] = Follower(mimic.get("joint", ""), ratio, offset)
+    return {name: _resolved(path, found, name) for name in found}
+
+
+def weld(followers: dict[str, Follower], moving: set[str]) -> list[Finding]:
+    """A warning about each of the joints that move which others follow."""
+    findings = []
+    for leader in dict.fromkeys(follower.leader for follower in followers.values()):
+        if leader not in moving:
+            continue
+        names = [name for name, follower in followers.items() if follower.leader == leader]
+        text = (
+            f"it moves {', '.join(names)} with it (<mimic>); their links were welded where it is "
+            "at 0, so the inertia of their own motion is not in the model"
+        )
+        data: dict[str, object] = {"followers": names}
+        findings.append(Finding("warning", "mimic_joint", f"joint {leader}", text, data=data))
+    return findings
+
+
+def _resolved(path: Path, followers: dict[str, Follower], name: str) -> Follower:
+    """A follower in terms of a leader that is not itself a follower."""
+    found, passed = followers[name], {name}
+    while found.leader in followers:
+        if found.leader in passed:
+            remedy = "Let one of them move freely."
+            raise BadRobot(str(path), f"joint {name}", "it mimics itself in a circle", remedy)
+        passed.add(found.leader)
+        leader, multiplier, offset = followers[found.leader]
+        factor = found.multiplier
+        found = Follower(leader, factor * multiplier, factor * offset + found.offset)
+    return found
+
+
+def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
+    """Writes a robot's URDF with identified values.
+
+    `<inertial>` and `<dynamics>` of moving links and joints are replaced; everything else is kept
+    as it is, comments and meshes included. A moving link carries the inertia of all links welded to
+    it, theirs being removed. Gains, rotor inertias and the scale's anchor are in a comment.
+
+    Raises:
+        InvalidInput: the robot was not read from a URDF.
+    """
+    if robot.kind != "urdf" or robot.file is None:
+        raise InvalidInput("robot", "one read from a URDF", robot.kind, "Write an MJCF file.")
+    root, _ = read_xml(robot.file)
+    moving, held, welded, model = {}, [], [], values.model
+    for joint in root.findall("joint"):
+        name = joint.get("name", "")
+        if name in robot.joints:
+            k = robot.joints.index(name)
+            moving[end_of(joint, "child")] = name
+            part = _replaced(joint, "dynamics")
+            part.set("damping", numbers(values.damping[k]))
+            part.set("friction", numbers(values.friction[k]))
+        elif joint.get("type") != "fixed":
+            held.append(name)
+    for link in root.findall("link"):
+        name, inertial = link.get("name", ""), link.find("inertial")
+        frame = model.getFrameId(name, pin.FrameType.BODY)
+        if name in moving:
+            inertia = model.inertias[model.getJointId(moving[name])]
+            _set_inertial(_replaced(link, "inertial"), inertia)
+        elif inertial is not None and frame < model.nframes and model.frames[frame].parentJoint:
+            link.remove(inertial)
+            welded.append(name)
+    also = ("Joints taken as fixed: " + ", ".join(held) + ".",) if held else ()
+    if welded:
+        whose = "Their inertia is part of the link that they are fixed to: "
+        also += (whose + ", ".join(welded) + ".",)
+    if values.springs:
+        sprung = ", ".join(robot.joints[spring.joint] for spring in values.springs)
+        also += (
+            f"Springs were identified, which a URDF cannot hold: {sprung}. The MJCF has them.",
+        )
+    write_xml(path, root, remarks(robot, values, also))
+
+
+def _replaced(parent: Element, tag: str) -> Element:
+    """An empty child element, in place of the old one if there is one."""
+    part = parent.find(tag)
+    if part is None:
+        return SubElement(parent, tag)
+    tail = part.tail
+    part.clear()
+    part.tail = tail
+    return part
+
+
+def _set_inertial(element: Element, inertia: pin.Inertia) -> None:
+    """Fills an `<inertial>` with an inertia about the link's frame."""
+    SubElement(element, "origin", xyz=numbers(inertia.lever), rpy="0 0 0")
+    SubElement(element, "mass", value=numbers(inertia.mass))
+    tensor = inertia.inertia
+    SubElement(element, "inertia", {key: numbers(tensor[at]) for key, at in ENTRIES.items()})

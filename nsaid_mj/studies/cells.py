@@ -33,17 +33,12 @@ FIGURES = (
 
 @dataclass(frozen=True)
 class Cell:
-    """The result of one method on one log.
+    """The result of one method on one log; figures are those of summary.json, None if it failed.
 
     Attributes:
-        method: name of the method.
-        seed: of the run.
         noise: multiple of the scenario's sensor noise.
         duration: length of the log [s].
-        theta_perp_ratio: as in summary.json; None if the method failed.
-        actuator_ratio_error: as in summary.json; None if the method failed.
-        force_residual_ratio: as in summary.json; None if the method failed, or if the plant
-            diverges on the held-out trajectory.
+        force_residual_ratio: None also if the plant diverges on the held-out trajectory.
         wall_s: wall time of the method, including its regressors [s].
         note: settings that the method chose by itself.
         failure: why it failed; empty if it did not.
@@ -68,19 +63,14 @@ def sensors(noise: float) -> str:
 
 @dataclass(frozen=True)
 class Row:
-    """Statistics of one method over all seeds; figures of a failed seed count as infinite.
+    """Statistics of one method over all seeds, by key of `FIGURES`; failed seeds count as infinite.
 
     Attributes:
-        method: name of the method.
         noise: multiple of the scenario's sensor noise.
         duration: length of the log [s].
-        median: median over the seeds, by key of `FIGURES`.
-        worst: largest over the seeds, by key of `FIGURES`.
-        best: smallest over the seeds, by key of `FIGURES`.
         failures: one reason for each failed seed.
         notes: settings that the method chose by itself, without duplicates.
-        over_bound: median over that of the Cramér–Rao bound, by key of `FIGURES`; empty where the
-            bound was not computed.
+        over_bound: median over that of the Cramér–Rao bound; empty where that was not computed.
     """
 
     method: str

@@ -7,8 +7,6 @@ are then judged by the plant's truth.
 
 from __future__ import annotations
 
-import csv
-import io
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -17,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from .. import evaluation
 from ..baselines import BATCH, Estimate, Method, Problem, follow
@@ -29,11 +26,10 @@ from ..experiment.setup import Setup, is_sound
 from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
-from ..reporting.progress import announcing, counted
-from ..resources import check_own, locked, write_json, write_text
+from ..resources import write_json
+from . import compare_report
 from .cells import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
-from .compare_report import print_table
-from .study import Study
+from .study import Study, carried_out, write_csv
 
 FILES = ("compare.json", "compare.csv")
 
@@ -47,9 +43,6 @@ class Plan(Study):
     """The methods of a comparison and the logs that they get.
 
     Attributes:
-        script: name of the packaged scenario, or path of its script.
-        scenario: the plant, its excitation, and the gains of our identifiers.
-        arguments: flags of `nsaid run` that turn the script's scenario into this one.
         methods: names; see `METHODS`.
         seeds: of truth, prior, excitation and sensors.
         durations: lengths of log that the methods get [s].
@@ -117,13 +110,8 @@ class Plan(Study):
         ) | {"scenario": self.scenario.to_json()}
 
 
-def compare(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Iterator[Cell]:
-    """Yields the cells of a comparison as they become available.
-
-    Args:
-        plan: methods and logs.
-        report: called with a description of each stage, for a progress display.
-    """
+def compare(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Cell]:
+    """Yields the cells of a comparison as they become available; `report` is told of each stage."""
     warm = False
     for seed in plan.seeds:
         for noise in plan.noises:
@@ -146,11 +134,6 @@ def compare(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Itera
 
 class World:
     """The log of one plant, the methods that get it, and the truth that judges them.
-
-    Args:
-        plan: methods and logs.
-        seed: of the run.
-        noise: multiple of the scenario's sensor noise.
 
     Raises:
         NsaidError: the plant cannot be built, or diverges.
@@ -270,55 +253,22 @@ def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
     """
     document = plan.manifest | {"cells": [asdict(cell) for cell in cells]}
     write_json(folder / FILES[0], document)
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, [f.name for f in fields(Cell)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(cell) for cell in cells)
-    write_text(folder / FILES[1], stream.getvalue())
+    names = [f.name for f in fields(Cell)]
+    write_csv(folder / FILES[1], names, (asdict(cell) for cell in cells))
 
 
 @single_threaded
 def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
-    """Runs a comparison, writes its files and plots, and prints the table.
-
-    After Ctrl-C it writes the cells that are available.
-
-    Args:
-        plan: methods and logs.
-        folder: of the results; created if missing.
-        quiet: print nothing.
-
-    Raises:
-        FolderInUse: another process is writing into the folder.
-        NotWritten: the folder cannot be written.
-    """
-    check_own(folder, FILES[:1])
-    with locked(folder):
-        return _run(plan, folder, quiet)
-
-
-def _run(plan: Plan, folder: Path, quiet: bool) -> list[Cell]:
-    cells: list[Cell] = []
+    """Runs a comparison, writes its files and plots, and prints the table; see `carried_out`."""
     columns = sum(len(plan.names(noise)) for noise in plan.noises)
     total = columns * len(plan.seeds) * len(plan.durations)
-    bar = counted(quiet)
-    write(folder, plan, cells)  # fails before the work if the folder cannot be written
-    try:
-        with bar, announcing(bar.console):
-            task = bar.add_task("", total=total)
-            for cell in compare(plan, lambda words: bar.update(task, description=words)):
-                cells.append(cell)
-                bar.advance(task)
-    finally:
-        write(folder, plan, cells)
-        from . import compare_plots, compare_report  # imported late: matplotlib
 
-        drawn = compare_plots.lines(cells)
-        plots = compare_plots.write(folder, drawn)
+    def draw(cells: list[Cell]) -> list[Path]:
+        drawn = compare_report.lines(cells)
+        plots = compare_report.write_pictures(folder, drawn)
         page = compare_report.write(folder, cells, drawn, plan.manifest)
-    if not quiet:
-        console = Console(highlight=False)
-        print_table(cells, console)
-        files: list[Any] = [page] + [folder / name for name in FILES] + plots
-        console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
-    return cells
+        return [page, *(folder / name for name in FILES), *plots]
+
+    show = None if quiet else compare_report.print_table
+    made, write_all = partial(compare, plan), partial(write, folder, plan)
+    return carried_out(folder, FILES[:1], total, made, write_all, draw, show)

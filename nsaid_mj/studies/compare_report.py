@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from ..evaluation import figure
 from ..evaluation.result import Mark, judged
-from ..reporting import pages
-from ..reporting.pages import Figures, Page, Section, Table, Text, count
+from ..reporting import pages, plots
+from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
+from ..reporting.palette import BAD, COLOURS, INK
 from ..reporting.terminal import print_panels
 from ..robot.findings import Finding
-from .cells import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
-
-if TYPE_CHECKING:
-    from .compare_plots import Line
+from .cells import BOUND, FIGURES, LAWS, PRIOR, Cell, Row, rows, sensors
 
 _DECIDES = "theta_perp_ratio"
 _HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "gain ratios", "force residual", "time [s]")
@@ -34,18 +35,9 @@ def write(
     drawn: Mapping[str, Sequence[Line]],
     manifest: dict[str, Any],
 ) -> Path:
-    """Writes a comparison's report.html and returns its path.
-
-    Args:
-        folder: of the comparison.
-        cells: its results; may be empty.
-        drawn: its plots, see `compare_plots.lines`.
-        manifest: see `compare.Plan.manifest`.
-    """
-    from . import compare_plots  # imported late: matplotlib takes half a second
-
+    """Writes a comparison's report.html, with its plots from `lines`, and returns its path."""
     found = rows(cells)
-    figures = compare_plots.figures(drawn)
+    shown = figures(drawn)
     failures = [
         Finding("refusal", "failed", f"{row.method} failed, {_log(row)}", row.failures[0])
         for row in found
@@ -56,8 +48,8 @@ def write(
     heads = ["log", "method", *(label for label, _ in FIGURES), "chosen by itself"]
     table = Table(heads, [_line(row) for row in found], (0, 1, 6))
     sections = [Section("All methods", [table, Text(f"{_WORST} {_MULTIPLES}", note=True)])]
-    if figures[2:]:
-        more = [Figures(figures[2:], "plots", 6), Text(_BARS, note=True)]
+    if shown[2:]:
+        more = [Figures(shown[2:], "plots", 6), Text(_BARS, note=True)]
         sections.append(Section("More plots", more))
     page = Page(
         heading=folder.name,
@@ -65,7 +57,7 @@ def write(
         eyebrow=f"methods on the same logs of {manifest['script']}",
         lead=f"{count(methods, 'method')}, {count(seeds, 'seed')}.",
         findings=failures,
-        carrying=figures[:2],
+        carrying=shown[:2],
         sections=sections,
         commands=[_command(manifest)],
         versions=manifest["versions"],
@@ -156,3 +148,167 @@ def _digits(value: float) -> str:
     if not math.isfinite(value):
         return "–"
     return (f"{value:.1e}" if value < 0.01 else f"{value:.2g}").replace("e-0", "e-")
+
+
+_SHOWN = FIGURES[:3]
+_STYLES = {
+    "paper": (COLOURS[2], "o"),
+    "cone": (COLOURS[7], "s"),
+    "memory": (COLOURS[0], "D"),
+    "efficient": (COLOURS[4], "h"),
+    BOUND: (INK, "_"),
+    "conventional": (COLOURS[8], "o"),
+    "ols": (COLOURS[1], "^"),
+    "wls": (COLOURS[3], "v"),
+    "tls": (COLOURS[5], "<"),
+    "rls": (COLOURS[9], ">"),
+    "ekf": (COLOURS[6], "P"),
+    "sysid": (BAD, "*"),
+    PRIOR: (COLOURS[8], "x"),
+}
+_REFERENCES = (PRIOR, BOUND)
+_TITLES = {"wall_time": "wall time", "data_length": "length of the log", "noise": "sensor noise"}
+
+Draw = Callable[[Any], None]
+"""Draws one panel into matplotlib axes."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of panels in a picture, by the figure's label, on the same logs."""
+
+    logs: str
+    methods: Sequence[str]
+    panels: Mapping[str, Draw]
+
+
+def lines(cells: Sequence[Cell]) -> dict[str, list[Line]]:
+    """What there are enough cells to draw, by the stem of a picture's file.
+
+    Markers are medians over the seeds, error bars reach from the best to the worst seed. Medians
+    that are not finite are left out.
+    """
+    found = rows(cells)
+    noises, durations = sorted({r.noise for r in found}), sorted({r.duration for r in found})
+    drawn: dict[str, list[Line]] = {}
+    if not found:
+        return drawn
+    last = [r for r in found if r.duration == durations[-1]]
+    logs = f"{durations[-1]:g} s of data"
+    able = [r for r in last if r.method not in _REFERENCES]
+    drawn["wall_time"] = [
+        _line_of(f"{sensors(x)}, {logs}", [r for r in able if r.noise == x], _over_time)
+        for x in noises
+    ]
+    if len(durations) > 1:
+        over = partial(_over_length, durations)
+        drawn["data_length"] = [
+            _line_of(sensors(x), [r for r in found if r.noise == x], over) for x in noises
+        ]
+    if len(noises) > 1:
+        drawn["noise"] = [_line_of(logs, last, partial(_over_noise, noises))]
+    return drawn
+
+
+def write_pictures(folder: Path, drawn: Mapping[str, Sequence[Line]]) -> list[Path]:
+    """Writes the plots as PNG, and returns their paths."""
+    with plots.style():
+        return [
+            plots.png(_picture(of), folder / f"{stem}.png") for stem, of in sorted(drawn.items())
+        ]
+
+
+def figures(drawn: Mapping[str, Sequence[Line]]) -> list[Figure]:
+    """The plots of the page, the noisiest logs and distances first."""
+    found = []
+    for label, _ in _SHOWN:
+        for stem, of in drawn.items():
+            for line in reversed(of):
+                title = f"{label.capitalize()} over {_TITLES[stem]}: {line.logs}"
+                legend = [(m, _look(m)[0], _look(m)[2]) for m in line.methods]
+                found.append(plots.page_figure(title, line.panels[label], legend=legend))
+    return found
+
+
+def _line_of(logs: str, chosen: list[Row], draw: Callable[..., None]) -> Line:
+    methods = list(dict.fromkeys(row.method for row in chosen))
+    return Line(logs, methods, {label: partial(draw, chosen, key) for label, key in _SHOWN})
+
+
+def _picture(of: Sequence[Line]) -> Any:
+    figure, axes = plots.grid(len(of), len(_SHOWN), (12.5, 1.0 + 3.3 * len(of)))
+    handles: dict[str, Any] = {}
+    for row, line in zip(axes, of, strict=True):
+        for axis, draw in zip(row, line.panels.values(), strict=True):
+            draw(axis)
+            for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+                handles.setdefault(label, handle)
+        row[0].set_ylabel(line.logs)
+    for axis, label in zip(axes[0], of[0].panels, strict=True):
+        axis.set_title(label)
+    figure.legend(handles.values(), handles.keys(), loc="outside right center")
+    return figure
+
+
+def _over_length(durations: list[float], chosen: list[Row], key: str, axis: Any) -> None:
+    _curves(axis, chosen, key, lambda row: row.duration)
+    axis.set_xscale("log")
+    axis.set_xticks(durations, [f"{d:g}" for d in durations])
+    axis.minorticks_off()
+    axis.set_xlabel("length of the log [s]")
+    plots.logarithmic(axis)
+
+
+def _over_noise(noises: list[float], chosen: list[Row], key: str, axis: Any) -> None:
+    _curves(axis, chosen, key, lambda row: noises.index(row.noise))
+    axis.set_xticks(range(len(noises)), ["exact" if not x else f"{x:g} ×" for x in noises])
+    axis.set_xlabel("sensor noise, multiple of the scenario's")
+    plots.logarithmic(axis)
+
+
+def _over_time(chosen: list[Row], key: str, axis: Any) -> None:
+    for row in chosen:
+        _curve(axis, [row], key, lambda row: row.median["wall_s"])
+    axis.set_xlabel("wall time [s]")
+    plots.logarithmic(axis, "x")
+    plots.logarithmic(axis)
+
+
+def _curves(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
+    for method in dict.fromkeys(row.method for row in chosen):
+        _curve(axis, [row for row in chosen if row.method == method], key, abscissa)
+
+
+def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
+    """Draws one method's medians, with error bars from the best to the worst seed."""
+    chosen = [row for row in chosen if np.isfinite(row.median[key]) and row.median[key] > 0]
+    if not chosen:
+        return
+    method = chosen[0].method
+    colour, mark, dash = _look(method)
+    median = np.array([row.median[key] for row in chosen])
+    best, worst = (
+        np.array([getattr(row, end)[key] for row in chosen]) for end in ("best", "worst")
+    )
+    reach = np.vstack([median - best, np.where(np.isfinite(worst), worst, median) - median])
+    ours = method in LAWS
+    axis.errorbar(
+        [abscissa(row) for row in chosen],
+        median,
+        yerr=reach,
+        color=colour,
+        marker=mark,
+        ms=7 if ours else 5,
+        lw=2.2 if ours else 1.1,
+        ls=dash,
+        elinewidth=0.8,
+        capsize=2,
+        label=method,
+        gid=plots.CURVE + method,
+    )
+
+
+def _look(method: str) -> tuple[str, str, str]:
+    """Colour, marker and dash of a method."""
+    colour, mark = _STYLES.get(method, (INK, "."))
+    return colour, mark, "--" if method in _REFERENCES else "-"

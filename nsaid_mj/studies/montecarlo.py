@@ -53,9 +53,6 @@ class Plan(Study):
     """The runs of a Monte Carlo study. Draw i has the seed `sweep.seed_of(scenario.seed, i)`.
 
     Attributes:
-        script: name of the packaged scenario, or path of its script.
-        scenario: the scenario; its seed is the master seed.
-        arguments: flags of `nsaid run` that turn the script's scenario into this one.
         runs: number of runs.
         shared: whether all draws share the scenario's plant and motion and differ in the prior
             only; otherwise draw i equals `nsaid run` with its seed, including truth and motion.
@@ -86,11 +83,7 @@ class Plan(Study):
 class Course:
     """The simulated motion of one plant, and its truth, which is read only after identification.
 
-    Attributes:
-        setup: the simulated scenario.
-        log: the measurements, up to the first that is not finite.
-        status: how the simulation ended.
-        time: of its end [s].
+    The log ends with the first measurement that is not finite; status and time [s] say how.
     """
 
     setup: Setup
@@ -155,13 +148,7 @@ def _drive(setup: Setup, stopped: threading.Event) -> Course:
 
 
 class Draw:
-    """An identifier along a log, and its estimates at every check.
-
-    Attributes:
-        following: the identifier and its state along the log.
-        t: times of the checks [s].
-        theta_hat: (p,) estimates at the checks.
-    """
+    """An identifier along a log, and its estimates (p,) at the times of every check [s]."""
 
     def __init__(self, identifier: Identifier, log: Log):
         self.following = Following(identifier, log)
@@ -181,13 +168,7 @@ def identify(
 ) -> list[Row]:
     """Identifies from the prior of every draw along a course's log, and judges the last estimates.
 
-    Args:
-        course: the simulated motion.
-        draws: number and scenario of each draw; the scenario's seed draws the prior.
-        seen: called with the progress.
-
-    Returns:
-        One row of results per draw.
+    A draw is its number and its scenario, whose seed draws the prior. Returns one row per draw.
     """
     begin, steps = time.perf_counter(), max(1, len(course.log.t) - 1)
     runs = follow(course, [scenario for _, scenario in draws], seen)

@@ -18,7 +18,7 @@ from ..resources import check_own
 from ..robot.findings import Finding
 from .montecarlo import JOBS, Plan, rows_of
 from .study import MOST_JOBS, check_count
-from .sweep_folder import opened
+from .sweep import opened
 from .sweep_results import MANIFEST, Group, Row, Sweep, digits, files_of, read
 
 FIGURES = {
@@ -37,11 +37,7 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
 
     After Ctrl-C, finished runs are kept and the same call resumes the study.
 
-    Args:
-        plan: the runs.
-        folder: of the results; created if missing.
-        jobs: number of threads; None for the number of processors.
-        quiet: show no progress.
+    `jobs` is a number of threads, by default that of the processors.
 
     Raises:
         BadRun: the folder cannot be written, or holds something else.

@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rich.console import Console
 
 from .. import evaluation
 from ..bounds import shown
 from ..errors import InvalidInput
 from ..experiment.library import digest_of
 from ..experiment.scenario import Scenario
+from ..reporting.progress import announcing, counted
+from ..resources import check_own, locked, write_text
 
 MOST_RUNS = 1_000_000
 """Largest number of runs of a study; a day has as many tenths of a second."""
 MOST_JOBS = 1024
 """Largest number of runs at the same time."""
+
+_Result = TypeVar("_Result")
 
 
 def check_count(name: str, number: int, remedy: str, most: int = MOST_RUNS) -> None:
@@ -62,3 +72,57 @@ class Study:
             "versions": evaluation.versions(),
             "arguments": list(self.arguments),
         }
+
+
+def carried_out(
+    folder: Path,
+    own: Sequence[str],
+    total: int,
+    made: Callable[[Callable[[str], object]], Iterator[_Result]],
+    write: Callable[[list[_Result]], object],
+    draw: Callable[[list[_Result]], list[Path]],
+    show: Callable[[list[_Result], Console], object] | None,
+) -> list[_Result]:
+    """Collects the results of a study in a folder; after Ctrl-C, writes what is available.
+
+    Args:
+        folder: of the results; created if missing.
+        own: files by which such a folder is known.
+        total: number of results.
+        made: yields them; it is given a function to tell what is being done.
+        write: writes them, also before the first, to fail before the work.
+        draw: draws them at the end; returns all files.
+        show: prints them; None to print nothing.
+
+    Raises:
+        FolderInUse: another process is writing into the folder.
+        NotWritten: the folder cannot be written.
+    """
+    check_own(folder, own)
+    done: list[_Result] = []
+    bar = counted(show is None)
+    with locked(folder):
+        write(done)
+        try:
+            with bar, announcing(bar.console):
+                task = bar.add_task("", total=total)
+                for found in made(lambda words: bar.update(task, description=words)):
+                    done.append(found)
+                    bar.advance(task)
+        finally:
+            write(done)
+            files = draw(done)
+        if show is not None:
+            console = Console(highlight=False)
+            show(done, console)
+            console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
+    return done
+
+
+def write_csv(path: Path, heads: Sequence[str], rows: Iterable[dict[str, Any]]) -> None:
+    """Writes rows as CSV; what a row does not have is left empty."""
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, heads, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(path, stream.getvalue())

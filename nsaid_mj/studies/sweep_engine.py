@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import _thread
 import importlib
 import math
 import multiprocessing
 import os
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
@@ -18,7 +21,6 @@ import joblib
 from ..errors import InvalidInput, UnknownName
 from ..experiment.scenario import Scenario
 from .study import MOST_JOBS, check_count
-from .sweep_cluster import watched
 from .sweep_worker import Job, supervised
 
 ENGINES = ("loky", "dask")
@@ -67,13 +69,9 @@ class Engine:
         """Executes runs and yields their figures as they become available, in any order.
 
         If a worker dies, joblib loses all runs in progress. They are repeated one at a time, so
-        that the death of a worker can be attributed to one run. A run that crashes or hangs does so
-        in a child process of its worker, so the worker survives.
-
-        Args:
-            numbers: of the runs.
-            job: makes the job of a run from its number.
-            longest: largest wall time that one of them may take [s].
+        that the death of a worker can be attributed to one run. A run that crashes or hangs, or
+        takes longer than `longest` [s], does so in a child process of its worker, so the worker
+        survives.
 
         Raises:
             InvalidInput: the engine is not available or has died, or its workers cannot execute any
@@ -181,3 +179,44 @@ def _package(name: str, extra: str) -> Any:
         raise InvalidInput(
             "engine", "one whose package is installed", extra, f"pip install 'nsaid-mj[{extra}]'"
         ) from error
+
+
+_SILENCE = 10.0  # without a connection for so long, the scheduler counts as dead [s]
+
+
+@contextmanager
+def watched(client: Any, address: str | None) -> Iterator[None]:
+    """Within the context, the scheduler's death ends what the main thread waits for.
+
+    Raises:
+        InvalidInput: the scheduler has died.
+    """
+    dead, done = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        seen = time.monotonic()
+        while not done.wait(0.5):
+            if client.status == "running":
+                seen = time.monotonic()
+            elif time.monotonic() > seen + _SILENCE:
+                dead.set()
+                _thread.interrupt_main()  # it waits in joblib, which would not notice
+                return
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield
+    except (KeyboardInterrupt, Exception) as error:
+        lost = dead.is_set() or (isinstance(error, Exception) and client.status != "running")
+        if not lost:
+            raise
+        raise InvalidInput(
+            "address",
+            "a scheduler that keeps running",
+            f"none any more at {address}",
+            "Start the cluster again; the same command then resumes the sweep.",
+        ) from error
+    finally:
+        done.set()
+        thread.join()

@@ -100,12 +100,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Group:
-    """Runs with equal values of some varied fields.
-
-    Attributes:
-        values: of these fields, by name.
-        rows: of the runs.
-    """
+    """Runs with equal values, by name, of some varied fields."""
 
     values: dict[str, Any]
     rows: list[Row]

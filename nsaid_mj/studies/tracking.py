@@ -5,8 +5,6 @@ Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,9 +14,9 @@ import numpy as np
 from rich.console import Console
 
 from ..control.adaptive import AdaptiveTracking, Tracker
-from ..control.adaptive.config import Law
+from ..control.adaptive.tracker import Law
 from ..control.driver import Driver
-from ..errors import BadRun, InvalidInput, UnknownName
+from ..errors import InvalidInput, UnknownName
 from ..evaluation import Truth
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.following import Following
@@ -31,8 +29,8 @@ from ..parameters import Array
 from ..plants import Plant
 from ..reporting.pages import Table, Text, count
 from ..reporting.terminal import print_panels
-from ..resources import write_json, write_text
-from .study import Study
+from ..resources import write_json
+from .study import Study, write_csv
 
 LAWS: tuple[str, ...] = get_args(Law)
 FILES = ("tracking.json", "tracking.csv")
@@ -44,9 +42,7 @@ class Plan(Study):
     """The laws of a study, and the plants they control.
 
     Attributes:
-        script: name of the packaged scenario, or path of its script.
         scenario: its excitation is `AdaptiveTracking`; its law is replaced by every law in turn.
-        arguments: flags of `nsaid run` that turn the script's scenario into this one.
         laws: names.
         seeds: of truth, prior, reference and sensors.
 
@@ -90,13 +86,9 @@ class Course:
     """A law on one plant.
 
     Attributes:
-        law: its name.
         seed: of plant, prior, reference and sensors.
         figures: of `evaluation.tracking.figures`; with exact sensors also `v_rises`, the number of
             steps in which V rose beyond its bound, for the law of which this is proven.
-        motion: the motion.
-        setup: the plant.
-        tracker: the controller.
     """
 
     law: str
@@ -107,13 +99,8 @@ class Course:
     tracker: Tracker
 
 
-def courses(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Iterator[Course]:
-    """Runs every law on the plant of every seed.
-
-    Args:
-        plan: laws and seeds.
-        report: called with what is being done.
-    """
+def courses(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Course]:
+    """Runs every law on the plant of every seed; `report` is told what is being done."""
     for seed in plan.seeds:
         scenario = replace(plan.scenario, seed=seed)
         base = Setup.of(scenario)
@@ -125,12 +112,7 @@ def courses(plan: Plan, report: Callable[[str], None] = lambda _: None) -> Itera
 
 
 def course(setup: Setup, last: float) -> Course:
-    """Runs a scenario that is driven by `AdaptiveTracking`.
-
-    Args:
-        setup: plant and prior.
-        last: time at the end over which errors are taken [s].
-    """
+    """Runs a scenario that is driven by `AdaptiveTracking`, with errors over its last seconds."""
     scenario, tracker = setup.scenario, setup.driver()
     assert isinstance(scenario.excitation, AdaptiveTracking)
     assert isinstance(tracker, Tracker)
@@ -144,12 +126,7 @@ def course(setup: Setup, last: float) -> Course:
 
 
 def drive(setup: Setup, tracker: Tracker) -> Motion:
-    """Drives the plant; an informed law gets the estimates of the scenario's identifier.
-
-    Args:
-        setup: plant, sensors and identifier.
-        tracker: the controller.
-    """
+    """Drives the plant; an informed law gets the estimates of the scenario's identifier."""
     scenario, plant, sensors = setup.scenario, setup.plant, setup.sensors()
     witness = _Witness(tracker, plant)
     every = int(min(informing_steps(tracker, scenario.dt), scenario.steps))
@@ -205,28 +182,16 @@ def write(folder: Path, plan: Plan, done: list[Course]) -> None:
     """Writes tracking.json, with the plan, and tracking.csv, one row for every law and seed.
 
     Raises:
-        BadRun: the folder cannot be written.
+        NotWritten: the folder cannot be written.
     """
     rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
     heads = list(dict.fromkeys(key for row in rows for key in row))
-    stream = io.StringIO()
-    writer = csv.DictWriter(stream, heads, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        finite = [
-            {k: v if not isinstance(v, float) or np.isfinite(v) else None for k, v in row.items()}
-            for row in rows
-        ]
-        write_json(
-            folder / FILES[0], plan.manifest | {"medians": medians(plan, done), "rows": finite}
-        )
-        write_text(folder / FILES[1], stream.getvalue())
-    except OSError as error:
-        raise BadRun(
-            folder, f"it cannot be written: {error.strerror}", "Give another folder, with --out"
-        ) from error
+    finite = [
+        {k: v if not isinstance(v, float) or np.isfinite(v) else None for k, v in row.items()}
+        for row in rows
+    ]
+    write_json(folder / FILES[0], plan.manifest | {"medians": medians(plan, done), "rows": finite})
+    write_csv(folder / FILES[1], heads, rows)
 
 
 def medians(plan: Plan, done: list[Course]) -> dict[str, dict[str, float]]:

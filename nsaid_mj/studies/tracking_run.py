@@ -1,64 +1,192 @@
-"""Carries out a tracking study: progress, files, page and recording."""
+"""Carries out a tracking study: progress, files, page, picture and recording."""
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from rich.console import Console
+import numpy as np
 
+from ..evaluation.result import Mark, judged
 from ..evaluation.tracking import Motion
 from ..numerics.threads import single_threaded
-from ..reporting.progress import announcing, counted
-from ..resources import check_own, locked
-from .tracking import FILES, Course, Plan, courses, print_table, write
-from .tracking_page import draw
+from ..parameters import Array
+from ..recording.tracking import record
+from ..reporting import pages, plots
+from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
+from ..reporting.palette import COLOURS
+from ..reporting.picture import picture
+from ..robot.findings import Finding
+from ..system import SecondOrderSystem
+from .study import carried_out
+from .tracking import FILES, Course, Plan, courses, medians_in_words, print_table, table_of, write
 
 
 @single_threaded
 def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
-    """Runs a study, writes its files, page and recording, and prints the table.
+    """Runs a study, writes its files, page and recording, and prints the table."""
 
-    After Ctrl-C it writes what is available.
+    def made(told: Callable[[str], object]) -> Iterator[Course]:
+        for found in courses(plan, told):
+            first = found.seed == plan.seeds[0]
+            yield found if first else replace(found, motion=_thinned(found.motion))
 
-    Args:
-        plan: laws and seeds.
-        folder: of the results; created if missing.
-        quiet: print nothing.
+    def drawn(done: list[Course]) -> list[Path]:
+        return [folder / name for name in FILES] + (draw(folder, plan, done) if done else [])
 
-    Raises:
-        FolderInUse: another process is writing into the folder.
-        NotWritten: the folder cannot be written.
-    """
-    check_own(folder, FILES[:1])
-    with locked(folder):
-        return _run(plan, folder, quiet)
-
-
-def _run(plan: Plan, folder: Path, quiet: bool) -> list[Course]:
-    done: list[Course] = []
-    bar = counted(quiet)
-    write(folder, plan, done)  # fails before the work if the folder cannot be written
-    try:
-        with bar, announcing(bar.console):
-            task = bar.add_task("", total=len(plan.seeds) * len(plan.laws))
-            for found in courses(plan, lambda words: bar.update(task, description=words)):
-                first = found.seed == plan.seeds[0]
-                done.append(found if first else replace(found, motion=_thinned(found.motion)))
-                bar.advance(task)
-    finally:
-        write(folder, plan, done)
-        pages = []
-        if done:
-            pages = draw(folder, plan, done)
-    if not quiet:
-        console = Console(highlight=False)
-        print_table(plan, done, console)
-        files = [folder / name for name in FILES] + pages
-        console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
-    return done
+    total, show = len(plan.seeds) * len(plan.laws), None if quiet else partial(print_table, plan)
+    return carried_out(folder, FILES[:1], total, made, partial(write, folder, plan), drawn, show)
 
 
 def _thinned(motion: Motion) -> Motion:
     """A motion without its rows, which only the first seed's page needs."""
     return replace(motion, theta_hat=motion.theta_hat[-1:])
+
+
+PICTURE, RECORDING = "tracking.png", "tracking.rrd"
+_WINDOWS = 120  # of the error over time
+_LABEL = 20  # windows below a curve's name
+
+
+def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
+    """Writes report.html, tracking.png and tracking.rrd, and returns their paths."""
+    shown = [c for c in done if c.seed == done[0].seed]
+    table, length = table_of(plan, done), plan.scenario.duration
+    panels = {
+        f"Tracking error [{unit}]": partial(_errors, shown, unit) for unit in _units(shown[0])
+    }
+    named = {title: partial(panel, named=True) for title, panel in panels.items()}
+    plot = plots.png_of([named], (6.0 * len(panels), 3.4), folder / PICTURE)
+    legend = [(c.law, COLOURS[k], "-") for k, c in enumerate(shown)]
+    figures = [plots.page_figure(name, panel, legend=legend) for name, panel in panels.items()]
+    sections = [Section("Tracking errors", [table, Text(
+        f"{medians_in_words(plan)} “Better by” is the median over the seeds of the conventional "
+        "law's rms error over this law's. “V rises” counts the steps in which the Lyapunov "
+        "function rose by more than its discretisation explains.", note=True,
+    )])]  # fmt: skip
+    averaged = f"Root mean square over the coordinates and over windows of {length / _WINDOWS:.2g}"
+    drawn = Text(f"{averaged} s; seed {shown[0].seed}.", note=True)
+    if figures[1:]:
+        sections.append(Section("Over time", [Figures(figures[1:]), drawn]))
+    page = Page(
+        heading=folder.name,
+        verdict=verdict_of(table),
+        eyebrow=f"tracking laws on {plan.script}",
+        lead=f"{count(len(plan.laws), 'law')} on {count(len(plan.seeds), 'plant')}, {length:g} s, "
+        f"{plan.scenario.sensors} sensors. All laws get the same prior, reference, K_d, Λ and "
+        "bandwidth of adaptation.",
+        findings=_missing(plan, done),
+        carrying=[*figures[:1], *_robot(shown[0])],
+        sections=sections,
+        commands=[_command(plan), shlex.join(["nsaid", "view", str(folder / RECORDING)])],
+        notes=["All figures are in tracking.json and tracking.csv."],
+        versions=plan.manifest["versions"],
+    )
+    told = _told(plan, shown, table)
+    return [pages.write(page, folder), plot, _record(folder, shown, told)]
+
+
+def _told(plan: Plan, shown: list[Course], table: Table) -> str:
+    """The table in Markdown, for the recording."""
+    rows = [
+        f"- **{law}**: "
+        + ", ".join(f"{h} {c}" for h, c in zip(table.heads[1:], cells, strict=True) if c)
+        for law, *cells in table.lines
+    ]
+    curves = f"Curves and robot: seed {shown[0].seed}."
+    return "\n".join([f"# {plan.script}", "", *rows, "", f"{medians_in_words(plan)} {curves}"])
+
+
+def verdict_of(table: Table) -> Mark | None:
+    """How much better than the conventional law each adaptive law tracks."""
+    column = table.heads.index("better by")
+    ratios = {
+        str(line[0]): str(line[column]).removesuffix("×")
+        for line in table.lines
+        if line[0] in ("nullspace", "composite") and line[column]
+    }
+    if not ratios:
+        return None
+    told = ", ".join(f"{law} {ratio} times" for law, ratio in ratios.items())
+    measure = table.heads[1].replace("[", "in ").removesuffix("]")
+    words = f"Tracking error smaller than the conventional law's: {told} ({measure})."
+    better = all(float(ratio) > 1 for ratio in ratios.values())
+    return judged("yes" if better else "partly", words)
+
+
+def _missing(plan: Plan, done: list[Course]) -> list[Finding]:
+    missing = len(plan.laws) * len(plan.seeds) - len(done)
+    words = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing"
+    return [Finding("refusal", "missing", "not finished", words)] if missing else []
+
+
+def _command(plan: Plan) -> str:
+    """The command line that repeats a study."""
+    laws, seeds = ",".join(plan.laws), ",".join(map(str, plan.seeds))
+    words = ["nsaid", "track", plan.script, "--laws", laws, "--seeds", seeds, *plan.arguments]
+    return shlex.join(words)
+
+
+def _record(folder: Path, shown: list[Course], told: str) -> Path:
+    first = shown[0]
+    tracker, system, motion = first.tracker, first.setup.system, first.motion
+    aims = [tracker.reference.desired(t)[0] for t in motion.t.tolist()]
+    low, high = tracker.limits
+    errors = {
+        unit: {c.law: np.sqrt(np.mean(_error(c, unit) ** 2, axis=1)) for c in shown}
+        for unit in _units(first)
+    }
+    commands = {c.law: c.motion.u / np.where(c.motion.u < 0, -low, high) for c in shown}
+    return record(
+        folder / RECORDING,
+        system,
+        first.setup.plant,
+        (motion.t, motion.q, motion.v),
+        system.position(np.array(aims)),
+        errors,
+        commands,
+        told,
+    )
+
+
+def _units(c: Course) -> list[str]:
+    return [unit for unit in ("rad", "m") if f"rms_{unit}" in c.figures]
+
+
+def _columns(system: SecondOrderSystem, unit: str) -> np.ndarray:
+    return np.array([one == f"{unit}/s" for one in system.velocity_units])
+
+
+def _error(c: Course, unit: str) -> Array:
+    """(N, ·) the tracking error of the coordinates with a unit."""
+    return c.motion.error[:, _columns(c.setup.system, unit)]
+
+
+def _robot(c: Course) -> list[Figure]:
+    """The robot's picture, if it has a shape."""
+    found = picture(c.setup.plant, c.motion.q[0], "the robot")
+    return [found] if found else []
+
+
+def _errors(shown: list[Course], unit: str, axis: Any, named: bool = False) -> None:
+    """Draws every law's rms error over short windows, on a logarithmic scale; `named` in itself."""
+    for k, c in enumerate(shown):
+        pieces = np.array_split(np.arange(len(c.motion.t)), min(_WINDOWS, len(c.motion.t)))
+        rms = [np.sqrt(np.mean(_error(c, unit)[rows] ** 2)) for rows in pieces]
+        t = [c.motion.t[rows].mean() for rows in pieces]
+        plots.line(axis, t, rms, c.law, color=COLOURS[k])
+        if named:
+            place = 1.4 * max(rms[-_LABEL:])
+            axis.text(t[-1], place, c.law, color=COLOURS[k], ha="right", va="bottom")
+    for fault in shown[0].setup.plant.faults:
+        for t in (fault.time, fault.until):
+            if t is not None:
+                axis.axvline(t, color=COLOURS[8], ls=":")
+    axis.margins(x=0.0)
+    axis.set_xlabel("t [s]")
+    axis.set_ylabel(f"rms error [{unit}]")
+    plots.logarithmic(axis)

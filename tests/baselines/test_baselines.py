@@ -8,9 +8,17 @@ import pytest
 
 from nsaid_mj.baselines import BATCH, Estimate, follow
 from nsaid_mj.baselines import sysid as toolbox_module
-from nsaid_mj.baselines.filters import low_passed, smoothed
-from nsaid_mj.baselines.least_squares import candidates, filtered, weighted, window
-from nsaid_mj.baselines.regression import Gauge, central_rows, condense
+from nsaid_mj.baselines.least_squares import (
+    Gauge,
+    candidates,
+    central_rows,
+    condense,
+    filtered,
+    low_passed,
+    smoothed,
+    weighted,
+    window,
+)
 from nsaid_mj.baselines.sysid import sysid
 from nsaid_mj.errors import InvalidInput, NoEstimate
 from nsaid_mj.experiment.library import load

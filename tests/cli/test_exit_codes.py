@@ -11,7 +11,7 @@ import pytest
 import nsaid_mj.cli
 from nsaid_mj.calibration.findings import Finding, UnusableLog
 from nsaid_mj.cli import commands
-from nsaid_mj.cli.exit_codes import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
+from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation.result import Mark
 from nsaid_mj.identifiers import Status
@@ -140,12 +140,12 @@ def test_excite(kind: str, code: int, monkeypatch: Patch) -> None:
 @pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1)])
 def test_identify(explains: str, code: int, monkeypatch: Patch) -> None:
     result = identification(("one",), explains=explains)
-    put(monkeypatch, "cli.servos.servos_of", None)
+    put(monkeypatch, "cli.identifying.servos_of", None)
     put(monkeypatch, "calibration.identify.identify", result)
     put(monkeypatch, "cli.identifying.write", (result, []))
     assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
-    put(monkeypatch, "cli.servos.servos_of", object())
-    put(monkeypatch, "cli.servos.identify_given", (result, []))
+    put(monkeypatch, "cli.identifying.servos_of", object())
+    put(monkeypatch, "cli.identifying.identify_given", (result, []))
     assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
 
 
@@ -175,7 +175,7 @@ def test_inspect_ends_as_identify_does(
         raise UnusableLog(findings)
 
     if findings[0].level == "refusal":
-        put(monkeypatch, "cli.servos.servos_of", None)
+        put(monkeypatch, "cli.identifying.servos_of", None)
         monkeypatch.setattr("nsaid_mj.calibration.identify.identify", refuse)
         said = shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")
         assert said[0] == code and "something is wrong" in said[1].err
@@ -196,7 +196,7 @@ def test_an_error_of_ours_is_unusable_input(monkeypatch: Patch) -> None:
 
 def test_the_documentation_has_the_table() -> None:
     text = (ROOT / "docs/usage.md").read_text(encoding="utf-8")
-    from nsaid_mj.cli import exit_codes
+    from nsaid_mj.cli import process
 
-    table = [line for line in (exit_codes.__doc__ or "").splitlines() if line.startswith("|")]
+    table = [line for line in (process.__doc__ or "").splitlines() if line.startswith("|")]
     assert all(line in text for line in table)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.cli.commands import command
-from nsaid_mj.cli.exit_codes import code_of
 from nsaid_mj.cli.options import parse
+from nsaid_mj.cli.process import code_of
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.evaluation import energy, mark_of, summarize, truth_of
 from nsaid_mj.evaluation.figures import force_residual_ratio

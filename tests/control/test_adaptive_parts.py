@@ -12,9 +12,9 @@ from scipy.optimize import minimize
 
 from nsaid_mj.control.adaptive import AdaptiveTracking, Tracker
 from nsaid_mj.control.adaptive.actuation import Actuation
-from nsaid_mj.control.adaptive.config import command_range
-from nsaid_mj.control.adaptive.design import loop_frequency, mean_inertia, rehearse, stiffness
-from nsaid_mj.control.adaptive.estimate import Estimate
+from nsaid_mj.control.adaptive.laws import Estimate
+from nsaid_mj.control.adaptive.reference import loop_frequency, mean_inertia, rehearse, stiffness
+from nsaid_mj.control.adaptive.tracker import command_range
 from nsaid_mj.identifiers.cone.law import ConeMetric
 from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.metric import ConstantMetric

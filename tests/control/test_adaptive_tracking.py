@@ -14,8 +14,8 @@ import pytest
 
 from nsaid_mj.control.adaptive import AdaptiveTracking, Tracker
 from nsaid_mj.control.adaptive.actuation import Actuation
-from nsaid_mj.control.adaptive.config import command_range
-from nsaid_mj.control.adaptive.estimate import Estimate
+from nsaid_mj.control.adaptive.laws import Estimate
+from nsaid_mj.control.adaptive.tracker import command_range
 from nsaid_mj.errors import FolderInUse, InvalidInput, NsaidError
 from nsaid_mj.evaluation.tracking import lyapunov, rise_bounds
 from nsaid_mj.experiment.library import load

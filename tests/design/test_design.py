@@ -8,12 +8,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.control import DesignedSignals, DesignedTracking, FourierTracking
-from nsaid_mj.control.computed_torque import Tracking
+from nsaid_mj.control.driver import Tracking
 from nsaid_mj.design import Design, Experiment, Limit, Limits, asked_for, design, read_limits
 from nsaid_mj.design.harmonics import ranks
 from nsaid_mj.design.limits import extents_of
-from nsaid_mj.design.prediction import predict
-from nsaid_mj.design.remedies import remedies
+from nsaid_mj.design.prediction import predict, remedies
 from nsaid_mj.design.search import minimise
 from nsaid_mj.design.trial import tried
 from nsaid_mj.errors import InvalidInput, NoMotion, UnknownName

@@ -7,9 +7,9 @@ import pytest
 
 from nsaid_mj.control import MultisineCommand
 from nsaid_mj.design import Experiment, Limit, Limits
+from nsaid_mj.design.experiment import own_limits, scenario_of_model
 from nsaid_mj.design.limits import COMMAND, RANDOM
-from nsaid_mj.design.models import own_limits, scenario_of_model
-from nsaid_mj.design.vehicles import DrivenMotions
+from nsaid_mj.design.motions import DrivenMotions
 from nsaid_mj.errors import BadRobot
 from nsaid_mj.experiment.library import load
 from nsaid_mj.plants import ArmPlant

@@ -7,8 +7,7 @@ import pytest
 
 from nsaid_mj.design import Design, Experiment, design
 from nsaid_mj.design.information import PRIOR, bound
-from nsaid_mj.design.prediction import predict
-from nsaid_mj.design.remedies import Remedy, helped, remedies, weak_directions
+from nsaid_mj.design.prediction import Remedy, helped, predict, remedies, weak_directions
 from nsaid_mj.experiment.library import load
 from nsaid_mj.structure.payload import point_mass
 

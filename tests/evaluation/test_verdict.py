@@ -11,7 +11,8 @@ import pytest
 
 from nsaid_mj import Mismatch
 from nsaid_mj.evaluation import summarize, truth_of
-from nsaid_mj.evaluation.verdict import residual_floor, verdict
+from nsaid_mj.evaluation.figures import residual_floor
+from nsaid_mj.evaluation.words import verdict
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.setup import Setup

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
-from nsaid_mj.cli.exit_codes import code_of
+from nsaid_mj.cli.process import code_of
 from nsaid_mj.control import multisine, tracking
 from nsaid_mj.evaluation import mark_of
 from nsaid_mj.experiment.loop import Observer, run

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nsaid_mj.evaluation.verdict import verdict
+from nsaid_mj.evaluation.words import verdict
 from nsaid_mj.identifiers.cone.prior import drawn_covariance
 from nsaid_mj.identifiers.efficient.drift import Rival, Rivals, walks
 from nsaid_mj.identifiers.efficient.filter import filter_at

@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
 from nsaid_mj.evaluation import misfit
-from nsaid_mj.evaluation.whiteness import whiteness
+from nsaid_mj.evaluation.misfit import whiteness
 from nsaid_mj.identifiers.cone.prior import drawn_inside
 from nsaid_mj.identifiers.efficient.covariance import innovate, predict, update
 from nsaid_mj.identifiers.efficient.faults import trials as trying

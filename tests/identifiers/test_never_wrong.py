@@ -11,8 +11,7 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.evaluation.confidence import Known, known
-from nsaid_mj.evaluation.misfit import Misfit, misfit_of, widened
-from nsaid_mj.evaluation.whiteness import whiteness
+from nsaid_mj.evaluation.misfit import Misfit, misfit_of, whiteness, widened
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup, told
 from nsaid_mj.identifiers import Confidence

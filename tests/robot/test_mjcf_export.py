@@ -11,10 +11,10 @@ from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import BadRobot
 from nsaid_mj.robot.identified import Coupling, Identified
 from nsaid_mj.robot.mjcf_export import write_mjcf
-from nsaid_mj.robot.urdf_export import write_urdf
+from nsaid_mj.robot.urdf import write_urdf
 
 from .test_mjcf import SERVO, arm
-from .test_mjcf_tree import TURNED
+from .test_tree import TURNED
 from .urdfs import chain, joint, link, robot
 from .values import identified, same_inertias
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.robot.inertias import is_physical, moved_inside
 from nsaid_mj.robot.mjcf_export import write_mjcf
-from nsaid_mj.robot.urdf_export import write_urdf
+from nsaid_mj.robot.urdf import write_urdf
 
 from .test_mjcf_export import difference
-from .test_mjcf_tree import bodies
+from .test_tree import bodies
 from .urdfs import link, robot
 from .values import identified, same_inertias
 

@@ -7,7 +7,7 @@ from nsaid_mj.robot.identified import inertial_parameters
 from nsaid_mj.robot.mjcf_export import write_mjcf
 from nsaid_mj.robot.tables import write_sysid, write_yaml
 
-from .test_mjcf_tree import TURNED
+from .test_tree import TURNED
 from .urdfs import chain
 from .values import identified
 

@@ -4,7 +4,7 @@ import pytest
 
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import BadRobot, InvalidInput, UnknownName
-from nsaid_mj.robot.urdf_export import write_urdf
+from nsaid_mj.robot.urdf import write_urdf
 
 from .urdfs import chain, joint, link, robot
 from .values import identified

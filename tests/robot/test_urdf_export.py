@@ -6,7 +6,7 @@ import pytest
 
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.robot.urdf_export import write_urdf
+from nsaid_mj.robot.urdf import write_urdf
 
 from .urdfs import chain, joint, link
 from .values import identified, same_inertias

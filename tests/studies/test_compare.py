@@ -16,9 +16,8 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers import ConventionalAID
 from nsaid_mj.studies import compare, compare_report
 from nsaid_mj.studies.cells import rows
-from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World, print_table
-from nsaid_mj.studies.compare_plots import lines
-from nsaid_mj.studies.compare_plots import write as write_pictures
+from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World
+from nsaid_mj.studies.compare_report import lines, print_table, write_pictures
 from tests.reporting.markup import Page
 
 SCALAR = load("scalar_rov")

@@ -21,9 +21,9 @@ from joblib.externals.loky import get_reusable_executor
 from nsaid_mj import evaluation as metrics
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
-from nsaid_mj.experiment.fields import field_at
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run as run_alone
+from nsaid_mj.experiment.scenario import field_at
 from nsaid_mj.identifiers import Status
 from nsaid_mj.studies.sweep import Plan, run, seed_of, varied
 from nsaid_mj.studies.sweep_engine import Engine

@@ -20,7 +20,7 @@ from ...plants.world.coordinates import JointMap
 from ...plants.world.quiet import quiet
 from ...resources import write_text
 from ...robot.mjcf_file import compile_file
-from ...robot.mjcf_tree import actuators_of, joint_names
+from ...robot.tree import actuators_of, joint_names
 from ...robot.xml import numbers
 from .logs import ServoLog
 from .result import Servo, ServoIdentification

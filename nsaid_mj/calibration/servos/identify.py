@@ -15,7 +15,7 @@ from ...numerics.threads import single_threaded
 from ...parameters import Array
 from ...resources import asset
 from ...robot.mjcf_file import compile_file
-from ...robot.mjcf_tree import actuators_of, joint_names
+from ...robot.tree import actuators_of, joint_names
 from ..data import RobotModel
 from ..findings import Finding
 from ..logs import Map, Table, read_map, read_tables

@@ -21,12 +21,7 @@ _RANK = 1e-6  # smallest singular value of a group's B, relative to the largest
 
 @dataclass(frozen=True)
 class Group:
-    """Velocities and the actuators that push along them, and along no others.
-
-    Attributes:
-        rows: indices of the velocities.
-        columns: indices of the commands, at least as many.
-    """
+    """Indices of velocities, and of the commands, at least as many, that push along no others."""
 
     rows: Indices
     columns: Indices
@@ -135,13 +130,8 @@ def unit_forces(system: SecondOrderSystem) -> Array:
 def curves(system: SecondOrderSystem, unit: Array, knots: Array) -> tuple[list[Array], list[Array]]:
     """Tabulates every actuator's effort over the range around 0 in which it grows with the command.
 
-    Args:
-        system: the structure.
-        unit: (n, n_u, a) of `unit_forces`.
-        knots: (k, n_u) commands.
-
-    Returns:
-        For every actuator its commands, and the efforts there, both increasing.
+    `unit` (n, n_u, a) is of `unit_forces`, `knots` (k, n_u) are commands. Returns, for every
+    actuator, its commands and the efforts there, both increasing.
     """
     (q, v, _), count = system.random_state(np.random.default_rng(0)), len(knots)
     still = np.zeros(count), np.tile(q, (count, 1)), np.tile(v, (count, 1))

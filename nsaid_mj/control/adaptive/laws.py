@@ -12,10 +12,94 @@ from typing import NamedTuple
 import numpy as np
 
 from ...identifiers.cone.law import ConeMetric
-from ...identifiers.metric import ConstantMetric
+from ...identifiers.metric import (
+    CHARTS,
+    ConstantMetric,
+    Metric,
+    adapt,
+    chart,
+    enter,
+    hold,
+    leave,
+    sound,
+)
+from ...numerics.kernels import kernel
+from ...numerics.linalg import copy_into
 from ...parameters import Array, ParameterSpace
-from .design import Rehearsal, loop_frequency
-from .estimate import Estimate
+from .reference import Rehearsal, loop_frequency
+
+
+class Estimate:
+    """θ̂ of a controller: adapted by θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s in a metric's chart, or not at all.
+
+    The slope −Wᵀ s does not depend on θ̂. It is taken half-way between two samples and held in
+    Heun's method, with an error of third order in the time between them.
+
+    Attributes:
+        theta: (p,) θ̂, at first the prior; what listens to an identifier overwrites it.
+        metric: ∇²ψ; None if no motion changes θ̂.
+    """
+
+    def __init__(self, prior: Array, metric: Metric | None = None):
+        self.metric, self._prior = metric, np.array(prior, dtype=np.float64)
+        if metric is not None:
+            self._law = metric.law(np.zeros(1))
+            self._work = workspace(self._law, len(self._prior))
+        self.reset()
+
+    def reset(self) -> None:
+        """Returns to the prior."""
+        self.theta = self._prior.copy()
+        if self.metric is not None:
+            self._eta = np.empty(len(self.theta))
+            begin(self._law, self._work, self.theta, self._eta)
+
+    def learn(self, slope: Array, step: float) -> None:
+        """Integrates the adaptation from sample to sample, `step` [s], with −Wᵀ s (p,) half-way.
+
+        θ̂ stays where it is if that leaves the metric's domain.
+        """
+        if self.metric is not None:
+            theta = np.empty(len(self.theta))
+            if descend(self._law, self._work, slope, step, self._eta, self.theta, theta):
+                self.theta = theta
+
+
+@kernel(None, *CHARTS)
+def workspace(law, p):
+    """Allocates the workspace of `descend`: rates at both ends, η and θ̂ after a first step."""
+    return np.empty(p), np.empty(p), np.empty(p), np.empty(p), chart(law)
+
+
+@kernel(None, *CHARTS)
+def begin(law, work, theta, eta):
+    """Writes the chart's η (p,) of θ̂ (p,)."""
+    enter(law, theta, eta, work[4])
+
+
+@kernel(None, *CHARTS)
+def descend(law, work, slope, step, eta, theta, moved):
+    """A step of Heun's method in the chart; returns whether θ̂ is still inside its domain.
+
+    `slope` (p,) is −Wᵀ s and `step` a time [s]. η of θ̂ (p,) is moved in place, unless the step
+    fails; `moved` receives θ̂ (p,) at its end.
+    """
+    first, second, ahead, guess, scratch = work
+    p = eta.shape[0]
+    adapt(law, eta, theta, slope, first, scratch)
+    for i in range(p):
+        ahead[i] = eta[i] + step * first[i]
+    hold(law, eta, ahead)
+    leave(law, ahead, guess, scratch)
+    adapt(law, ahead, guess, slope, second, scratch)
+    for i in range(p):
+        ahead[i] = eta[i] + 0.5 * step * (first[i] + second[i])
+    hold(law, eta, ahead)
+    leave(law, ahead, moved, scratch)
+    if not sound(law, moved):
+        return False
+    copy_into(ahead, eta)
+    return True
 
 
 class Demand(NamedTuple):
@@ -66,13 +150,8 @@ def conventional(
 ) -> TrackingLaw:
     """θ̂̇ = −Γ Wᵀ s of the plant; the gains are the prior's.
 
-    Args:
-        space: of the parameters.
-        prior: (p,) θ̂(0); its gains are taken as known.
-        rehearsal: the prior's dynamics along the desired motion.
-        shape: (p,) diagonal of Γ⁻¹ at γ = 1.
-        frequency: of the adaptation's loop [rad/s]; it sets γ.
-        damping: (n,) K_d.
+    `shape` (p,) is the diagonal of Γ⁻¹ at γ = 1, and the frequency [rad/s] of the adaptation's loop
+    sets γ; `damping` (n,) is K_d.
     """
     known = np.isin(np.arange(len(space)), space.actuators)
     unit = np.where(known, 0.0, 1 / shape)

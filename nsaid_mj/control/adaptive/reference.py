@@ -1,11 +1,22 @@
-"""Reference motions: a persistent trajectory, and the reference velocity of Slotine and Li.
+"""Reference motions, and the gains of the adaptive laws along them, from the prior's own dynamics.
 
 With the tracking error e from the measured to the desired position, v_r = v_d + Λ e and
 s = v − v_r = −(ė + Λ e): where s vanishes, e decays at the rate Λ. v̇_r is the exact derivative of
 v_r along the motion and needs no acceleration.
+
+Shape: the parameters are normalised by their mean effect on the forces, with E over the desired
+motion and S = diag(scale),
+
+    Γ = γ S D⁻¹ S,    D = diag(E[S Wᵀ K_d⁻¹ W S]) / largest entry + floor.
+
+Size: while θ̂ − θ is small, s and the adaptation form a loop, M s̈ + K_d ṡ + W (∇²ψ)⁻¹ Wᵀ s ≈ 0. Its
+fastest natural frequency ω is what sampling and unmodelled dynamics limit: a delay δ takes ω² δ
+from the loop's damping K_d/M. γ gives it a chosen value at the prior, for every law.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +25,7 @@ from ...numerics.spatial import cross, product, rotate, rotation_vector, unrotat
 from ...parameters import Array
 from ...system import SecondOrderSystem
 from ..signals import FourierTrajectory
+from .actuation import Actuation
 
 
 class Reference:
@@ -59,12 +71,7 @@ class Reference:
 
 @kernel()
 def attitude_of(angles, rates, accelerations):
-    """Attitude and its derivatives from roll, pitch and yaw.
-
-    Args:
-        angles: (3,) roll φ, pitch θ, yaw ψ [rad], R = R_z(ψ) R_y(θ) R_x(φ).
-        rates: (3,) [rad/s].
-        accelerations: (3,) [rad/s²].
+    """Attitude and its derivatives from roll φ, pitch θ and yaw ψ [rad], R = R_z(ψ) R_y(θ) R_x(φ).
 
     Returns:
         (4,) quaternion x, y, z, w; (3,) ω in body axes [rad/s]; (3,) ω̇ in body axes [rad/s²].
@@ -91,15 +98,11 @@ def attitude_of(angles, rates, accelerations):
 
 @kernel()
 def follow_pose(motion, q, v, rate, v_r, a_r):
-    """Writes the first six entries of v_r and v̇_r; see `Reference`.
+    """Writes the first six entries of v_r (n,) and v̇_r (n,); see `Reference`.
 
-    Args:
-        motion: (n, 3) positions and angles, velocities, accelerations of the desired motion.
-        q: (m,) measured position, the pose [p, quaternion] first.
-        v: (n,) measured velocity, the body twist first.
-        rate: Λ [1/s].
-        v_r: (n,); written.
-        a_r: (n,); written.
+    `motion` (n, 3) holds positions and angles, velocities, accelerations of the desired motion; q
+    (m,) begins with the measured pose [p, quaternion], v (n,) with the body twist; `rate` is Λ
+    [1/s].
     """
     attitude, omega = q[3:7], v[3:6]
     slip = motion[:3, 1] - rotate(attitude, v[:3])
@@ -116,3 +119,59 @@ def follow_pose(motion, q, v, rate, v_r, a_r):
     v_r[3:6] = feed + 2 * rate * turn[:3]
     a_r[3:6] = cross(lag, feed) + rotate(turn, change)
     a_r[3:6] += rate * (turn[3] * lag + cross(lag, turn[:3]))
+
+
+_SAMPLES = 100  # along one period of the desired motion
+_PROBES = 20  # configurations over which the prior's inertia is averaged
+
+
+class Rehearsal(NamedTuple):
+    """The prior's W (k, n, p), by its own commands, and M (k, n, n) along the desired motion."""
+
+    W: Array
+    M: Array
+
+
+def rehearse(
+    system: SecondOrderSystem,
+    prior: Array,
+    reference: Reference,
+    actuation: Actuation,
+    period: float,
+) -> Rehearsal:
+    """Evaluates the prior's dynamics along a period [s] of the desired motion."""
+    W, M = [], []
+    for t in np.linspace(0, period, _SAMPLES, endpoint=False).tolist():
+        numbers, v = reference.desired(t)
+        q = system.position(numbers)
+        v_r, a_r = reference(t, q, v)
+        idle = system._W(t, q, v, v_r, a_r, np.zeros(system.n_u))
+        u = actuation.command(prior, idle @ prior)
+        W.append(system._W(t, q, v, v_r, a_r, u))
+        M.append(system.mass_matrix(np.concatenate([q, v]), prior))
+    return Rehearsal(np.array(W), np.array(M))
+
+
+def stiffness(rehearsal: Rehearsal, scale: Array, damping: Array, floor: float) -> Array:
+    """(p,) the diagonal of Γ⁻¹ at γ = 1 [J], with K_d (n,) and the least entry of D."""
+    effect = np.mean((rehearsal.W * scale) ** 2 / damping[:, None], axis=0).sum(axis=0)
+    return np.asarray((effect / effect.max() + floor) / scale**2)
+
+
+def loop_frequency(rehearsal: Rehearsal, mobility: Array) -> float:
+    """Largest natural frequency ω [rad/s] of the adaptation's loop along the desired motion.
+
+    `mobility` (p, p) is (∇²ψ)⁻¹ at the prior.
+    """
+    stiffness = rehearsal.W @ mobility @ rehearsal.W.transpose(0, 2, 1)
+    squares = np.linalg.eigvals(np.linalg.solve(rehearsal.M, stiffness)).real
+    return float(np.sqrt(squares.max()))
+
+
+def mean_inertia(system: SecondOrderSystem, prior: Array) -> Array:
+    """(n,) diagonal of the prior's mass matrix, averaged over random configurations."""
+    rng, total = np.random.default_rng(0), np.zeros(system.n)
+    for _ in range(_PROBES):
+        q, v, _ = system.random_state(rng)
+        total += np.diag(system.mass_matrix(np.concatenate([q, v]), prior))
+    return total / _PROBES

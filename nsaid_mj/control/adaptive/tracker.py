@@ -1,4 +1,4 @@
-"""The control loop of all tracking laws: reference, balance of forces, command, adaptation.
+"""Adaptive tracking as a driver of a scenario, and the control loop of all tracking laws.
 
 At every sample the command solves W(t, x, w, a, u) θ̂ = pull, where the law chooses w, a and pull.
 It is held until the next sample, so it is computed for the state expected half-way, which leaves an
@@ -8,30 +8,28 @@ samples as measured, and the command that was really held.
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
+from ...bounds import NonNegative, Positive, PositiveShare, Tones, config
 from ...identifiers.metric import Metric
 from ...log import Measurement
 from ...parameters import Array
+from ...structure.joints import JointTree
+from ...structure.single_body import SingleBody
 from ...system import SecondOrderSystem
-from ..driver import InformedDriver
+from ..driver import DriverConfig, InformedDriver
+from ..signals import FourierTrajectory
 from .actuation import Actuation
-from .laws import TrackingLaw
-from .reference import Reference
+from .laws import Estimate, TrackingLaw, conventional, nullspace
+from .reference import Reference, mean_inertia, rehearse, stiffness
 
 
 class Tracker(InformedDriver):
     """Tracks a reference under one of the laws.
 
-    Args:
-        system: the structure.
-        reference: the desired motion.
-        actuation: the actuators.
-        law: the law.
-        period: interval at which an informed law wants the identifier's estimate [s].
-
-    Attributes:
-        reference: the desired motion.
+    An informed law wants the identifier's estimate at intervals of `period` [s].
     """
 
     def __init__(
@@ -100,3 +98,112 @@ class Tracker(InformedDriver):
 
     def compiled(self, t: Array) -> None:
         """None: only `command` evaluates the law."""
+
+
+Law = Literal["nullspace", "conventional", "computed_torque", "composite"]
+
+
+@config
+class AdaptiveTracking(DriverConfig):
+    """Tracks a persistent trajectory of all coordinates, with or without adaptation.
+
+    For fully or over-actuated robots: arms on a fixed base, and bodies in space with or without an
+    arm whose actuators span all directions.
+
+    Attributes:
+        law: `nullspace`, Slotine and Li's law in the cone's metric, of plant and gains together;
+            `conventional`, the same with constant Γ, and the prior's gains taken as known;
+            `computed_torque`, without adaptation; `composite`, certainty equivalence with the
+            estimate of the scenario's identifier.
+        rate: Λ, decay of the tracking error where s = 0 [1/s].
+        damping: K_d over the prior's mean inertia about every axis [1/s].
+        adaptation: fastest natural frequency of the adaptation's loop at the prior, which sets
+            its gain γ [rad/s]; see `reference`.
+        floor: least share of the best excited parameter's stiffness Γ⁻¹.
+        barrier: μ of the cone's metric, in units of Γ⁻¹ at the scale.
+        period: interval at which `composite` takes over the identifier's estimate [s].
+        fundamental: frequency of the trajectory's first harmonic [Hz].
+        harmonics: number of harmonics.
+        reach: share of every joint's range that the trajectory uses.
+        speed: peak speed of every joint [rad/s or m/s].
+        travel: bound on a body's displacement along each axis [m].
+        tilt: bound on its roll and pitch [rad].
+        heading: bound on its yaw [rad].
+    """
+
+    law: Law = "nullspace"
+    rate: Positive = 5.0
+    damping: Positive = 20.0
+    adaptation: Positive = 100.0
+    floor: PositiveShare = 1e-3
+    barrier: Positive = 1.0
+    period: Positive = 0.1
+    fundamental: Positive = 0.1
+    harmonics: Tones = 5
+    reach: PositiveShare = 0.8
+    speed: Positive = 1.5
+    travel: NonNegative = 0.5
+    tilt: NonNegative = 0.3
+    heading: NonNegative = 0.8
+
+    def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Tracker:
+        """Makes the driver.
+
+        Raises:
+            InvalidInput: the system is under-actuated, or its actuators are not of the kind that
+                can be inverted; or the law is `nullspace` and the prior is outside the cone.
+        """
+        actuation = Actuation(system, prior, *command_range(system))
+        reference = self._reference(system, rng)
+        law = self._law(system, prior, reference, actuation)
+        return Tracker(system, reference, actuation, law, self.period)
+
+    def _law(
+        self, system: SecondOrderSystem, prior: Array, reference: Reference, actuation: Actuation
+    ) -> TrackingLaw:
+        damping = self.damping * mean_inertia(system, prior)
+        if self.law == "computed_torque":
+            return TrackingLaw(Estimate(prior), decay=self.damping)
+        if self.law == "composite":
+            return TrackingLaw(Estimate(prior), damping, informed=True)
+        period = 1 / self.fundamental
+        rehearsal = rehearse(system, prior, reference, actuation, period)
+        shape = stiffness(rehearsal, system.space.scale, damping, self.floor)
+        known = system.space, prior, rehearsal, shape, self.adaptation, damping
+        if self.law == "conventional":
+            return conventional(*known)
+        return nullspace(*known, self.barrier)
+
+    def _reference(self, system: SecondOrderSystem, rng: np.random.Generator) -> Reference:
+        base = np.repeat([self.travel, self.tilt, self.heading], [3, 2, 1])
+        base = base[: system.group]
+        tree = isinstance(system, JointTree)
+        limits = system.limits if tree else (np.zeros(system.group), np.zeros(system.group))
+        low, high = (bound[system.group :] for bound in limits)
+        path = FourierTrajectory.within(
+            (low, high),
+            self.reach,
+            np.full(len(low), self.speed),
+            (self.fundamental, self.harmonics),
+            rng,
+            (base, 2 * np.pi * self.fundamental * self.harmonics * np.maximum(base, 1e-9)),
+        )
+        return Reference(system, path, self.rate)
+
+
+def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:
+    """(n_u,) smallest and largest commands, and efforts preferred by redundant actuators.
+
+    A motor's largest command is the joint's rated torque where the model states one.
+    """
+    one = np.ones(system.n_u)
+    if isinstance(system, SingleBody) and system.columns("nozzle"):
+        return 0.0 * one, one, 0.4 * one  # nozzles only push
+    if isinstance(system, JointTree):
+        low, high = system.command_limits
+        if system.mounts is not None:  # of thrusters
+            return low, high, 0.0 * one
+        rated = np.asarray(system.model.effortLimit)[system.group :] / system.scales.gain
+        most = np.where((rated > 0) & np.isfinite(rated), rated, high)
+        return -most, most, 0.0 * one
+    return -one, one, 0.0 * one

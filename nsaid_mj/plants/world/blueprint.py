@@ -145,14 +145,8 @@ def simulated(
 ) -> Plant:
     """A vehicle of one body with the true parameters θ (p,), or the published ones.
 
-    See `Blueprint.split` for how M is divided into rigid-body and added mass.
-
-    Args:
-        blueprint: the vehicle as published.
-        files: the vehicle's, for its shapes.
-        config: for its mismatch and faults.
-        dt: time step [s].
-        theta: the true θ; None for the published values.
+    See `Blueprint.split` for how M is divided into rigid-body and added mass. The configuration is
+    asked for mismatch and faults, the files for shapes.
     """
     theta, system = blueprint.theta if theta is None else theta, blueprint.system
     body, acting = blueprint.split(theta)

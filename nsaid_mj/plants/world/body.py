@@ -91,8 +91,7 @@ def vehicle_spec(
         n: number of its velocities: 6 on a free joint, 3 on two slides and a hinge, 1 on a slide.
 
     Raises:
-        InvalidInput: the model.xml does not describe a single body with the required joints and
-            no actuators.
+        InvalidInput: the model.xml is not of a single body with such joints and no actuators.
     """
     spec = _visual_spec(files, size or box_of(mass, inertia), n)
     set_options(spec, dt)

@@ -68,12 +68,9 @@ def _library() -> Any:
 
 
 def c_function(name: str, *parameters: Any) -> Any:
-    """A void function of MuJoCo's C library, for compiled code.
+    """A void function of MuJoCo's C library, as named in mujoco.h, for compiled code.
 
-    Args:
-        name: as in mujoco.h.
-        parameters: numba types of its arguments; a pointer is a `types.uintp`, like
-            `ndarray.ctypes.data`.
+    Parameters are numba types; a pointer is a `types.uintp`, like `ndarray.ctypes.data`.
     """
     address = ctypes.cast(getattr(_library(), name), ctypes.c_void_p).value
     llvm.add_symbol(name, address)

@@ -22,11 +22,7 @@ _POSES, _MOST = 50, 0.8  # random poses, and share of them in which a pair may t
 
 
 class Contacts:
-    """Collision detection for a robot on a fixed base.
-
-    Args:
-        robot: the description.
-        limits: (n,), (n,) range of the joints' coordinates.
+    """Collision detection for a robot on a fixed base, within ranges (n,), (n,) of its coordinates.
 
     Attributes:
         known: whether the robot has any mesh; without, nothing can be said.

@@ -201,10 +201,6 @@ class LevelMap:
 
     ψ is the heading of the body's x-axis projected on the ground. Height, pitch and roll are
     ignored when reading.
-
-    Args:
-        model: MuJoCo's model.
-        joint: name of the free joint.
     """
 
     def __init__(self, model: Any, joint: str):

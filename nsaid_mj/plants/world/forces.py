@@ -99,9 +99,7 @@ class Forces:
     def numbers(self, reading: Reading, lagged: bool) -> Array:
         """What the callback reads and writes, for MuJoCo's userdata.
 
-        Args:
-            reading: where the structure's coordinates are in MuJoCo's.
-            lagged: whether the actuators have an activation state.
+        `lagged` says whether the actuators have an activation state.
         """
         base = [(reading.free[1] + i, 0, 0, 0) for i in range(6 if reading.group == 6 else 0)]
         joints = [(dof, at, to, circle) for at, dof, to, circle in reading.joints]

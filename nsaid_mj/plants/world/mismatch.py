@@ -52,11 +52,7 @@ class Mismatch(Config):
         return words
 
     def refuse(self, plant: str, *fields: str) -> None:
-        """Rejects effects that a kind of plant does not have.
-
-        Args:
-            plant: the kind of plant, for the message.
-            fields: names of the effects; `level` stands for a flow that is not level.
+        """Rejects effects that a kind of plant does not have; `level`: a flow not level.
 
         Raises:
             InvalidInput: one of `fields` is on.

@@ -23,10 +23,9 @@ from ...structure.sensing import displaced
 from ...system import SecondOrderSystem
 from .callbacks import installed
 from .coordinates import Reading
-from .faults import Faults
 from .faults.kinds import Fault
-from .faults.schedule import Schedule
-from .faults.variant import Variant
+from .faults.schedule import Schedule, Variant
+from .faults.text import Faults
 from .mismatch import Mismatch
 from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
@@ -62,12 +61,7 @@ class PlantConfig(Config, ABC):
 
     @abstractmethod
     def build(self, dt: float, seed: int) -> Plant:
-        """Makes the plant.
-
-        Args:
-            dt: time step of the simulation and of the measurements [s].
-            seed: from which the hidden true parameters are drawn.
-        """
+        """Makes the plant with time step dt [s]; its hidden parameters are drawn from the seed."""
 
 
 @config
@@ -76,12 +70,7 @@ class ParametricPlantConfig(PlantConfig, ABC):
 
     @abstractmethod
     def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with given true parameters.
-
-        Args:
-            dt: time step of the simulation and of the measurements [s].
-            theta: (p,) the true θ; None for the published values.
-        """
+        """Makes the plant with time step dt [s] and the true θ (p,), or the published values."""
 
 
 class Plant(ABC):
@@ -146,9 +135,7 @@ class Plant(ABC):
     def failing(self, faults: Sequence[Fault], config: PlantConfig | None = None) -> Self:
         """Schedules faults, at the time steps nearest to their times; returns the plant itself.
 
-        Args:
-            faults: any number.
-            config: of the plant, needed for a payload and for friction.
+        A payload and friction need the plant's configuration.
 
         Raises:
             InvalidInput: a fault names a part that the plant does not have.
@@ -176,13 +163,10 @@ class Plant(ABC):
         return self
 
     def reset(self, position: Array, velocity: Array, as_at: float | None = None) -> None:
-        """Sets the plant's state at t = 0, with its actuators at rest.
+        """Sets position numbers (n,) and velocities (n,) at t = 0, with actuators at rest.
 
-        Args:
-            position: (n,) position numbers.
-            velocity: (n,) velocities.
-            as_at: time of a run at whose condition the plant is frozen [s], with sound sensors and
-                a stuck actuator at rest unless it says what it holds; None lets faults occur.
+        `as_at` is a time of a run at whose condition the plant is frozen [s], with sound sensors
+        and a stuck actuator at rest unless it says what it holds; None lets faults occur.
         """
         sound = self._variants[()]
         self.model, self.data = sound.model, sound.data
@@ -211,12 +195,7 @@ class Plant(ABC):
 
     @abstractmethod
     def _place(self, position: Array, velocity: Array) -> None:
-        """Writes the state and the callback's parameters into freshly reset data.
-
-        Args:
-            position: (n,) position numbers.
-            velocity: (n,) velocities.
-        """
+        """Writes state (n,), (n,) and the callback's parameters into freshly reset data."""
 
     @abstractmethod
     def coordinates(self) -> tuple[Array, Array]:
@@ -232,11 +211,7 @@ class Plant(ABC):
 
     @abstractmethod
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
+        """World poses of the meshes at positions q (k, m); see `Looks.poses`."""
 
     @property
     def t(self) -> float:
@@ -264,13 +239,7 @@ class Plant(ABC):
     def begin(
         self, driver: Driver, sensors: Sensors = EXACT_SENSORS, as_at: float | None = None
     ) -> Measurement:
-        """Resets plant and driver and takes the first measurement.
-
-        Args:
-            driver: gives the initial state and the first command.
-            sensors: what measures.
-            as_at: time of a run at whose condition the actuators are frozen [s], or None.
-        """
+        """Resets plant and driver and takes the first measurement; for `as_at` see `reset`."""
         self.reset(*driver.start(), as_at)
         return self._measure(0.0, driver, sensors)
 
@@ -279,15 +248,8 @@ class Plant(ABC):
     ) -> Log:
         """Continues the simulation in closed loop with the driver.
 
-        Args:
-            driver: computes the commands from the sensors' measurements.
-            last: the most recent measurement, of the plant's current state.
-            steps: number of time steps.
-            sensors: what measures.
-
-        Returns:
-            `steps` + 1 measurements, `last` first. If the plant diverges or a measurement is not
-            finite, the log ends there.
+        Returns `steps` + 1 measurements, `last` first, which is of the plant's current state. If
+        the plant diverges or a measurement is not finite, the log ends there.
         """
         start = round(last.t / self.dt)
         t = self.dt * np.arange(start, start + steps + 1, dtype=np.float64)

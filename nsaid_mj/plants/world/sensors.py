@@ -85,12 +85,7 @@ def add_errors(errors, k, position, velocity):
 
 
 class Sensors:
-    """Sensors with their own stream of random errors.
-
-    Args:
-        noise: the levels; None for exact sensors.
-        rng: source of the errors.
-    """
+    """Sensors with their own stream of random errors; without noise they are exact."""
 
     def __init__(self, noise: SensorNoise | None, rng: np.random.Generator):
         self.noise, self.rng = noise, rng

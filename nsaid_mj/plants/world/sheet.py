@@ -45,12 +45,7 @@ def one(expected: str) -> Any:
 
 
 def several(count: int, expected: str) -> Any:
-    """A required list of `count` values.
-
-    Args:
-        count: its length.
-        expected: what it must be, with its unit, for error messages.
-    """
+    """A required list of `count` values; `expected` is told, with its unit, where it is wrong."""
     return Field(description=expected, min_length=count, max_length=count)
 
 
@@ -124,9 +119,7 @@ def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Except
 def _declared(sheet: type[Table], places: Sequence[int | str]) -> tuple[type[Table], str]:
     """The table type that contains a location in a data sheet, and what is expected there.
 
-    Args:
-        sheet: type of the data sheet.
-        places: keys and list indices, from the top level down.
+    Places are keys and list indices, from the top level down.
     """
     table, expected = sheet, "a table"
     for place in places:
@@ -169,13 +162,7 @@ def check_inertia(moments: Sequence[float]) -> None:
 
 
 def check_directions(table: str, item: str, positions: Array, directions: Array) -> None:
-    """Checks that every position of a table has its unit vector.
-
-    Args:
-        table: the key of the table.
-        item: what is placed, for the message.
-        positions: (k, 3).
-        directions: (k, 3).
+    """Checks that every position (k, 3) of an item of a table has its unit vector.
 
     Raises:
         InvalidInput: there are more or fewer, or one is no unit vector.

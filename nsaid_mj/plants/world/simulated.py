@@ -37,9 +37,7 @@ class Looks(Protocol):
 class GeomLooks:
     """The geoms of a MuJoCo model, without the ground, posed by its kinematics.
 
-    Args:
-        model: MuJoCo's model.
-        place: writes a position q (m,) of the system into MuJoCo's data.
+    `place` writes a position q (m,) of the system into MuJoCo's data.
     """
 
     def __init__(self, model: Any, place: Callable[[Any, Array], None]):
@@ -126,9 +124,5 @@ class SimulatedRobot(Plant):
         return self._looks.visuals()
 
     def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
+        """World poses of the meshes at positions q (k, m); see `Looks.poses`."""
         return self._looks.poses(q)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numba import types
 
-from ...control.computed_torque import (
+from ...control.driver import (
     TRACKING,
     TRACKING_MEMORY,
     Tracking,
@@ -66,14 +66,10 @@ def warnings_of(data: Any) -> Any:
 
 
 def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors, log: Log) -> int:
-    """Simulates in closed loop and fills a log whose times and first row are given.
+    """Simulates in closed loop and fills a log of N samples whose times and first row are given.
 
-    Args:
-        law: the commands (N, n_u) at all times, or the parameters of `computed_torque`.
-        world: MuJoCo's model and data, in the state of the log's first row.
-        reading: index map of the system's coordinates.
-        errors: of the sensors.
-        log: N samples; receives measurements and commands.
+    The law is the commands (N, n_u) at all times, or the parameters of `computed_torque`; MuJoCo's
+    data are in the state of the log's first row.
 
     Returns:
         Number of rows written: N, or up to and including the first row that is not finite or at

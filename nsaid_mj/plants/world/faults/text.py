@@ -15,7 +15,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator
 
 from ....errors import InvalidInput
 from .kinds import Bias, Broken, Fault, Friction, Loss, Payload, Reversed, Stuck
@@ -121,3 +123,17 @@ def fault_text(fault: Fault) -> str:
                     words.append(str(getattr(fault, "channel")))  # noqa: B009 (of this kind only)
             return " ".join(words)
     return type(fault).__name__
+
+
+def _read(value: Any) -> Any:
+    """Accepts text, and text among the items of a sequence."""
+    if isinstance(value, str):
+        return parse_faults(value)
+    if isinstance(value, list | tuple):
+        parts = [parse_faults(v) if isinstance(v, str) else (v,) for v in value]
+        return tuple(fault for part in parts for fault in part)
+    return value
+
+
+Faults = Annotated[tuple[Fault, ...], BeforeValidator(_read)]
+"""Any number of faults; also as text."""

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from nsaid_mj.plants.world.coordinates import JointMap
 from nsaid_mj.plants.world.quiet import quiet
 from nsaid_mj.robot.loading import load_robot
-from nsaid_mj.robot.mjcf_tree import rigid_tree
-from nsaid_mj.robot.tree import tree_spec
+from nsaid_mj.robot.tree import rigid_tree, tree_spec
 
 TURNED = """
 <mujoco model="turned">
