@@ -105,6 +105,7 @@ def test_stribeck_friction_is_chosen_and_predicts_another_log_better(tmp_path):
 @pytest.mark.parametrize("seed", range(10, 14))
 @pytest.mark.parametrize("case", ["rigid", "spring", "stiction", "play", "twist"])
 def test_chosen_columns_never_predict_worse_than_the_plain_ones(tmp_path, seed, case):
+    """By more than .3 % of the command's variation, of which a misfit can be part."""
     options = {
         "rigid": {},
         "spring": {"spring": 20.0, "rest": 0.3},
@@ -120,4 +121,4 @@ def test_chosen_columns_never_predict_worse_than_the_plain_ones(tmp_path, seed, 
     found, _ = identified(tmp_path, seed, validate=validation, **options)
     plain, _ = identified(tmp_path, seed, validate=validation, columns=BASIC, **options)
     errors = np.array([[j.validation for j in r.joints] for r in (found, plain)])
-    assert np.log(errors[0] / errors[1]).mean() < 0.02
+    assert (errors[0] < 1.02 * errors[1] + 0.003).all(), errors
