@@ -52,7 +52,8 @@ SCENARIOS = (
     "rover",
     "astrobee",
 )
-PAGE_ONLY = ("double_pendulum", "wrong_gains")  # no picture of the robot alone
+PAPER = ("double_pendulum", "wrong_gains")  # the paper's law, and no picture of the robot alone
+DURATION = 30.0  # of the others, under the law `efficient` and noisy sensors [s]
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 SIZE = (1600, 1000)
 MENU = 33  # height of the viewer's own menu, which is cropped [pixels]
@@ -231,7 +232,9 @@ def reduce(
 def save(image: Image.Image, picture: Path) -> None:
     """Saves an image with as many colours as fit into LARGEST."""
     for colors in (256, 128, 64, 32):
-        image.quantize(colors, dither=Image.Dither.NONE).save(picture, optimize=True)
+        image.quantize(colors, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE).save(
+            picture, optimize=True
+        )
         if picture.stat().st_size < LARGEST:
             return
 
@@ -297,7 +300,7 @@ def main() -> int:
     )
     parser.add_argument("names", nargs="*", help=f"scenarios (default: {' '.join(SCENARIOS)})")
     parser.add_argument(
-        "--duration", type=float, help="of every run [s] (default: the scenario's own)"
+        "--duration", type=float, help="of every run [s] (default: 30, or the paper's)"
     )
     parser.add_argument(
         "--at", type=float, help="time of the cursor [s] (default: chosen automatically)"
@@ -320,6 +323,11 @@ def main() -> int:
             return 0
         for name in chosen.names or [n for n in SCENARIOS if n in scenarios()]:
             scenario = cli.load(name)
+            if name not in PAPER:
+                law = dataclasses.replace(scenario.identifier, law="efficient")
+                scenario = dataclasses.replace(
+                    scenario, identifier=law, sensors="noisy", duration=DURATION
+                )
             if chosen.duration:
                 scenario = dataclasses.replace(scenario, duration=chosen.duration)
             with tempfile.TemporaryDirectory() as folder:
@@ -327,8 +335,8 @@ def main() -> int:
                 postprocessing.finish(result)
                 picture = chosen.out / f"{name}.png"
                 at = best_moment(result) if chosen.at is None else chosen.at
-                photograph(result.folder / FILE, picture, at, close=name not in PAGE_ONLY)
-            for file in [picture, close_up(picture)][: 1 if name in PAGE_ONLY else 2]:
+                photograph(result.folder / FILE, picture, at, close=name not in PAPER)
+            for file in [picture, close_up(picture)][: 1 if name in PAPER else 2]:
                 print(f"{file}  {file.stat().st_size // 1000} kB")
     except NsaidError as error:
         print(f"screenshots: {error}", file=sys.stderr)

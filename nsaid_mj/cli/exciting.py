@@ -70,7 +70,7 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
         progress.say("trying the experiment on a draw of the prior")
         trial = tried(found)
         written += [
-            design_page.write_page(document, trial, folder),
+            design_page.write_page(name, document, trial, folder),
             record(found, trial, name, folder / FILE),
         ]
     if chosen.json:

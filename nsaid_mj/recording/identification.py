@@ -94,7 +94,9 @@ def _motion(result: Identification) -> tuple[Array, Array, Array]:
     joined = np.concatenate(q)
     if result.robot.model is not None:
         joined = positions(result.robot.model, joined)
-    return np.concatenate(t), joined, np.concatenate(v)
+    times = np.concatenate(t)
+    times[:1] = np.minimum(times[:1], 0.0)  # where the plots begin, the robot is there already
+    return times, joined, np.concatenate(v)
 
 
 def _commands(
@@ -121,9 +123,9 @@ def _commands(
             for side in (commands.measured, commands.predicted)
         )
         for name, label, values, color, pale in (
-            ("measured", "measured", measured, 11, True),
+            ("measured", "measured", measured, 1, True),
             ("predicted", "predicted", predicted, 0, False),
-            ("residual", "measured - predicted", measured - predicted, 1, False),
+            ("residual", "measured - predicted", measured - predicted, 2, False),
         ):
             kind = "residual" if name == "residual" else "command"
             entity = f"{prefix}{kind}/{path(fit.name)}" + ("" if name == "residual" else f"/{name}")
@@ -159,6 +161,6 @@ def _history(result: Identification) -> list[tuple[str, Curves]]:
                 ends = theta[:, k : k + 1] + np.hstack([-own, own])
                 ends[~np.isfinite(ends)] = np.nan
                 limits = ["lower end of the interval", "upper end"]
-                interval = Curves(f"{entity}/interval", limits, ends, pale=True, color=10)
+                interval = Curves(f"{entity}/interval", limits, ends, pale=True, color=8)
                 found.append((block, interval))
     return found

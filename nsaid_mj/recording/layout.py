@@ -18,9 +18,8 @@ _LINKS_ON_A_PAGE = 3
 RIGHT = 0.6
 """Share of the window that the first page's plots take."""
 
-_DISTANCE = "Distance to the true set [log₁₀], −2 is 1 %"
+_DISTANCE = "Distance to the true set, as a power of ten: −2 is 1 %, −4 is 0.01 %"
 _ERROR = "Velocity error Δv: predicted − measured"
-_RMS = "Velocity error, rms over all velocities [log₁₀ of rad/s, m/s]"
 _CONSERVED = "Relative drift of the conserved quantity (30) [log₁₀]"
 _EXCITATION = "Persistence of excitation over a window [N·m·s]"
 _MARK = (255, 255, 255)
@@ -57,13 +56,13 @@ def blueprint(
     if shared and rivals:
         title = f"Error of {shared} ratios [%]"
         story.append(plots("share_error", title, RIGHT))
-    story.append(plots("velocity_error", _ERROR, RIGHT))
+    story.append(plots("log_velocity_rms", _rms(plots), RIGHT))
     overview = _overview(camera, survey, drawn, story, plots)
     certificates = [
         plots("theta_perp", "Components of the error along observable directions [–]", 0.5, False),
         plots("lyapunov", "Lyapunov function [J]"),
         *([plots("conserved", _CONSERVED)] if conserves else []),
-        plots("log_velocity_rms", _RMS),
+        plots("velocity_error", _ERROR),
         *([plots("excitation", _EXCITATION)] if plots.moving("excitation") else []),
         plots("velocity", "Measured velocity"),
         plots("command", "Command"),
@@ -91,11 +90,11 @@ def measured_blueprint(
     if forces:
         title = "Forces that the motion needs, and of the actuators (pale)"
         story.append(plots("force", title, RIGHT))
-    story.append(plots("velocity_error", _ERROR, RIGHT))
+    story.append(plots("log_velocity_rms", _rms(plots), RIGHT))
     first = [members[0] for name, members in groups(space).items() if _actuates(space, name)]
     story += [_estimate(plots, group, False, RIGHT) for group in first[:1]]
     certificates = [
-        plots("log_velocity_rms", _RMS),
+        plots("velocity_error", _ERROR),
         *([plots("excitation", _EXCITATION)] if plots.moving("excitation") else []),
         plots("command", "Command"),
     ]
@@ -260,6 +259,10 @@ def beside(
         return rrb.Horizontal(right, name=name)
     column = rrb.Vertical(*left, row_shares=shares[: len(left)])
     return rrb.Horizontal(column, right, column_shares=[1 - RIGHT, RIGHT], name=name)
+
+
+def _rms(plots: Plots) -> str:
+    return f"Velocity error, rms over short intervals [{plots.unit('log_velocity_rms')}]"
 
 
 def _actuates(space: ParameterSpace, name: str) -> bool:

@@ -12,10 +12,14 @@ import rerun.blueprint as rrb
 from .series import Curves
 from .text import drawable
 
+LOGARITHM = "log_"
+"""What entities of logarithms begin with; their axes show whole powers of ten."""
+
 _WINDOW, _AXIS = 1600.0, 60.0  # width that is laid out for, and of a plot's axis [pixels]
 _LETTER, _MARGIN, _WIDEST = 7.0, 55.0, 0.6  # of a legend [pixels], and its largest share of a plot
 _CLEAR = 1.04  # of the time axis over the run, so that its last label is not cut
 _LINE, _PADDING, _HEAD = 23.0, 16.0, 30.0  # heights in a legend, and of a view's title [pixels]
+_BELOW = 0.06  # of an axis below its lowest label, so that it is not cut
 _TALLEST, _HEIGHT = 0.78, 906.0  # a legend's largest share of a plot; height of all views [pixels]
 _ROOMY, _LEAST = (
     230.0,
@@ -49,13 +53,19 @@ class Plots:
         if self._end is not None and legend:
             share = (_LETTER * longest + _MARGIN) / (_WINDOW * width - _AXIS)
             until = self._end / (1 - min(share, _WIDEST))
-        view = plot(entity, title, legend, until)
+        decades = self._decades(entity) if entity.startswith(LOGARITHM) else None
+        view = plot(entity, title, legend, until, decades)
         self._entries[view.id] = len(set(names)) if legend else 0
         return view
 
     def moving(self, entity: str) -> bool:
         """Whether some curve below an entity is anything but 0."""
         return any(np.any(curve.values != 0) for curve in self._below(entity))
+
+    def unit(self, entity: str) -> str:
+        """The unit of the curves below an entity."""
+        names = [name for curve in self._below(entity) for name in curve.names]
+        return names[0].rpartition("[")[2].removesuffix("]") if names else "log₁₀"
 
     def heights(self, *rows: Sequence[rrb.View]) -> list[float]:
         """Shares of the height of rows of views, by which their legends have space."""
@@ -68,6 +78,14 @@ class Plots:
         rows = [views[k : k + columns] for k in range(0, len(views), columns)]
         return rrb.Grid(*views, grid_columns=columns, row_shares=self.heights(*rows), name=name)
 
+    def _decades(self, entity: str) -> tuple[float, float] | None:
+        """The powers of ten between which all curves below an entity are; None if unknown."""
+        ends = [f(c.values) for c in self._below(entity) if len(c.values) for f in (np.min, np.max)]
+        if not ends:
+            return None
+        low, high = float(np.floor(min(ends))), float(np.ceil(max(ends)))
+        return low - _BELOW * (high - low), high
+
     def _below(self, entity: str) -> list[Curves]:
         return [c for c in self._curves if f"{c.path}/".startswith(f"{entity}/")]
 
@@ -77,7 +95,11 @@ class Plots:
 
 
 def plot(
-    entity: str, title: str, legend: bool = True, until: float | None = None
+    entity: str,
+    title: str,
+    legend: bool = True,
+    until: float | None = None,
+    between: tuple[float, float] | None = None,
 ) -> rrb.TimeSeriesView:
     """One plot over the whole run; its time axis ends at `until` [s] if that is given."""
     span = _WHOLE_RUN
@@ -91,4 +113,5 @@ def plot(
         name=drawable(title),
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
         axis_x=rr.blueprint.archetypes.TimeAxis(view_range=span),
+        axis_y=None if between is None else rrb.ScalarAxis(range=between),
     )

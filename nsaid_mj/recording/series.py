@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from ..evaluation import OWN, Truth, energy, force_units, velocity_labels
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.figures import midpoints
+from ..evaluation.summary import law_of
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
 from ..parameters import Array, ParameterSpace
+from ..reporting.palette import LAWS
+from ..reporting.panels import local_rms
 from ..system import SecondOrderSystem
 from .text import drawable
 
@@ -23,8 +26,8 @@ Indices = NDArray[np.intp]
 
 PALETTE = (  # RGB, readable on a dark and on a light background; hues in the order of the pages'
     (58, 134, 226), (230, 126, 34), (148, 103, 232), (46, 160, 87), (222, 93, 164),
-    (190, 148, 20), (20, 164, 170), (229, 72, 77), (122, 160, 50), (150, 117, 82),
-    (112, 132, 160), (130, 130, 130),
+    (190, 148, 20), (20, 164, 170), (178, 92, 205), (112, 132, 160), (150, 117, 82),
+    (229, 72, 77), (130, 130, 130),
 )  # fmt: skip
 _PALE = 0.5  # share of a pale line's colour, mixed with grey
 _GREY = 128
@@ -186,6 +189,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
         truth: of the run's plant; None if it is unknown.
     """
     record, system = run.record, run.system
+    units = ", ".join(dict.fromkeys(system.velocity_units))
     found = [
         Curves(
             "velocity_error",
@@ -202,14 +206,19 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
     for k, name in enumerate(["", *record.rivals]):
         suffix, title = (f"_{name}", name) if name else ("", OWN)
         dv = record[f"v_hat{suffix}"][rows] - record["v"][rows]
-        rms = np.sqrt(np.mean(dv**2, axis=1))
-        rms[0] = np.nan  # Δv starts at 0, whose logarithm would flatten the rest
+        t = record["t"][rows]
+        moved = np.any(
+            dv != 0, axis=1
+        )  # at first Δv may be 0, whose logarithm would flatten the rest
+        rms = np.ones(len(t))
+        if moved.any():
+            rms = np.interp(t, *local_rms(t[moved], dv[moved]))
         found.append(
             Curves(
                 path("log_velocity_rms", title),
-                [f"{title} rms Δv [log₁₀ of rad/s, m/s]"],
-                np.log10(np.maximum(rms, 1e-16))[:, None],
-                color=k,
+                [f"{title} [log₁₀ of {units}]"],
+                np.log10(rms)[:, None],
+                color=_colour(run, name, k),
             )
         )
     return found
@@ -250,8 +259,13 @@ def intervals(run: Run, summary: dict[str, Any], rows: Indices) -> list[Curves]:
         ends = theta[group.indices] * (1 + np.outer([-1, 1], halves))
         values = np.where(last[:, None], ends.T.reshape(-1), np.nan)
         names = ["95 % interval"] * values.shape[1]
-        found.append(Curves(f"{group.path}/interval", names, values, pale=True, color=10))
+        found.append(Curves(f"{group.path}/interval", names, values, pale=True, color=8))
     return found
+
+
+def _colour(run: Run, name: str, k: int) -> int:
+    """Place of the colour of the run's law, whose name is empty, or of its k-th rival."""
+    return LAWS.get(name or law_of(run.scenario.identifier), k)
 
 
 def _conserved(run: Run, rows: Indices) -> list[Curves]:
@@ -307,6 +321,7 @@ def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list
         found.append(Curves("share", names, shares(theta_hat[:, chosen], true[:, chosen])))
     for k, name in enumerate(["", *record.rivals]):
         suffix, title = (f"_{name}", name) if name else ("", OWN)
+        color = _colour(run, name, k)
         estimate = record[f"theta_hat{suffix}"][rows]
         ratio = truth.distance(t, estimate)
         of = [
@@ -317,7 +332,7 @@ def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list
             error = np.abs(shares(estimate[:, chosen], true[:, chosen]) - 1).max(axis=1)
             of.append(("share_error", "[%]", 100 * error))
         found += [
-            Curves(path(what, title), [f"{title} {unit}"], values[:, None], color=k)
+            Curves(path(what, title), [f"{title} {unit}"], values[:, None], color=color)
             for what, unit, values in of
         ]
     return found

@@ -11,6 +11,7 @@ import rerun.blueprint as rrb
 
 from ..experiment.loop import Looks
 from ..parameters import Array
+from ..reporting.palette import LAWS
 from ..structure.joints import JointTree, bones
 from ..system import SecondOrderSystem
 from .layout import RIGHT, beside, result, robot, whole
@@ -53,9 +54,9 @@ def record(
     scene = Scene(system, looks)
     camera = None if scene.empty else scene.camera(q[frames], v[frames])
     curves = [
-        Curves(path("error", unit, law), [law], _logarithms(error[rows]), color=k)
+        Curves(path("error", unit, law), [law], _logarithms(error[rows]), color=LAWS[law])
         for unit, of in errors.items()
-        for k, (law, error) in enumerate(of.items())
+        for law, error in of.items()
     ]
     names = command_names(system)
     curves += [Curves(path("command", law), names, u[rows]) for law, u in commands.items()]

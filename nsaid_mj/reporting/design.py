@@ -15,6 +15,7 @@ from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Mark, judged
 from ..evaluation.summary import versions
+from ..evaluation.words import number
 from . import pages
 from .pages import Figure, Items, Page, Panel, Section, Table, Text
 from .panels import Panel as Plot
@@ -68,18 +69,24 @@ def _of_random_motions(document: dict[str, Any]) -> float:
 def _compared(document: dict[str, Any]) -> tuple[bool, str]:
     """Whether the design is better than random motions, and how much, in words."""
     own, random = document["predicted_deviation"], _of_random_motions(document)
+    words = f"{document['asked']}: {_percent(own)}"
     sources = {limit["source"] for limit in document["limits"].values()}
     which = " of the same limits" if sources <= {RANDOM} else " of the usual size"
     which += ", which may touch themselves" if document["contacts"] else ""
     if random > own:
         return True, (
-            f"Predicted rms deviation of the {document['asked']}: {own:.2g}, "
-            f"{random / own:.2g} times smaller than with random motions{which} ({random:.2g})."
+            f"Predicted rms deviation of the {words}, {random / own:.2g} times smaller than with "
+            f"random motions{which} ({_percent(random)})."
         )
     return False, (
         f"No better than random motions{which}: predicted rms deviation of the "
-        f"{document['asked']} {own:.2g}, of random motions {random:.2g}."
+        f"{document['asked']} {_percent(own)}, of random motions {_percent(random)}."
     )
+
+
+def _percent(deviation: float) -> str:
+    """A relative deviation with two digits."""
+    return f"{number(float(f'{100 * deviation:.2g}'))} %"
 
 
 def statements(document: dict[str, Any]) -> list[str]:
@@ -102,8 +109,8 @@ def _helping(document: dict[str, Any]) -> list[str]:
         helped = f"{after} after {remedy}" if after != _NONE else "nothing tried helps"
         lines.append(f"Weak: {words}: {left} of its deviation stays; {helped}.")
     return lines + [
-        f"{words}: {predicted} instead of {document['predicted_deviation_of_prior']:.2g}, "
-        f"{weak} weak directions."
+        f"{words}: {predicted} instead of {_percent(document['predicted_deviation_of_prior'])}, "
+        f"{pages.count(int(weak), 'weak direction')}."
         for words, predicted, weak in _remedy_rows(document)
     ]
 
@@ -113,7 +120,14 @@ def _unobservable(document: dict[str, Any]) -> list[str]:
     every = document["unobservable"]
     lines = [f"Not observable: {words}; {fix}." for words, fix in every[:_LISTED]]
     more = len(every) - _LISTED
-    return [*lines, f"{more} more such directions are in design.json."] if more > 0 else lines
+    return (
+        [
+            *lines,
+            f"In design.json: {pages.count(more, 'more such direction')}.",
+        ]
+        if more > 0
+        else lines
+    )
 
 
 def _weak_rows(document: dict[str, Any]) -> list[list[str]]:
@@ -132,15 +146,16 @@ def _weak_rows(document: dict[str, Any]) -> list[list[str]]:
 def _remedy_rows(document: dict[str, Any]) -> list[list[str]]:
     """Other experiments, the deviation they predict, and the weak directions they leave."""
     return [
-        [other["words"], f"{other['predicted']:.2g}", str(other["weak"])]
+        [other["words"], _percent(other["predicted"]), str(other["weak"])]
         for other in document["remedies"]
     ]
 
 
-def write_page(document: dict[str, Any], trial: Trial | None, folder: Path) -> Path:
+def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder: Path) -> Path:
     """Writes report.html atomically and returns its path.
 
     Args:
+        robot: its name.
         document: of `design.files.document`.
         trial: of the design on a draw of the prior, or None.
         folder: an existing folder.
@@ -154,15 +169,15 @@ def write_page(document: dict[str, Any], trial: Trial | None, folder: Path) -> P
         told += [Text("Directions that stay weak", head=True), weak, Text(_WEAK, note=True)]
     designed = [
         "as designed",
-        f"{document['predicted_deviation_of_prior']:.2g}",
+        _percent(document["predicted_deviation_of_prior"]),
         str(document["weak_directions"]),
     ]
     heads = ["experiment", "predicted deviation", "weak directions"]
     helps = Table(heads, [designed, *_remedy_rows(document)])
     page = Page(
-        heading=document["title"],
+        heading=robot,
         verdict=verdict_of(document),
-        eyebrow="design of an experiment",
+        eyebrow=f"design of an experiment {folder.name}",
         lead=f"{document['duration']:g} s of motion, before anything moves.",
         carrying=_figures(document, trial),
         sections=[
@@ -190,7 +205,8 @@ def _figures(document: dict[str, Any], trial: Trial | None) -> list[Figure]:
         return []
     from .plots import over_time  # imported late: matplotlib takes half a second
 
-    panel = Plot(f"Predicted and reached: {document['asked']}", "largest relative error [–]", True)
+    title = f"Predicted and reached: {document['asked']}"
+    panel = Plot(title, "largest relative error [–]", True, wide=True)
     for values, label in (
         (INTERVAL * trial.predicted, "predicted 95 %"),
         (INTERVAL * trial.stated, "stated by the law, 95 %"),
@@ -205,8 +221,11 @@ def _intervals(document: dict[str, Any]) -> Table:
     lines = [
         [
             row["label"],
-            f"{row['value']:.3g}",
-            *(f"{row[half]:.2g}" if row["observable"] > _ALONE else "–" for half in HALVES),
+            number(float(f"{row['value']:.3g}")),
+            *(
+                number(float(f"{row[half]:.2g}")) if row["observable"] > _ALONE else _NONE
+                for half in HALVES
+            ),
             row["unit"],
         ]
         for row in shown(document)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,6 +23,7 @@ from .panels import (
     Comparison,
     Forest,
     HeatMap,
+    local_rms,
 )
 from .plots import CURVE, NAMES, band, line, logarithmic, over_time, style, svg, tell
 
@@ -29,14 +31,15 @@ WIDTH = 4.3  # of a panel of ordinary width [inch]
 _FAINT = 0.05  # correlations below are not drawn
 _WRITTEN = 0.5  # correlations from here on are also written as numbers
 _BROAD = 30.0  # intervals are drawn up to this factor
-_INTERVALS = 150  # over which errors are averaged
 _LONG = 26  # characters of a name, at most
 _POINTS = 1400  # of a measured or predicted curve, at most
 
 
-def figures_of(panels: Iterable[AnyPanel]) -> list[PageFigure]:
-    """Panels as figures of a page."""
-    return [PageFigure(p.title, draw(p), p.legend, p.wide) for p in panels]
+def figures_of(panels: Iterable[AnyPanel], others: int = 0) -> list[PageFigure]:
+    """Panels as figures of a page; one alone, without any `others`, is twice as wide."""
+    some = list(panels)
+    some = [replace(panel, wide=True) for panel in some] if len(some) + others == 1 else some
+    return [PageFigure(p.title, draw(p), p.legend, p.wide) for p in some]
 
 
 def draw(panel: AnyPanel) -> str:
@@ -62,7 +65,7 @@ def forest(panel: Forest) -> str:
         size = _BROAD * np.nanmax(np.abs(every))
         low, high = np.maximum(low, -size), np.minimum(high, size)
     with style():
-        figure, axis = _named_lines(panel.names)
+        figure, axis = _named_lines(panel.names, panel.wide)
         rows = np.arange(len(values))
         for chosen, name, colour, filled in (
             (panel.firm, panel.certain, COLOURS[0], COLOURS[0]),
@@ -100,9 +103,10 @@ def forest(panel: Forest) -> str:
         return svg(figure, panel.title)
 
 
-def _named_lines(names: Sequence[str]) -> tuple[Figure, Axes]:
+def _named_lines(names: Sequence[str], wide: bool) -> tuple[Figure, Axes]:
     """A figure with one line for each name, the first on top."""
-    figure = Figure(figsize=(WIDTH, max(1.3, 0.24 * len(names) + 0.75)), layout="constrained")
+    size = (WIDTH * (1 + wide), max(1.3, 0.24 * len(names) + 0.75))
+    figure = Figure(figsize=size, layout="constrained")
     axis = figure.add_subplot()
     short = [name if len(name) <= _LONG else name[: _LONG - 1] + "…" for name in names]
     axis.set_yticks(range(len(names)), short)
@@ -151,9 +155,9 @@ def comparison(panel: Comparison) -> str:
     parts = np.split(np.arange(len(t)), np.flatnonzero(np.diff(segment)) + 1)
     unit = f" [{panel.unit}]" if panel.unit else ""
     with style():
-        figure = Figure(figsize=(WIDTH, 3.0))
-        upper = figure.add_axes((0.16, 0.42, 0.81, 0.54))
-        lower = figure.add_axes((0.16, 0.14, 0.81, 0.22), sharex=upper)
+        figure, left = Figure(figsize=(WIDTH * (1 + panel.wide), 3.0)), 0.16 / (1 + panel.wide)
+        upper = figure.add_axes((left, 0.42, 0.97 - left, 0.54))
+        lower = figure.add_axes((left, 0.14, 0.97 - left, 0.22), sharex=upper)
         if panel.half is not None:
             low, high = panel.predicted - panel.half, panel.predicted + panel.half
             band(upper, t, low, high, COLOURS[0], INTERVAL)
@@ -226,10 +230,3 @@ def extremes(values: Array, points: int) -> Indices:
     start = np.arange(len(padded)) * width
     chosen = np.concatenate([[0, n - 1], start + low, start + high])
     return np.unique(np.minimum(chosen, n - 1))
-
-
-def local_rms(t: Array, values: Array) -> tuple[Array, Array]:
-    """Middles of at most `_INTERVALS` stretches of rows [s], and rms values over each."""
-    parts = np.array_split(np.arange(len(t)), max(1, min(_INTERVALS, len(t) // 3)))
-    middle = np.array([t[part].mean() for part in parts])
-    return middle, np.array([np.sqrt(np.nanmean(values[part] ** 2)) for part in parts])

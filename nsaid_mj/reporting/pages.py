@@ -18,7 +18,7 @@ from ..evaluation.result import LEVELS, Mark
 from ..resources import write_text
 from ..robot.findings import Finding
 from .palette import COLOURS, DARK, VARIABLES
-from .panels import BAND, DASHES
+from .panels import BAND, DASHES, MARKERS
 
 FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -130,10 +130,17 @@ Panel = Text | Items | Badges | Table | Figures | Fold
 
 @dataclass(frozen=True)
 class Section:
-    """Panels below a title; an empty title makes a card of its own."""
+    """Panels below a title; an empty title makes a card of its own.
+
+    Attributes:
+        title: above the panels.
+        panels: from top to bottom.
+        beside: on their right where the page is wide.
+    """
 
     title: str
     panels: Sequence[Panel]
+    beside: Figure | None = None
 
 
 @dataclass(frozen=True)
@@ -220,6 +227,7 @@ def _environment() -> Any:
     environment.filters.update(spoken=spoken, kind=kind, plain=Markup)
     environment.globals.update(
         light=COLOURS, dark=DARK, variables=VARIABLES, dashes=DASHES, band=BAND,
-        script=Markup(script), digest=digest, levels=LEVELS, shared_legend=shared_legend,
+        markers=MARKERS, script=Markup(script), digest=digest, levels=LEVELS,
+        shared_legend=shared_legend,
     )  # fmt: skip
     return environment

@@ -16,9 +16,13 @@ POINTS = 1500
 DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}
 """SVG dash patterns of matplotlib's line styles."""
 
+MARKERS = {"D": "M12 0L16 4L12 8L8 4Z", "x": "M8 0L16 8M16 0L8 8", "|": "M12 0V8"}
+"""Paths of matplotlib's markers in a legend, in place of a dash pattern."""
+
 MEASURED, PREDICTED, INTERVAL = "measured", "predicted", "95 % interval"
 DIFFERENCE = "error, rms over short intervals"
 UNSURE = "not identified by itself"
+_INTERVALS = 150  # over which errors are averaged
 BAND = "band"
 """In place of a dash pattern: the legend's entry is a shaded area."""
 
@@ -70,19 +74,26 @@ class Panel:
     wide: bool = False
 
     def add(
-        self, t: Array, values: Array, name: str = "", band: tuple[Array, Array] | None = None
+        self,
+        t: Array,
+        values: Array,
+        name: str = "",
+        band: tuple[Array, Array] | None = None,
+        colour: str = "",
     ) -> None:
-        """Adds a curve in the next colour; once all are used, with the next dash pattern.
+        """Adds a curve; once all colours are used, with the next dash pattern.
 
         Args:
             t: (N,) times [s].
             values: (N,) values.
             name: entry in the legend.
             band: (N,) lower and (N,) upper ends of an interval around the values.
-        """
-        round_, colour = divmod(len(self.curves), len(COLOURS))
+            colour: of the curve; by default the next one.
+        """  # fmt: skip
+        round_, next_ = divmod(len(self.curves), len(COLOURS))
         dash = list(DASHES)[round_ % len(DASHES)]
-        self.curves.append(Curve(t, values, name, COLOURS[colour], dash, *(band or (None, None))))
+        colour = colour or COLOURS[next_]
+        self.curves.append(Curve(t, values, name, colour, dash, *(band or (None, None))))
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:
@@ -148,7 +159,7 @@ class Forest:
         entries = [(self.certain, COLOURS[0], "-")] if self.firm.any() else []
         if not self.firm.all():
             entries.append((UNSURE, COLOURS[8], "--"))
-        return entries + [(o.name, o.colour, "-") for o in self.others if len(o.values)]
+        return entries + [(o.name, o.colour, o.marker) for o in self.others if len(o.values)]
 
 
 @dataclass(frozen=True)
@@ -219,3 +230,10 @@ AnyPanel = Panel | Forest | HeatMap | Comparison
 def thin(rows: int, points: int = POINTS) -> Indices:
     """Indices of at most `points` of all rows, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, rows - 1, min(rows, points)).round().astype(np.intp))
+
+
+def local_rms(t: Array, values: Array) -> tuple[Array, Array]:
+    """Middles of at most 150 stretches of rows [s], and rms values of all numbers in each."""
+    parts = np.array_split(np.arange(len(t)), max(1, min(_INTERVALS, len(t) // 3)))
+    middle = np.array([t[part].mean() for part in parts])
+    return middle, np.array([np.sqrt(np.nanmean(values[part] ** 2)) for part in parts])

@@ -87,8 +87,8 @@ def style() -> Iterator[None]:
 def over_time(panel: Panel) -> str:
     """Draws a panel's curves as an SVG element; title and legend are left to the page."""
     with style():
-        figure = Figure(figsize=(_WIDTH, _HEIGHT))
-        axis = figure.add_axes((0.15, 0.165, 0.81, 0.79))
+        figure, left = Figure(figsize=(_WIDTH * (1 + panel.wide), _HEIGHT)), 0.15 / (1 + panel.wide)
+        axis = figure.add_axes((left, 0.165, 0.96 - left, 0.79))
         if panel.level is not None:
             axis.axhline(panel.level, color=INK, linewidth=0.6, linestyle="--")
         for curve in panel.curves:

@@ -71,8 +71,8 @@ def page(
     robot = _robot(run)
     sketch = picture(run.looks, run.record["q"][0], robot)
     sections = [
-        Section("Figures", [_figures(summary), Text(_checks(summary), note=True)]),
-        Section("Time histories", [Figures(figures["curves"])]),
+        Section("Figures", [_figures(summary), Text(_checks(summary), note=True)], sketch),
+        Section("Time histories", [Figures(figures["curves"])] if figures["curves"] else []),
         Section("Predicted against measured forces", [
             Figures(figures["forces"], "velocities", 6),
             Text(f"{_FORCES[truth is not None]} Error: rms over rms of the measured force.", True),
@@ -93,7 +93,7 @@ def page(
         lead=_lead(summary),
         tab=f"{robot} · {run.folder.name}",
         findings=result.findings,
-        carrying=figures["carrying"] + ([sketch] if sketch else []),
+        carrying=figures["carrying"],
         sections=[section for section in sections if section.panels],
         commands=[
             *([command] if command else []),

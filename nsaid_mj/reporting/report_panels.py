@@ -13,7 +13,8 @@ from ..evaluation.result import Result
 from ..evaluation.words import CONVERGED
 from ..experiment.loop import Run
 from ..parameters import Array
-from .panels import AnyPanel, Comparison, HeatMap, Panel, thin
+from .palette import COLOURS, LAWS
+from .panels import AnyPanel, Comparison, HeatMap, Panel, local_rms, thin
 from .parameters import correlations, forests
 
 _FORCES = 600  # points of a curve of forces
@@ -35,8 +36,8 @@ def panels(
     curves = [panel for panel in _over_time(run, summary, truth, rows) if panel.curves]
     stated = [p for p in result.gains if p.relative is not None]
     return {
-        "carrying": [*curves[:1]],
-        "curves": [*curves[1:]],
+        "carrying": [*curves[:2]],
+        "curves": [*curves[2:]],
         "gains": [*forests(stated)],
         "forces": [*_forces(run, truth)],
         "correlations": [*_correlations(summary)],
@@ -52,14 +53,17 @@ def _over_time(run: Run, summary: dict[str, Any], truth: Truth | None, rows: Any
         "Distance to the true set", "‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]", True,
         level=CONVERGED, level_name=f"converged: within {100 * CONVERGED:g} %",
     )  # fmt: skip
-    error = Panel("Velocity error", "rms Δv [rad/s, m/s]", True)
-    for name, label in names.items():
+    units = ", ".join(dict.fromkeys(run.system.velocity_units))
+    error = Panel("Velocity error, rms over short intervals", f"rms Δv [{units}]", True)
+    for k, (name, label) in enumerate(names.items()):
         suffix = f"_{name}" if name else ""
+        colour = COLOURS[LAWS.get(name or summary["law"], k % len(COLOURS))]
         if truth is not None:
             ratio = truth.distance(t, record[f"theta_hat{suffix}"][rows])
-            distance.add(t, ratio, label)
+            distance.add(t, ratio, label, colour=colour)
         dv = record[f"v_hat{suffix}"][later] - record["v"][later]
-        error.add(record["t"][later], np.sqrt(np.mean(dv**2, axis=1)), label)
+        if len(later):
+            error.add(*local_rms(record["t"][later], dv), label, colour=colour)
     true = None if truth is None else truth.theta_at(t)
     gains = _gains(run, summary, rows, true)
     if truth is None:

@@ -17,10 +17,11 @@ from ..evaluation import figure
 from ..evaluation.result import Mark, judged
 from ..reporting import pages, plots
 from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
-from ..reporting.palette import BAD, COLOURS, INK
+from ..reporting.palette import BAD, COLOURS, INK, LAWS
 from ..reporting.terminal import print_panels
 from ..robot.findings import Finding
-from .cells import BOUND, FIGURES, LAWS, PRIOR, Cell, Row, rows, sensors
+from .cells import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
+from .cells import LAWS as OURS
 
 _DECIDES = "theta_perp_ratio"
 _HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "gain ratios", "force residual", "time [s]")
@@ -151,21 +152,11 @@ def _digits(value: float) -> str:
 
 
 _SHOWN = FIGURES[:3]
-_STYLES = {
-    "paper": (COLOURS[2], "o"),
-    "cone": (COLOURS[7], "s"),
-    "memory": (COLOURS[0], "D"),
-    "efficient": (COLOURS[4], "h"),
-    BOUND: (INK, "_"),
-    "conventional": (COLOURS[8], "o"),
-    "ols": (COLOURS[1], "^"),
-    "wls": (COLOURS[3], "v"),
-    "tls": (COLOURS[5], "<"),
-    "rls": (COLOURS[9], ">"),
-    "ekf": (COLOURS[6], "P"),
-    "sysid": (BAD, "*"),
-    PRIOR: (COLOURS[8], "x"),
-}
+_MARKS = {
+    "paper": "o", "cone": "s", "memory": "D", "efficient": "h", BOUND: "_", "conventional": "o",
+    "ols": "^", "wls": "v", "tls": "<", "rls": ">", "ekf": "P", "sysid": "*", PRIOR: "x",
+}  # fmt: skip
+_REST = {"sysid": BAD, PRIOR: COLOURS[8]}  # colours of what is no law
 _REFERENCES = (PRIOR, BOUND)
 _TITLES = {"wall_time": "wall time", "data_length": "length of the log", "noise": "sensor noise"}
 
@@ -291,7 +282,7 @@ def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
         np.array([getattr(row, end)[key] for row in chosen]) for end in ("best", "worst")
     )
     reach = np.vstack([median - best, np.where(np.isfinite(worst), worst, median) - median])
-    ours = method in LAWS
+    ours = method in OURS
     axis.errorbar(
         [abscissa(row) for row in chosen],
         median,
@@ -310,5 +301,5 @@ def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
 
 def _look(method: str) -> tuple[str, str, str]:
     """Colour, marker and dash of a method."""
-    colour, mark = _STYLES.get(method, (INK, "."))
-    return colour, mark, "--" if method in _REFERENCES else "-"
+    colour = COLOURS[LAWS[method]] if method in LAWS else _REST.get(method, INK)
+    return colour, _MARKS.get(method, "."), "--" if method in _REFERENCES else "-"

@@ -49,7 +49,7 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
     thinned = any(len(group.results) > _DOTS for field in fields for group in sweep.by(field))
     drawn = []
     for field, line in zip(fields or [""], lines, strict=True):
-        wide = len(manifest["vary"].get(field, "")) > plots.COLUMNS
+        wide = len(manifest["vary"].get(field, "")) > plots.COLUMNS or sum(map(len, lines)) == 1
         for title, draw in line.items():
             over = f"{title}, by {field}" if field else title
             drawn.append(plots.page_figure(over, draw, wide))

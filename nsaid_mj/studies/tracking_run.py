@@ -18,7 +18,7 @@ from ..parameters import Array
 from ..recording.tracking import record
 from ..reporting import pages, plots
 from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
-from ..reporting.palette import COLOURS
+from ..reporting.palette import COLOURS, LAWS
 from ..reporting.picture import picture
 from ..robot.findings import Finding
 from ..system import SecondOrderSystem
@@ -61,7 +61,7 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     }
     named = {title: partial(panel, named=True) for title, panel in panels.items()}
     plot = plots.png_of([named], (6.0 * len(panels), 3.4), folder / PICTURE)
-    legend = [(c.law, COLOURS[k], "-") for k, c in enumerate(shown)]
+    legend = [(c.law, COLOURS[LAWS[c.law]], "-") for c in shown]
     figures = [plots.page_figure(name, panel, legend=legend) for name, panel in panels.items()]
     sections = [Section("Tracking errors", [table, Text(
         f"{medians_in_words(plan)} “Better by” is the median over the seeds of the conventional "
@@ -73,9 +73,9 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     if figures[1:]:
         sections.append(Section("Over time", [Figures(figures[1:]), drawn]))
     page = Page(
-        heading=folder.name,
+        heading=plan.script,
         verdict=verdict_of(table),
-        eyebrow=f"tracking laws on {plan.script}",
+        eyebrow=f"tracking laws {folder.name}",
         lead=f"{count(len(plan.laws), 'law')} on {count(len(plan.seeds), 'plant')}, {length:g} s, "
         f"{plan.scenario.sensors} sensors. All laws get the same prior, reference, K_d, Λ and "
         "bandwidth of adaptation.",
@@ -174,14 +174,15 @@ def _robot(c: Course) -> list[Figure]:
 
 def _errors(shown: list[Course], unit: str, axis: Any, named: bool = False) -> None:
     """Draws every law's rms error over short windows, on a logarithmic scale; `named` in itself."""
-    for k, c in enumerate(shown):
+    for c in shown:
+        colour = COLOURS[LAWS[c.law]]
         pieces = np.array_split(np.arange(len(c.motion.t)), min(_WINDOWS, len(c.motion.t)))
         rms = [np.sqrt(np.mean(_error(c, unit)[rows] ** 2)) for rows in pieces]
         t = [c.motion.t[rows].mean() for rows in pieces]
-        plots.line(axis, t, rms, c.law, color=COLOURS[k])
+        plots.line(axis, t, rms, c.law, color=colour)
         if named:
             place = 1.4 * max(rms[-_LABEL:])
-            axis.text(t[-1], place, c.law, color=COLOURS[k], ha="right", va="bottom")
+            axis.text(t[-1], place, c.law, color=colour, ha="right", va="bottom")
     for fault in shown[0].setup.plant.faults:
         for t in (fault.time, fault.until):
             if t is not None:

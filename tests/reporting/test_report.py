@@ -20,7 +20,7 @@ from nsaid_mj import (
 from nsaid_mj.evaluation.words import number
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.reporting import pages, report
-from nsaid_mj.reporting.palette import COLOURS
+from nsaid_mj.reporting.palette import COLOURS, LAWS
 from tests.reporting.drawing import points_of, words_of
 from tests.reporting.markup import Page, unscripted
 from tests.support.faulty import WITH_RIVAL as ROV
@@ -70,7 +70,10 @@ def test_every_identifiers_distance_is_drawn_as_recorded(done: SimulatedRun, tex
     assert first.get("aria-label") == "Distance to the true set"
     assert {metrics.OWN, "conventional"} <= set(Page.of(text).legends[0])
     drawn, wanted = [], []
-    for suffix, colour in (("", COLOURS[0]), ("_conventional", COLOURS[1])):
+    for suffix, colour in (
+        ("", COLOURS[LAWS["paper"]]),
+        ("_conventional", COLOURS[LAWS["conventional"]]),
+    ):
         ratio = metrics.truth_of(done).distance(done.record["t"], done.record[f"theta_hat{suffix}"])
         drawn += [*points_of(first, colour)[[0, -1], 1]]
         wanted += [*np.log10(ratio[[0, -1]])]
@@ -161,11 +164,11 @@ def test_everything_is_unfolded_on_paper(summary: dict[str, Any], text: str) -> 
     assert all(row["label"] in cells for row in summary["parameters"])
 
 
-def test_the_verdict_comes_first_with_its_figure_and_the_robots_picture(text: str) -> None:
+def test_the_verdict_comes_first_with_its_figures_and_the_robots_picture(text: str) -> None:
     order = [
         text.index(part)
         for part in ('class="banner verdict', 'class="carrying"', "Distance to the true set",
-                     "data:image/png;base64,", "<h2>Figures", "Predicted against measured forces",
+                     "<h2>Figures", "data:image/png;base64,", "Predicted against measured forces",
                      "<h2>Parameters", "<h2>The paper&#39;s statements",
                      "What cannot be known", "Running this again")
     ]  # fmt: skip
@@ -246,7 +249,10 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
     text = render(done, told, None)
     page = Page.of(text)
     labels = [drawing.get("aria-label") for drawing in drawings(text)]
-    assert labels[:2] == ["Velocity error", "Actuators relative to the prior"]
+    assert labels[:2] == [
+        "Velocity error, rms over short intervals",
+        "Actuators relative to the prior",
+    ]
     assert re.match(r"heave: error [\d.]+ %", str(labels[2]))  # on the run's own last tenth
     assert "On the last tenth of the run" in text
     assert "true" not in {head for table in page.tables for head in table.heads}

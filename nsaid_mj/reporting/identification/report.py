@@ -41,7 +41,7 @@ def page(result: Identification, command: str = "") -> Page:
 
     row, rows = words.rows_of(result)
     arm, n = row == "joint", len(result.joints)
-    sketch = picture.picture(result)
+    drawn = [sketch] if (sketch := picture.picture(result)) else []
     gains, bodies = result.gains, result.bodies
     others = [p for p in result.parameters if p.block not in bodies and not p.is_gain]
     correlated = figures_of(figures.correlated(result))
@@ -92,7 +92,7 @@ def page(result: Identification, command: str = "") -> Page:
         f"{words.logs_in_words(result)}; identified in {result.seconds:.1f} s.",
         tab=f"{result.robot.name} · identification",
         findings=[finding for finding in result.findings if finding.level != "note"],
-        carrying=[*figures_of([figures.joints(result)]), *([sketch] if sketch else [])],
+        carrying=[*figures_of([figures.joints(result)], len(drawn)), *drawn],
         sections=[section for section in sections if section.panels],
         commands=[command or _command(result)],
         versions={"nsaid-mj": __version__, "Python": platform.python_version()},

@@ -22,8 +22,9 @@ from ..terminal import print_page, print_panels
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
 # factor to the unit in the head
-_HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp", "delay [ms]", "armature", "error [mrad]",
-          "simple [mrad]")  # fmt: skip
+_HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp [N·m/rad]", "delay [ms]", "armature [kg·m²]",
+          "error [mrad]", "simple [mrad]")  # fmt: skip
+_REPLAYED = 30.0  # of a log that are drawn [s]
 _PER_SERVO = 6  # parameters
 
 
@@ -49,12 +50,14 @@ def write_servos(
 
 def _replay(result: ServoIdentification, log: ServoLog, simulated: Array) -> Section:
     """Positions of every joint, measured and simulated."""
+    t = log.t[log.t <= log.t[0] + _REPLAYED] - log.t[0]
     panels = [
-        Comparison(servo.name, "q", "rad or m", log.t - log.t[0], log.position[:, j],
-                   simulated[:, j])
+        Comparison(servo.name, "q", "rad or m", t, log.position[: len(t), j],
+                   simulated[: len(t), j])
         for j, servo in enumerate(result.servos)
     ]  # fmt: skip
-    note = "MuJoCo with the exported file, driven by the targets alone from the first position on."
+    note = "MuJoCo with the exported file, driven by the targets alone from the first position on"
+    note += f"; the first {t[-1]:.0f} s." if len(t) < len(log.t) else "."
     return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
 
 
