@@ -127,7 +127,7 @@ def plant_of(sheet: Path) -> PlantConfig:
         content = {}  # every family says so alike
     families = {family.sheet.family: family for family in _families()}
     if (kind := content.get("kind")) is not None:
-        if kind not in families:
+        if not isinstance(kind, str) or kind not in families:
             raise UnknownName(f"kind of vehicle in {sheet}", str(kind), families)
         families = {kind: families[kind]}
     errors: list[NsaidError] = []

@@ -13,6 +13,7 @@ from ..errors import BadRobot
 from .findings import Finding
 from .mjcf_edit import bodies_of_file, joints_of_file
 from .mjcf_inertials import check_inertials
+from .mjcf_numbers import check_numbers
 from .xml import read_xml
 
 _REMEDY = "Correct the file; MuJoCo's `simulate` must be able to load it."
@@ -28,16 +29,19 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
         MuJoCo's specification (None for .mjb), the compiled model, and what was changed.
 
     Raises:
-        BadRobot: MuJoCo rejects the file.
+        BadRobot: MuJoCo rejects the file, or accepts a number that no robot has.
     """
     try:
         if path.suffix.lower() == ".mjb":
-            return None, mujoco.MjModel.from_binary_path(str(path)), []
+            mj = mujoco.MjModel.from_binary_path(str(path))
+            check_numbers(str(path), mj)
+            return None, mj, []
         spec = mujoco.MjSpec.from_file(str(path))
         missing = _without_missing_files(spec, path.parent)
         findings = [*_note(path, missing), *check_inertials(spec)]
         mj = spec.compile()
         mj.names.decode()
+        check_numbers(str(path), mj)
         return spec, mj, findings
     except UnicodeDecodeError as error:
         raise BadRobot(str(path), "", f"it is not UTF-8: {error}", "Save it as UTF-8.") from error

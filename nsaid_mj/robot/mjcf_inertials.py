@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..bounds import LARGEST
 from ..parameters import Array
 from .findings import Finding
 from .inertias import moved, moved_inside, plausible_size
@@ -43,5 +44,7 @@ def check_inertials(spec: Any) -> list[Finding]:
 
 def _rejected(body: Any, about: Array) -> bool:
     """Whether MuJoCo rejects a body's inertia (3, 3) about its centre of mass."""
+    if not (np.abs([body.mass, *about.flat]) <= LARGEST).all():
+        return False  # what MuJoCo accepts of these, `check_numbers` refuses
     low, middle, high = np.linalg.eigvalsh(about)
     return low < 0 or low + middle < high or (low <= 0 and len(body.joints) > 0)
