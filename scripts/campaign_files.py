@@ -165,6 +165,12 @@ for _joint, _phase in (("j1", 0.0), ("j2", 1.0)):
     _COLUMNS[f"tau_{_joint}"] = [f"{x:.6f}" for x in 5 * np.sin(_angle) + 0.5 * _rate]
 
 
+def sound_log() -> bytes:
+    """A CSV log of the arm without any damage."""
+    rows = [",".join(_COLUMNS), *(",".join(row) for row in zip(*_COLUMNS.values(), strict=True))]
+    return "\n".join(rows).encode()
+
+
 def _cells(columns: dict[str, list[str]], rng: random.Random) -> None:
     column = rng.choice(list(columns))
     for _ in range(rng.choice((1, 5, 400))):

@@ -8,6 +8,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from ..bounds import shown
 from ..errors import InvalidInput, UnknownName
 from ..experiment.source import LONGEST_STEP
 from ..log import Measurement
@@ -30,7 +31,7 @@ class Counts:
         used: samples that the law got.
         gaps: stretches without a sample.
         missing: samples that would have fit into them.
-        not_finite: dropped, as a number was NaN or infinite.
+        not_finite: dropped, as a number was NaN or infinite, or the time since the first sample is.
         duplicates: dropped, as their time was that of the sample before.
         late: dropped, as a later sample had come before.
         unreadable: lines that are no sample.
@@ -95,6 +96,11 @@ class Cleaner:
         if self._start is None:
             self._start = t
         t -= self._start
+        if not np.isfinite(
+            t / self._period
+        ):  # too far from the first sample
+            counts.not_finite += 1
+            return None
         if counts.used and t <= self._last:
             counts.duplicates += t == self._last
             counts.late += t < self._last
@@ -138,10 +144,14 @@ def sample_of(
         shape = () if width is None else (width,)
         try:
             part = np.asarray(given, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (
+            TypeError,
+            ValueError,
+            OverflowError,
+        ):  # OverflowError: a whole number of 400 digits
             part = None
         if part is None or part.shape != shape:
-            got = f"shape {part.shape}" if part is not None else repr(given)
+            got = f"shape {part.shape}" if part is not None else shown(given)
             expected = "a number [s]" if width is None else f"{width} numbers"
             raise InvalidInput(name, expected, got, "See docs/live.md for their order and units.")
         parts.append(part)
@@ -156,7 +166,7 @@ def parsed(system: SecondOrderSystem, line: bytes) -> tuple[float, Array, Array,
     """
     try:
         found = json.loads(line)
-    except ValueError:
+    except (ValueError, RecursionError):
         found = None
     if isinstance(found, dict) and found.get("end"):
         return None
