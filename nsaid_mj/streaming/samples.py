@@ -96,9 +96,7 @@ class Cleaner:
         if self._start is None:
             self._start = t
         t -= self._start
-        if not np.isfinite(
-            t / self._period
-        ):  # too far from the first sample
+        if not np.isfinite(t / self._period):  # too far from the first sample
             counts.not_finite += 1
             return None
         if counts.used and t <= self._last:
