@@ -41,6 +41,15 @@ def asset(vehicle: str, file: str) -> Path:
     return folder("assets") / vehicle / file
 
 
+def path_of(text: str | os.PathLike[str]) -> Path:
+    """A path with the home directory in place of a leading `~`, if there is such a user."""
+    path = Path(text)
+    try:
+        return path.expanduser()
+    except RuntimeError:  # a file that is called ~.csv
+        return path
+
+
 class VehicleFiles(NamedTuple):
     """The files that describe a vehicle.
 
@@ -65,7 +74,7 @@ def vehicle_files(vehicle: str) -> VehicleFiles:
         InvalidInput: the folder has no vehicle.toml.
     """
     names = {path.parent.name for path in folder("assets").glob("*/vehicle.toml")}
-    path = asset(vehicle, "") if vehicle in names else Path(vehicle).expanduser()
+    path = asset(vehicle, "") if vehicle in names else path_of(vehicle)
     if path.is_dir():
         path = path / "vehicle.toml"
         if not path.is_file():
@@ -90,6 +99,18 @@ def numbers(vehicle: str) -> dict[str, Any]:
     """A vehicle's published numbers, from its vehicle.toml; sources are in its SOURCE.md."""
     with asset(vehicle, "vehicle.toml").open("rb") as stream:
         return tomllib.load(stream)
+
+
+def json_of(text: str | bytes) -> Any:
+    """The value that a text of JSON stands for.
+
+    Raises:
+        ValueError: it is no JSON, or nested thousands of times.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("thousands of values inside each other") from error
 
 
 def print_json(value: Any) -> None:
@@ -181,7 +202,8 @@ def check_own(folder: Path, results: Sequence[str], remedy: str = "") -> None:
         BadRun: the folder holds other files only.
     """
     with suppress(OSError):  # of a folder that is missing, or a file
-        others = [path.name for path in folder.iterdir() if not path.name.startswith(".")]
+        there = folder.resolve()  # new/../old is `old` once new is made
+        others = [path.name for path in there.iterdir() if not path.name.startswith(".")]
         if others and not set(others) & set(results):
             raise BadRun(
                 folder,

@@ -105,8 +105,8 @@ def names(rng: random.Random, folder: Path) -> Kind:
         wrong, out, err = _said(words, here)
         if wrong:
             return wrong
-        if any(control in out + err for control in "\x1b\x9b\u202e"):
-            return "a control character reaches the terminal"
+        if any(control in out + err for control in ("\x1b[31m", "\u202e")):
+            return "a control character of a name reaches the terminal"
         if (here / "pwned").exists():
             return "a name was executed"
         pages = [page for page in here.rglob("*.html") if "<img src=x" in page.read_text("utf-8")]

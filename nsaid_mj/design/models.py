@@ -16,7 +16,7 @@ from ..errors import UnknownName
 from ..experiment.library import load
 from ..experiment.scenario import Scenario
 from ..plants import ArmPlant
-from ..resources import scenarios, vehicle_files
+from ..resources import path_of, scenarios, vehicle_files
 from ..system import SecondOrderSystem
 from .limits import Limit, Limits, source_of
 
@@ -35,7 +35,7 @@ def scenario_of_model(model: str) -> Scenario:
     Raises:
         InvalidInput, UnknownName: a vehicle's file is wrong.
     """
-    path = Path(model).expanduser()
+    path = path_of(model)
     if path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file()):
         return _vehicle(path)
     plant = ArmPlant(robot=str(path.resolve()) if path.is_file() else model)

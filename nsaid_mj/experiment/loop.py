@@ -6,7 +6,6 @@ prior before the first time step; the truth is not read again until the end of t
 
 from __future__ import annotations
 
-import json
 import signal
 import threading
 from abc import ABC, abstractmethod
@@ -18,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..errors import BadRun
 from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
 from ..identifiers.faults import FaultEvent
@@ -27,7 +27,7 @@ from ..numerics.stopwatch import clock, compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..plants import Looks, Plant
-from ..resources import locked, told, write_json
+from ..resources import json_of, locked, told, write_json
 from ..system import SecondOrderSystem
 from .following import Following, due_rows
 from .record import BATCH_SECONDS, FILE, Record, RecordWriter
@@ -128,11 +128,18 @@ class Run:
 
     @property
     def faults(self) -> tuple[FaultEvent, ...]:
-        """The faults that the scenario's own identifier found."""
+        """The faults that the scenario's own identifier found.
+
+        Raises:
+            BadRun: their file is damaged.
+        """
         file = self.folder / FAULTS
         if not file.is_file():
             return ()
-        return tuple(FaultEvent.of(keys) for keys in json.loads(file.read_text("utf-8")))
+        try:
+            return tuple(FaultEvent.of(keys) for keys in json_of(file.read_bytes()))
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadRun(file, "not a list of faults", "Run the scenario again") from error
 
 
 @dataclass(eq=False, kw_only=True)

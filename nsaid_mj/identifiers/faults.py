@@ -71,7 +71,15 @@ class FaultEvent(NamedTuple):
 
     @staticmethod
     def of(keys: dict[str, Any]) -> FaultEvent:
-        """The event of an entry of summary.json."""
-        parts: dict[str, Any] = {name: keys[name] for name in FaultEvent._fields}
-        parts["names"] = tuple(keys["names"])
-        return FaultEvent(**parts)
+        """The event of an entry of summary.json.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is none.
+        """
+        numbers = ("time", "found", "size", "low", "high", "confidence")
+        return FaultEvent(
+            **{name: float(keys[name]) for name in numbers},
+            **{name: str(keys[name]) for name in ("kind", "part", "unit")},
+            names=tuple(map(str, keys["names"])),
+            slow=bool(keys["slow"]),
+        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from typing import Literal, get_args
 
@@ -13,6 +12,7 @@ from ..errors import InvalidInput, UnknownName
 from ..experiment.source import LONGEST_STEP
 from ..log import Measurement
 from ..parameters import Array
+from ..resources import json_of
 from ..system import SecondOrderSystem
 
 Frame = Literal["ENU/FLU", "NED/FRD"]
@@ -163,8 +163,8 @@ def parsed(system: SecondOrderSystem, line: bytes) -> tuple[float, Array, Array,
         InvalidInput: it is no sample of this system.
     """
     try:
-        found = json.loads(line)
-    except (ValueError, RecursionError):
+        found = json_of(line)
+    except ValueError:
         found = None
     if isinstance(found, dict) and found.get("end"):
         return None

@@ -36,6 +36,18 @@ def test_a_files_name_does_not_steer_the_terminal(tmp_path):
     assert code == 2 and "\x1b" not in said.err and "none.csv" in said.err
 
 
+@pytest.mark.parametrize("name", ["~.csv", "~no.such.user/log.csv"])
+def test_a_name_that_begins_with_a_tilde_is_that_of_no_user(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = Path(name)
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("t,q\n" + "".join(f"{0.01 * k:.2f},{k % 7}\n" for k in range(100)))
+    code, said = shell("inspect", name)
+    assert code in (0, 1) and "Traceback" not in said.err
+    code, said = shell("inspect", name, "--model", "~none.urdf")
+    assert code == 2 and "no such file" in said.err
+
+
 def test_printable_keeps_letters_of_all_scripts_lines_and_tabs():
     assert printable("Größe 名 q̇ [N·m]\n\t✔") == "Größe 名 q̇ [N·m]\n\t✔"
 
