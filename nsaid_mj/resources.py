@@ -42,12 +42,20 @@ def asset(vehicle: str, file: str) -> Path:
 
 
 def path_of(text: str | os.PathLike[str]) -> Path:
-    """A path with the home directory in place of a leading `~`, if there is such a user."""
+    """A path with the home directory in place of a leading `~`, if there is such a user.
+
+    Raises:
+        InvalidInput: the operating system looks for no such path.
+    """
     path = Path(text)
+    with suppress(RuntimeError):  # of a file that is called ~.csv
+        path = path.expanduser()
     try:
-        return path.expanduser()
-    except RuntimeError:  # a file that is called ~.csv
-        return path
+        path.exists()
+    except OSError as error:  # a name of 300 letters, a folder that may not be searched
+        name, reason = f"{str(path)[:60]}…", error.strerror or str(error)
+        raise InvalidInput("path", "one to look for", f"{name}: {reason}", "Correct it.") from error
+    return path
 
 
 class VehicleFiles(NamedTuple):

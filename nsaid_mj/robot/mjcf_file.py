@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +75,7 @@ def _name(mesh: Any) -> str:
 
 
 def _exists(file: str, folder: Path, inside: str) -> bool:
-    return any((folder / part / file).is_file() for part in (inside, ""))
+    return any(os.path.isfile(folder / part / file) for part in (inside, ""))
 
 
 def _note(path: Path, missing: list[str]) -> list[Finding]:
