@@ -76,10 +76,7 @@ class FaultEvent(NamedTuple):
         Raises:
             KeyError, TypeError, ValueError: it is none.
         """
-        numbers = ("time", "found", "size", "low", "high", "confidence")
-        return FaultEvent(
-            **{name: float(keys[name]) for name in numbers},
-            **{name: str(keys[name]) for name in ("kind", "part", "unit")},
-            names=tuple(map(str, keys["names"])),
-            slow=bool(keys["slow"]),
-        )
+        parts: dict[str, Any] = {name: str(keys[name]) for name in ("kind", "part", "unit")}
+        for name in ("time", "found", "size", "low", "high", "confidence"):
+            parts[name] = float(keys[name])
+        return FaultEvent(**parts, names=tuple(map(str, keys["names"])), slow=bool(keys["slow"]))
