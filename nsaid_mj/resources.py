@@ -140,13 +140,13 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes text as UTF-8, atomically.
+    """Writes text as UTF-8, atomically; halves of surrogate pairs, as in odd names, become `?`.
 
     Raises:
         NotWritten: the file cannot be written.
     """
     with atomic_write(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(text, encoding="utf-8", errors="replace")
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import nsaid_mj
 from nsaid_mj.calibration.logs import tables
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import InvalidInput, printable
-from nsaid_mj.resources import folder, print_json
+from nsaid_mj.resources import folder, print_json, write_text
 from nsaid_mj.robot.loading import load_robot
 from tests.support.faulty import shell
 
@@ -71,6 +71,11 @@ def test_a_mesh_that_is_not_there_is_left_out_whatever_its_name(mesh, tmp_path):
     (tmp_path / "one.xml").write_text(text, encoding="utf-8")
     found = load_robot_model(str(tmp_path / "one.xml"))
     assert "mesh_missing" in {finding.code for finding in found.findings}
+
+
+def test_a_name_that_is_no_utf_8_does_not_keep_a_page_from_being_written(tmp_path):
+    write_text(tmp_path / "page.html", "of \udcff.urdf")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == "of ?.urdf"
 
 
 def test_printable_keeps_letters_of_all_scripts_lines_and_tabs():
