@@ -41,6 +41,23 @@ def asset(vehicle: str, file: str) -> Path:
     return folder("assets") / vehicle / file
 
 
+def path_of(text: str | os.PathLike[str]) -> Path:
+    """A path with the home directory in place of a leading `~`, if there is such a user.
+
+    Raises:
+        InvalidInput: the operating system looks for no such path.
+    """
+    path = Path(text)
+    with suppress(RuntimeError):  # of a file that is called ~.csv
+        path = path.expanduser()
+    try:
+        path.exists()
+    except OSError as error:  # a name of 300 letters, a folder that may not be searched
+        name, reason = f"{str(path)[:60]}…", error.strerror or str(error)
+        raise InvalidInput("path", "one to look for", f"{name}: {reason}", "Correct it.") from error
+    return path
+
+
 class VehicleFiles(NamedTuple):
     """The files that describe a vehicle.
 
@@ -65,7 +82,7 @@ def vehicle_files(vehicle: str) -> VehicleFiles:
         InvalidInput: the folder has no vehicle.toml.
     """
     names = {path.parent.name for path in folder("assets").glob("*/vehicle.toml")}
-    path = asset(vehicle, "") if vehicle in names else Path(vehicle).expanduser()
+    path = asset(vehicle, "") if vehicle in names else path_of(vehicle)
     if path.is_dir():
         path = path / "vehicle.toml"
         if not path.is_file():
@@ -92,6 +109,18 @@ def numbers(vehicle: str) -> dict[str, Any]:
         return tomllib.load(stream)
 
 
+def json_of(text: str | bytes) -> Any:
+    """The value that a text of JSON stands for.
+
+    Raises:
+        ValueError: it is no JSON, or nested thousands of times.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("thousands of values inside each other") from error
+
+
 def print_json(value: Any) -> None:
     """Prints a value as strict JSON; numbers that are not finite become null."""
     from .bounds import without_nonfinite  # pydantic takes a fifth of a second
@@ -111,13 +140,13 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes text as UTF-8, atomically.
+    """Writes text as UTF-8, atomically; halves of surrogate pairs, as in odd names, become `?`.
 
     Raises:
         NotWritten: the file cannot be written.
     """
     with atomic_write(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_text(text, encoding="utf-8", errors="replace")
 
 
 @contextmanager
@@ -181,7 +210,8 @@ def check_own(folder: Path, results: Sequence[str], remedy: str = "") -> None:
         BadRun: the folder holds other files only.
     """
     with suppress(OSError):  # of a folder that is missing, or a file
-        others = [path.name for path in folder.iterdir() if not path.name.startswith(".")]
+        there = folder.resolve()  # new/../old is `old` once new is made
+        others = [path.name for path in there.iterdir() if not path.name.startswith(".")]
         if others and not set(others) & set(results):
             raise BadRun(
                 folder,

@@ -165,6 +165,12 @@ for _joint, _phase in (("j1", 0.0), ("j2", 1.0)):
     _COLUMNS[f"tau_{_joint}"] = [f"{x:.6f}" for x in 5 * np.sin(_angle) + 0.5 * _rate]
 
 
+def sound_log() -> bytes:
+    """A CSV log of the arm without any damage."""
+    rows = [",".join(_COLUMNS), *(",".join(row) for row in zip(*_COLUMNS.values(), strict=True))]
+    return "\n".join(rows).encode()
+
+
 def _cells(columns: dict[str, list[str]], rng: random.Random) -> None:
     column = rng.choice(list(columns))
     for _ in range(rng.choice((1, 5, 400))):
@@ -227,11 +233,38 @@ def log(rng: random.Random) -> bytes:
 
 
 _MAPS = (
-    '[time]\ncolumn = "t"\n',
-    '[joints.j1]\nq = "q_j1"\nv = "v_j1"\nu = "tau_j1"\n[joints.j2]\nq = "q_j2"\nu = "tau_j2"\n',
-    '[joints.j1]\nq = "q_j1"\nu = "tau_j1"\n',
+    '[time]\ncolumn = "t"\nunit = "s"\n',
+    """[joints.j1]
+position = {column = "q_j1", unit = "deg", sign = -1, offset = 0.5}
+velocity = {column = "v_j1", unit = "rpm", ratio = 100}
+command = {column = "tau_j1", unit = "mA"}
+rest = 0.05
+[joints.j2]
+position = {column = "q_j2", points = [[-100, -1.9], [100, 1.9]]}
+command = {column = "tau_j2"}
+""",
+    """hold = true
+drop_rest = false
+[joints.j1]
+position = {column = "q_j1"}
+velocity = {column = "v_j1"}
+command = {column = "tau_j1"}
+[joints.j2]
+position = {column = "q_j2", unit = "ticks", counts_per_turn = 4096}
+command = {column = "tau_j2"}
+[coupling]
+position = [[1, 0], [0.5, 1]]
+torque = [[1, 0.5], [0, 1]]
+[files."log.csv"]
+offset = 1.5
+""",
+    """[vehicle]
+position = ["q_j1", "q_j2", "t"]
+euler = ["v_j1", "v_j2", "t"]
+[actuators]
+j1 = {column = "tau_j1"}
+""",
     "hold = true\ndrop_rest = false\n",
-    '[joints.j1]\nq = {column = "q_j1", scale = 2.0}\n',
 )
 
 
@@ -241,7 +274,7 @@ def table(rng: random.Random) -> bytes:
     for _ in range(rng.choice((0, 0, 1, 2))):
         kind = rng.random()
         if kind < 0.5:
-            words = list(re.finditer(rb"[\w.]+", content))
+            words = list(re.finditer(rng.choice((rb"[\w.]+", rb"-?\d[\d.]*")), content))
             if words:
                 start, end = rng.choice(words).span()
                 content = content[:start] + rng.choice(_VALUES).encode() + content[end:]

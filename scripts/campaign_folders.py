@@ -16,6 +16,8 @@ from pathlib import Path
 from nsaid_mj import Record, run
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import FAULTS
+from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.recording import postprocessing
 from nsaid_mj.studies import sweep, sweep_report, sweep_results
 from nsaid_mj.studies.sweep_engine import Engine
@@ -24,6 +26,7 @@ from scripts.campaign_tries import Draw, Kind, Try, carried_out
 SCENARIO = replace(load("scalar_rov"), duration=2.0, held_out=0.5, pe_window=0.5)
 PLAN = sweep.Plan("scalar_rov", SCENARIO, {"identifier.gain": (0.5, 1.0)}, seeds=2)
 RUN = ("record.arrow", "summary.json", "scenario.json", "run.rrd", "report.html")
+FAULT = FaultEvent(1.0, 1.2, "loss", "thrust", ("thrust",), 0.4, 0.3, 0.5, "1", 0.99)
 SWEEP = ("manifest.json", "rows.jsonl", "results.parquet")
 
 
@@ -43,7 +46,10 @@ def damage(path: Path, rng: random.Random) -> str:
     data = path.read_bytes()
     at = rng.randrange(len(data))
     junk = rng.randbytes(rng.choice((1, 8, 200)))
+    others = (b"[]", b"{}", b"null", b"3", b"[3]", b"[{}]", b"[" * 100_000, b"NaN")
+    other = rng.choice(others)
     ways: dict[str, Callable[[], object]] = {
+        "of other JSON": lambda: path.write_bytes(other),
         "cut short": lambda: path.write_bytes(data[:at]),
         "overwritten inside": lambda: path.write_bytes(data[:at] + junk + data[at + len(junk) :]),
         "emptied": lambda: path.write_bytes(b""),
@@ -58,7 +64,8 @@ def damage(path: Path, rng: random.Random) -> str:
 def damaged_run(rng: random.Random, folder: Path) -> Kind:
     """A run's folder with a damaged file is read, rebuilt and overwritten."""
     out = Path(shutil.copytree(packed("run"), folder / "out"))
-    name = rng.choice((RUN[0], RUN[0], RUN[1], RUN[2]))
+    (out / FAULTS).write_text(json.dumps([FAULT.keys()]), encoding="utf-8")
+    name = rng.choice((RUN[0], RUN[0], RUN[1], RUN[2], FAULTS))
     way = damage(out / name, rng)
 
     def check() -> str:

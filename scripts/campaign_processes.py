@@ -19,7 +19,7 @@ from scripts.campaign_tries import Draw, Kind, Try, carried_out
 ROOT = Path(__file__).resolve().parents[1]
 CODE = "from nsaid_mj.cli import run_from_shell; run_from_shell()"
 LIMIT = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({0}, {0})); "
-PATIENCE = 120.0  # of a busy machine [s]
+PATIENCE = 300.0  # of a busy machine [s]
 SHORT = ("--duration", "5", "--held-out", "0.5", "--pe-window", "0.5")
 LONG = ("--duration", "3000", "--held-out", "0.5", "--pe-window", "0.5")
 

@@ -5,9 +5,12 @@ from __future__ import annotations
 import random
 import shutil
 import tempfile
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+from nsaid_mj.errors import NsaidError
 
 
 class Try(NamedTuple):
@@ -38,6 +41,16 @@ class Kind(NamedTuple):
 
 Draw = Callable[[random.Random, Path], Kind]
 """Draws a try, which may use the empty folder."""
+
+
+def typed(action: Callable[[], str]) -> str:
+    """What went wrong in an action that may end in a typed error with a message."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            return action()
+        except NsaidError as error:
+            return "" if str(error) else "an error without a message"
 
 
 def carried_out(family: str, draw: Draw, tries: int, seed: int) -> Iterator[Try]:

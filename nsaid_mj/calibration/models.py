@@ -15,7 +15,7 @@ from ..experiment.library import load
 from ..experiment.setup import published
 from ..identifiers.cone.prior import drawn_inside
 from ..plants import ParametricPlantConfig, PlantConfig
-from ..resources import folder, scenarios, vehicle_files
+from ..resources import folder, path_of, scenarios, vehicle_files
 from ..robot.loading import load_tree, packed_folders
 from ..robot.model import RobotModel
 from ..system import SecondOrderSystem
@@ -45,7 +45,7 @@ def load_robot_model(
             and to be kept, or joints of a vehicle are to be locked.
         UnknownName: there is no such robot or joint; the message lists similar names.
     """
-    path = Path(model).expanduser()
+    path = path_of(model)
     sheet = path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file())
     if model not in packed_folders() and (sheet or model in _packed_vehicles()):
         return load_vehicle(model, lock, joints)
@@ -127,7 +127,7 @@ def plant_of(sheet: Path) -> PlantConfig:
         content = {}  # every family says so alike
     families = {family.sheet.family: family for family in _families()}
     if (kind := content.get("kind")) is not None:
-        if kind not in families:
+        if not isinstance(kind, str) or kind not in families:
             raise UnknownName(f"kind of vehicle in {sheet}", str(kind), families)
         families = {kind: families[kind]}
     errors: list[NsaidError] = []

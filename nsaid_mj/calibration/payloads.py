@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..bounds import LARGEST
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block
 from ..structure.blocks import link_block
@@ -56,11 +57,15 @@ def load_of(text: str) -> Load:
         mass = float(found["mass"]) * (1e-3 if found["unit"] == "g" else 1.0)
         place = found["place"]
         centre = None if place is None else tuple(float(x) for x in place.split(","))
-        if not 0 < mass < np.inf or (centre is not None and len(centre) != 3):
+        if not 0 < mass <= LARGEST or (centre is not None and not _is_place(centre)):
             raise ValueError
     except ValueError as error:
         raise InvalidInput("--load", _FORM, text, "Such as loaded.csv:0.25kg@gripper.") from error
     return Load(re.split(r"[/\\]", found["file"])[-1], mass, found["link"] or "", centre)
+
+
+def _is_place(centre: tuple[float, ...]) -> bool:
+    return len(centre) == 3 and bool((np.abs(centre) <= LARGEST).all())
 
 
 def check_loads(loads: Sequence[Load], sources: Sequence[str]) -> None:

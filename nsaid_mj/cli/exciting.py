@@ -140,7 +140,7 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
         path = Path(folder) / "scenario.json"
         if not path.is_file():
             raise BadRun(folder, "there is no design", "Give the folder that `nsaid excite` wrote")
-        return Scenario.from_json(path.read_text(encoding="utf-8")).excitation
+        return Scenario.from_json(path.read_bytes()).excitation
     from .. import design as room
 
     return room.design(room.Experiment.of(scenario), told=progress.tell).driver

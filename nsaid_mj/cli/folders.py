@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -12,7 +11,7 @@ from pathlib import Path
 from ..errors import BadRun, FolderInUse
 from ..experiment.scenario import Scenario
 from ..identifiers import ConventionalAID
-from ..resources import check_own, locked
+from ..resources import check_own, json_of, locked
 
 RUNS = Path("runs")
 FORCE = ", or --force to write among them"
@@ -104,7 +103,7 @@ def _holds_design(folder: Path) -> bool:
 def holds_completed_run(folder: Path) -> bool:
     """Whether a folder has the summary of a completed run."""
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        summary = json_of((folder / "summary.json").read_bytes())
     except (OSError, ValueError):  # a run killed before its evaluation, or no run at all
         return False
     return isinstance(summary, dict) and summary.get("status") == "completed"

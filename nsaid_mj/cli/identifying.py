@@ -158,7 +158,7 @@ def _folder(name: str, out: Path | None, force: bool) -> Path:
     if out is not None:
         if not force:
             check_own(out, (RESULT,), FORCE)
-        if not force and (out / RESULT).is_file():
+        if not force and (out.resolve() / RESULT).is_file():
             raise BadRun(
                 out, "it holds results", "Give --force to overwrite them, or another --out"
             )

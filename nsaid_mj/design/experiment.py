@@ -32,7 +32,7 @@ from ..parameters import Array
 from ..plants import ArmPlant, ParametricPlantConfig, Plant, Sensors
 from ..plants.world.contacts import Contacts
 from ..plants.world.sensors import EXACT_SENSORS
-from ..resources import scenarios, vehicle_files
+from ..resources import path_of, scenarios, vehicle_files
 from ..robot.loading import load_robot
 from ..system import SecondOrderSystem
 from .limits import Limit, Limits, source_of
@@ -154,7 +154,7 @@ def scenario_of_model(model: str) -> Scenario:
     Raises:
         InvalidInput, UnknownName: a vehicle's file is wrong.
     """
-    path = Path(model).expanduser()
+    path = path_of(model)
     if path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file()):
         return _vehicle(path)
     plant = ArmPlant(robot=str(path.resolve()) if path.is_file() else model)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ..bounds import LARGEST, shown
 from ..errors import InvalidInput, UnknownName
 from ..log import Log
 from ..parameters import Array
@@ -227,6 +228,7 @@ def _numbers(name: str, value: Any, count: int) -> Array:
     """(count,) finite numbers from a number or a list."""
     given = value if isinstance(value, list) else [value] * count
     plain = all(isinstance(x, int | float) and not isinstance(x, bool) for x in given)
-    if len(given) != count or not plain or not np.isfinite(np.array(given, dtype=float)).all():
-        raise InvalidInput(f"limits.{name}", f"a finite number, or a list of {count}", value, _FORM)
+    if len(given) != count or not plain or not all(abs(x) <= LARGEST for x in given):
+        expected = f"a finite number, or a list of {count}"
+        raise InvalidInput(f"limits.{name}", expected, shown(value), _FORM)
     return np.array(given, dtype=np.float64)

@@ -6,7 +6,6 @@ prior before the first time step; the truth is not read again until the end of t
 
 from __future__ import annotations
 
-import json
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import BadRun
 from ..identifiers import Identifier, State, Status
 from ..identifiers.faults import FaultEvent
 from ..nullspace import PersistenceMonitor, structural
@@ -24,7 +24,7 @@ from ..numerics.stopwatch import clock, compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..plants import Looks, Plant
-from ..resources import locked, told
+from ..resources import json_of, locked, told
 from ..system import SecondOrderSystem
 from .following import FAULTS, Cost, Ending, Loop, Observer, Robot, segment_steps
 from .record import FILE, Record, RecordWriter
@@ -73,11 +73,18 @@ class Run:
 
     @property
     def faults(self) -> tuple[FaultEvent, ...]:
-        """The faults that the scenario's own identifier found."""
+        """The faults that the scenario's own identifier found.
+
+        Raises:
+            BadRun: their file is damaged.
+        """
         file = self.folder / FAULTS
         if not file.is_file():
             return ()
-        return tuple(FaultEvent.of(keys) for keys in json.loads(file.read_text("utf-8")))
+        try:
+            return tuple(FaultEvent.of(keys) for keys in json_of(file.read_bytes()))
+        except (KeyError, TypeError, ValueError) as error:
+            raise BadRun(file, "not a list of faults", "Run the scenario again") from error
 
 
 @dataclass(eq=False, kw_only=True)

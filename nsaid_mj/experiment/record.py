@@ -20,7 +20,7 @@ import pyarrow as pa
 from ..errors import BadRun, NotWritten
 from ..log import Log
 from ..parameters import Array
-from ..resources import create, told
+from ..resources import create, json_of, told
 
 BATCH_SECONDS = 0.9
 FILE = "record.arrow"
@@ -267,7 +267,7 @@ def _sound(columns: dict[str, Array], rows: slice) -> bool:
 
 
 def _metadata(schema: pa.Schema) -> dict[str, Any]:
-    return dict(json.loads((schema.metadata or {})[b"nsaid"]))
+    return dict(json_of((schema.metadata or {})[b"nsaid"]))
 
 
 def _ended(file: Path) -> bool:

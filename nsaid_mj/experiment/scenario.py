@@ -107,7 +107,7 @@ class Scenario(Config):
         return json.dumps(_ADAPTER.dump_python(self, mode="json"), indent=2, ensure_ascii=False)
 
     @staticmethod
-    def from_json(text: str) -> Scenario:
+    def from_json(text: str | bytes) -> Scenario:
         """Reads a scenario that `to_json` wrote.
 
         Raises:

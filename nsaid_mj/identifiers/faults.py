@@ -71,7 +71,12 @@ class FaultEvent(NamedTuple):
 
     @staticmethod
     def of(keys: dict[str, Any]) -> FaultEvent:
-        """The event of an entry of summary.json."""
-        parts: dict[str, Any] = {name: keys[name] for name in FaultEvent._fields}
-        parts["names"] = tuple(keys["names"])
-        return FaultEvent(**parts)
+        """The event of an entry of summary.json.
+
+        Raises:
+            KeyError, TypeError, ValueError: it is none.
+        """
+        parts: dict[str, Any] = {name: str(keys[name]) for name in ("kind", "part", "unit")}
+        for name in ("time", "found", "size", "low", "high", "confidence"):
+            parts[name] = float(keys[name])
+        return FaultEvent(**parts, names=tuple(map(str, keys["names"])), slow=bool(keys["slow"]))

@@ -16,6 +16,7 @@ from ..resources import (
     has_example_robots,
     known_robots,
     packed_robots,
+    path_of,
 )
 from .findings import Finding
 from .mjcf import load_mjcf
@@ -105,7 +106,7 @@ def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
         BadRobot: there is no such file, or no file describes the robot of this name.
         UnknownName: there is no robot of this name.
     """
-    path, packed = Path(name).expanduser(), {**packed_robots(), **packed_folders()}
+    path, packed = path_of(name), {**packed_robots(), **packed_folders()}
     if name in packed:
         return RobotFile(packed[name], named=True)
     if path.is_dir() and name not in example_robots():  # a folder hides no robot of its name

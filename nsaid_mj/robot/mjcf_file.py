@@ -6,6 +6,7 @@ body with its displacement.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,11 +17,13 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Node
 
+from ..bounds import LARGEST
 from ..errors import BadRobot
 from ..parameters import Array
 from ..structure.optional import pin
 from .findings import Finding
 from .inertias import moved, moved_inside, plausible_size
+from .mjcf_numbers import check_numbers
 from .tree import wxyz
 from .xml import numbers, read_xml
 
@@ -37,16 +40,19 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
         MuJoCo's specification (None for .mjb), the compiled model, and what was changed.
 
     Raises:
-        BadRobot: MuJoCo rejects the file.
+        BadRobot: MuJoCo rejects the file, or accepts a number that no robot has.
     """
     try:
         if path.suffix.lower() == ".mjb":
-            return None, mujoco.MjModel.from_binary_path(str(path)), []
+            mj = mujoco.MjModel.from_binary_path(str(path))
+            check_numbers(str(path), mj)
+            return None, mj, []
         spec = mujoco.MjSpec.from_file(str(path))
         missing = _without_missing_files(spec, path.parent)
         findings = [*_note(path, missing), *check_inertials(spec)]
         mj = spec.compile()
         mj.names.decode()
+        check_numbers(str(path), mj)
         return spec, mj, findings
     except UnicodeDecodeError as error:
         raise BadRobot(str(path), "", f"it is not UTF-8: {error}", "Save it as UTF-8.") from error
@@ -79,7 +85,7 @@ def _name(mesh: Any) -> str:
 
 
 def _exists(file: str, folder: Path, inside: str) -> bool:
-    return any((folder / part / file).is_file() for part in (inside, ""))
+    return any(os.path.isfile(folder / part / file) for part in (inside, ""))
 
 
 def _note(path: Path, missing: list[str]) -> list[Finding]:
@@ -170,6 +176,8 @@ def check_inertials(spec: Any) -> list[Finding]:
 
 def _rejected(body: Any, about: Array) -> bool:
     """Whether MuJoCo rejects a body's inertia (3, 3) about its centre of mass."""
+    if not (np.abs([body.mass, *about.flat]) <= LARGEST).all():
+        return False  # what MuJoCo accepts of these, `check_numbers` refuses
     low, middle, high = np.linalg.eigvalsh(about)
     return low < 0 or low + middle < high or (low <= 0 and len(body.joints) > 0)
 

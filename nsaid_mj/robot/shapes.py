@@ -200,7 +200,7 @@ def resolve_meshes(root: Element, path: Path) -> list[Finding]:
             if mesh is None:
                 continue
             name = mesh.get("filename", "")
-            found = next((p for p in _candidates(name, path) if p.is_file()), None)
+            found = next((p for p in _candidates(name, path) if os.path.isfile(p)), None)
             if found is None:
                 missing.append(name)
                 link.remove(visual)

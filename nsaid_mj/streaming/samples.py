@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from typing import Literal, get_args
 
 import numpy as np
 import orjson
 
+from ..bounds import shown
 from ..errors import InvalidInput, UnknownName
 from ..experiment.source import LONGEST_STEP
 from ..log import Measurement
 from ..parameters import Array
+from ..resources import json_of
 from ..system import SecondOrderSystem
 
 Frame = Literal["ENU/FLU", "NED/FRD"]
@@ -31,7 +32,7 @@ class Counts:
         used: samples that the law got.
         gaps: stretches without a sample.
         missing: samples that would have fit into them.
-        not_finite: dropped, as a number was NaN or infinite.
+        not_finite: dropped, as a number was NaN or infinite, or the time since the first sample is.
         duplicates: dropped, as their time was that of the sample before.
         late: dropped, as a later sample had come before.
         unreadable: lines that are no sample.
@@ -96,6 +97,9 @@ class Cleaner:
         if self._start is None:
             self._start = t
         t -= self._start
+        if not np.isfinite(t / self._period):  # too far from the first sample
+            counts.not_finite += 1
+            return None
         if counts.used and t <= self._last:
             counts.duplicates += t == self._last
             counts.late += t < self._last
@@ -139,10 +143,10 @@ def sample_of(
         shape = () if width is None else (width,)
         try:
             part = np.asarray(given, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):  # the last of a whole number of 400 digits
             part = None
         if part is None or part.shape != shape:
-            got = f"shape {part.shape}" if part is not None else repr(given)
+            got = f"shape {part.shape}" if part is not None else shown(given)
             expected = "a number [s]" if width is None else f"{width} numbers"
             raise InvalidInput(name, expected, got, "See docs/live.md for their order and units.")
         parts.append(part)
@@ -170,7 +174,7 @@ def parsed(system: SecondOrderSystem, line: bytes) -> tuple[float, Array, Array,
 def _lenient(line: bytes) -> object:
     """What a line with NaN or Infinity in it says, which JSON does not have; None if nothing."""
     try:
-        return json.loads(line)
+        return json_of(line)
     except ValueError:
         return None
 

@@ -19,7 +19,7 @@ from ..errors import BadRun
 from ..evaluation.result import Mark, judged
 from ..reporting.pages import Page, Section, Table, Text, count
 from ..reporting.terminal import print_page
-from ..resources import atomic_write
+from ..resources import atomic_write, json_of
 from ..robot.findings import Finding
 
 MANIFEST, ROWS, TABLE = "manifest.json", "rows.jsonl", "results.parquet"
@@ -168,11 +168,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def _manifest_in_file(folder: Path) -> dict[str, Any]:
-    return json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    return json_of((folder / MANIFEST).read_bytes())
 
 
 def _manifest_in_table(folder: Path) -> dict[str, Any]:
-    return json.loads((pq.read_schema(folder / TABLE).metadata or {})[b"nsaid"])
+    return json_of((pq.read_schema(folder / TABLE).metadata or {})[b"nsaid"])
 
 
 @dataclass(frozen=True)
@@ -230,13 +230,13 @@ def read_rows(folder: Path, manifest: dict[str, Any]) -> FoundRows:
 def _row(line: bytes, manifest: dict[str, Any]) -> Row | None:
     """The row in a line; None if it is damaged."""
     try:
-        row = json.loads(line)
+        row = json_of(line)
         needed = {"run", "draw", "seed", "failure", *manifest["vary"]}
         if row["failure"] is None:
             needed |= {"status", *FIGURES}
         numbered = type(row["run"]) is int and 0 <= row["run"] < manifest["runs"]
         figures = all(isinstance(row.get(key), float | int | None) for key in FIGURES)
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (ValueError, KeyError, TypeError, AttributeError):
         return None
     return row if numbered and figures and needed <= row.keys() else None
 

@@ -81,7 +81,18 @@ def test_a_load_is_stated_in_one_word(text, load):
 
 
 @pytest.mark.parametrize(
-    "text", ["a.csv", "a.csv:", "a.csv:0kg", "a.csv:-1kg", "a.csv:1lb", "a.csv:1kg@x:1,2", ":1kg"]
+    "text",
+    [
+        "a.csv",
+        "a.csv:",
+        "a.csv:0kg",
+        "a.csv:-1kg",
+        "a.csv:1lb",
+        "a.csv:1kg@x:1,2",
+        ":1kg",
+        "a.csv:1kg@x:1,2,nan",
+        "a.csv:1e300kg",
+    ],
 )
 def test_what_is_no_load_is_refused(text):
     with pytest.raises(InvalidInput, match="--load"):

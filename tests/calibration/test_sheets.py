@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,9 @@ def test_a_vehicle_of_ones_own_is_recognised_by_its_numbers(tmp_path):
         load_robot_model(str(path))
     path.write_text(text.replace("mass = 0.5 ", "mass = -1.0 "), encoding="utf-8")
     with pytest.raises(InvalidInput, match="mass"):
+        load_robot_model(str(path))
+    path.write_text(re.sub("kind = .*", "kind = [1]", text, count=1), encoding="utf-8")
+    with pytest.raises(UnknownName, match="kind of vehicle"):
         load_robot_model(str(path))
 
 

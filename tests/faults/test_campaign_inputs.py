@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from scripts import campaign_inputs
+from scripts import campaign_inputs, campaign_models, campaign_user
 from tests.support.faulty import shell
 
 FEW = {"urdfs": 80, "commands": 12, "scripts": 8, "logs": 6, "fields": 40}
@@ -74,3 +74,16 @@ def test_numbers_beyond_memory_are_refused_before_anything_is_written(words, tmp
     monkeypatch.chdir(tmp_path)
     code, said = shell(*words)
     assert code == 2 and "expected" in said.err and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("family", campaign_models.FAMILIES)
+def test_damaged_models_never_end_in_an_untyped_error(family):
+    made = list(campaign_models.carry_out(family, 40, seed=1))
+    assert len(made) == 40 and [found for found in made if found.outcome != "ok"] == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", campaign_user.FAMILIES)
+def test_odd_files_names_options_and_samples_end_well_or_typed(family):
+    made = list(campaign_user.carry_out(family, 20, seed=1))
+    assert len(made) == 20 and [found for found in made if found.outcome != "ok"] == []

@@ -13,7 +13,7 @@ import pytest
 
 from nsaid_mj import Record, run
 from nsaid_mj.calibration.logs.formats.run import read as read_log
-from nsaid_mj.errors import NsaidError
+from nsaid_mj.errors import BadRun, NsaidError
 from nsaid_mj.evaluation.verify import verify_folder
 from nsaid_mj.recording import postprocessing
 from tests.support.faulty import ROV
@@ -88,3 +88,10 @@ def test_a_summary_of_another_program_is_ignored(key: str, value: Any, out: Path
     again = postprocessing.reopen(out, Record.read(out))
     postprocessing._recall_ending(again)
     assert again.ending.status.words == "completed"
+
+
+@pytest.mark.parametrize("content", ["", "3", "[3]", '[{"time": "x"}]', "[" * 100_000])
+def test_damaged_faults_are_refused_by_name(content, out):
+    (out / "faults.json").write_text(content, encoding="utf-8")
+    with pytest.raises(BadRun, match=r"faults\.json: not a list of faults"):
+        postprocessing.rebuild(out)

@@ -10,8 +10,11 @@ from pathlib import Path
 import pytest
 
 import nsaid_mj
-from nsaid_mj.errors import printable
-from nsaid_mj.resources import folder, print_json
+from nsaid_mj.calibration.logs import tables
+from nsaid_mj.calibration.models import load_robot_model
+from nsaid_mj.errors import InvalidInput, printable
+from nsaid_mj.resources import folder, print_json, write_text
+from nsaid_mj.robot.loading import load_robot
 from tests.support.faulty import shell
 
 PACKAGE = Path(nsaid_mj.__file__).parent
@@ -34,6 +37,45 @@ def test_a_columns_name_does_not_steer_the_terminal(name, flags, tmp_path, monke
 def test_a_files_name_does_not_steer_the_terminal(tmp_path):
     code, said = shell("inspect", tmp_path / "\x1b[31mnone.csv")
     assert code == 2 and "\x1b" not in said.err and "none.csv" in said.err
+
+
+@pytest.mark.parametrize("name", ["~.csv", "~no.such.user/log.csv"])
+def test_a_name_that_begins_with_a_tilde_is_that_of_no_user(name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = Path(name)
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("t,q\n" + "".join(f"{0.01 * k:.2f},{k % 7}\n" for k in range(100)))
+    code, said = shell("inspect", name)
+    assert code in (0, 1) and "Traceback" not in said.err
+    code, said = shell("inspect", name, "--model", "~none.urdf")
+    assert code == 2 and "no such file" in said.err
+
+
+@pytest.mark.parametrize("read", [load_robot, load_robot_model, tables.read])
+@pytest.mark.parametrize("end", ["", ".xml", ".toml"])
+def test_a_name_that_is_too_long_for_the_system_is_refused(read, end):
+    with pytest.raises(InvalidInput, match="too long"):
+        read("a" * 300 + end)
+
+
+@pytest.mark.parametrize("mesh", ["shell.stl", "a" * 300 + ".stl"])
+def test_a_mesh_that_is_not_there_is_left_out_whatever_its_name(mesh, tmp_path):
+    text = URDF.read_text(encoding="utf-8")
+    shape = f'<visual><geometry><mesh filename="package://p/{mesh}"/></geometry></visual></link>'
+    (tmp_path / "two.urdf").write_text(text.replace("</link>", shape), encoding="utf-8")
+    found = load_robot_model(str(tmp_path / "two.urdf"))
+    assert "mesh_missing" in {finding.code for finding in found.findings}
+    text = f"""<mujoco><asset><mesh name="m" file="{mesh}"/></asset><worldbody><body>
+    <joint axis="0 0 1"/><geom size="0.1"/><geom type="mesh" mesh="m"/></body></worldbody>
+    </mujoco>"""
+    (tmp_path / "one.xml").write_text(text, encoding="utf-8")
+    found = load_robot_model(str(tmp_path / "one.xml"))
+    assert "mesh_missing" in {finding.code for finding in found.findings}
+
+
+def test_a_name_that_is_no_utf_8_does_not_keep_a_page_from_being_written(tmp_path):
+    write_text(tmp_path / "page.html", "of \udcff.urdf")
+    assert (tmp_path / "page.html").read_text(encoding="utf-8") == "of ?.urdf"
 
 
 def test_printable_keeps_letters_of_all_scripts_lines_and_tabs():

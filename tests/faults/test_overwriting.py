@@ -67,6 +67,14 @@ def test_an_input_is_not_overwritten_even_with_force(desk: Path) -> None:
     write_text(model, "later")  # by another command, which does not read it
 
 
+def test_a_folder_that_is_named_by_way_of_a_missing_one_is_not_taken_as_new(desk: Path) -> None:
+    before = contents(desk)
+    words = ("identify", "--model", "two.urdf", "--log", "motion.csv", "--out", "new/..")
+    code, said = shell(*words)
+    assert code == 2 and "it holds other files" in said.err
+    assert contents(desk) == before
+
+
 def test_an_edited_map_is_kept_and_the_same_map_is_not_written_twice(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

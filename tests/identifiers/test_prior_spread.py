@@ -111,3 +111,9 @@ def test_a_prior_without_a_spread_is_refused(error):
     space, theta = random_tree(0)
     with pytest.raises(InvalidInput, match="relative error > 0"):
         drawn_covariance(space, theta, error)
+
+
+@pytest.mark.parametrize("error", [1e-8, 1e-13, 1e-170])
+def test_the_spread_of_a_tiny_error_is_positive_definite(error):
+    space, theta = random_tree(0)
+    np.linalg.cholesky(drawn_covariance(space, theta, error))

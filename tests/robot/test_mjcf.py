@@ -210,3 +210,24 @@ def test_a_latin_1_file_is_refused(tmp_path):
     path.write_bytes(arm().replace("hand", "Händ").encode("latin-1"))
     with pytest.raises(BadRobot, match="Save it as UTF-8"):
         load_robot_model(str(path))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('damping="0.5"', 'damping="inf"', "joint shoulder: its damping is inf"),
+        ('armature="0.1"', 'armature="nan"', "joint shoulder: its armature is nan"),
+        ('gear="50"', 'gear="1e300"', "actuator m1: its gear is 1e\\+300"),
+        ('range="-1 1"', 'range="nan 1"', "joint wrist: its range is nan 1"),
+        ("<geom size", '<geom mass="inf" size', "body upper: its mass is inf"),
+        ("<geom size", '<inertial pos="0 0 0" mass="inf" diaginertia="1 1 1"/><geom size', "inf"),
+        (
+            "<geom size",
+            '<inertial pos="0 0 0" mass="1" diaginertia="inf 1 1"/><geom size',
+            "inertia",
+        ),
+    ],
+)
+def test_numbers_that_no_robot_has_are_refused_though_mujoco_accepts_them(load, old, new, message):
+    with pytest.raises(BadRobot, match=message):
+        load(arm().replace(old, new, 1))

@@ -18,7 +18,7 @@ from nsaid_mj.experiment.record import Record
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
 from nsaid_mj.recording.postprocessing import finish, rebuild
-from nsaid_mj.streaming.samples import Cleaner, turned
+from nsaid_mj.streaming.samples import Cleaner, parsed, sample_of, turned
 from nsaid_mj.streaming.session import Session
 
 RATE = 100.0
@@ -117,6 +117,25 @@ def test_a_stream_of_no_samples_is_refused_by_name(given: bytes, name: str, tmp_
     with pytest.raises(InvalidInput) as error:
         session().run(io.BytesIO(given), tmp_path, lambda _: None)
     assert error.value.name == name
+
+
+@pytest.mark.parametrize("part", [10**400, [10**400], {}, "x"])
+def test_a_part_that_is_no_number_is_refused_by_name(part):
+    system = session().robot.system
+    with pytest.raises(InvalidInput) as error:
+        sample_of(system, part, np.zeros(system.m), np.zeros(system.n), np.zeros(system.n_u))
+    assert error.value.name == "t" and len(str(error.value)) < 300
+    nested = b'{"t":' * 20_000
+    with pytest.raises(InvalidInput, match="sample"):
+        parsed(system, nested)
+
+
+def test_a_time_beyond_all_numbers_is_dropped_and_counted():
+    system = session().robot.system
+    cleaner, rest = Cleaner(system, RATE), (np.zeros(system.m), np.zeros(system.n), np.zeros(1))
+    times = (-1e308, 1e308, -1e308 + 1e300, 1e307)
+    assert [cleaner.accept(t, *rest) is None for t in times] == [False, True, False, True]
+    assert cleaner.counts.not_finite == 2 and cleaner.counts.used == 2
 
 
 def test_a_wrong_rate_is_refused(log: Log, tmp_path: Path):

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...errors import printable
 from ...parameters import Array
+from ...resources import path_of
 from ..findings import Finding
 from . import clocks, formats
 from .errors import UnreadableLog
@@ -72,7 +73,7 @@ def read(
             be told.
         MissingExtra: the library for its format is not installed.
     """
-    file = Path(path).expanduser()
+    file = path_of(path)
     findings: list[Finding] = []
     groups, dropped = [], []
     for columns in formats.read(file):
@@ -103,7 +104,7 @@ def read_tables(
         MissingExtra: the library for a file's format is not installed.
     """
     time = (mapping or Map()).time
-    files = [file for path in paths for file in formats.files(Path(path).expanduser())]
+    files = [file for path in paths for file in formats.files(path_of(path))]
     return tuple(read(file, time.column, time.unit, time.rate) for file in files)
 
 

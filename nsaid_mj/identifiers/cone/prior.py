@@ -9,6 +9,7 @@ from ...parameters import Array, ParameterSpace
 from ...quotient.cone import Cone, block_matrix, cone_of, coordinates, read_block, tied
 
 _FLOOR = 0.01  # least positive number or diagonal entry of a matrix that is drawn about, over scale
+_LEAST = 1e-6  # relative error of a prior; second moments of less are lost in rounding errors
 _EDGE = 1e-3  # least eigenvalue of a matrix of unit diagonal that is drawn about
 _FREE = 0.1  # least size of a free parameter, over its scale
 
@@ -86,7 +87,7 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
     Args:
         space: names, scale and geometry.
         theta: (p,) an estimate.
-        error: largest relative error, > 0.
+        error: largest relative error, > 0; one below 1e-6 counts as that.
 
     Raises:
         InvalidInput: the error is not > 0, or θ not finite.
@@ -94,6 +95,7 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
     theta = space.check(theta)
     if not (np.isfinite(error) and error > 0):
         raise InvalidInput("error", "a relative error > 0", error, "Give the spread of the prior.")
+    error = max(error, _LEAST)
     cone, pairing, found = cone_of(space), coordinates(cone_of(space)), np.zeros((len(space),) * 2)
     for block, place in space:
         if block.geometry == "free":
