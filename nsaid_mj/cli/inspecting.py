@@ -62,14 +62,17 @@ def _write(found: Inspection, chosen: Inspect) -> list[Path]:
     """Writes the picture and, if a model is given and no map, a first map; returns the files.
 
     An existing map may have been edited by hand and is kept: a new one that differs gets another
-    name.
+    name, and so does the picture beside one that is not ours.
     """
     from ..calibration.logs.first_map import first_map
     from ..reporting.inspection import draw
+    from ..reporting.plots import is_own
     from ..resources import write_text
 
     chosen.out.mkdir(parents=True, exist_ok=True)
-    files = [draw(found, chosen.out / PICTURE)]
+    names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
+    paths = (chosen.out / name for name in names)
+    files = [draw(found, next(p for p in paths if not p.exists() or is_own(p)))]
     if found.robot is not None and chosen.map is None:
         text, names = first_map(found.tables, found.robot), map("map-new-{}.toml".format, count(2))
         paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))

@@ -37,6 +37,7 @@ COLUMNS = 8
 _WIDTH, _HEIGHT = 4.3, 2.6  # of one panel on a page [inch]
 _HUGE = 1e200  # larger values are not drawn: matplotlib's margins overflow
 _DPI = 110  # of a PNG
+_MAKER = "nsaid-mj"  # in a PNG file
 _LONG = 28  # characters of a category's label, at most
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
@@ -329,9 +330,17 @@ def png(figure: Figure, path: Path) -> Path:
     """Writes a figure as PNG, atomically, and returns the path."""
     partial = path.with_name(f".{path.name}.part")
     with style():
-        figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": None})
+        figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": _MAKER})
     partial.replace(path)
     return path
+
+
+def is_own(path: Path) -> bool:
+    """Whether a path is that of a PNG file that `png` wrote."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return b"Software\0" + _MAKER.encode() in file.read(200)
 
 
 def png_of(

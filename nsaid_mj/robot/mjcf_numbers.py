@@ -8,7 +8,7 @@ import numpy as np
 
 from ..bounds import LARGEST
 from ..errors import BadRobot
-from .mjcf_tree import body_name
+from .tree import body_name
 
 _NUMBERS = {
     "body": ("mass", "inertia", "ipos", "iquat", "pos", "quat"),

@@ -107,9 +107,12 @@ def test_the_command_writes_a_map_and_a_picture(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "unmatched" in printed and "map.toml" in printed
     (tmp_path / "map.toml").write_text("edited", encoding="utf-8")
-    assert command(arguments) == 2
+    (tmp_path / "inspection.png").write_bytes(b"the user's")
+    assert command(arguments) == command(arguments) == 2
+    assert (tmp_path / "inspection.png").read_bytes() == b"the user's"
+    assert {p.name for p in tmp_path.glob("*.png")} == {"inspection.png", "inspection-2.png"}
     assert (tmp_path / "map.toml").read_text(encoding="utf-8") == "edited"
-    assert (tmp_path / "map-new.toml").is_file() and (tmp_path / "inspection.png").is_file()
+    assert (tmp_path / "map-new.toml").is_file()
 
 
 def test_the_command_says_as_json_what_identify_would_refuse(tmp_path, capsys):
