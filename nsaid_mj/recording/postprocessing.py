@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -22,7 +21,7 @@ from ..identifiers import Status
 from ..numerics.threads import single_threaded
 from ..reporting import pages, report
 from ..reporting.progress import Progress
-from ..resources import locked, write_json, write_text
+from ..resources import json_of, locked, write_json, write_text
 
 SUMMARY, SCENARIO = "summary.json", "scenario.json"
 
@@ -106,7 +105,7 @@ def rebuild(folder: Path) -> dict[str, Any]:
 def _recall_ending(run: Run) -> None:
     """Restores ending, confidence and cost from summary.json, if that belongs to this record."""
     try:
-        summary = json.loads((run.folder / SUMMARY).read_text(encoding="utf-8"))
+        summary = json_of((run.folder / SUMMARY).read_bytes())
     except (OSError, ValueError):  # a killed run has none
         return
     scenario, end, words = run.scenario, float(run.record["t"][-1]), {s.words: s for s in Status}

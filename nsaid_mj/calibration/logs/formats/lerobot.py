@@ -6,13 +6,13 @@ Version 2 has a file for every episode, version 3 files of many; both have the c
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from ....resources import json_of
 from ..errors import UnreadableLog
 from . import Columns
 from .arrow import flat, table_of
@@ -38,7 +38,7 @@ def read(path: Path) -> list[Columns]:
         UnreadableLog: a part of the dataset is missing, damaged or empty.
     """
     try:
-        info = json.loads((path / "meta" / "info.json").read_text(encoding="utf-8"))
+        info = json_of((path / "meta" / "info.json").read_bytes())
         names = {key: _names(key, f) for key, f in info["features"].items() if _vector(f)}
         wanted = [*_OWN, *(key for key in names if key not in _OWN)]
         files = sorted((path / "data").rglob("*.parquet"))
