@@ -322,7 +322,7 @@ _SHARES = {
     "load": 0.05,
     "quadratic": 0.1,
     "cubic": 0.1,
-    "spring": 3.0,  # it may carry more than the actuator does
+    "spring": 0.3,
     "offset": 0.05,
 }  # guessed share of an actuator's force that a column explains
 
