@@ -142,7 +142,7 @@ def sample_of(
     for (name, width), given in zip(widths.items(), (t, q, v, u), strict=True):
         shape = () if width is None else (width,)
         try:
-            part = np.asarray(given, dtype=np.float64)
+            part = np.asarray(given, dtype=np.float64, order="C")  # orjson takes no other
         except (TypeError, ValueError, OverflowError):  # the last of a whole number of 400 digits
             part = None
         if part is None or part.shape != shape:

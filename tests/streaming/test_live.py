@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import orjson
 import pytest
 from scipy.spatial.transform import Rotation
 
@@ -18,6 +19,7 @@ from nsaid_mj.experiment.record import Record
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
 from nsaid_mj.recording.postprocessing import finish, rebuild
+from nsaid_mj.streaming.client import _LINE
 from nsaid_mj.streaming.samples import Cleaner, parsed, sample_of, turned
 from nsaid_mj.streaming.session import Session
 
@@ -128,6 +130,16 @@ def test_a_part_that_is_no_number_is_refused_by_name(part):
     nested = b'{"t":' * 20_000
     with pytest.raises(InvalidInput, match="sample"):
         parsed(system, nested)
+
+
+def test_columns_of_a_table_are_samples_that_can_be_sent():
+    system = session().robot.system
+    q, v, u = (np.ones((n, 3))[:, 1] for n in (system.m, system.n, system.n_u))
+    at, *parts = sample_of(system, 0.5, q, v, u)
+    sent = orjson.dumps({"t": at} | dict(zip("qvu", parts, strict=True)), option=_LINE)
+    read = parsed(system, sent)
+    assert read is not None and read[0] == 0.5
+    assert all(np.array_equal(a, b) for a, b in zip(read[1:], (q, v, u), strict=True))
 
 
 def test_a_time_beyond_all_numbers_is_dropped_and_counted():
