@@ -122,11 +122,12 @@ def _kinematic(
             columns,
             "Check how the base is mounted: the model's gravity should be as many degrees off.",
         )
-    found = np.moveaxis(rows.joined(lambda m: _of_joints(model, m)), 1, 0)
+    moves = _Moves(model)
+    found = [rows.joined(lambda m, k=k: moves.change(m, k)) for k in range(4 + len(PLAYS))]
     twists = _rates(rows, torque)
     answered = _answered(rows, model, rotor, residual)
     for j, name in enumerate(names):
-        zero, by_v, by_a, scale, *plays = found[:, :, :, j, None]
+        zero, by_v, by_a, scale, *plays = (change[:, :, j, None] for change in found)
         yield Suspect(
             "a shift of its position", name, zero, "Check the encoder's zero against the model's."
         )
@@ -165,33 +166,49 @@ def _weight(model: pin.Model, gravity: Array) -> Callable[[Array], Array]:
     return weight_of(own, None)
 
 
-def _of_joints(model: pin.Model, motion: Smooth) -> Array:
-    """(N, K, n, n) changes of all torques with each joint's motion.
+class _Moves:
+    """Changes of all joints' torques with each joint's motion, one kind after the other.
 
-    They are the derivatives by its position, velocity and acceleration; what a relative scale of
-    its position changes; and what each of `PLAYS` behind an encoder on the motor's side does.
+    Together they would take several times the memory of a long log.
 
     Args:
         model: with the estimated links.
-        motion: of a segment.
     """
-    data, n = model.createData(), model.nv
-    slopes = np.empty((len(motion.t), 3, n, n))
-    torque, inertia = np.empty((2, len(motion.t), n))
-    for k, q in enumerate(positions(model, motion.q)):
-        slopes[k] = pin.computeRNEADerivatives(model, data, q, motion.v[k], motion.a[k])
-        torque[k], inertia[k] = data.tau, np.diag(slopes[k, 2])
 
-    def moved(q: Array, v: Array, a: Array) -> Array:
-        return np.einsum("knij,nkj->nij", slopes.swapaxes(0, 1), np.stack([q, v, a], axis=1))
+    def __init__(self, model: pin.Model):
+        self._model, self._known = model, {}
 
-    def behind(twist: Array) -> Array:
+    def change(self, motion: Smooth, kind: int) -> Array:
+        """(N, n, n) changes of one kind.
+
+        They are the derivatives by position, velocity and acceleration (0, 1, 2), what a relative
+        scale of the position changes (3), and what each of `PLAYS` does behind an encoder on the
+        motor's side (4 and on).
+        """
+        if id(motion) not in self._known:
+            self._known[id(motion)] = self._slopes(motion)
+        slopes, needed = self._known[id(motion)]
+        if kind < 3:
+            return slopes[:, kind]
+        if kind == 3:
+            return _moved(slopes, (motion.q, motion.v, motion.a))
+        twist = _between_flanks(motion.t, needed, PLAYS[kind - 4])
         rate = np.gradient(twist, motion.t, axis=0)
-        return -moved(twist, rate, np.gradient(rate, motion.t, axis=0))
+        return -_moved(slopes, (twist, rate, np.gradient(rate, motion.t, axis=0)))
 
-    plays = [behind(_between_flanks(motion.t, torque / inertia, play)) for play in PLAYS]
-    scale = moved(motion.q, motion.v, motion.a)
-    return np.concatenate([slopes, np.stack([scale, *plays], axis=1)], axis=1)
+    def _slopes(self, motion: Smooth) -> tuple[Array, Array]:
+        """(N, 3, n, n) derivatives, and (N, n) torques over the joints' own inertias [1/s²]."""
+        data, n = self._model.createData(), self._model.nv
+        slopes, needed = np.empty((len(motion.t), 3, n, n)), np.empty((len(motion.t), n))
+        for k, q in enumerate(positions(self._model, motion.q)):
+            slopes[k] = pin.computeRNEADerivatives(self._model, data, q, motion.v[k], motion.a[k])
+            needed[k] = data.tau / np.maximum(np.diag(slopes[k, 2]), 1e-12)  # of no mass
+        return slopes, needed
+
+
+def _moved(slopes: Array, motion: tuple[Array, Array, Array]) -> Array:
+    """(N, n, n) changes of torques as every joint moves by q, v, a (N, n) more, each alone."""
+    return np.sum([slopes[:, k] * part[:, None, :] for k, part in enumerate(motion)], axis=0)
 
 
 @njit(cache=True)
