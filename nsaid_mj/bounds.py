@@ -165,16 +165,9 @@ def refusal(
     names: list[str] | None = None,
     remedy: str = "",
 ) -> InvalidInput:
-    """Converts pydantic's first error about a configuration.
+    """Converts pydantic's first error about a configuration to one that names the field.
 
-    Args:
-        error: raised by pydantic.
-        cls: the configuration's class.
-        names: the arguments' names by position.
-        remedy: of the message; by default the field's default value.
-
-    Returns:
-        The error to raise, which names the field.
+    `names` are the arguments' names by position; the default remedy is the field's default value.
     """
     first = error.errors(include_url=False)[0]
     cause = first.get("ctx", {}).get("error")

@@ -1,4 +1,4 @@
-"""Errors and warnings. Their messages say what was expected, what was found, and what to do.
+"""Errors and warnings. Their messages say what was expected, what came, and what to do.
 
 Every error that this package raises on purpose derives from `NsaidError` and has its data as
 attributes, so that a script can act on it without parsing the message.
@@ -215,7 +215,7 @@ class DamagedKernelCache(UserWarning):
         self.reason = reason
         super().__init__(
             f"the cache of compiled kernels is damaged ({reason}); what cannot be loaded is "
-            "compiled again, for about half a minute."
+            "compiled again, which takes about half a minute."
         )
 
 
@@ -229,8 +229,8 @@ class NoKernelCache(UserWarning):
     def __init__(self, reason: object):
         self.reason = reason
         super().__init__(
-            f"compiled kernels cannot be cached ({reason}), so each run compiles them again, for "
-            "about half a minute. Set NUMBA_CACHE_DIR to a writable folder."
+            f"compiled kernels cannot be cached ({reason}), so each run compiles them again, which "
+            "takes about half a minute. Set NUMBA_CACHE_DIR to a writable folder."
         )
 
 
@@ -245,7 +245,7 @@ class MimicIgnored(UserWarning):
     def __init__(self, robot: str, joints: Iterable[str]):
         self.robot, self.joints = robot, tuple(joints)
         super().__init__(
-            f"robot {robot}: <mimic> is ignored, and every joint has a motor of its own, also "
+            f"robot {robot}: <mimic> is ignored: every joint has its own motor, including "
             f"{', '.join(self.joints)}. Make a joint fixed if it should not move."
         )
 

@@ -81,17 +81,11 @@ class Log(_Columns):
 
     @classmethod
     def unchecked(cls, t: Array, q: Array, v: Array, u: Array) -> Log:
-        """A log of the given arrays, without checks.
+        """A log of the given arrays t (N,) [s], q (N, m), v (N, n) and u (N, n_u), without checks.
 
         For producers of measurements that fill the arrays later, or whose last sample may be
         non-finite. Shapes, lengths and order are the caller's responsibility: compiled loops do
         not check them again.
-
-        Args:
-            t: (N,) times [s].
-            q: (N, m) positions.
-            v: (N, n) velocities.
-            u: (N, n_u) commands.
         """
         return tuple.__new__(cls, (t, q, v, u))
 

@@ -25,13 +25,7 @@ _SIZES = {"pseudo_inertia": 10}
 
 
 def finite(name: str, value: ArrayLike, shape: tuple[int, ...], remedy: str) -> Array:
-    """Converts a value to a float array of the given shape.
-
-    Args:
-        name: of the value, for messages.
-        value: the value.
-        shape: the expected shape.
-        remedy: of the messages.
+    """Converts a value to a float array of the given shape; `name` and `remedy` are for messages.
 
     Raises:
         InvalidInput: the shape differs, or an entry is NaN or infinite.

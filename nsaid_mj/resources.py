@@ -45,7 +45,7 @@ def path_of(text: str | os.PathLike[str]) -> Path:
     """A path with the home directory in place of a leading `~`, if there is such a user.
 
     Raises:
-        InvalidInput: the operating system looks for no such path.
+        InvalidInput: the operating system does not accept such a path.
     """
     path = Path(text)
     with suppress(RuntimeError):  # of a file that is called ~.csv
@@ -54,7 +54,9 @@ def path_of(text: str | os.PathLike[str]) -> Path:
         path.exists()
     except OSError as error:  # a name of 300 letters, a folder that may not be searched
         name, reason = f"{str(path)[:60]}…", error.strerror or str(error)
-        raise InvalidInput("path", "one to look for", f"{name}: {reason}", "Correct it.") from error
+        raise InvalidInput(
+            "path", "the name of a file", f"{name}: {reason}", "Correct it."
+        ) from error
     return path
 
 
@@ -71,11 +73,9 @@ class VehicleFiles(NamedTuple):
 
 
 def vehicle_files(vehicle: str) -> VehicleFiles:
-    """Finds a vehicle's files.
+    """A vehicle's files, by its folder's name in assets or the path of a TOML file or its folder.
 
-    Args:
-        vehicle: the name of a folder in assets, or the path of a TOML file or of its folder.
-            model.xml is looked for beside the TOML file.
+    model.xml is sought beside the TOML file.
 
     Raises:
         UnknownName: there is no such vehicle; the message lists similar names.
@@ -110,11 +110,7 @@ def numbers(vehicle: str) -> dict[str, Any]:
 
 
 def json_of(text: str | bytes) -> Any:
-    """The value that a text of JSON stands for.
-
-    Raises:
-        ValueError: it is no JSON, or nested thousands of times.
-    """
+    """The value of a JSON text; raises `ValueError` if it is not JSON, or nested too deeply."""
     try:
         return json.loads(text)
     except RecursionError as error:
@@ -173,12 +169,12 @@ def atomic_write(path: Path) -> Iterator[Path]:
                 partial.unlink(missing_ok=True)
 
 
-_inputs: set[Path] = set()  # files that the command which is executed reads
+_inputs: set[Path] = set()  # files that the current command reads
 
 
 @contextmanager
 def reading(*paths: str | Path | None) -> Iterator[None]:
-    """Within the context, these files are never overwritten; what is no file is left out."""
+    """Context in which these files are never overwritten; other things are ignored."""
     resolved = {Path(path).resolve() for path in paths if path}
     files = {path for path in resolved if path.is_file()} - _inputs
     _inputs.update(files)
@@ -189,11 +185,7 @@ def reading(*paths: str | Path | None) -> Iterator[None]:
 
 
 def check_not_read(path: Path) -> None:
-    """Checks that a file which will be written is not one that is read.
-
-    Raises:
-        NotWritten: it is.
-    """
+    """Raises `NotWritten` if a file to be written is one of those that the command reads."""
     if _inputs and path.resolve() in _inputs:
         raise NotWritten(path, "it is a file that was read", "Give another folder with --out")
 
@@ -201,10 +193,8 @@ def check_not_read(path: Path) -> None:
 def check_own(folder: Path, results: Sequence[str], remedy: str = "") -> None:
     """Checks that a command overwrites no file that it did not make, whatever the folder.
 
-    Args:
-        folder: of the results; it may be missing, or hold hidden files.
-        results: names of files by which a folder of such results is known.
-        remedy: beside another folder.
+    The folder may be missing, or hold hidden files; `results` are names of files that mark it as
+    one of such results. `remedy` is an alternative to another folder.
 
     Raises:
         BadRun: the folder holds other files only.
@@ -229,11 +219,9 @@ def create(path: Path) -> None:
 
 @contextmanager
 def told(path: Path, remedy: str = "") -> Iterator[None]:
-    """Within the context, an error of the operating system becomes `NotWritten`.
+    """Context in which an error of the operating system, while writing to a path, is `NotWritten`.
 
-    Args:
-        path: of the file or folder that is written.
-        remedy: what to do about it; by default it depends on the error.
+    The default remedy depends on the error.
     """
     try:
         yield

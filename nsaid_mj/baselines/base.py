@@ -13,7 +13,7 @@ from ..system import SecondOrderSystem
 
 
 class Problem(NamedTuple):
-    """All that a method may know.
+    """The information that a method gets.
 
     Attributes:
         system: the structure.
@@ -45,7 +45,7 @@ Method = Callable[[Problem], Estimate]
 
 
 def follow(identifier: Identifier, problem: Problem) -> Estimate:
-    """The final estimate of an identifier that starts from its own prior and sees only the log.
+    """An identifier's final estimate, from its own prior and the log alone.
 
     Raises:
         NoEstimate: the identifier ended early.

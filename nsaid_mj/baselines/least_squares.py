@@ -2,8 +2,8 @@
 
 All regressors, rows of W θ = 0 (13), are those of θ/scale. A log contains no information on the
 common scale of θ; the prior fixes it: Σ k_i/scale_i over the actuator gains keeps its value.
-Unobserved directions keep the prior's values: of all minimisers, the one nearest to the prior in
-θ/scale is returned.
+Unobserved directions keep the prior's values: of all minimisers, the methods return the one nearest
+to the prior in θ/scale.
 """
 
 from __future__ import annotations
@@ -175,17 +175,13 @@ def _squared(factors: Array) -> Array:
 
 
 class _Near:
-    """½ ‖θ − θ̂(0)‖², without a cone: no step is too long.
-
-    Args:
-        start: (p,) θ̂(0).
-    """
+    """½ ‖θ − θ̂(0)‖² from `start`, θ̂(0) (p,), without a cone: no step is too long."""
 
     def __init__(self, start: Array):
         self.start = start
 
     def value(self, theta: Array) -> float:
-        """It at θ (p,)."""
+        """The cost at θ (p,)."""
         return 0.5 * float(np.sum((theta - self.start) ** 2))
 
     def derivatives(self, theta: Array) -> tuple[Array, Array]:
@@ -193,7 +189,7 @@ class _Near:
         return theta - self.start, np.eye(len(theta))
 
     def length(self, theta: Array, step: Array) -> float:
-        """Of any step (p,) at θ (p,)."""
+        """0 for any step (p,) at θ (p,)."""
         return 1.0
 
 

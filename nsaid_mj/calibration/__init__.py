@@ -1,6 +1,6 @@
-"""A user's robot: its model file, its logs, and what they say of its parameters.
+"""A user's robot: its model file, its logs, and what they reveal about its parameters.
 
-`identify` fits plant and actuators to logs of any number of files; see `identification`.
+`identify` fits plant and actuators to logs of any number of files.
 """
 
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled

@@ -28,8 +28,8 @@ STATED, _GUESSED, _NOMINAL = 0.15, 2.0, 0.3
 # losses of gears), of one in unknown units, of a gain from the model file
 _DOUBT = 4.0  # formal deviations of the delays that count as one: residuals are correlated
 _NARROWER = 0.6  # another plausible cut-off over the chosen one
-_SHARE = 0.05  # share of a command below which the torque of the model's links is not seen in it
-_WEAKER = 0.1  # least guess of such a joint's gain over the largest
+_SHARE = 0.05  # share of a command below which the torque of the model's links is not visible in it
+_WEAKER = 0.1  # least guess of such a joint's gain, relative to the largest
 
 
 def structured_arm(
@@ -41,12 +41,8 @@ def structured_arm(
 ) -> Structured:
     """Chooses columns and delays of every joint and makes the rows of the fit.
 
-    Args:
-        robot: a tree of joints with a motor on each.
-        recordings: training logs.
-        validation: a log that takes no part in the fit, or None.
-        options: of the structure.
-        told: called with the name of every stage.
+    `robot` is a tree of joints with a motor on each, `recordings` are training logs, `validation`
+    is a log that takes no part in the fit, or None; `told` is called with the name of every stage.
     """
     told("filtering")
     slow, recordings = rate_checks(recordings.rate), finer(recordings)
@@ -165,17 +161,11 @@ def _sizes(robot: RobotModel, rows: JointRows) -> tuple[Array, Array]:
 def expected_gains(
     robot: RobotModel, rows: JointRows, units: tuple[str, ...], choice: Choice | None = None
 ) -> tuple[Array, Array, list[Finding]]:
-    """(k,) gains expected beforehand, (k,) deviations of their logarithms, and doubts of the units.
+    """(k,) expected gains, (k,) deviations of their logarithms, and doubts about the units.
 
     A command in N or N·m has the gain of the model file, usually 1. In any other unit it is
     guessed: the motor carries the model's links, its own rotor and friction, of which a wrist's may
-    be ten times what its link needs; see `_guessed`.
-
-    Args:
-        robot: the model.
-        rows: of the log.
-        units: of the commands.
-        choice: delays of the commands; None for none.
+    be ten times what its link needs; see `_guessed`. The commands' delays are those of `choice`.
     """
     torque, u = _sizes(robot, rows)
     delay = np.zeros(len(robot.joints)) if choice is None else choice.delay
@@ -188,11 +178,11 @@ def expected_gains(
 
 
 def _guessed(robot: RobotModel, rows: JointRows, commands: Array) -> Array:
-    """(k,) gains of commands (N, k): what the torque of the model's links has in them.
+    """(k,) gains of commands (N, k), from the share of the model's link torques in them.
 
-    A command is regressed on this torque, acceleration, viscous and Coulomb friction, and either
-    sign of a constant, none of them negative. A joint in whose command links are not seen counts
-    them as a twentieth of it, and its gain as a tenth of the largest at least.
+    A command is regressed on this torque, acceleration, viscous and Coulomb friction, and a
+    constant of either sign, none of them negative. A joint whose command does not show its links
+    counts them as a twentieth of it, and its gain as at least a tenth of the largest.
     """
     force = rows.links @ file_links(robot.model)
     found, unseen = np.full(len(robot.joints), 1e-12), np.zeros(len(robot.joints), dtype=bool)

@@ -49,7 +49,7 @@ def calibrate(
         validation: a log that takes no part in the fit; None to hold out parts of the training.
         options: of the structure.
         known: values of parameters by name or label [SI].
-        findings: what was noticed before.
+        findings: earlier ones.
         told: called with the name of every stage, for progress.
 
     Raises:
@@ -147,7 +147,7 @@ def calibrate(
 
 
 def _worse(held_out: Array, validation: Array | None) -> Array:
-    """(n,) the larger NRMSE of the two, NaN of velocities that are not judged."""
+    """(n,) the larger NRMSE of the two, NaN for velocities that are not judged."""
     if validation is None:
         return held_out
     return np.where(np.isfinite(held_out), np.fmax(held_out, validation), np.nan)
@@ -158,8 +158,8 @@ def _not_judged(name: str) -> Finding:
         "note",
         "hardly_moved",
         name,
-        "no actuator drives it and it hardly moves, so that its prediction is not judged",
-        "A motion that accelerates it would tell.",
+        "no actuator drives it and it hardly moves, so its prediction is not judged",
+        "Record a motion that accelerates it.",
     )
 
 
@@ -167,7 +167,7 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
     """(p,) 1 at parameters of velocities that the structure does not explain, else 0.
 
     Their intervals are widened by their own size. On a vehicle every parameter acts on several
-    velocities, so that all are doubted.
+    velocities, so all are doubted.
     """
     if not arm:
         return np.ones(len(problem.space))
@@ -176,7 +176,7 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
 
 
 def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
-    """The fit in which rows count as effectively independent ones, and (n,) rows per such row."""
+    """The fit whose rows count as effectively independent ones, and (n,) rows per such row."""
     fit = minimise(problem)
     share = inflation(problem, fit.theta)
     return minimise(problem, tempered(problem, share), fit.theta), share
@@ -205,10 +205,10 @@ def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     """(p,) change of θ̂ under another structure that counts as one standard deviation.
 
     It is the whole change, times the ratio of the residuals' variances where the other structure
-    explains the log less well; 0 for parameters that the other has not.
+    explains the log less well; 0 for parameters that the other lacks.
     """
     found = minimise(other, tempered(other, share), _start(problem, fit, other))
-    both = (fit.levels > 0) & (found.levels > 0)  # 0 of joints that are at rest throughout
+    both = (fit.levels > 0) & (found.levels > 0)  # 0 for joints that are at rest throughout
     plausible = np.exp(np.mean(np.log(fit.levels[both] / found.levels[both])))
     index = {name: i for i, name in enumerate(other.space.names)}
     change = np.zeros(len(problem.space))
@@ -219,7 +219,7 @@ def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
 
 
 def _start(problem: Problem, fit: Fit, other: Problem) -> Array:
-    """The other structure's prior, with the estimate in place of what both have."""
+    """The other structure's prior, with the estimate in place of the parameters of both."""
     start, index = other.prior.copy(), {n: i for i, n in enumerate(problem.space.names)}
     for i, name in enumerate(other.space.names):
         if name in index:

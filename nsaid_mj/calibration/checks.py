@@ -1,4 +1,4 @@
-"""Checks that need a fit: reversed and swapped commands, wrong units, a structure that is wrong."""
+"""Checks that need a fit: reversed and swapped commands, wrong units, a wrong structure."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .selection import held_out_errors, joint_columns
 
 _SWAPPED = 0.7  # ratio of held-out errors below which another command fits a joint better
 _POOR = 0.5  # NRMSE above which a joint's motion is not explained
-_NOTHING = 0.9  # NRMSE above which a command has hardly to do with the motion, whatever its sign
+_NOTHING = 0.9  # NRMSE above which a command hardly affects the motion, whatever its sign
 _LIKELIER = 10.0  # fall of the cost that convicts a reversed command
 _UNIT = 20.0  # ratio of stated to needed forces that suggests another unit
 _FRICTION = frozenset({"viscous", "coulomb", "load", "quadratic", "cubic"})
-_ENOUGH = 50.0  # rows a second from which stated intervals hold
+_ENOUGH = 50.0  # rows per second from which stated intervals hold
 _ROWS = 3.0  # usable rows per column that a joint needs
 
 
@@ -33,15 +33,15 @@ def rate_checks(rate: float) -> list[Finding]:
             "warning",
             "low_rate",
             "",
-            f"{rate:.3g} rows a second are few: dry friction and commands change between them",
-            f"Record at {_ENOUGH:.0f} Hz, better at 100 Hz or more.",
+            f"the log has only {rate:.3g} rows per second; friction and commands change in between",
+            f"Record at {_ENOUGH:.0f} Hz or more, preferably at 100 Hz.",
             {"rate": rate},
         )
     ]
 
 
 def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:
-    """Too few rows, and swapped commands, by least squares of each joint's own row."""
+    """Finds too few rows, and swapped commands, by least squares of each joint's own row."""
     names, u = rows.robot.joints, rows.commands(choice.delay)
     short = [j for j in range(len(names)) if rows.usable[:, j].sum() < _needed(choice, j)]
     return [*_short(rows, choice, short), *_swapped(rows, choice, u, names, short)]
@@ -59,7 +59,7 @@ def _short(rows: JointRows, choice: Choice, short: list[int]) -> list[Finding]:
             "warning" if len(short) < len(rows.robot.joints) else "refusal",
             "short_log",
             rows.robot.joints[j],
-            f"only {rows.usable[:, j].sum()} independent rows in which it moves, where "
+            f"it moves in only {rows.usable[:, j].sum()} independent rows; "
             f"{_needed(choice, j)} are needed",
             "Record a longer motion of this joint; until then its parameters are guesses.",
             {"rows": int(rows.usable[:, j].sum()), "needed": _needed(choice, j)},
@@ -83,13 +83,13 @@ def _swapped(
     change = np.log(errors[moved, best[moved]] / own[moved])
     if not moved or change.mean() > np.log(_SWAPPED) or change.max() >= 0:
         return []  # a swap helps both
-    words = ", ".join(f"{names[j]} by the command of {names[best[j]]}" for j in moved)
+    words = ", ".join(f"{names[j]} the command of {names[best[j]]}" for j in moved)
     return [
         Finding(
             "refusal",
             "swapped",
             ", ".join(names[j] for j in moved),
-            f"commands seem to be swapped: the motion is explained better for {words} "
+            f"the commands seem to be swapped: a better fit gives {words} "
             f"(held-out NRMSE {_figures(own[moved])} → {_figures(errors[moved, best[moved]])})",
             "Correct the columns of u in the map.",
             {"columns": {names[j]: names[best[j]] for j in moved}},
@@ -100,13 +100,8 @@ def _swapped(
 def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list[Finding]:
     """Commands against which friction would do positive work.
 
-    Joints are suspected by least squares of their own row, and convicted if the physical fit is
-    better with −u.
-
-    Args:
-        rows: of the log.
-        choice: of the structure.
-        problem: the fit of that structure.
+    Joints are suspected by least squares of their own row, and convicted if the physical fit, whose
+    structure is `choice`, is better with −u.
     """
     u, names = rows.commands(choice.delay), rows.robot.joints
     suspects = [j for j in range(len(names)) if _driven_by_friction(rows, choice, u[:, j], j)]
@@ -126,8 +121,8 @@ def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list
                     "refusal",
                     "reversed_sign",
                     names[j],
-                    "friction would drive the motion: the command seems to be reversed (it fits "
-                    "with −u)",
+                    "the sign of its command seems to be reversed: as it is, friction would have "
+                    "to drive the motion, and −u fits",
                     f"Set `sign = -1` for the command of {names[j]} in the map.",
                     {"cost": own, "cost_reversed": fit.cost},
                 )
@@ -136,7 +131,7 @@ def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list
 
 
 def _driven_by_friction(rows: JointRows, choice: Choice, u: Array, joint: int) -> bool:
-    """Whether least squares of a joint's row gives friction that accelerates."""
+    """Whether least squares of a joint's row yields friction that accelerates."""
     usable = rows.usable[:, joint]
     if not usable.any():
         return False
@@ -153,19 +148,17 @@ def _driven_by_friction(rows: JointRows, choice: Choice, u: Array, joint: int) -
 
 
 def replace_columns(choice: Choice, joint: int) -> Choice:
-    """The choice without columns of friction at one joint."""
+    """The choice without friction columns at one joint."""
     columns = list(choice.columns)
     columns[joint] = columns[joint] - _FRICTION
     return replace(choice, columns=tuple(columns))
 
 
 def unit_checks(torque: Array, force: Array, units: tuple[str, ...]) -> list[Finding]:
-    """Whether commands stated in N or N·m have the size of the forces that the model needs.
+    """Compares commands stated in N or N·m with the forces that the model needs.
 
-    Args:
-        torque: (k,) rms of the forces of the model's inertias and weight along the motion.
-        force: (k,) rms of the stated forces.
-        units: of the commands.
+    `torque` (k,) is the rms of the forces of the model's inertias and weight along the motion,
+    `force` (k,) that of the stated forces.
     """
     stated = [j for j, unit in enumerate(units) if unit in ("N·m", "N")]
     if not stated or not (torque > 0).any():
@@ -194,8 +187,8 @@ def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
             "unexplained",
             name,
             f"the structure does not explain this motion: held-out NRMSE {value:.2f}, "
-            "where predicting the mean has 1",
-            "Its parameters are not to be trusted. Check the model's axis, the joint's columns in "
+            "where predicting the mean gives 1",
+            "Do not trust its parameters. Check the model's axis, the joint's columns in "
             "the map, contacts, and couplings.",
             {"nrmse": float(value)},
         )

@@ -1,4 +1,4 @@
-"""Models of an arm, judged by what users count: how far they depart from logs, open loop."""
+"""Compares models of an arm by how far their open-loop simulations depart from logs."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from .servos.logs import ServoLog
 from .structure import Options
 
 HORIZONS = (0.2, 2.0, np.inf)
-"""Times after which a simulation starts again from the measured state [s]."""
+"""Times after which a simulation restarts from the measured state [s]."""
 
 IDENTIFIED = "identified"
-"""Name of the model that is fitted to the logs: each half of them is predicted from the other."""
+"""Name of the model that is fitted to the logs: one half of them predicts the other."""
 
 _DEFAULT = Options()
 Told = Callable[[str], None]
@@ -46,8 +46,8 @@ class Score(NamedTuple):
         errors: (3, n) mean absolute error of each joint's position over each of `HORIZONS` [rad or
             m]; NaN where it is not defined.
         one_step: (n,) rms error of the position one row ahead over the rms change from row to row:
-            1 is what predicting no change has.
-        seconds: what fitting and simulating took [s].
+            predicting no change gives 1.
+        seconds: duration of fit and simulation [s].
     """
 
     model: str
@@ -59,7 +59,7 @@ class Score(NamedTuple):
 def compare_servos(
     given: ServoLogs, models: Sequence[str | Path], told: Told = lambda _: None
 ) -> tuple[Score, ...]:
-    """Scores of models on logs of a servo arm, the last that of a target that is followed late.
+    """Scores of models on logs of a servo arm, the last that of its delayed target.
 
     Args:
         given: the arm and its logs, without loads.
@@ -68,7 +68,7 @@ def compare_servos(
 
     Raises:
         BadRobot: a file lacks a joint or its servo.
-        InvalidInput: a half of the logs is too short to be fitted.
+        InvalidInput: a half of the logs is too short for a fit.
     """
 
     def parts(model: str) -> list[_Part]:
@@ -87,12 +87,12 @@ def compare_arms(
     options: Options = _DEFAULT,
     told: Told = lambda _: None,
 ) -> tuple[Score, ...]:
-    """Scores of models on logs of an arm by force, the last that of a constant velocity.
+    """Scores of models on logs of an arm driven by force, the last that of a constant velocity.
 
     Commands are forces over the gains (`gear`, `gainprm`) of a model's file, 1 in a URDF.
 
     Args:
-        robot: the arm, as its recordings were prepared for.
+        robot: the arm for which its recordings were prepared.
         recordings: its logs.
         models: files or names of models with the same joints, and `IDENTIFIED`.
         options: of the identified model's structure.
@@ -189,7 +189,7 @@ def _followed_late(given: ServoLogs) -> Score:
 
 
 def _departed(robot: RobotModel, values: Identified, recordings: Recordings) -> _Part:
-    """Errors of a model by force, over every horizon and one row ahead, and the log's changes."""
+    """Errors of a model driven by force, over every horizon and one row, and the log's changes."""
     errors = [departures(robot, values, recordings, h) for h in (*HORIZONS, 0.0)]
     if not len(errors[1]):
         expected, remedy = f"a segment of {HORIZONS[1]:g} s", "Use a log without so many gaps."
@@ -205,7 +205,7 @@ def _changes(recordings: Recordings) -> Array:
 def _identified_arm(
     robot: RobotModel, recordings: Recordings, options: Options, told: Told
 ) -> list[_Part]:
-    """Errors of every half of the logs with the values identified from the other half."""
+    """Errors on every half of the logs, with values identified from the other half."""
     segments = list(recordings.segments)
     if len(segments) == 1:
         (one,), half = segments, len(segments[0].log.t) // 2
@@ -233,7 +233,7 @@ def _shifted(segment: Segment, delays: Sequence[float]) -> Segment:
 
 
 def _constant_velocity(recordings: Recordings) -> Score:
-    """The score of a motion that goes on as it is measured at the start of every horizon."""
+    """The score of a motion that keeps the velocity measured at the start of every horizon."""
     errors = []
     for horizon in HORIZONS:
         samples, found = max(1, round(min(horizon, 1e6) * recordings.rate)), []

@@ -1,4 +1,4 @@
-"""What passes from reading to fitting: a robot's model and the segments of its logs."""
+"""The data between reading and fitting: a robot's model and the segments of its logs."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class Segment(NamedTuple):
         log: t [s], q, v, u of N samples in the system's own order and units. q are one coordinate
             for each joint (N, n) for a tree of joints on a fixed base (angles [rad], also of
             continuous joints, or travels [m]), and the system's own (N, m) for a vehicle.
-        usable: (N, n) whether the row of a velocity may be used in a fit: neither at rest nor
-            saturated, interpolated across a drop-out or an outlier.
+        usable: (N, n) whether a fit may use the row of a velocity: neither at rest nor saturated,
+            nor interpolated across a drop-out or an outlier.
         source: file name.
         rows: (first, last) row of the file, for messages.
     """
@@ -44,7 +44,7 @@ class Recordings:
         rate: samples per second.
         command_units: (n_u,) unit of each command, such as "A", "N·m" or "" if unknown.
         quantisation: (n_u,) smallest step of each command in the file; 0 if it is continuous.
-        findings: what was done to the data and noticed about it.
+        findings: how the data were processed, and what was noticed.
     """
 
     segments: tuple[Segment, ...]

@@ -21,11 +21,7 @@ from .result import Identification
 
 
 def write_models(result: Identification, folder: Path) -> tuple[list[Path], list[Finding]]:
-    """Writes the calibrated model in all formats that can hold it.
-
-    Args:
-        result: of `identify`.
-        folder: an existing folder.
+    """Writes the calibrated model in all formats that can hold it, into an existing folder.
 
     Returns:
         The files, and how well the exported model follows the log.
@@ -46,10 +42,10 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
 
 
 def identified(result: Identification) -> Identified:
-    """The values of a result as the exporters want them.
+    """The values of a result for the exporters.
 
-    Files hold viscous and Coulomb friction only. Their values are those that come nearest to the
-    identified friction along the log, where that has further columns.
+    Files hold viscous and Coulomb friction only: where the log has further columns, the values
+    nearest to the identified friction along it.
     """
     robot = result.robot
     parameters = tuple(
@@ -97,7 +93,7 @@ def _of(result: Identification, block: str, k: int) -> Array:
 
 
 def _followed(result: Identification, values: Identified) -> Finding:
-    """How well the exported model follows the log, beside the model file's own values."""
+    """How well the exported model follows the log, compared with the model file's own values."""
     try:
         found = replay(result.robot, values, result.recordings)
     except NsaidError as error:
@@ -112,9 +108,10 @@ def _followed(result: Identification, values: Identified) -> Finding:
         "warning" if worse else "note",
         "replay",
         "",
-        "MuJoCo with the exported model, driven by the log's commands for 0.2 s at a time, departs "
-        f"from the log by [rad or m], and with the model file's own values by (…): {figures}",
-        f"It is worse at {', '.join(worse)}." if worse else "",
+        "driven by the log's commands in windows of 0.2 s, MuJoCo departs from the log by "
+        "[rad or m], with the exported model (in brackets: with the values of the model file): "
+        f"{figures}",
+        f"The exported model is worse at {', '.join(worse)}." if worse else "",
         {"exported": found.exported.tolist(), "nominal": found.nominal.tolist()},
     )
 

@@ -12,7 +12,7 @@ class UnusableLog(NsaidError):
     """A model and log from which nothing can be identified.
 
     Attributes:
-        findings: everything found, the refusals included.
+        findings: all findings, the refusals included.
     """
 
     def __init__(self, findings: tuple[Finding, ...]):

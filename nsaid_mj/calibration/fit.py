@@ -5,18 +5,18 @@
 with G_i the mean Gramian of the rows of velocity i and Σ_i that of the actuators' effort in them
 (`quotient.cost`): the negative log-likelihood of Gaussian residuals, measured relative
 to the command, whose variance is unknown for every velocity. The first sum is the same for θ and
-2 θ, so that the scale of θ is where D, the prior, has it. With σ(θ) = wᵀθ / wᵀθ̂(0) the size of the
-bodies, such as the weight that links have along the log,
+to the command, whose variance is unknown for every velocity. The first sum is the same for θ and
+2 θ, so D, the prior, fixes the scale of θ. With σ(θ) = wᵀθ / wᵀθ̂(0) the size of the
 
     D(θ, θ̂(0)) = D₀(θ/σ, θ̂(0)) + ½ (log σ / δ)²,
 
 where D₀ is the divergence of the log-determinant for links and other matrices, a normal density of
-log θ for positive parameters, of θ for free ones. D₀(θ, ·) itself would draw the scale: it has
+log θ for positive parameters, of θ for free ones. D₀(θ, ·) itself would bias the scale: it has
 tr P₀⁻¹P − log det P₀⁻¹P, which is least over all multiples of P where tr P₀⁻¹P = 4. A link whose
 shape the log changes has eigenvalues of P₀⁻¹P on both sides of 1, whose mean grows with the change;
-so the scale would sink, the more the more rows tell of shapes. D₀(θ/σ) is the same for all
-multiples of θ, so that σ = 1 at the minimum whatever the rows say, unless a known value or a stated
-command decides. Those enter as they are, not over σ.
+so the scale would sink, the more the rows reveal of shapes. D₀(θ/σ) is the same for all multiples
+of θ, so that σ = 1 at the minimum whatever the rows say, unless a known value or a stated command
+decides. Those enter as they are, not divided by σ.
 
 Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J falls,
 keep every estimate physical.
@@ -59,11 +59,7 @@ class Fit(NamedTuple):
 
 
 class Prior:
-    """D(θ, θ̂(0)) of a problem; see the module.
-
-    Args:
-        problem: whose `space`, `prior`, `spread`, `known` and `size` are used.
-    """
+    """D(θ, θ̂(0)) of a problem, from its `space`, `prior`, `spread`, `known` and `size`."""
 
     def __init__(self, problem: Problem):
         space, size = problem.space, problem.size
@@ -90,9 +86,9 @@ class Prior:
         return float(w @ theta / (w @ self._start)), w / (w @ theta)
 
     def _deviations(self, theta: Array) -> tuple[Array, Array]:
-        """(p + 1,) deviations of single parameters and of the size from their expected values.
+        """(p + 1,) standardised deviations of single parameters and of the size, from the prior.
 
-        Over their standard deviations, and with their derivatives (p + 1, p).
+        Their derivatives (p + 1, p) follow.
         """
         p, (size, slope) = len(theta), self._of(theta)
         off, rows, change = np.zeros(p + 1), np.zeros((p + 1, p)), np.log(size)
@@ -128,7 +124,7 @@ class Prior:
     def derivatives(self, theta: Array) -> tuple[Array, Array]:
         """(p,) gradient and (p, p) positive semidefinite Gauss–Newton Hessian of D at θ (p,).
 
-        Neither has a part along θ but that of the size and of stated values.
+        Only the size and stated values have a part along θ.
         """
         off, rows = self._deviations(theta)
         gradient, hessian = rows.T @ off, rows.T @ rows
@@ -159,11 +155,7 @@ def gramians(problem: Problem) -> Sums:
 
 
 def cost_of(parts: Sums, space: ParameterSpace) -> Quotient:
-    """R with weights N_i.
-
-    Raises:
-        NoEstimate: no command has an effect.
-    """
+    """R with weights N_i; raises `NoEstimate` if no command has an effect."""
     means = parts.means
     effort = efforts(means, space)
     if effort is None:
@@ -172,17 +164,12 @@ def cost_of(parts: Sums, space: ParameterSpace) -> Quotient:
 
 
 def posterior(problem: Problem, parts: Sums) -> Posterior:
-    """J of a problem with some Gramians of its rows."""
+    """J of a problem with the given Gramians of its rows."""
     return Posterior(cost_of(parts, problem.space), Prior(problem))
 
 
 def minimise(problem: Problem, parts: Sums | None = None, start: Array | None = None) -> Fit:
-    """Minimises J from the prior or a given start.
-
-    Args:
-        problem: rows and prior.
-        parts: Gramians of the rows to use; None for all of the problem's.
-        start: (p,) where to begin; None for the prior.
+    """Minimises J from `start` (p,), by default the prior, with the Gramians `parts` or all rows.
 
     Raises:
         NoEstimate: there are no usable rows, or the prior is not physical.

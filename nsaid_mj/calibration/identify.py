@@ -55,20 +55,19 @@ def identify(
         logs: files of position, velocity (if there is one) and command; none for the log that is
             packed with the robot `tx40`.
         validate: files that take no part in the fit; the estimate is judged on them.
-        mapping: which columns of the logs are what; the path of a map.toml, or None to match
-            columns with the model's joints by name.
-        validate_mapping: the same of `validate`; None for `mapping`.
+        mapping: the meaning of the logs' columns: the path of a map.toml, or None to match columns
+            with the model's joints by name.
+        validate_mapping: that of `validate`; None for `mapping`.
         known: known parameters by name or label [SI], such as {"gain_1": 0.11}.
-        loads: weighed ones, such as "loaded.csv:0.25kg@gripper", which fix the common scale.
+        loads: weighed loads, such as "loaded.csv:0.25kg@gripper", which fix the common scale.
         lock: joints that do not move.
         joints: the joints that move; all others are locked.
-        columns: columns that all joints have besides rotor inertia, viscous and Coulomb friction,
-            names of `calibration.joints.COLUMNS`; None to choose them for every joint inside the
-            log.
+        columns: columns of all joints besides rotor inertia, viscous and Coulomb friction, names of
+            `calibration.joints.COLUMNS`; None to choose them for every joint inside the log.
         delay: of the commands [s], one or one per command; None to search within ±0.2 s.
         cutoff: of the low-pass filter of all rows [Hz]; None for the motion's bandwidth.
-        law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` follow
-            the log besides, sample by sample, with the columns, delays and prior of the fit.
+        law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` also
+            follow the log, sample by sample, with the columns, delays and prior of the fit.
         folder: of the record of such a law; None keeps no files.
         told: called with the name of every stage, for progress.
 
@@ -110,11 +109,7 @@ def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:
 def _files(
     model: str | RobotModel, logs: list[Path], mapping: PathLike | Map | None
 ) -> tuple[list[Path], PathLike | Map | None]:
-    """The logs and the map, of a packed robot if none are given.
-
-    Raises:
-        InvalidInput: there is no log.
-    """
+    """The logs and the map, by default a packed robot's; raises `InvalidInput` without a log."""
     if logs:
         return logs, mapping
     if isinstance(model, str) and model == Path(model).name:
@@ -129,7 +124,7 @@ def _read_map(mapping: PathLike | Map | None) -> Map | None:
 
 
 def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
-    """The recordings of validation logs; what is wrong with them is said to be of those files."""
+    """The recordings of validation logs, whose findings name these files."""
     try:
         return recordings_of(files, mapping, robot)
     except UnreadableLog:  # names its file
@@ -162,11 +157,7 @@ def coupled(mapping: Map | None) -> tuple[tuple[int, int, int], ...]:
 
 
 def _columns(columns: Sequence[str] | None, robot: RobotModel) -> frozenset[str] | None:
-    """The friction columns that a user named.
-
-    Raises:
-        UnknownName: there is no such column.
-    """
+    """The friction columns that a user named; raises `UnknownName` for others."""
     if columns is None:
         return None
     choices = COLUMNS if robot.system is None else EXTRA
@@ -177,11 +168,7 @@ def _columns(columns: Sequence[str] | None, robot: RobotModel) -> frozenset[str]
 
 
 def _delays(delay: float | Sequence[float] | None, k: int) -> Array | None:
-    """(k,) the delays that a user gave.
-
-    Raises:
-        InvalidInput: there are neither 1 nor k, or one is not finite.
-    """
+    """(k,) delays [s] that a user gave: 1 or k finite numbers, else raises `InvalidInput`."""
     if delay is None:
         return None
     given = np.atleast_1d(np.asarray(delay, dtype=np.float64))
@@ -196,7 +183,7 @@ def _loads(loads: Sequence[str | Load], robot: RobotModel) -> tuple[Load, ...]:
     """The loads that a user stated.
 
     Raises:
-        InvalidInput: a text has another form, or the robot is no tree of joints.
+        InvalidInput: a text has another form, or the robot is not a tree of joints.
     """
     if loads and robot.system is not None:
         raise InvalidInput("--load", "a robot of joints", "a vehicle", "Give --known.")

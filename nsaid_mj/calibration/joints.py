@@ -26,7 +26,7 @@ from .smoothing import Filter, delayed, smooth, smooth_commands
 
 SPEEDS = (0.005, 0.02, 0.05, 0.1, 0.2)
 """Candidate speeds s [rad/s or m/s] at which tanh(v/s) of Coulomb friction saturates."""
-BROAD = 1  # index of the first one that is tried
+BROAD = 1  # index of the first that is tried
 
 
 class Column(NamedTuple):
@@ -67,8 +67,8 @@ v̇_i, v_j and v_i, tanh((v_i ± v_j)/s) and ± the same."""
 
 TRUSTED = 0.3  # standard deviation of log k below which commands state their forces
 FILE, WEIGHTLESS = 0.25, 3.0
-"""Standard deviations of the logarithm of the links' weight: of a model file's, whose masses leave
-out cables, covers and oil, or stem from CAD with one density; and of a mere guess."""
+"""Standard deviations of the logarithm of the links' weight: for a model file, whose masses omit
+cables, covers and oil, or come from CAD with one density; and for a mere guess."""
 
 BASIC = frozenset({"rotor", "viscous", "coulomb"})
 
@@ -108,7 +108,7 @@ class JointRows:
         recordings: the segments.
         chosen: filters.
         gain: (k,) expected gains [N·m or N per unit of command].
-        loads: that some of the segments carry.
+        loads: carried in some of the segments.
 
     Attributes:
         links: (N, n, 10 b) columns of the links.
@@ -168,10 +168,9 @@ class JointRows:
         self.segment = np.concatenate([np.full(len(c), number) for number, c, _ in parts])
 
     def reweigh(self, theta_links: Array | None) -> None:
-        """Computes load-dependent friction from the weight under link parameters.
+        """Computes load-dependent friction from the weight under link parameters (10 k,).
 
-        Args:
-            theta_links: (10 k,) the links' parameters; None for those of the model file.
+        None selects those of the model file.
         """
         weight = weight_of(self.robot.model, theta_links)
         self.diagonal["load"] = np.stack(
@@ -181,7 +180,7 @@ class JointRows:
     def commands(self, delay: Array) -> Array:
         """(N, k) filtered commands, delayed by (k,) seconds.
 
-        Where the model file has a negative gear, −u: gains are positive.
+        Commands are reversed where the model file has a negative gear: gains are positive.
         """
         filtered = [self.chosen.rows(delayed(s, self.chosen, u, delay)) for s, u in self._commands]
         return np.concatenate(filtered) * np.sign(self.robot.gain)
@@ -192,12 +191,10 @@ class JointRows:
         return (found[choice.speed[joint]] if found.ndim == 3 else found)[:, joint]
 
     def problem(self, choice: Choice, gain: Array, gain_spread: Array) -> Problem:
-        """The fit of a structure.
+        """The fit of a structure, with columns and delays of `choice`.
 
-        Args:
-            choice: columns and delays.
-            gain: (k,) expected gains [N·m or N per unit of command].
-            gain_spread: (k,) standard deviations of log k.
+        gain (k,) are expected gains [N·m or N per unit of command], gain_spread (k,) the standard
+        deviations of their logarithms.
         """
         robot, n = self.robot, len(self.robot.joints)
         u = self.commands(choice.delay)
@@ -291,12 +288,7 @@ class JointRows:
 
 
 def nearest_friction(problem: Problem, theta: Array) -> tuple[Array, Array]:
-    """(k,) viscous and (k,) Coulomb friction nearest to all of a joint's friction along the log.
-
-    Args:
-        problem: rows of a tree of joints.
-        theta: (p,) the estimate.
-    """
+    """(k,) viscous and (k,) Coulomb friction nearest to all of a joint's friction under θ (p,)."""
     space = problem.space
     kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "spring", "offset")]
     used = [space[block.name] for block in space.blocks if block.name in kinds]
@@ -328,15 +320,15 @@ _SHARES = {
 
 
 def _stribeck(v: Array, s: float) -> Array:
-    """What dry friction has beyond Coulomb's while slow, over its value at 0."""
+    """Excess of dry friction over Coulomb's at low speed, relative to its value at 0."""
     return np.tanh(v / s) * np.exp(-((v / STRIBECK) ** 2))
 
 
 def differentiates(recordings: Recordings, cutoff: float) -> bool:
     """Whether positions are smooth enough that their derivative replaces the measured velocity.
 
-    Drives often report velocities that are filtered, and so delayed against the positions. The
-    measured ones are used only where the noise of the derivative would be three times larger.
+    Drives often report velocities that are filtered, and so delayed relative to the positions. They
+    are used only where the derivative would have three times more noise.
     """
     log = max(recordings.segments, key=lambda s: len(s.log.t)).log
     if log.q.shape[1] != log.v.shape[1]:

@@ -1,4 +1,4 @@
-"""A law of the paper along a prepared log, by the loop of every run, beside the batch fit."""
+"""Runs a law of the paper along a prepared log, by the loop of every run, beside the batch fit."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from .timeline import recording_shifts
 from .vehicles import motion_of
 
 LAWS = ("batch", "efficient", "memory", "cone", "paper")
-"""Laws of `nsaid identify`; `batch` answers at the end of the log."""
+"""Laws of `nsaid identify`; `batch` estimates at the end of the log."""
 
 _ROWS = 400  # of the estimate along the log, at most
 _ERROR = 1.0  # largest relative error of the prior: frictions and gains are guesses
 _SLOW = 0.01  # gain of the flow beside a memory
 _INTERVAL = 0.2  # time between two steps of a memory [s]
-_LAST = 0.2  # share of the rows, at their end, on which a law's estimate before them is judged
+_LAST = 0.2  # last share of the rows, on which a law's earlier estimate is judged
 
 
 class _Watch(Observer):
@@ -55,7 +55,7 @@ class _Watch(Observer):
         self._identifier, self.period, self.rows = identifier, period, []
 
     def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
-        """Nothing: there is no estimate yet."""
+        """Does nothing: there is no estimate yet."""
 
     def see(
         self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
@@ -66,13 +66,13 @@ class _Watch(Observer):
         self.rows.append((measurement.t, state.theta_hat, stated))
 
     def stop(self) -> None:
-        """Nothing is open."""
+        """Does nothing: no file is open."""
 
 
 def with_law(
     found: Identification, law: str, folder: Path | None, told: Callable[[str], None]
 ) -> Identification:
-    """An identification with a law that has followed the log besides, and what must be said of it.
+    """An identification to which a law's run along the log, and findings about it, are added.
 
     Args:
         found: by the batch fit.
@@ -91,13 +91,7 @@ def with_law(
 
 
 def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
-    """Runs a law along the prepared logs of an identification; see `with_law`.
-
-    Args:
-        law: one of `LAWS` but `batch`.
-        found: by the batch fit.
-        folder: of the record.
-    """
+    """Runs a law along the prepared logs of a batch fit, recording in `folder`; see `with_law`."""
     begin, fitted, robot = time.perf_counter(), found.fitted, found.robot
     logs, start, rate = law_logs(robot, found.recordings, fitted.made)
     steps, arm = sum(len(log.t) for log in logs) - 1, robot.system is None
@@ -124,14 +118,14 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
 def law_logs(
     robot: RobotModel, recordings: Recordings, made: Structured
 ) -> tuple[list[Log], float, float]:
-    """The segments as a law gets them: the motion of which the batch fit's rows are made.
+    """The segments as logs for a law: the motion of which the batch fit's rows are made.
 
-    The logs are on one clock that begins at 0. A command holds from one sample to the next: it is
-    the smoothed one in the middle between both, earlier by its delay. Where the model file has a
-    negative gear it is reversed, so that gains are positive.
+    The logs share one clock that begins at 0. A command holds from one sample to the next: it is
+    the smoothed one half-way between both, earlier by its delay, and reversed where the model file
+    has a negative gear, so that gains are positive.
 
     Returns:
-        The logs, the time of their beginning on the common axis [s], and samples per second.
+        The logs, the time of their start on the common axis [s], and samples per second.
     """
     recordings = recordings if robot.model is None else refined(recordings)
     chosen = filter_for(recordings, made.cutoff)
@@ -154,7 +148,7 @@ def law_logs(
 def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
     """A law for a structure that is not exact.
 
-    Between the steps of the memory the flow (45) follows what the structure does not explain, and
+    Between the steps of the memory the flow (45) follows what the structure does not explain, so it
     is slowed down.
     """
     return NullspaceAID(
@@ -166,10 +160,10 @@ def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
 
 
 def unexplained_commands(fitted: Fitted) -> Array:
-    """(n,) density of what an arm's batch fit leaves of the commands [units², times s].
+    """(n,) density of the commands that an arm's batch fit does not explain [units², times s].
 
-    Residuals of variance σ² at intervals h, of which one in `share` counts as independent, are
-    those of a white command of density σ² h share, as far as the motion is concerned.
+    Residuals of variance σ² at intervals h, of which one in `share` counts as independent, affect
+    the motion like a white command of density σ² h share.
     """
     problem, theta = fitted.problem, fitted.theta
     used = problem.usable
@@ -186,10 +180,7 @@ def noise_levels(logs: Sequence[Log]) -> tuple[float, float]:
 
 
 def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:
-    """Gains of the law, θ̂ (p,) and deviations (a,), beside the batch fit's.
-
-    Empty where a gain is not positive.
-    """
+    """Gains of the law, θ̂ (p,) and deviations (a,), beside the batch fit's; none if one is ≤ 0."""
     space, own = fitted.problem.space, fitted.theta
     at = space.actuators
     if len(at) < 2 or not ((theta[at] > 0) & (own[at] > 0)).all():
@@ -219,7 +210,7 @@ def _last_fifth(found: Identification, run: Run, start: float) -> tuple[Array, A
 
 
 def law_findings(along: AlongLog) -> list[Finding]:
-    """What must be said of a law's result: that it ended early, or contradicts the batch fit."""
+    """Warnings about a law's result: it ended early, or contradicts the batch fit."""
     status, found = along.run.ending.status, []
     if status is not Status.completed:
         text = f"the law ended at {along.run.ending.time:.2f} s: {status.words}"

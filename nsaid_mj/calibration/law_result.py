@@ -16,7 +16,7 @@ from .structure import Structured
 
 
 class Fitted(NamedTuple):
-    """What a batch fit was made of.
+    """The parts of a batch fit.
 
     Attributes:
         made: what was chosen.
@@ -34,7 +34,7 @@ class Fitted(NamedTuple):
 
     @property
     def theta(self) -> Array:
-        """(p,) θ̂; a precision's leaves known values out."""
+        """(p,) θ̂; a precision's θ̂ leaves known values out."""
         return self.exact.theta + self.problem.prior * self.problem.known
 
 
@@ -83,8 +83,8 @@ class AlongLog:
             is not judged.
         batch_last: (n,) that of a batch fit to the rows before.
         misfit: whether the motion contradicts the structure: `none`, `some` or `contradicts`; ""
-            of a law that cannot tell.
-        seconds: what it took [s].
+            for a law that does not test it.
+        seconds: duration of the run [s].
     """
 
     name: str
@@ -101,7 +101,7 @@ class AlongLog:
 
     @property
     def completed(self) -> bool:
-        """Whether the law came to the end of the log."""
+        """Whether the law reached the end of the log."""
         return self.run.ending.status is Status.completed
 
     def summary(self) -> dict[str, Any]:

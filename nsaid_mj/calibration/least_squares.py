@@ -1,4 +1,4 @@
-"""Weighted least squares on the rows of a problem, with the gains given: the method to beat."""
+"""Weighted least squares on the rows of a problem, with given gains: the method to beat."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ _REWEIGHTED = 5
 def least_squares(problem: Problem, gain: Array) -> Array:
     """(p,) θ of weighted least squares with minimum norm in θ/scale, no prior, no physical bounds.
 
-    Args:
-        problem: rows.
-        gain: (k,) values of the actuator parameters, which are not estimated.
+    The actuator parameters gain (k,) are given, not estimated.
     """
     at = problem.space.actuators
     rest = np.setdiff1d(np.arange(len(problem.space)), at)

@@ -15,7 +15,7 @@ from .problem import size_weights
 from .smoothing import Smooth
 
 _POSES = 300  # at which weight is computed
-_LIGHT = 0.1  # share of weight in the links' torques below which inertia tells their size
+_LIGHT = 0.1  # share of weight in the links' torques below which inertia reveals their size
 
 
 def link_columns(model: pin.Model, motion: Smooth) -> Array:
@@ -41,13 +41,9 @@ def weight_columns(model: pin.Model, coordinates: Array) -> Array:
 def size_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:
     """(10 b,) w with wᵀθ the links' weight along the log over that of the model file's links.
 
-    Weight is the part of the torques that a motion tells apart from rotors and friction. Where
-    there is hardly any, as with vertical axes, inertia takes its place.
-
-    Args:
-        model: the model file's.
-        moving: (N, 10 b) columns of inertia and weight along the log.
-        weight: (K, 10 b) columns of weight alone.
+    Weight is the part of the torques that a motion separates from rotors and friction. Where there
+    is hardly any, as with vertical axes, inertia replaces it. `moving` (N, 10 b) are columns of
+    inertia and weight along the log, `weight` (K, 10 b) those of weight alone.
     """
     own = file_links(model)
     still, whole = (np.linalg.norm(c @ own) / max(len(c), 1) ** 0.5 for c in (weight, moving))

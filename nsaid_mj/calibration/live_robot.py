@@ -1,4 +1,4 @@
-"""A robot that is not simulated: what is known of it before it moves."""
+"""A robot that is not simulated: what is known about it before it moves."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class LiveRobot(MeasuredRobot):
     Attributes:
         robot: path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle.
         lock: joints that do not move.
-        joints: the joints that move, all others being locked; none for all that are not in `lock`.
+        joints: the joints that move; all others are locked. If empty, all that are not in `lock`.
         gain: expected force per unit of command of every actuator of an arm, for commands other
             than forces [N·m or N per unit]; None for the model file's, or 1.
     """
@@ -73,8 +73,8 @@ def _guessed(model: RobotModel) -> tuple[Array, Array, Array]:
     """(k,) rotor inertias, viscous and Coulomb friction: the file's, else by order of magnitude.
 
     A geared motor needs about a twentieth of its largest force to overcome friction of either kind,
-    and its rotor alone accelerates at some 300 rad/s². Where the file has no largest force, it is
-    taken to be that of a fast motion; see `nominal_scales`.
+    and its rotor alone accelerates at some 300 rad/s². If the file states no largest force, that of
+    a fast motion replaces it; see `nominal_scales`.
     """
     tree, nominal = model.model, nominal_scales(model.model, ArmPlant())
     k = len(model.joints)

@@ -1,4 +1,4 @@
-"""A robot with the columns that were chosen in its log, as laws know it: structure and prior."""
+"""A robot with the columns chosen in its log, as laws know it: structure and prior."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from .models import load_robot_model
 from .problem import Problem
 from .structure import Structured
 
-_OPERATION = 2.0  # largest speeds and commands over their rms
+_OPERATION = 2.0  # largest speeds and commands, relative to their rms
 
 
 @config
@@ -84,7 +84,7 @@ class LoggedArm(JointTree, StructuredSystem):
         speed: Array,
         command: Array,
     ):
-        StructuredKinematics.__init__(self, structure, space)  # a tree would make its own columns
+        StructuredKinematics.__init__(self, structure, space)  # a tree would add its own columns
         self.model, self.joints = model, moving_joints(model)
         self.joint_names, self.body_names = joint_names(model), body_names(model)
         self.bodies, self.command_limits = len(structure.bodies), (-command, command)
@@ -95,13 +95,7 @@ class LoggedArm(JointTree, StructuredSystem):
 
 
 class LoggedVehicle(StructuredSystem):
-    """A vehicle with further columns.
-
-    Args:
-        own: the vehicle without them.
-        structure: with them.
-        space: names, units and scale of θ.
-    """
+    """A vehicle `own` with further columns, which `structure` includes."""
 
     def __init__(self, own: StructuredSystem, structure: Structure, space: ParameterSpace):
         super().__init__(structure, space, own.mounts)
@@ -146,7 +140,7 @@ class LogRobot(MeasuredRobot):
         return self.robot_of(load_robot_model(self.robot, (), self.joints or None))
 
     def robot_of(self, model: RobotModel) -> Robot:
-        """Structure, prior and looks of a robot whose model is already loaded."""
+        """Structure, prior and looks of a robot with a loaded model."""
         system = self._vehicle(model) if model.system is not None else self._arm(model)
         prior = drawn_inside(system.space, np.array(self.prior), 0.0, np.random.default_rng(0))
         return Robot(system, prior, model.visuals)
@@ -237,15 +231,7 @@ def log_robot(
     problem: Problem,
     coupled: Sequence[tuple[int, int, int]],
 ) -> LogRobot:
-    """The robot of a batch fit.
-
-    Args:
-        robot: the model.
-        recordings: training logs.
-        made: what was chosen.
-        problem: that was fitted.
-        coupled: pairs of joints with a common motor.
-    """
+    """The robot of a batch fit with structure `made`; `coupled` joints share a motor."""
     v, u = (np.concatenate([getattr(s.log, x) for s in recordings.segments]) for x in "vu")
     speed, command = (_OPERATION * np.sqrt(np.mean(x**2, axis=0)) for x in (v, u))
     arm = robot.system is None

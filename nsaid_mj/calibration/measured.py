@@ -1,4 +1,4 @@
-"""Runs of robots that are not simulated: what is known beforehand, and the scenario."""
+"""Runs of robots that are not simulated: prior knowledge, and the scenario."""
 
 from __future__ import annotations
 
@@ -19,11 +19,7 @@ class MeasuredRobot(PlantConfig, ABC):
     """A robot whose measurements come from outside. Nobody knows its true parameters."""
 
     def build(self, dt: float, seed: int) -> Any:
-        """Refuses: there is nothing to simulate.
-
-        Raises:
-            InvalidInput: always.
-        """
+        """Raises `InvalidInput`: there is nothing to simulate."""
         remedy = "`nsaid run arm --robot` and the vehicles of `nsaid list` are simulated."
         raise InvalidInput("plant", "a simulated plant", "a robot that is measured", remedy)
 
@@ -53,7 +49,7 @@ def measured_scenario(
         rate: samples per second [Hz].
         noise: standard deviations of positions [rad or m] and velocities [rad/s or m/s].
         error: largest relative error of the prior.
-        steps: number of samples after the first, at most.
+        steps: largest number of samples after the first.
 
     Raises:
         InvalidInput: a value is out of range.

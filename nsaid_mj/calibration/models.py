@@ -31,18 +31,18 @@ def load_robot_model(
     Args:
         model: path of a URDF file, of an MJCF file (.xml or .mjb), or of a vehicle's TOML file or
             its folder; or the name of a packed robot or vehicle, or one of example-robot-data.
-        lock: joints to fix, at 0 or at the limit nearest to it.
+        lock: joints to fix, at 0 or at the nearest limit.
         joints: joints to keep, all others being locked; None keeps all that are not in `lock`.
 
     Returns:
-        The model, reduced to the joints that move, with physically consistent inertias. What was
-        changed or left out is in its findings.
+        The model, reduced to the joints that move, with physically consistent inertias. Its
+        findings say what was changed or left out.
 
     Raises:
         BadRobot: the file cannot be read, or describes a robot that is not a tree of revolute and
             prismatic joints.
-        InvalidInput: a value in a vehicle's file is missing or wrong, a joint is both to be locked
-            and to be kept, or joints of a vehicle are to be locked.
+        InvalidInput: a value in a vehicle's file is missing or wrong, a joint is to be both locked
+            and kept, or joints of a vehicle are to be locked.
         UnknownName: there is no such robot or joint; the message lists similar names.
     """
     path = path_of(model)
@@ -62,12 +62,8 @@ def load_vehicle(
 ) -> RobotModel:
     """Reads a vehicle of a known family, with its published values as the prior.
 
-    Values on the boundary of the cone of physical parameters are moved inside.
-
-    Args:
-        name: of a packed vehicle, or the path of a TOML file or of its folder.
-        lock: must be empty.
-        joints: must be None.
+    Values on the boundary of the cone of physical parameters are moved inside. `name` is that of a
+    packed vehicle, or the path of a TOML file or of its folder.
 
     Raises:
         BadRobot: its structure is not known exactly.
@@ -104,8 +100,8 @@ def load_vehicle(
 def command_names(system: SecondOrderSystem) -> tuple[str, ...]:
     """(n_u,) names of a vehicle's actuators, in the order of its commands.
 
-    They are taken from the labels of its actuator parameters, such as "thrust of rotor 1", or are
-    u_1, u_2, … if these do not match the commands one to one.
+    They come from the labels of its actuator parameters, such as "thrust of rotor 1", or are u_1,
+    u_2, … if these do not match the commands one to one.
     """
     labels = [label for b in system.space.blocks if b.actuator for label in b.labels]
     parts = dict.fromkeys(label.partition(" of ")[2] for label in labels)
@@ -115,7 +111,7 @@ def command_names(system: SecondOrderSystem) -> tuple[str, ...]:
 
 
 def plant_of(sheet: Path) -> PlantConfig:
-    """The plant of the family whose data sheet a TOML file is.
+    """The plant of the family to which a vehicle's TOML file belongs.
 
     Raises:
         InvalidInput: a value is missing or wrong.
@@ -124,7 +120,7 @@ def plant_of(sheet: Path) -> PlantConfig:
     try:
         content = tomllib.loads(sheet.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
-        content = {}  # every family says so alike
+        content = {}  # every family reports it alike
     families = {family.sheet.family: family for family in _families()}
     if (kind := content.get("kind")) is not None:
         if not isinstance(kind, str) or kind not in families:
@@ -144,7 +140,7 @@ def plant_of(sheet: Path) -> PlantConfig:
 
 
 def _families() -> list[type[Any]]:
-    """The plants that are made from a vehicle's TOML file, without special cases of others."""
+    """The plants made from a vehicle's TOML file, without special cases of others."""
     found = [
         value
         for value in vars(plants).values()
@@ -156,7 +152,7 @@ def _families() -> list[type[Any]]:
 
 
 def _likeness(error: NsaidError, keys: set[str]) -> float:
-    """How likely an error is that of the right family: few families know all keys of a file."""
+    """How likely the right family raised an error: few families know all keys of a file."""
     return len(keys & set(error.choices)) if isinstance(error, UnknownName) else np.inf
 
 

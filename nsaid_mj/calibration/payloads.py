@@ -1,7 +1,7 @@
 """Loads of known mass that some of the logs carry and others do not: they fix the common scale.
 
-No motion tells twice all masses, frictions and gains from once. A load does: what it adds to the
-forces is known, and the log says which part of the rest it is.
+No motion distinguishes masses, frictions and gains from twice as large ones. A load does: its part
+of the forces is known, and the log shows its share of the rest.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Load(NamedTuple):
     Attributes:
         source: name of the file that carries it.
         mass: [kg].
-        link: body, joint or frame of the model that it is fixed to; "" for the last link that is no
-            part of a gripper.
-        centre: (3,) its centre of mass in the frame of that link [m]; None if it is not known.
+        link: body, joint or frame of the model that it is fixed to; "" for the last link that does
+            not belong to a gripper.
+        centre: (3,) its centre of mass in the frame of that link [m]; None if unknown.
     """
 
     source: str
@@ -69,11 +69,7 @@ def _is_place(centre: tuple[float, ...]) -> bool:
 
 
 def check_loads(loads: Sequence[Load], sources: Sequence[str]) -> None:
-    """Checks that every load belongs to a log, and that a log is left without one.
-
-    Args:
-        loads: of the command line.
-        sources: names of the logs' files.
+    """Checks that every load belongs to one of the files `sources`, and that one carries none.
 
     Raises:
         InvalidInput: a log is missing, or all of them carry a load.
@@ -117,14 +113,14 @@ def with_mass(model: pin.Model, joint: int, mass: float, centre: Array) -> pin.M
 
 
 class Payload(NamedTuple):
-    """The loads of one mass and place as parameters of a fit.
+    """All loads of one mass and place, as parameters of a fit.
 
     Attributes:
         block: the ten inertial parameters, in the frame of the joint that moves the load.
-        prior: (10,) a ball of its mass; a large one where its place is not known.
+        prior: (10,) a ball of its mass, large if its place is unknown.
         place: of the carrying link's ten parameters in θ.
         sources: names of the files that carry it.
-        known: values of its parameters by label: the mass, and its moments where its place is.
+        known: values of its parameters by label: the mass, and its moments if its place is known.
     """
 
     block: Block
@@ -135,7 +131,7 @@ class Payload(NamedTuple):
 
 
 def payloads(model: pin.Model, loads: Sequence[Load]) -> list[Payload]:
-    """The loads of a tree of joints, those of one mass and place as one."""
+    """The loads of a tree of joints, one for each mass and place."""
     found, grouped = [], {}
     for load in loads:
         grouped.setdefault(load._replace(source=""), set()).add(load.source)

@@ -20,7 +20,7 @@ from .fit import Fit, gramians, minimise, posterior
 from .problem import Problem, folds
 
 _BLOCKS = 20  # of the rows, for the long-run variance of the scores
-_DIRECTIONS = 12  # leading directions of a row's columns over which it is averaged
+_DIRECTIONS = 12  # leading directions of a row's columns over which scores are averaged
 _PARTS = 8  # of the log, left out in turn
 _LEAST = 0.005  # least relative deviation: no log's clocks, filters and structure are more exact
 _NEGLIGIBLE = 1e-6  # weight in θ/scale below which a parameter is left out of a combination
@@ -51,7 +51,7 @@ def inflation(problem: Problem, theta: Array) -> Array:
 
 
 def tempered(problem: Problem, share: Array) -> Sums:
-    """The Gramians of the rows, counted as effectively independent ones."""
+    """The Gramians of the rows, weighted as effectively independent ones."""
     parts = gramians(problem)
     return Sums(parts.sums / share[:, None, None], parts.counts / share)
 
@@ -91,13 +91,7 @@ class Precision(NamedTuple):
 
 
 def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
-    """The precision of a fit to tempered rows.
-
-    Args:
-        problem: rows and prior.
-        fit: minimiser.
-        share: (n,) of `inflation`, with which the fit was made.
-    """
+    """The precision of a fit to rows tempered by share (n,), see `inflation`."""
     total = tempered(problem, share)
     data, prior = information(problem, total, fit.theta)
     free, scale = np.flatnonzero(~problem.known), problem.space.scale
@@ -132,9 +126,9 @@ class Combinations(NamedTuple):
 
     Attributes:
         independent: indices of parameters whose columns are linearly independent, in order.
-        dependent: indices of the others.
         weights: (independent, dependent) the column of a dependent parameter is the sum of these
-            times the columns of the independent ones: only θ_i + Σ_d weights[i, d] θ_d is seen.
+            times the columns of the independent ones: only θ_i + Σ_d weights[i, d] θ_d is visible.
+        silent: indices of parameters whose column is 0 in the whole log.
         silent: indices of parameters whose column is 0 in the whole log.
     """
 
@@ -144,7 +138,7 @@ class Combinations(NamedTuple):
     silent: list[int]
 
     def expression(self, index: int) -> dict[int, float]:
-        """Coefficients, by index, of the combination that an independent parameter stands for."""
+        """Coefficients, by index, of the combination that an independent parameter represents."""
         row = self.independent.index(index)
         found = {index: 1.0}
         for column, other in enumerate(self.dependent):

@@ -1,4 +1,4 @@
-"""A fit to be made: rows of W θ = 0, and what is known of θ beforehand."""
+"""A fit to be made: rows of W θ = 0, and prior knowledge of θ."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 from ..parameters import Array, Indices, ParameterSpace
 
 _IDLE = 1e-6  # ratio of actuators' to inertial forces below which a velocity is not actuated
-_TRIFLE = 0.1  # of the largest force: below it, a velocity that nothing drives is not judged
-_RIDGE = 1e-9  # of the trace of a velocity's information, for directions it does not see
+_TRIFLE = 0.1  # of the largest force: below it, an undriven velocity is not judged
+_RIDGE = 1e-9  # of the trace of a velocity's information, for directions that it does not excite
 Mask = NDArray[np.bool_]
 
 
 class Size(NamedTuple):
-    """What is known of the common scale of θ, which no motion tells, before the log.
+    """Prior knowledge of the common scale of θ, which no motion reveals.
 
     Attributes:
         weights: (p,) w of the size wᵀθ of the bodies.
         deviation: standard deviation of log(wᵀθ / wᵀθ̂(0)).
-        stated: (p,) whether a prior value holds as it is; of all others it is the ratio to wᵀθ.
+        stated: (p,) whether a prior value holds as it is; for all others its ratio to wᵀθ does.
     """
 
     weights: Array
@@ -52,7 +52,7 @@ class Problem:
         spread: (p,) standard deviation of the prior: of log θ for `positive` parameters, of θ for
             `free` ones; not used for matrices, whose prior is the barrier's divergence.
         known: (p,) whether a parameter is known and keeps the prior's value.
-        size: what holds the common scale; None where every prior value holds as it is.
+        size: fixes the common scale; None where every prior value holds as it is.
     """
 
     space: ParameterSpace
@@ -87,13 +87,9 @@ class Problem:
     def nrmse(self, theta: Array, whole: Problem | None = None) -> Array:
         """(n,) rms of Y θ over the standard deviation of the actuators' forces, per velocity.
 
-        1 is what predicting the mean command would give. Velocities on which no actuator acts are
-        measured against the forces of inertia and weight. NaN where no row is usable.
-
-        Args:
-            theta: (p,) the estimate.
-            whole: the problem along which forces are measured, if these rows are a part of it: in a
-                part they may hardly change.
+        Predicting the mean command would give 1. Velocities on which no actuator acts are compared
+        with the forces of inertia and weight. NaN where no row is usable. If these rows are part of
+        a `whole` problem, forces are measured along that, as they may hardly change in a part.
         """
         counts = self.usable.sum(axis=0)
         size = (self if whole is None else whole).forces(theta)
@@ -101,21 +97,18 @@ class Problem:
         return np.where((counts > 0) & (size > 0), residual / np.where(size > 0, size, 1), np.nan)
 
     def forces(self, theta: Array) -> Array:
-        """(n,) standard deviations of the forces against which residuals are measured; see `nrmse`.
+        """(n,) standard deviations of the forces with which `nrmse` compares residuals.
 
-        0 of a velocity with fewer than two rows.
+        0 for a velocity with fewer than two rows.
         """
         acting, inertial = self._deviations(theta)
         return np.where(acting > _IDLE * inertial, acting, inertial)
 
     def hardly_moved(self, theta: Array, units: Sequence[str]) -> Mask:
-        """(n,) velocities that no actuator drives and whose forces are a trifle beside the others'.
+        """(n,) velocities that no actuator drives and whose forces are small beside the others'.
 
-        A hovering quadrotor's surge is one: weight and inertia cancel, and what is left is noise.
-
-        Args:
-            theta: (p,) the estimate.
-            units: (n,) of the velocities; forces are compared with driven ones of the same unit.
+        A hovering quadrotor's surge is one: weight and inertia cancel, and only noise remains.
+        Forces are compared with driven ones of the same unit, of `units` (n,).
         """
         acting, inertial = self._deviations(theta)
         same = np.array([[a == b for b in units] for a in units])
@@ -143,10 +136,10 @@ def _rms(x: Array, counts: Indices) -> Array:
 
 
 def folds(problem: Problem, count: int) -> list[tuple[Problem, Problem]]:
-    """The problem without each of its parts, and of that part alone.
+    """Splits a problem into `count` parts: pairs of the problem without a part, and that part.
 
-    A part is contiguous in time and has an equal share of what the rows of every velocity tell: a
-    joint that moves only once would else be predicted from rows in which it hardly moves.
+    A part is contiguous in time and has an equal share of the information in the rows of every
+    velocity; otherwise rows in which a joint hardly moves might have to predict its only motion.
     """
     told = np.cumsum(_leverages(problem), axis=0)
     number = np.minimum((count * told / np.maximum(told[-1], 1e-300)).astype(int), count - 1)

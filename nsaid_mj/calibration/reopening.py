@@ -1,4 +1,4 @@
-"""A run of a robot that was not simulated, rebuilt from its record."""
+"""Rebuilds the run of a robot that was not simulated from its record."""
 
 from __future__ import annotations
 

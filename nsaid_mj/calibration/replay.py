@@ -1,4 +1,4 @@
-"""Does a calibrated model follow the log? Short simulations from measured states."""
+"""Tests whether a calibrated model follows the log, by short simulations from measured states."""
 
 from __future__ import annotations
 
@@ -22,12 +22,11 @@ _LONGEST_STEP = 2e-3  # of the simulation [s]
 
 
 class Replay(NamedTuple):
-    """Errors of simulations that are driven by a log's commands.
+    """Errors of simulations driven by a log's commands.
 
     Attributes:
-        exported: (n,) rms error of each joint's position, of the model with identified values
-            [rad or m].
-        nominal: (n,) the same of the model with the values of the robot's own file.
+        exported: (n,) rms error of each joint's position with identified values [rad or m].
+        nominal: (n,) the same with the values of the robot's own file.
     """
 
     exported: Array
@@ -38,11 +37,6 @@ def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Rep
     """Simulates the models that `write_mjcf` writes, driven by a log's commands.
 
     The simulations last 0.2 s each, and start at the measured positions and velocities.
-
-    Args:
-        robot: a tree of joints.
-        values: what was identified.
-        recordings: a log of its motion.
 
     Raises:
         InvalidInput: the robot is a vehicle, or no segment lasts 0.2 s.
@@ -66,12 +60,8 @@ def departures(
 ) -> Array:
     """(N, n) simulated minus measured positions, driven by a log's commands [rad or m].
 
-    Args:
-        robot: a tree of joints.
-        values: of its parameters.
-        recordings: a log of its motion.
-        horizon: time after which the simulation starts again from the measured position and
-            velocity [s], at least one sample; inf for once a segment.
+    After `horizon` [s], at least one sample, the simulation restarts from the measured position and
+    velocity; inf for once per segment.
     """
     assert robot.file is not None  # a tree of joints comes from a file
     folder = robot.file.resolve().parent
@@ -94,13 +84,8 @@ def _simulate(
 ) -> Array:
     """(windows, samples, n) errors of position in the windows of a segment.
 
-    Args:
-        mj: MuJoCo's model.
-        joints: indices of the joints.
-        command: (n,) index of each joint's motor.
-        segment: of a log.
-        samples: time steps in a window.
-        substeps: steps of the simulation in each of them.
+    `mj` is MuJoCo's model, `command` (n,) the index of each joint's motor; each of the `samples`
+    time steps of a window takes `substeps` steps of the simulation.
     """
     log = segment.log
     starts = np.arange(0, len(log.t) - samples, samples)

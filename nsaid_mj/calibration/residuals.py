@@ -1,15 +1,15 @@
-"""What is left in the residuals: which effects outside the structure they follow, and at what cost.
+"""Tests residuals for effects outside the structure, and for what these do to the estimate.
 
 A suspect is a set of columns Z that the rows might lack. Its coefficients γ are those of least
-squares in which all parameters take part without a prior, so that residuals that only the prior
-causes are not ascribed to it. In the fit they would move the estimate by one Gauss–Newton step,
+squares in which all parameters take part without a prior, so that it is not blamed for residuals
+that only the prior causes. In the fit they would move the estimate by one Gauss–Newton step,
 
     δ = −H⁻¹ Xᵀ Z γ/σ²,     X the fit's columns, σ² the variance of the residuals, H the Hessian,
 
 the influence of a specification error (Newey, Maximum likelihood specification testing and
-conditional moment tests, Econometrica 53(5), 1985). Whether γ is more than chance is judged by the
+conditional moment tests, Econometrica 53(5), 1985). Whether γ exceeds chance is judged by the
 variance of the scores' sums over blocks in time, as residuals are correlated. Suspects enter one
-after another, the one that explains most first, until none is left that is more than chance.
+after another, the one that explains most first, until none that is left exceeds chance.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ from .precision import Precision
 from .problem import Problem
 
 _BLOCKS = 20  # of the log, for the variance of the scores
-_CHANCE = 0.01  # of any suspect entering by chance
+_CHANCE = 0.01  # that any suspect enters by chance
 _EVEN = 0.01  # level of significance of the blocks' test
 _MOST = 8  # suspects that enter
 _MANY = 20_000  # rows of a longer log are thinned, as all of them would fill the memory
 _Z = 1.96  # of a 95 % interval
-_STATED = 0.5  # relative half-width below which a parameter's value is relied upon
-_TOLD = 0.1  # share of the residuals' variance that is told
-_MOVED = 0.1  # relative shift of such a parameter that is told
+_STATED = 0.5  # relative half-width below which a parameter's value counts as known
+_TOLD = 0.1  # share of the residuals' variance that is reported
+_MOVED = 0.1  # relative shift of such a parameter that is reported
 _EXPLAINED = 0.1  # rms of what a suspect explains, over the command's standard deviation
 _OUTSIDE = 1e-3  # least share of a suspect's columns outside the span of the fit's own
 _SPAN = 1e-10  # of the largest information, below which a direction of θ is not in the rows
 
 
 class Suspect(NamedTuple):
-    """An effect that the structure does not have.
+    """An effect that the structure lacks.
 
     Attributes:
         words: what a residual that shows it follows, such as "its acceleration".
-        where: the joint; "" where it concerns all.
-        columns: (N, n, c) what it adds to the rows, up to c unknown coefficients.
+        where: the joint; "" if it concerns all.
+        columns: (N, n, c) its contribution to the rows, up to c unknown coefficients.
         remedy: what to do about it.
-        size: of an effect whose coefficient has a meaning, and cannot be negative: its words.
+        size: its size in words, if its coefficient has a meaning and cannot be negative.
     """
 
     words: str
@@ -66,7 +66,7 @@ class Followed(NamedTuple):
     Attributes:
         suspect: the effect.
         share: (n,) of the residuals' variance that it explains.
-        shift: (p,) by which it would move θ̂, less what chance does.
+        shift: (p,) by which it would move θ̂, less the part of chance.
         coefficients: (c,) γ of its columns.
     """
 
@@ -85,7 +85,7 @@ def followed(
         problem: rows and prior.
         theta: (p,) θ̂.
         covariance: (p, p) of θ̂ under the fit's own structure: H⁻¹.
-        share: (n,) rows per effectively independent row, with which the fit was made.
+        share: (n,) rows per effectively independent row, as in the fit.
         suspects: to be tried.
     """
     every = -(-len(problem.t) // _MANY)
@@ -102,7 +102,7 @@ def followed(
             break
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
         entered.append((left[best], beyond[best], rows.add(trials[best])))
-        name = left[best][:2]  # of the same effect, other sizes or places of the encoder are tried
+        name = left[best][:2]  # other sizes, or places of the encoder, of the same effect are tried
         left = [suspect for suspect in left if suspect[:2] != name]
     found = []
     if not entered:
@@ -116,7 +116,7 @@ def followed(
 
 
 def widened(exact: Precision, left: tuple[Followed, ...]) -> Precision:
-    """The precision with every shift as one standard deviation more."""
+    """The precision with every shift added as one more standard deviation."""
     shifts = [each.shift[None] for each in left]
     return exact._replace(structure=np.vstack([exact.structure, *shifts]))
 
@@ -124,17 +124,12 @@ def widened(exact: Precision, left: tuple[Followed, ...]) -> Precision:
 def doubts(
     problem: Problem, exact: Precision, left: tuple[Followed, ...], held_out: Array
 ) -> list[Finding]:
-    """What the residuals follow, in words: a warning each where it matters, else a note.
+    """Reports what the residuals follow: each in a warning where it matters, else in a note.
 
     It matters where it explains much of the command itself, or would move a parameter that is
-    stated with a narrower interval. Frictions and offsets are not asked: what is left of them is
-    what most suspects are made of, and their intervals are widened.
-
-    Args:
-        problem: rows and prior.
-        exact: the precision before it is widened.
-        left: what the residuals follow.
-        held_out: (n,) NRMSE of held-out parts.
+    stated with a narrower interval. Frictions and offsets do not count: most suspects consist of
+    unmodelled parts of them, and their intervals are widened. held_out (n,) is the NRMSE of
+    held-out parts; `exact` is the precision before it is widened.
     """
     half = _Z * exact.deviation
     size = _sizes(problem, exact.theta)
@@ -170,9 +165,9 @@ def doubts(
 
 
 def _sizes(problem: Problem, theta: Array) -> Array:
-    """(p,) what changes of a parameter are relative to: its own size.
+    """(p,) the size of each parameter, for relative changes.
 
-    Of a body's first moments or inertia it is the largest of them: single ones depend on its axes.
+    For a body's first moments or inertia it is their largest: single ones depend on its axes.
     """
     size, units = np.maximum(np.abs(theta), 1e-300), np.array(problem.space.units)
     for block, rows in problem.space:
@@ -184,19 +179,19 @@ def _sizes(problem: Problem, theta: Array) -> Array:
 
 
 def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:
-    """The verdict, less than "yes" where the residuals are not chance and it matters."""
+    """The verdict, less than "yes" where the residuals are not random and it matters."""
     serious = [f for f in findings if f.level == "warning" and f.code == "residuals"]
     if explains == "no" or not serious:
         return explains, sentence
     words = "; ".join(f"{f.where or 'all joints'}: {f.text}. {f.remedy}" for f in serious)
     return "partly", (
-        f"{sentence} What is left is not chance, and intervals are only as good as the "
-        f"structure. {words}"
+        f"{sentence} The residuals are not random, so the intervals are only as good as "
+        f"the structure. {words}"
     )
 
 
 class _Trial(NamedTuple):
-    """What a suspect would explain.
+    """The effect of adding a suspect.
 
     Attributes:
         basis: (N n, c) orthonormal basis of its columns outside the span of the fit's.
@@ -213,10 +208,10 @@ class _Trial(NamedTuple):
     degrees: tuple[int, int]
 
     def beyond(self, level: float) -> float:
-        """Share of the coefficients that is more than chance; 0 unless both tests convict.
+        """Share of the coefficients that exceeds chance; 0 unless both tests convict.
 
-        The rows, counted as effectively independent ones, at the level of significance, and the
-        blocks, which are few and uneven, at 1 %.
+        One test counts rows as effectively independent ones, at the level of significance; the
+        other uses the blocks, which are few and uneven, at 1 %.
         """
         chance = 2 * scipy.special.gammainccinv(0.5 * max(self.basis.shape[1], 1), level)
         if self.gained < chance or scipy.special.fdtri(*self.degrees, 1 - _EVEN) > self.F:
@@ -256,11 +251,11 @@ class _Rows:
         return Z
 
     def weighed(self, columns: Array) -> Array:
-        """Columns (N, n, c) with the rows' weights."""
+        """Columns (N, n, c) times the rows' weights."""
         return columns * self._weight[:, :, None]
 
     def trial(self, columns: Array, positive: bool = False) -> _Trial:
-        """What further columns (N, n, c) would explain, or one with a positive coefficient."""
+        """The effect of further columns (N, n, c), or of one with a positive coefficient."""
         Z = self.weighed(columns).reshape(-1, columns.shape[2])
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
         rest = self._outside(Z / size, self._basis)
@@ -277,7 +272,7 @@ class _Rows:
         return _Trial(basis, combine / size[:, None], gained, F, degrees)
 
     def add(self, trial: _Trial) -> Array:
-        """Takes a suspect in; returns (n,) the share of the residuals' variance it explains."""
+        """Adds a suspect; returns (n,) the share of the residuals' variance it explains."""
         before = self._power()
         self._residual = self._residual - trial.basis @ (trial.basis.T @ self._residual)
         self._basis = np.hstack([self._basis, trial.basis])

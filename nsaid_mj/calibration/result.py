@@ -1,4 +1,4 @@
-"""The result of a calibration: what the log says of every parameter, and what it cannot say."""
+"""The result of a calibration: what the log reveals of every parameter, and what it does not."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ class JointFit:
     """How well the structure explains one joint's (or velocity's) command.
 
     NRMSE is the rms error of the predicted command over the standard deviation of the measured one:
-    1 is what predicting the mean has.
+    predicting the mean gives 1.
 
     Attributes:
         name: of the joint.
         fit: NRMSE on the rows of the fit.
         held_out: NRMSE on fifths of the log, each predicted from the others.
-        least_squares: the same of weighted least squares on the same rows and columns.
+        least_squares: that of weighted least squares on the same rows and columns.
         validation: NRMSE on the validation log; None without one.
-        validation_least_squares: the same of weighted least squares; None without a log.
+        validation_least_squares: that of weighted least squares; None without a log.
         columns: friction columns in use.
         friction_speed: s of tanh(v/s) [rad/s or m/s].
         delay: of the command [s].
@@ -99,10 +99,10 @@ class Identification(Result):
             joint, for model files that hold no other; empty for a vehicle.
         curves: of the training logs.
         validation: of the validation log; None without one.
-        law: that followed the log besides; None if the batch fit is alone.
+        law: the run of a law along the log; None for the batch fit alone.
         cutoff: of the rows' filter [Hz].
-        seconds: what the identification took [s].
-        fitted: what was fitted, for laws that follow the log.
+        seconds: duration of the identification [s].
+        fitted: parts of the fit, for laws that follow the log.
     """
 
     robot: RobotModel

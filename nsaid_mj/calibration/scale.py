@@ -1,8 +1,8 @@
-"""The common scale of θ, which no motion tells: what fixes it, and how well it is known.
+"""The common scale of θ, which no motion reveals: what fixes it, and how well it is known.
 
 Twice all masses, frictions and gains move in the same way. A known number fixes the scale where the
-log ties it to all others, as it does a motor's gain; so do commands stated in N·m or N. Otherwise
-the scale rests on the model file's masses.
+log relates it to all others, as it does a motor's gain; so do commands stated in N·m or N.
+Otherwise the scale rests on the model file's masses.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .precision import Precision, combinations
 from .problem import Problem
 from .statements import in_words
 
-_SURE = 0.15  # standard deviation of the scale's logarithm below which a known value fixes it: that
-# of commands in N·m
+_SURE = 0.15  # standard deviation of the scale's logarithm, that of commands in N·m, below which a
+# known value fixes it
 
 
 class Scale(NamedTuple):
-    """What is known of the common scale.
+    """What is known about the common scale.
 
     Attributes:
-        weights: (p,) c with cᵀδ the relative change of the scale that a change δ of θ̂ makes.
+        weights: (p,) c with cᵀδ the relative change of the scale under a change δ of θ̂.
         deviation: standard deviation of its logarithm.
         fixed: whether commands or a known number fix it.
         words: what it rests on.
@@ -43,16 +43,16 @@ class Scale(NamedTuple):
 
     @property
     def factor(self) -> float:
-        """Ends of the 95 % interval of the scale are this factor apart from its middle."""
+        """Half the 95 % interval of the scale, as a factor."""
         return float(np.exp(INTERVAL * self.deviation))
 
     def judged(self, explains: Explains, sentence: str) -> tuple[Explains, str]:
-        """A verdict and its sentence, which are no better than the scale."""
+        """A verdict and its sentence, limited by the scale."""
         if self.fixed or explains == "no":
             return explains, sentence
         return "partly", (
             f"{sentence} The overall scale rests on {self.words.partition(':')[0]}: ratios of "
-            f"parameters hold, absolute values to a factor of {self.factor:.2g}."
+            f"parameters hold, absolute values only to a factor of {self.factor:.2g}."
         )
 
 
@@ -60,15 +60,10 @@ def common_scale(
     problem: Problem, exact: Precision, theta: Array, stated: bool, weightless: bool,
     known: Mapping[str, float],
 ) -> Scale:  # fmt: skip
-    """What the estimate θ̂ (p,) of a problem knows of its scale.
+    """What the estimate θ̂ (p,) of a problem reveals about its scale.
 
-    Args:
-        problem: rows and prior.
-        exact: the precision of θ̂.
-        theta: θ̂.
-        stated: whether commands are in N·m or N.
-        weightless: whether the model file has no masses.
-        known: the parameters that the user gave.
+    `stated` is whether commands are in N·m or N, `weightless` whether the model file has no masses,
+    `known` the user's parameters.
     """
     at = problem.space.actuators
     weights = np.zeros(len(theta))
@@ -93,7 +88,7 @@ def common_scale(
 def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
     """The problem with parameters held at known values.
 
-    A link of known mass is expected to have the file's shape, and takes its part in the size.
+    A link of known mass is expected to have the file's shape, and takes part in the size.
 
     Raises:
         UnknownName: there is no such parameter.
@@ -109,13 +104,13 @@ def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
             expected = "a number > 0" if positive else "a finite number"
             raise InvalidInput(name, expected, value, f"Its unit is {space.units[index]}.")
         if mass:
-            prior[place] *= value / prior[index]  # the whole link grows, and stays physical
+            prior[place] *= value / prior[index]  # scale the whole link, which stays physical
         prior[index], fixed[index] = value, True
     return replace(problem, prior=prior, known=fixed)
 
 
 def _share(problem: Problem, index: int) -> float:
-    """Share of the bodies' size that is due to the body whose mass a parameter is; 0 of others."""
+    """Share of the bodies' size due to the body whose mass a parameter is; 0 for others."""
     own = next(p for _, p in problem.space if p.start <= index < p.stop)
     if problem.size is None or problem.space.units[index] != "kg" or index != own.start:
         return 0.0
@@ -132,7 +127,7 @@ def _index(problem: Problem, name: str) -> int:
 
 
 def rescaled(problem: Problem, known: Mapping[str, float]) -> Problem:
-    """The problem of a model without masses, its arbitrary scale moved to that of known values."""
+    """The problem of a model without masses, with its arbitrary scale moved to known values."""
     given = with_known(problem, known).prior
     at = np.flatnonzero((given != problem.prior) & (given > 0) & (problem.prior > 0))
     if not len(at):
@@ -144,7 +139,7 @@ def rescaled(problem: Problem, known: Mapping[str, float]) -> Problem:
 
 
 def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> list[Finding]:
-    """Known values that do not fix the scale: what they changed, and why not more."""
+    """Reports known values that do not fix the scale: what they changed, and why not more."""
     if scale.fixed:
         return []
     combined, found = combinations(problem), []
@@ -153,9 +148,11 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
         share = _share(problem, index)
         told = combined.members(index)
         seen = in_words(combined.expression(told[0]), problem.space) if told else ""
-        why = f"the log has it only in combination ({seen})" if told else "the log does not tell it"
+        why = (
+            f"the log shows it only in combination ({seen})" if told else "the log does not show it"
+        )
         if index in problem.space.actuators:
-            why = "the log hardly ties it to the rest"
+            why = "the log hardly relates it to the other parameters"
         effect = (
             f"it settles {share:.0%} of the weight on which the overall scale rests"
             if share > 0.005

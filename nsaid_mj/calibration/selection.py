@@ -24,11 +24,11 @@ _RIDGE = 1e-3  # of the columns' rms: a prior of 30 times a column's natural siz
 _WORTH = 0.01  # mean relative gain in held-out error that a change must bring, or its standard
 # error over the folds if that is larger
 REACH = 0.2  # delays are searched within ± this [s]
-_COARSE = 0.004  # spacing of the delays that are tried [s]
+_COARSE = 0.004  # spacing of the trial delays [s]
 _DELAY_WORTH = 0.04  # mean relative gain that a joint's own delay must bring
 _SURE = 2.0  # standard errors over the folds that it must exceed
 _PARABOLAS = 5  # steps of the correction of all delays
-_LOADED = 0.15  # share of the actuator's force that a joint's weight needs for a load column
+_LOADED = 0.15  # share of weight in a joint's force that a load column needs
 
 
 def choose(
@@ -37,16 +37,13 @@ def choose(
     delay: Array | None = None,
     columns: frozenset[str] | None = None,
 ) -> tuple[Choice, list[Finding]]:
-    """The structure of every joint that predicts held-out commands best.
+    """The structure of every joint that predicts held-out commands best, and what was tried.
 
     Args:
         rows: candidate columns of the training log.
         coupled: pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
         delay: (k,) known delays [s]; None to search for them.
         columns: names of the columns to use on all joints; None to choose.
-
-    Returns:
-        The choice, and what was tried.
     """
     k = len(rows.robot.joints)
     start = Choice(
@@ -64,7 +61,7 @@ def choose(
             delays = choice.delay.copy()
             delays[j] = shared[j]
             alike = _choose_joint(rows, replace(choice, delay=delays), j, columns is None)
-            if not _insists(alike[2], errors):  # friction of another speed imitates a delay
+            if not _insists(alike[2], errors):  # friction at another speed imitates a delay
                 own, told, _ = alike
         choice = own
         findings.append(told)
@@ -74,7 +71,7 @@ def choose(
 def _choose_joint(
     rows: JointRows, choice: Choice, joint: int, free: bool
 ) -> tuple[Choice, Finding, Array]:
-    """The choice with the best speed and columns at one joint, in words too, and its errors."""
+    """The choice with the best speed and columns at one joint, that in words, and its errors."""
     u = rows.commands(choice.delay)[:, joint]
     best = held_out_errors(rows, choice, u, joint)
     first, tried = _rms(best), []
@@ -122,7 +119,7 @@ def _choose_joint(
 def _carries_weight(rows: JointRows, u: Array, joint: int) -> bool:
     """Whether weight is a substantial part of a joint's force, so that friction may follow it.
 
-    Where it is not, a column tanh(v/s)·|weight's torque| imitates other friction and bends gains.
+    Elsewhere a column tanh(v/s)·|weight's torque| imitates other friction and biases gains.
     """
     weight = rows.diagonal["load"][-1][:, joint]
     force = u * rows.gain[joint]
@@ -171,8 +168,8 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
     """The choice with delays on a grid: one that all commands share, others where joints differ.
 
     Every joint's row is fitted by least squares at every candidate delay. The columns do not depend
-    on the delay, so one orthogonal basis of them serves all candidates. Returned are also the
-    shared delays (k,).
+    on the delay, so one orthogonal basis of them serves all candidates. Also returns the shared
+    delays (k,).
     """
     k = len(rows.robot.joints)
     candidates = np.arange(-REACH, REACH + 1e-9, _COARSE)
@@ -204,12 +201,8 @@ def with_constants(
 ) -> tuple[Choice, list[Finding]]:
     """The choice with offsets and springs where they help the physical fit, which shares links.
 
-    Joint by joint, with the links' columns free for each, weight stands in for both.
-
-    Args:
-        choice: with delays and all other columns.
-        problem_of: the fit of a choice.
-        names: of the joints.
+    Joint by joint, with the links' columns free for each, weight would replace both. `problem_of`
+    makes the fit of a choice.
     """
     best, findings = _shared_errors(problem_of(choice)), []
     for j, name in enumerate(names):
@@ -246,11 +239,8 @@ def _insists(shared: Array, own: Array) -> bool:
 def worthwhile(before: Array, after: Array, worth: float, deviations: float = 1.0) -> bool:
     """Whether held-out errors (folds,) fall by a share, and by more than they differ by chance.
 
-    Args:
-        before: errors of the simpler structure.
-        after: of the other.
-        worth: least mean fall of the errors' logarithm.
-        deviations: standard errors over the folds that the fall must exceed.
+    The errors' mean logarithm must fall by `worth` at least, and by `deviations` standard errors
+    over the folds.
     """
     change = np.log(after / before)
     error = change.std() / np.sqrt(len(change) - 1)
@@ -258,7 +248,7 @@ def worthwhile(before: Array, after: Array, worth: float, deviations: float = 1.
 
 
 def _vertex(values: Array) -> float:
-    """Where the parabola through values at −1, 0, 1 is least, within ±½."""
+    """Minimum of the parabola through values at −1, 0, 1, within ±½."""
     bend = values[0] - 2 * values[1] + values[2]
     return float(np.clip(0.5 * (values[0] - values[2]) / bend, -0.5, 0.5)) if bend > 0 else 0.0
 
@@ -266,15 +256,11 @@ def _vertex(values: Array) -> float:
 def refined(
     choice: Choice, problem_of: Callable[[Choice], Problem], names: tuple[str, ...]
 ) -> tuple[Choice, float, Finding]:
-    """The choice with its delays corrected by what all commands share, from the physical fit.
+    """The choice with its delays corrected by one that all commands share, from the physical fit.
 
     Mean squared residuals are parabolas in the correction. A millisecond matters: held commands
-    that are interpolated precede the motion by half a sample.
-
-    Args:
-        choice: with delays on a grid.
-        problem_of: the fit of a choice.
-        names: of the joints.
+    that are interpolated precede the motion by half a sample. `problem_of` makes the fit of a
+    choice.
 
     Returns:
         The choice, the correction's standard deviation [s], and the delays in words.

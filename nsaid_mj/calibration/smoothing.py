@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
 _SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
-_ABOVE = 4.0  # power over the noise's at which it counts as motion
+_ABOVE = 4.0  # power, relative to the noise's, from which it counts as motion
 _LOWEST, _HIGHEST = 3.0, 20.0  # cut-offs of the rows' filter [Hz]
 _WIDER = 5.0  # cut-off of the smoothing filter over that of the rows' filter
 _FINE = 200.0  # least rate at which an arm's regressors are computed [Hz]
@@ -79,7 +79,7 @@ class Filter(NamedTuple):
 
     @property
     def decimation(self) -> int:
-        """Computed regressors per row of the fit: rows are four times the cut-off apart in rate."""
+        """Computed regressors per row of the fit: rows come at four times the cut-off."""
         return max(1, int(self.rate / self.every / (4 * self.cutoff)))
 
     def centres(self, samples: int) -> Indices:
@@ -95,10 +95,8 @@ class Filter(NamedTuple):
 def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
     """The filter that passes the motion.
 
-    Args:
-        recordings: the segments.
-        cutoff: of the rows [Hz]; None for three times the frequency below which 99 % of the
-            velocities' power lies, within 3 and 20 Hz.
+    `cutoff` of the rows [Hz] is by default three times the frequency below which 99 % of the
+    velocities' power lies, within 3 and 20 Hz.
     """
     rate = recordings.rate
     if cutoff is None:
@@ -108,10 +106,10 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
 
 
 def refined(recordings: Recordings) -> Recordings:
-    """The recordings between their rows too, by splines, at `_FINE` rows a second or more.
+    """The recordings with splines between their rows, at `_FINE` rows per second or more.
 
-    Friction and weight are not band-limited functions of a motion that is: computed at few rows
-    and then low-passed, they are not what the low-passed command answers.
+    Friction and weight are not band-limited functions of a band-limited motion: computed at few
+    rows and then low-passed, they would not match the low-passed command.
     """
     times = int(np.ceil(_FINE / recordings.rate - 1e-9))
     if times <= 1:
@@ -131,7 +129,7 @@ def refined(recordings: Recordings) -> Recordings:
 
 
 def _bandwidth(recordings: Recordings) -> float:
-    """Frequency [Hz] below which 99 % of the velocities' power lies, without the noise's.
+    """Frequency [Hz] below which 99 % of the velocities' power lies, noise excluded.
 
     Noise and steps of an encoder are white in the positions: their density is that of the upper
     half of the frequencies, and what does not exceed it `_ABOVE` times counts as noise.
@@ -155,10 +153,7 @@ def _bandwidth(recordings: Recordings) -> float:
 def smooth(segment: Segment, chosen: Filter, differentiate: bool) -> Smooth:
     """The smoothed motion of a segment.
 
-    Args:
-        segment: of the recordings.
-        chosen: filters.
-        differentiate: whether velocities are derivatives of the positions; else the measured ones.
+    With `differentiate` velocities are derivatives of the positions, else the measured ones.
     """
     log, every = segment.log, chosen.every
     q = chosen.low_pass(log.q)
@@ -172,7 +167,7 @@ def slope(t: Array, x: Array) -> Array:
     """(N, n) derivative of samples x (N, n), by splines of fifth degree.
 
     Central differences lose (ωh)²/6 of a frequency ω: 18 % of the acceleration at 6 Hz and 50 rows
-    a second; splines less than 0.1 % there.
+    per second; splines less than 0.1 % there.
     """
     degree = min(5, (len(t) - 1) | 1)
     if degree > len(t) - 1:
@@ -181,7 +176,7 @@ def slope(t: Array, x: Array) -> Array:
 
 
 def smooth_commands(segment: Segment, chosen: Filter) -> BSpline:
-    """The cubic spline through a segment's commands (N, n_u) behind the smoothing filter."""
+    """The cubic spline through a segment's commands (N, n_u) after the smoothing filter."""
     u = chosen.low_pass(segment.log.u)
     return scipy.interpolate.make_interp_spline(segment.log.t, u, min(3, len(u) - 1))
 

@@ -1,4 +1,4 @@
-"""What a log says of every parameter, in words: status, interval, combination, suggestion."""
+"""States what a log reveals of every parameter: status, interval, combination, suggestion."""
 
 from __future__ import annotations
 
@@ -26,12 +26,8 @@ def parameters_in_words(
 ) -> tuple[Parameter, ...]:
     """All parameters with interval and status.
 
-    Args:
-        problem: rows and prior.
-        fit: the estimate.
-        exact: its precision.
-        gain_spread: (k,) standard deviations of log k before the log.
-        common: (p,) derivative of the logarithm of the common scale where nothing fixes it, else 0.
+    gain_spread (k,) are the prior standard deviations of log k, common (p,) is the derivative of
+    the logarithm of the common scale where nothing fixes it, else 0.
     """
     space, combined = problem.space, combinations(problem)
     deviation, gains = exact.deviation, _relative_gains(problem, fit, exact, gain_spread)
@@ -71,7 +67,7 @@ def _status(
     value: float,
     sd: float,
 ) -> tuple[Status, str]:
-    """Status of a parameter that is no gain, and its combination in words."""
+    """Status of a parameter other than a gain, and its combination in words."""
     if problem.known[index]:
         return "known", ""
     told = exact.data[index, index] * exact.prior[index] ** 2
@@ -92,10 +88,9 @@ def _relative_gains(
 ) -> dict[int, tuple[Status, str, float | None]]:
     """Status, combination and relative half-width of every gain.
 
-    It is identified where the log narrows its ratio to the best known gains, and its own interval
-    is no wider than ±50 %. A single gain has nothing but its own interval.
-
-    Those are all gains, weighted by the inverse variances of their logarithms.
+    It is identified where the log narrows its ratio to the best known gains (all of them, weighted
+    by the inverse variances of their logarithms), and its own interval is no wider than ±50 %. A
+    single gain has nothing but its own interval.
     """
     at, found = problem.space.actuators, {}
     deviation = np.array([exact.of(e) for e in np.eye(len(problem.space))[at]]) / fit.theta[at]
@@ -113,7 +108,7 @@ def _relative_gains(
         apart = exact.of(weights)
         relative = INTERVAL * apart if others.any() else None
         if others.any() and apart < np.clip(_NARROWED * spread[number], _SHARP, _BLUNT):
-            told = INTERVAL * deviation[number] < _ABSOLUTE  # else its ratio to other gains alone
+            told = INTERVAL * deviation[number] < _ABSOLUTE  # else only its ratio to other gains
             words = "" if told else f"{problem.space.labels[index]} over the other gains"
             found[index] = ("identified" if told else "only in combination", words, relative)
         elif not others.any() and INTERVAL * deviation[number] < _ABSOLUTE:
@@ -162,9 +157,7 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
 def verdict(joints: tuple[JointFit, ...], arm: bool = True) -> tuple[Explains, str]:
     """Whether the structure explains the log, and the sentence that says so.
 
-    Args:
-        joints: how well each is predicted.
-        arm: whether they are joints; a vehicle has velocities.
+    With `arm` the parts are joints; a vehicle has velocities.
     """
     of = "joints" if arm else "velocities"
     joints = tuple(j for j in joints if np.isfinite(j.held_out))
@@ -241,7 +234,7 @@ def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...
         )
     if weak:
         words += (
-            f" {', '.join(weak)}: not told apart from friction by this motion; a payload of known "
-            "mass, or faster motion of these joints, would tell."
+            f" {', '.join(weak)}: this motion does not separate them from friction; a payload of "
+            "known mass, or faster motion of these joints, would."
         )
     return words.strip()

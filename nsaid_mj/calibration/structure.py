@@ -1,4 +1,4 @@
-"""What a structure hands to the fit: a problem, what was expected, and what was tried."""
+"""The interface from a structure to the fit: a problem, its expected gains, and what was tried."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Options:
 
     Attributes:
         columns: friction columns of all joints, names of `joints.COLUMNS`; None to choose them by
-            folds inside the log.
+            cross-validation inside the log.
         coupled: pairs (i, j, ±1) of joints, by number, whose motor turns by v_i ± v_j.
         delay: (k,) delays of the commands [s]; None to search for them.
         cutoff: of the rows' filter [Hz]; None for the bandwidth of the motion.
-        loads: of known mass that some of the logs carry.
+        loads: of known mass, carried in some of the logs.
     """
 
     columns: frozenset[str] | None = None
@@ -34,7 +34,7 @@ class Options:
 
 
 class Velocity(NamedTuple):
-    """What was chosen for one velocity.
+    """The structure chosen for one velocity.
 
     Attributes:
         name: of the joint, or of the component of a body's twist.
@@ -56,15 +56,14 @@ class Structured(NamedTuple):
         problem: rows of the training logs.
         gain: (k,) expected values of the actuator parameters.
         spread: (k,) standard deviations of their logarithms.
-        alternatives: problems of other plausible structures and filters, to see how θ̂ depends on
-            them.
+        alternatives: problems of other plausible structures and filters, for the sensitivity of θ̂.
         checked: rows of the validation log; None without one.
         velocities: the choice for every velocity.
         findings: what was tried and noticed.
         cutoff: of the rows' filter [Hz].
         links: (10 k,) parameters of the links whose weight loads the friction of an arm's joints.
         delays: (k,) of the commands [s].
-        suspects: effects outside the structure, at a (p,) θ̂, that the residuals may follow.
+        suspects: effects outside the structure, for a (p,) θ̂, that the residuals may follow.
     """
 
     problem: Problem

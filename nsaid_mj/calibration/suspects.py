@@ -1,4 +1,4 @@
-"""What the rows of a tree of joints might lack: columns that its residuals are compared with.
+"""Effects that the rows of a tree of joints might lack, as columns for its residuals.
 
 Each suspect is an effect outside the structure, as the column by which it would change the balance:
 a mount that is not level, an encoder's zero or ratio, a lag, friction of another shape, a coupling.
@@ -21,19 +21,12 @@ from .problem import Problem
 from .residuals import Suspect
 from .smoothing import Smooth
 
-_SMALL = 0.1  # of the rms force: below it the force of a dead zone is not followed
-PLAYS = (0.002, 0.006, 0.02)  # of gears, by which links that hang free in them are simulated
+_SMALL = 0.1  # of the rms force: below it the inverse force of a dead zone stays constant
+PLAYS = (0.002, 0.006, 0.02)  # of gears [rad or m], with which free links are simulated
 
 
 def arm_suspects(rows: JointRows, choice: Choice, problem: Problem, theta: Array) -> list[Suspect]:
-    """Suspects of a tree of joints.
-
-    Args:
-        rows: of the training log.
-        choice: the structure of the fit.
-        problem: the fit.
-        theta: (p,) θ̂, links first.
-    """
+    """Suspects of a tree of joints, at θ̂ (p,), links first, of the fit with structure `choice`."""
     model = pin.Model(rows.robot.model)
     model.armature = np.zeros(model.nv)  # rotors are columns of their own
     for i in range(1, model.njoints):
@@ -64,8 +57,8 @@ def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
     """A suspect with the columns, between those of two forces, that residuals (N, n) follow least.
 
     The force that the motion needs has the noise of the acceleration, that of the command the
-    current's. Either is in the residual too, which therefore follows its own second derivative; an
-    effect is followed whichever of both forces, or of their accelerations, its columns are made of.
+    current's. Either is also in the residual, which therefore follows its own second derivative; an
+    effect is followed whichever of both forces, or of their accelerations, makes up its columns.
     """
     own, other = (np.einsum("ni,nic->ic", residual, s.columns) for s in (needed, stated))
     change = np.where(own == other, 1.0, own - other)
@@ -74,12 +67,7 @@ def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
 
 
 def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
-    """Forces that are no multiple of a command: weaker one way, bent, or with a dead zone.
-
-    Args:
-        forces: (N, n, k) of every actuator.
-        names: of the actuators.
-    """
+    """Forces (N, n, k) not proportional to a command: weaker one way, bent, or with a dead zone."""
     for k, name in enumerate(names):
         own = forces[:, :, k]
         signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
@@ -88,28 +76,24 @@ def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
             (
                 "the sign of its force",
                 np.sign(signed),
-                "Its drive is weaker one way than the other.",
+                "Its drive is weaker in one direction.",
             ),
             ("the size of its force", size, "Check saturation and torque ripple."),
             ("a dead zone of its force", 1 / np.maximum(size, _SMALL), "Check small commands."),
         ):
             columns = (own * factor[:, None])[:, :, None]
             yield Suspect(
-                words, name, columns, f"Its force is no multiple of the command. {remedy}"
+                words, name, columns, f"Its force is not proportional to the command. {remedy}"
             )
 
 
 def _kinematic(
     rows: JointRows, model: pin.Model, rotor: Array, residual: Array, torque: Array
 ) -> Iterator[Suspect]:
-    """A mount that is not level; zero and ratio of every joint's encoder; its gear's yielding.
+    """A mount that is not level; zero and ratio of every joint's encoder; its gear's compliance.
 
-    Args:
-        rows: of the training log.
-        model: with the estimated links.
-        rotor: (n,) inertias of the rotors.
-        residual: (N, n) forces that the measured motion needs beyond those of the commands.
-        torque: (N, n) of the links.
+    `model` has the estimated links; rotor (n,) are inertias, residual (N, n) the forces that the
+    measured motion needs beyond those of the commands, torque (N, n) those of the links.
     """
     names, down = rows.robot.joints, model.gravity.linear.copy()
     if np.linalg.norm(down) > 0:
@@ -117,10 +101,10 @@ def _kinematic(
         weights = [_weight(model, gravity) for gravity in across]
         columns = np.stack([rows.joined(lambda m, w=w: w(m.q)) for w in weights], 2)
         yield Suspect(
-            "a weight across the mount's vertical",
+            "gravity across the model's vertical",
             "",
             columns,
-            "Check how the base is mounted: the model's gravity should be as many degrees off.",
+            "Check how the base is mounted; if it is tilted, tilt the model's gravity.",
         )
     moves = _Moves(model)
     found = [rows.joined(lambda m, k=k: moves.change(m, k)) for k in range(4 + len(PLAYS))]
@@ -169,10 +153,8 @@ def _weight(model: pin.Model, gravity: Array) -> Callable[[Array], Array]:
 class _Moves:
     """Changes of all joints' torques with each joint's motion, one kind after the other.
 
-    Together they would take several times the memory of a long log.
-
-    Args:
-        model: with the estimated links.
+    Together they would take several times the memory of a long log. `model` has the estimated
+    links.
     """
 
     def __init__(self, model: pin.Model):
@@ -181,9 +163,9 @@ class _Moves:
     def change(self, motion: Smooth, kind: int) -> Array:
         """(N, n, n) changes of one kind.
 
-        They are the derivatives by position, velocity and acceleration (0, 1, 2), what a relative
-        scale of the position changes (3), and what each of `PLAYS` does behind an encoder on the
-        motor's side (4 and on).
+        The derivatives by position, velocity and acceleration (0, 1, 2), the change by a relative
+        scale of the position (3), and that of each of `PLAYS` behind an encoder on the motor's side
+        (4 and on).
         """
         if id(motion) not in self._known:
             self._known[id(motion)] = self._slopes(motion)
@@ -207,18 +189,15 @@ class _Moves:
 
 
 def _moved(slopes: Array, motion: tuple[Array, Array, Array]) -> Array:
-    """(N, n, n) changes of torques as every joint moves by q, v, a (N, n) more, each alone."""
+    """(N, n, n) changes of torques as each joint alone moves by q, v, a (N, n) more."""
     return np.sum([slopes[:, k] * part[:, None, :] for k, part in enumerate(motion)], axis=0)
 
 
 @njit(cache=True)
 def _between_flanks(t, needed, play):
-    """(N, n) how far links are behind their motors, in gears with play, without a rebound.
+    """(N, n) distances of links behind their motors, in gears with play (rad or m), no rebound.
 
-    Args:
-        t: (N,) times [s].
-        needed: (N, n) torque of the rigid joint over the link's inertia [1/s²].
-        play: of every gear [rad or m].
+    needed (N, n) is the torque of the rigid joint over the link's inertia [1/s²], at t (N,) [s].
     """
     behind = np.zeros(needed.shape)
     for j in range(needed.shape[1]):
@@ -234,13 +213,10 @@ def _between_flanks(t, needed, play):
 
 
 def _answered(rows: JointRows, model: pin.Model, rotor: Array, residual: Array) -> Array:
-    """(N, n, n) the part of a relative scale by acceleration that the commands do not ask for.
+    """(N, n, n) the part of a relative scale by acceleration that the commands do not request.
 
-    Args:
-        rows: of the training log.
-        model: with the estimated links.
-        rotor: (n,) inertias of the rotors.
-        residual: (N, n) forces that the measured motion needs beyond those of the commands.
+    `model` has the estimated links; rotor (n,) are inertias, residual (N, n) the forces that the
+    measured motion needs beyond those of the commands.
     """
     data, found = model.createData(), np.empty((*residual.shape, model.nv))
     for k, q in enumerate(positions(model, rows.joined(lambda m: m.q))):
@@ -283,7 +259,7 @@ def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
     curve = rows.diagonal["coulomb"]
     for j, name in enumerate(names):
         own = {
-            "a constant": (np.ones((len(v), 1)), "Name the column `offset`."),
+            "a constant": (np.ones((len(v), 1)), "Add the column `offset`."),
             "its position": (
                 angle[:, j],
                 "A counterweight or a cable pulls at it, or its axis is not the model's: try the "
@@ -293,16 +269,16 @@ def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
             "its velocity": (
                 np.column_stack([v[:, j], rows.diagonal["quadratic"][:, j],
                                  rows.diagonal["cubic"][:, j]]),
-                "Its friction curve is another: name the columns `quadratic`, `cubic`, `stribeck`.",
+                "Its friction curve differs: add the columns `quadratic`, `cubic`, `stribeck`.",
             ),
             "its direction": (
                 curve[:, :, j].T,
-                f"Its dry friction is no tanh(v/s) with s of {SPEEDS[0]:g} to {SPEEDS[-1]:g}: "
+                f"Its dry friction is not tanh(v/s) with s of {SPEEDS[0]:g} to {SPEEDS[-1]:g}: "
                 "leave out slow motion (`rest` in the map).",
             ),
             "its load": (
                 rows.diagonal["load"][choice.speed[j]][:, [j]],
-                "Its friction grows with the load: name the column `load`.",
+                "Its friction grows with the load: add the column `load`.",
             ),
         }  # fmt: skip
         for i in (j - 1, j + 1):

@@ -28,12 +28,12 @@ from .suspects import command_suspects
 EXTRA = {"damping": "free", "offset": "free"}
 """Further columns of a vehicle, one per velocity: damping −d v, and a constant force."""
 
-_COARSE, _FINE = 0.02, 0.002  # spacing of the delays that are tried [s]
-_MIXES = (1.0, 0.0, 0.3, 0.6, 0.8, 0.9)  # shares of the square that are tried
-_LAGS = (0.0, 0.01, 0.02, 0.05, 0.1)  # of rotors that are tried [s]
+_COARSE, _FINE = 0.02, 0.002  # spacing of the trial delays [s]
+_MIXES = (1.0, 0.0, 0.3, 0.6, 0.8, 0.9)  # trial shares of the square
+_LAGS = (0.0, 0.01, 0.02, 0.05, 0.1)  # trial lags of rotors [s]
 _WORTH = 6.0  # fall of the cost that a delay or a set of columns must bring: a likelihood ratio
 _TWIST = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")
-_SPREAD = 0.3  # of positive parameters beforehand
+_SPREAD = 0.3  # prior spread of positive parameters
 
 
 class Drive(NamedTuple):
@@ -49,11 +49,9 @@ class Drive(NamedTuple):
     lag: float = 0.0
 
     def speeds(self, u: Array, rate: float) -> Array:
-        """(N, k) relative speeds of rotors, whose force grows with their square.
+        """(N, k) relative speeds of rotors under commands u (N, k); force grows with their square.
 
-        Args:
-            u: (N, k) commands.
-            rate: samples per second [Hz].
+        `rate` is in samples per second [Hz].
         """
         size = np.abs(u)
         speed = np.sign(u) * np.sqrt(self.mix * size**2 + (1 - self.mix) * size)
@@ -155,7 +153,7 @@ class VehicleRows:
 def _size(space: ParameterSpace, columns: Array, prior: Array) -> Array:
     """(p,) w with wᵀθ the forces of inertia and weight over those of the published values.
 
-    Of a vehicle without matrices it is the mean of all positive parameters over these values.
+    For a vehicle without matrices it is the mean of all positive parameters over these values.
     """
     matrix, positive = (
         np.concatenate(kinds)
@@ -176,7 +174,7 @@ def _size(space: ParameterSpace, columns: Array, prior: Array) -> Array:
 
 
 def _spreads(space: ParameterSpace) -> Array:
-    """(p,) spread of every parameter beforehand: relative for positive ones, scales for free."""
+    """(p,) prior spread of every parameter: relative for positive ones, scales for free."""
     parts = [
         np.full(len(b), _SPREAD) if b.geometry == "positive" else np.asarray(b.scale)
         for b in space.blocks
@@ -209,12 +207,8 @@ def structured_vehicle(
 ) -> Structured:
     """Chooses delays and further columns of a vehicle and makes the rows of the fit.
 
-    Args:
-        robot: a vehicle.
-        recordings: training logs.
-        validation: a log that takes no part in the fit, or None.
-        options: of the structure.
-        told: called with the name of every stage.
+    `recordings` are training logs, `validation` is a log that takes no part in the fit, or None;
+    `told` is called with the name of every stage.
     """
     told("filtering")
     chosen = filter_for(recordings, options.cutoff)
@@ -297,19 +291,14 @@ def _delay_note(shared: float, names: tuple[str, ...]) -> Finding:
 
 
 def _rotor_drive(cost: Callable[[float, Drive], float], delay: float) -> tuple[float, Drive]:
-    """The delay [s] and the drive of rotors: the best of a grid, and from there a simplex.
+    """The delay [s] and the drive of rotors that minimise a cost: a grid search, then a simplex.
 
-    Args:
-        cost: function of both.
-        delay: that suits rotors whose commands are their speeds, without a lag.
-
-    Returns:
-        Both; a mix near 1 or 0, or a lag, that lowers the cost by less than `_WORTH` is taken as 1
-        or 0.
+    The search starts from the `delay` that suits rotors whose commands are their speeds, without a
+    lag. A mix near 1 or 0, or a lag, that lowers the cost by less than `_WORTH` is taken as 1 or 0.
     """
 
     def along(x: Array) -> float:
-        """The cost at a sum of delay and lag, which slow motion feels, a lag and a mix."""
+        """The cost at a sum of delay and lag, which affects slow motion, a lag and a mix."""
         total, lag, mix = x
         inside = lag >= 0 and 0 <= mix <= 1
         return cost(total - lag, Drive(float(mix), float(lag))) if inside else np.inf
@@ -331,7 +320,7 @@ def _rotor_drive(cost: Callable[[float, Drive], float], delay: float) -> tuple[f
 
 
 def _drive_notes(drive: Drive) -> list[Finding]:
-    """What was found about the rotors' drives, unless their commands are their speeds at once."""
+    """Describes the rotors' drives, unless their commands are their speeds at once."""
     found = []
     if drive.mix != 1.0:
         text = f"the rotors' thrust is {drive.mix:.2f} u² + {1 - drive.mix:.2f} u of the command u"

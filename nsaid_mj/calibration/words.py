@@ -47,7 +47,7 @@ def quantity(result: Identification, joint: int) -> tuple[str, str]:
 
 
 def rows_of(result: Identification) -> tuple[str, str]:
-    """What rows of the fit belong to, singular and plural: joints, or a vehicle's velocities."""
+    """The names of a row of the fit, singular and plural: joint, or a vehicle's velocity."""
     return ("joint", "joints") if result.robot.system is None else ("velocity", "velocities")
 
 
@@ -70,7 +70,7 @@ def logs_in_words(result: Identification) -> str:
 
 
 def unknown_in_words(result: Identification) -> list[tuple[str, str]]:
-    """(status, names by part) of what the log does not tell."""
+    """(status, names by part) of what the log does not determine."""
     found = []
     for status in ("not excited", "below the noise"):
         parts: dict[str, list[str]] = {}

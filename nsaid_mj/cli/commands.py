@@ -55,7 +55,7 @@ _HOMES = {
     "inspect": ("inspecting", "inspect_log"),
     "report": ("studies", "report"),
 }
-"""Module and function of commands that need no scenario's name; imported when they are used."""
+"""Module and function of commands that need no scenario's name; imported on use."""
 
 
 def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn:

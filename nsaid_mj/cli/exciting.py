@@ -81,7 +81,7 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
 
 
 def _scenario(chosen: Excite) -> Scenario:
-    """The experiment that is asked for, before it has a motion."""
+    """The requested experiment, before it has a motion."""
     from ..experiment.library import load
 
     if chosen.model is not None:
@@ -105,10 +105,10 @@ def _scenario(chosen: Excite) -> Scenario:
 
 
 def without_excitation(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
-    """What follows `--excitation` on a command line, "" if nothing, and the rest of it.
+    """The value of `--excitation` on a command line, "" without it, and the other arguments.
 
     Raises:
-        InvalidInput: nothing follows.
+        InvalidInput: the value is missing.
     """
     rest, given = list(arguments), ""
     for k, argument in enumerate(rest):
@@ -127,7 +127,7 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
     """The excitation for `--excitation designed` or `--excitation designed:FOLDER`.
 
     Raises:
-        InvalidInput: what was given is neither.
+        InvalidInput: the value is neither.
         BadRun: the folder holds no design.
     """
     word, colon, folder = given.partition(":")

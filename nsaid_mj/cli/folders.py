@@ -17,7 +17,7 @@ RUNS = Path("runs")
 FORCE = ", or --force to write among them"
 DESIGN = "design.json"
 RUN = ("record.arrow", "scenario.json", "summary.json")
-"""Files by which the folder of a run is known, also of one that ended early."""
+"""Files that mark the folder of a run, even of one that ended early."""
 
 
 def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
@@ -110,11 +110,7 @@ def holds_completed_run(folder: Path) -> bool:
 
 
 def check_writable(folder: Path) -> None:
-    """Whether results can be written, before they are computed.
-
-    Raises:
-        BadRun: the folder is a file, lies below one, or may not be written to.
-    """
+    """Raises `BadRun` unless results can be written to a folder, before they are computed."""
     existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not existing.is_dir():
         raise BadRun(existing, "it is a file, not a folder", "Give another folder with --out")

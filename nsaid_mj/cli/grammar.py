@@ -42,7 +42,7 @@ class Identify:
     """Identify a robot's parameters from its own log.
 
     `nsaid identify --model arm.urdf --log log.csv` writes the parameters with intervals, what the
-    log cannot tell, a report, a recording, and the model file with identified values. `nsaid
+    log does not determine, a report, a recording, and the model file with identified values. `nsaid
     identify tx40` does it with a packed log of a real arm. Logs of position targets instead of
     torques, of an MJCF with position servos, yield kp, kv, armature, friction and delay of every
     servo, and the MJCF with them; `nsaid identify so101` has such a log.
@@ -53,8 +53,8 @@ class Identify:
         log: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
             ULog, DataFlash, LeRobot dataset, Rerun recording.
         validate: log files on which the estimate is judged; they take no part in the fit.
-        map: TOML file that says which columns are what; `nsaid inspect` writes a first one.
-        validate_map: the same of the logs of --validate; by default --map.
+        map: TOML file with the meaning of columns; `nsaid inspect` writes a first one.
+        validate_map: that of the logs of --validate; by default --map.
         known: a known parameter, such as gain_1=0.11 or "mass of link_3=2.5"; repeat it for more.
         load: a weighed load that one of several logs carries, such as loaded.csv:0.25kg@gripper; it
             fixes the scale of masses, gains and friction. Repeat it for more logs.
@@ -65,9 +65,9 @@ class Identify:
             for none.
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
-        law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which follow the
-            log besides, sample by sample, and are compared with it.
-        limit: of what a log file may become when it is unpacked [GB].
+        law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which also
+            follow the log, sample by sample, and are compared with it.
+        limit: largest size of an unpacked log file [GB].
         out: folder of the results; by default runs/ROBOT-identify.
         force: overwrite results in the folder.
         json: print only the results, as JSON, to the standard output.
@@ -107,10 +107,10 @@ class Inspect:
         logs: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
             ULog, DataFlash, LeRobot dataset, Rerun recording.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
-        map: TOML file that says which columns are what; by default they are matched by name.
+        map: TOML file with the meaning of columns; by default they are matched by name.
         lock: comma-separated joints that do not move.
         joints: comma-separated joints that move; all others are locked.
-        limit: of what a log file may become when it is unpacked [GB].
+        limit: largest size of an unpacked log file [GB].
         out: folder of the map and the picture.
         json: print figures and findings as JSON.
     """
@@ -127,7 +127,7 @@ class Inspect:
 
 @dataclass(frozen=True)
 class Excite:
-    """Design an experiment, and predict what it will tell.
+    """Design an experiment, and predict its results.
 
     `nsaid excite NAME` designs for a scenario's robot or vehicle, `nsaid excite --model arm.urdf`
     for a robot or vehicle of your own. Writes the motion as CSV, a scenario to run it in MuJoCo, a
@@ -143,7 +143,7 @@ class Excite:
         criterion: bound (the predicted deviation), condition or d-optimal.
         noise: standard deviations of measured positions and velocities, such as 1e-4,5e-3.
         seed: of the search.
-        effort: multiplies the number of motions that are tried.
+        effort: multiplies the number of motions to try.
         out: folder of the results; by default runs/NAME-excite.
         force: overwrite a design in the folder.
         json: print only the design, as JSON, to the standard output.
@@ -185,7 +185,7 @@ class Live:
         prior_error: largest relative error of the model file's values and of guessed frictions.
         gain: expected force per unit of command, for commands other than forces [N·m or N].
         lock: comma-separated joints that do not move.
-        joints: comma-separated joints that move, all others being locked.
+        joints: comma-separated joints that move; all others are locked.
         every: time between two printed estimates [s]; 0 for all.
         view: stream into the Rerun viewer.
         out: folder of the run; by default runs/NAME-live-LAW, numbered.

@@ -144,7 +144,7 @@ def write(
 
 
 def _print_notes(error: UnusableLog) -> None:
-    """Prints warnings and notes; the error itself tells the refusals."""
+    """Prints warnings and notes; the error itself reports the refusals."""
     from rich.console import Console
 
     from ..reporting.terminal import print_findings
@@ -194,7 +194,7 @@ _NO_TORQUE = (
 
 
 def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
-    """The arm and its logs if they are of targets and positions, else None."""
+    """The arm and its logs if they hold targets and positions, else None."""
     from ..calibration.payloads import load_of
     from ..calibration.servos import servo_logs
 
@@ -239,10 +239,9 @@ def identify_given(
 def _followed(
     given: ServoLogs, result: ServoIdentification, path: Path
 ) -> tuple[Finding, tuple[ServoLog, Array]]:
-    """How far MuJoCo departs from logs with the exported file, and with the user's own.
+    """How far MuJoCo departs from logs with the exported file, and with the user's own, in words.
 
-    Returns:
-        The same in words; and the first log, with its positions (N, n) by the exported file.
+    The first log follows, with its positions (N, n) by the exported file.
     """
     from ..calibration.findings import Finding
     from ..calibration.servos import rollout

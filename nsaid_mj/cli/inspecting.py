@@ -1,4 +1,4 @@
-"""`nsaid inspect`: what a log holds, a first map of it, and a picture."""
+"""`nsaid inspect`: the contents of a log, a first map of it, and a picture."""
 
 from __future__ import annotations
 

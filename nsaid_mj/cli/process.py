@@ -1,6 +1,6 @@
-"""The command's process: its exit codes, signals that end it, and streams that are closed or full.
+"""The command's process: exit codes, signals that end it, and closed or full streams.
 
-A command ends with what the verdict says that it prints and puts on its page.
+A command's exit code follows from the verdict that it prints and puts on its page.
 
 | code | meaning |
 |---|---|
@@ -28,7 +28,7 @@ EXPLAINED, NOT_EXPLAINED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
 
 
 def code_of(verdict: Mark | None, complete: bool = True) -> int:
-    """The exit code of a verdict; a study that is not complete is not explained either."""
+    """The exit code of a verdict; an incomplete study is not explained either."""
     poor = verdict is not None and verdict.kind == "poor"
     return NOT_EXPLAINED if poor or not complete else EXPLAINED
 
@@ -38,7 +38,7 @@ _LIKE_CTRL_C = ("SIGTERM", "SIGHUP")
 
 @contextmanager
 def ending_like_ctrl_c() -> Iterator[None]:
-    """Within the context, SIGTERM and SIGHUP raise KeyboardInterrupt, as Ctrl-C does.
+    """Context in which SIGTERM and SIGHUP raise KeyboardInterrupt, like Ctrl-C.
 
     A signal that is ignored (`nohup`) or has a handler keeps it.
     """
@@ -58,7 +58,7 @@ def ending_like_ctrl_c() -> Iterator[None]:
 def open_streams() -> None:
     """Opens the null device in place of closed standard streams.
 
-    Else the next file to be opened would get the number of a standard stream.
+    Otherwise the next opened file would get the number of a standard stream.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
@@ -71,9 +71,9 @@ def open_streams() -> None:
 
 
 def silence() -> None:
-    """Flushes the standard streams; one that cannot be written is replaced by the null device.
+    """Flushes the standard streams; replaces one that cannot be written by the null device.
 
-    Else Python would try again when it exits, and fail.
+    Otherwise Python would try again when it exits, and fail.
     """
     for stream in (sys.stdout, sys.stderr):
         if stream.closed:

@@ -1,6 +1,6 @@
 """The commands that run a scenario many times: compare, sweep, montecarlo, track, report.
 
-The work is in the room `studies`; `nsaid compare --log … --models …` judges model files on logs.
+The work is in `studies`; `nsaid compare --log … --models …` judges model files on logs.
 """
 
 from __future__ import annotations
@@ -176,14 +176,14 @@ class CompareModels:
     """Compare model files of an arm on its own logs.
 
     Every model is simulated open loop from the commands, which are targets of position servos, or
-    forces; errors of position are means over 0.2 s, 2 s and the whole log, beside those of what
-    needs no model: the target itself, late, or a constant velocity.
+    forces; errors of position are means over 0.2 s, 2 s and the whole log, beside those of simple
+    predictions: the delayed target, or a constant velocity.
 
     Attributes:
         log: log files or folders of them.
         models: files with the same joints; `identified` is fitted to the logs, and each half of
             them is predicted from the other.
-        map: TOML file that says which columns are what.
+        map: TOML file with the meaning of columns.
         json: print only the scores of every joint, as JSON, to the standard output.
         quiet: print only errors.
     """

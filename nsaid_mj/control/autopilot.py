@@ -53,11 +53,7 @@ class DepthHeadingAutopilot(DriverConfig):
     bandwidth: Positive = 1.0
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver.
-
-        Raises:
-            InvalidInput: the system is not a torpedo, or a frequency band is empty.
-        """
+        """Makes the driver; raises `InvalidInput` unless it is a torpedo, and no band is empty."""
         wanted = ("propeller gain", "fin lift", "quadratic drag", "righting moment")
         torpedo = single_body(system, wanted, "a torpedo to steer")
         return _Autopilot(self, torpedo, prior, rng)
@@ -66,7 +62,7 @@ class DepthHeadingAutopilot(DriverConfig):
 class _Autopilot(Driver):
     """Second-order pitch and yaw loops under the prior; the fins share the moments.
 
-    Roll is not controlled: the righting moment holds it.
+    The righting moment controls roll.
     """
 
     def __init__(
@@ -132,7 +128,7 @@ def _balance(thrust: float, drag: float, slip: float, n: float) -> float:
 
 
 def _clipped(x: Array, low: Array | float, high: Array | float) -> Array:
-    """What np.clip gives, in a third of its time where x is short."""
+    """np.clip in a third of its time for short x."""
     return np.minimum(np.maximum(x, low), high)
 
 

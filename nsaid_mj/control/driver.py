@@ -41,14 +41,14 @@ class Tracking(NamedTuple):
 
 
 class TrackingMemory(NamedTuple):
-    """What `computed_torque` overwrites.
+    """Workspace of `computed_torque`.
 
     Attributes:
         desired: (n, 3) position, velocity and acceleration.
-        a: (n,) acceleration asked for.
+        a: (n,) requested acceleration.
         still: (n,) zeros.
-        stage: memory of a stage.
-        slopes: memory of derivatives.
+        stage: workspace of a stage.
+        slopes: workspace of derivatives.
     """
 
     desired: Array
@@ -73,8 +73,8 @@ TRACKING_MEMORY = types.NamedTuple((matrix, vector, vector, WORKSPACE, SLOPES), 
 def computed_torque(tracking, t, q, v, workspace, u):
     """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,).
 
-    Like a motor's, the command is limited: a model far from the truth can make the sampled loop
-    unstable, whose motion then remains bounded. q (m,) and v (n,) are measured.
+    The command is limited like a motor's: a model far from the truth can make the sampled loop
+    unstable, whose motion then stays bounded. q (m,) and v (n,) are measured.
     """
     structure, theta, series, omega, limit = tracking
     desired, a, still, work, slopes = workspace
@@ -110,11 +110,8 @@ class Driver(ABC):
     def compiled(self, t: Array) -> Array | Tracking | None:
         """The control law in a form that compiled code evaluates, bit for bit as `command` does.
 
-        Args:
-            t: (k,) sample times [s].
-
         Returns:
-            (k, n_u) the commands at t, if the driver is open loop; the parameters of
+            (k, n_u) the commands at times t (k,) [s], if the driver is open loop; the parameters of
             `computed_torque`, if that is its law; None if only `command` can evaluate it.
         """
 
@@ -123,14 +120,14 @@ class InformedDriver(Driver):
     """A driver that can use an identifier's estimate while it drives.
 
     Attributes:
-        period: interval at which it is informed [s]; infinite if it makes no use of it.
+        period: interval at which it is informed [s]; infinite if it never is.
     """
 
     period: float
 
     @abstractmethod
     def inform(self, theta_hat: Array) -> None:
-        """Called with the estimate θ̂ (p,) of the run's identifier, every `period`."""
+        """Receives the estimate θ̂ (p,) of the run's identifier, every `period`."""
 
 
 @config

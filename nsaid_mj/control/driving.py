@@ -100,7 +100,7 @@ class _Driver(Driver):
         """
         share, speed = float(self._bend(t)[0]), max(float(v[0]), 0.1)
         away = min(2 * float(np.hypot(q[0], q[1])) / self._config.ground - 1, 1.0)
-        if away > 0:  # more than half-way to the edge: turn towards the centre, the shorter way
+        if away > 0:  # more than half-way to the edge: turn back towards the centre, the short way
             bearing = np.arctan2(-q[1], -q[0]) - q[2]
             side = np.sin(bearing)
             share += 4 * away * (side if np.cos(bearing) > 0 else np.sign(side))

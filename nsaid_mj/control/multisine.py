@@ -36,11 +36,7 @@ class MultisineCommand(DriverConfig):
     mean: tuple[Number, ...] = ()
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver.
-
-        Raises:
-            InvalidInput: there is not one mean for each command.
-        """
+        """Makes the driver; raises `InvalidInput` unless there is one mean for each command."""
         if self.mean and len(self.mean) != system.n_u:
             raise InvalidInput(
                 "excitation.mean", f"{system.n_u} numbers", len(self.mean), "One for each command."
@@ -56,7 +52,7 @@ class AxisMultisine(DriverConfig):
     The prior's gains distribute it over the actuators, which push in proportion to their commands.
 
     Attributes:
-        axes: the axes along or about which the body is moved.
+        axes: the axes along or about which the body moves.
         low: lowest frequency [Hz].
         high: highest frequency [Hz].
         tones: number of sines on each axis.

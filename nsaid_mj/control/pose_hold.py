@@ -43,11 +43,7 @@ class PoseHold(DriverConfig):
     one_sided: Flag = True
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver.
-
-        Raises:
-            InvalidInput: the system is not a free body with exactly one gain for each command.
-        """
+        """Makes the driver; raises `InvalidInput` unless a free body has one gain per command."""
         wrenches = unit_wrenches(system, prior)
         bound = np.repeat([self.travel, self.turn], 3)
         reference = Multisine(6, 0.2 / self.period, 1 / self.period, 3, 1.0, rng)

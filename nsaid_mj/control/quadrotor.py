@@ -74,11 +74,7 @@ class QuadrotorFlight(DriverConfig):
     high: Positive = 9.0
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver.
-
-        Raises:
-            InvalidInput: the system is not a quadrotor.
-        """
+        """Makes the driver; raises `InvalidInput` unless the system is a quadrotor."""
         wanted = ("body", "rotor thrust gain", "rotor torque gain")
         quadrotor = single_body(system, wanted, "a quadrotor to fly")
         return _Flight(self, quadrotor, prior, rng)
@@ -212,7 +208,7 @@ MODEL = types.NamedTuple((f8, matrix, matrix, vector, f8), _BodyModel)
 
 @routine(void(vector, index, vector, index, vector, index))
 def _cross(a, i, b, j, c, k):
-    """Writes a × b of 3-vectors that begin at a[i] and b[j] into c, from k on."""
+    """Writes a × b, 3-vectors that begin at a[i] and b[j], into c[k :]."""
     c[k] = a[i + 1] * b[j + 2] - a[i + 2] * b[j + 1]
     c[k + 1] = a[i + 2] * b[j] - a[i] * b[j + 2]
     c[k + 2] = a[i] * b[j + 1] - a[i + 1] * b[j]

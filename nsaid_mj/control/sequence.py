@@ -26,7 +26,7 @@ def _identifier(name: str) -> str:
 
 @config
 class Phase(Config):
-    """A driver, and how long it is in command.
+    """A driver, and for how long it commands.
 
     Attributes:
         driver: makes the commands; its time is 0 at the beginning of the phase.
@@ -41,11 +41,11 @@ class Phase(Config):
 
 @config
 class Sequence(DriverConfig):
-    """One driver after another; the last one remains in command.
+    """One driver after another; the last one stays in command.
 
     Attributes:
         phases: the drivers in their order, by name.
-        blend: time over which the command passes linearly from one driver to the next [s].
+        blend: duration of the linear transition from one driver to the next [s].
     """
 
     phases: Mapping[Annotated[Name, AfterValidator(_identifier)], Phase] = field(

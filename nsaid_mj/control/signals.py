@@ -63,7 +63,7 @@ class FourierTrajectory:
         speed: (n,) largest speed [rad/s or m/s].
         fundamental: frequency of the first harmonic [Hz].
         harmonics: number of harmonics.
-        rng: source of the coefficients.
+        rng: generator of the coefficients.
 
     Attributes:
         series: the scaled series of all joints.

@@ -1,6 +1,6 @@
-"""Arms follow Fourier series by computed torque based on the prior: drawn ones, or designed ones.
+"""Arms follow Fourier series, random or designed, by computed torque based on the prior.
 
-What `nsaid_mj.design` finds is given as data: series, or the draws of any other driver.
+The results of `nsaid_mj.design` are data: series, or the draws of any other driver.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from .multisine import MultisineCommand
 from .signals import FourierTrajectory, Series, fourier
 
 LIMIT = 5.0
-"""Largest command, as a multiple of what a joint's nominal inertia, weight and friction ask for."""
+"""Largest command, as a multiple of what a joint's nominal inertia, weight and friction require."""
 
 
 @config
@@ -38,7 +38,7 @@ class FourierTracking(DriverConfig):
         joints: numbers of the joints that move, from 1; the others are held at the middle of their
             range. None moves all.
         limit: largest command, as a multiple of what the joint's nominal inertia, weight and
-            friction ask for at its nominal speed.
+            friction require at its nominal speed.
     """
 
     fundamental: Positive = 0.1
@@ -50,11 +50,7 @@ class FourierTracking(DriverConfig):
     limit: Positive = LIMIT
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver.
-
-        Raises:
-            InvalidInput: the system is not a tree of motor-driven joints on a fixed base.
-        """
+        """Makes the driver; raises `InvalidInput` unless a fixed base's joints all have motors."""
         system = fixed_arm(system, "an arm on a fixed base", "Use MultisineCommand.")
         moving = np.isin(np.arange(1, system.n + 1), self.joints or np.arange(1, system.n + 1))
         if self.joints is not None and moving.sum() != len(set(self.joints)):
@@ -79,7 +75,7 @@ def fixed_arm(system: SecondOrderSystem, wanted: str, remedy: str) -> JointTree:
     """The system, if it is an arm on a fixed base.
 
     Raises:
-        InvalidInput: it is not; the message says what is wanted.
+        InvalidInput: it is not; the message says what is `wanted`.
     """
     if not isinstance(system, JointTree) or system.group:
         raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
@@ -135,7 +131,7 @@ class ComputedTorque(Driver):
         return self._tracking
 
 
-_REMEDY = "Take the excitation as `nsaid excite` wrote it, for the same robot."
+_REMEDY = "Use the excitation that `nsaid excite` wrote, for the same robot."
 
 
 @config
@@ -233,7 +229,7 @@ class DesignedSignals(DriverConfig):
 
 
 class Given(np.random.Generator):
-    """Hands out given shares (k,) in [0, 1] in place of uniform draws; after the last one, 0.5."""
+    """Returns given shares (k,) in [0, 1] in place of uniform draws; after the last one, 0.5."""
 
     def __init__(self, shares: Array):
         super().__init__(np.random.PCG64(0))

@@ -42,11 +42,7 @@ class SwimAndReach(DriverConfig):
     bandwidth: Positive = 2.0
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver.
-
-        Raises:
-            InvalidInput: the system is not an underwater vehicle with an arm.
-        """
+        """Makes the driver; raises `InvalidInput` unless an underwater vehicle carries an arm."""
         remedy = "Use MultisineCommand or FourierTracking."
         system = _carried(system, "thruster", "an underwater vehicle with an arm", remedy)
         thrusters = system.n_u - len(system.joints)
@@ -132,11 +128,7 @@ class HoverAndReach(DriverConfig):
     attitude_bandwidth: Positive = 2.0
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver.
-
-        Raises:
-            InvalidInput: the system is not a flying arm.
-        """
+        """Makes the driver; raises `InvalidInput` unless the system is a flying arm."""
         system = _carried(system, "rotor", "a flying arm", "Use another driver.")
         bound = np.r_[np.full(3, self.travel), self.turn]
         path = FourierTrajectory.within(
@@ -235,11 +227,7 @@ class _HoverAndReach(Driver):
 
 
 def _carried(system: SecondOrderSystem, kind: str, wanted: str, remedy: str) -> JointTree:
-    """The system, if it is a tree of joints on a base with columns of a kind.
-
-    Raises:
-        InvalidInput: it is not.
-    """
+    """The system, if it is a tree on a base with columns of a kind; else raises `InvalidInput`."""
     if not isinstance(system, JointTree) or not system.columns(kind):
         raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
     return system

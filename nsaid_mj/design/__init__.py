@@ -1,4 +1,4 @@
-"""Design of experiments: a motion that tells as much as possible, found before it is made."""
+"""Design of experiments: finds the most informative motion before it is made."""
 
 from .designing import Design as Design
 from .designing import design as design

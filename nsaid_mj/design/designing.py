@@ -1,10 +1,10 @@
 """Designs an excitation: limits, a first stage by the Gramian, a search by the bound, a check.
 
-1. The limits are those given, and otherwise those that the scenario's own random excitation has.
+1. The limits are those given, or else those of the scenario's own random excitation.
 2. Random candidates are ranked by the Gramian on P_⊥, which costs a tenth of the bound.
 3. From the best one an evolution strategy minimises the criterion, averaged over draws of θ.
 4. The winner is simulated in closed loop under every draw. A motion that breaks a limit is made
-   smaller until it does not, or refused.
+   smaller until it does not, or rejected.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from .search import Found, minimise
 
 _REHEARSED = 12  # random motions from which limits are taken
 _REHEARSAL = 20.0  # longest of them [s]
-_SCREENED, _TRIED = 48, 4  # candidates of the first stage, and those that the bound is asked about
-_FIRST = 0.75  # share of the search that looks at one draw of the prior only
+_SCREENED, _TRIED = 48, 4  # candidates of the first stage, and those that the bound then judges
+_FIRST = 0.75  # share of the search under a single draw of the prior
 _STEP, _LATER = 0.3, 0.1  # first steps of its two parts
-_RESOLVED = 0.1  # relative change of the bound with the step that is accepted
+_RESOLVED = 0.1  # accepted relative change of the bound with the step
 _MEDIAN, _ALL = 0.5, 1.0  # shares of random motions that keep the default limits
-_MORE = 0.05  # of the range that a vehicle's random motions had, on both sides: they are few
+_MORE = 0.05  # added to both ends of the range of a vehicle's random motions: they are few
 _NEXT = 40  # next best motions of a vehicle
 _SAMPLED = 1000  # errors drawn from each predicted covariance
 _SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
@@ -52,25 +52,25 @@ _SIMULATED = 5e-5  # time of a simulated step of a vehicle [s]
 _FEWEST, _MOST = 96, 6000  # candidates of the search
 
 Told = Callable[[str, float | None], None]
-"""Called with what is being done, and with the share that is done if that is known."""
+"""Called with the current stage, and its completed share if known."""
 
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A designed excitation, and what it was designed for.
+    """A designed excitation, and its objective.
 
     Attributes:
-        experiment: what was known beforehand.
+        experiment: the prior knowledge.
         limits: that it keeps.
-        asked: what it was asked for.
-        criterion: what was minimised.
+        asked: the objective's numbers.
+        criterion: the minimised criterion.
         driver: makes the motion.
         logs: the simulated motion under every draw, of exact sensors.
         uses: of every limit, the largest over the draws.
         covariances: (DRAWS, p, p) predicted of θ̂/scale.
-        compared: predicted rms deviations of what is asked for, of random motions of the
+        compared: predicted rms deviations of the requested numbers, for random motions of the
             scenario's own excitation.
-        evaluations: number of candidates that were judged.
+        evaluations: number of judged candidates.
         stride: time steps between the samples at which information is computed.
     """
 
@@ -102,7 +102,7 @@ class Design:
 
     @property
     def deviations(self) -> Array:
-        """(k,) predicted standard deviations of what is asked for, rms over the draws."""
+        """(k,) predicted standard deviations of the requested numbers, rms over the draws."""
         return np.sqrt(np.mean(self._all() ** 2, axis=0))
 
     @property
@@ -112,7 +112,7 @@ class Design:
 
     @property
     def largest(self) -> float:
-        """Predicted median of the largest error of all numbers that were asked for."""
+        """Predicted median of the largest error of all requested numbers."""
         rng, found = np.random.default_rng(0), []
         for P, theta in zip(self.covariances, self.experiment.draws, strict=True):
             rows = self.asked.rows(theta)
@@ -140,16 +140,17 @@ def design(
     """Finds an excitation; equal arguments give equal bits.
 
     Args:
-        experiment: what is known beforehand.
-        wanted: what is asked for; see `asked_for`.
+        experiment: the prior knowledge.
+        wanted: the requested numbers; see `asked_for`.
         criterion: one of `CRITERIA`.
-        limits: turns the default limits into those that hold.
+        limits: maps the default limits to those that apply.
         seed: of the search.
         effort: multiplies the number of candidates.
         told: receives progress.
 
     Raises:
-        InvalidInput, UnknownName: an argument cannot be used, or the system cannot be designed for.
+        InvalidInput, UnknownName: an argument cannot be used, or the system does not allow a
+            design.
         NoMotion: no motion within the limits was found.
     """
     check_criterion(criterion)
@@ -184,7 +185,7 @@ def design(
 def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
     """Predicted (p, p) covariances under every draw, at steps that resolve the motion.
 
-    In a slow motion friction is stiffer than in the random ones that the step was chosen for.
+    In a slow motion friction is stiffer than in the random ones for which the step was chosen.
 
     Raises:
         NoEstimate: the time step of the simulation does not resolve it either.
@@ -202,18 +203,14 @@ def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
 
 
 def _family(experiment: Experiment, limits: Limits, base: DriverConfig) -> Motions:
-    """The kind of motion that suits a scenario's excitation."""
+    """The family of motions for a scenario's excitation."""
     if isinstance(base, FourierTracking):
         return JointMotions(experiment, limits, base)
     return DrivenMotions(experiment, limits, base)
 
 
 def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, Log]]:
-    """Simulated random motions, each with the number of its draw.
-
-    Raises:
-        NoMotion: none can be simulated.
-    """
+    """Simulated random motions, each with the number of its draw; raises `NoMotion` if none."""
     duration = min(experiment.scenario.duration, _REHEARSAL)
     made = [
         (seed % DRAWS, experiment.simulate(base, seed % DRAWS, duration, seed))
@@ -231,11 +228,11 @@ def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, L
 def _default_limits(
     experiment: Experiment, base: DriverConfig, rehearsals: Sequence[tuple[int, Log]], share: float
 ) -> Limits:
-    """What a share of the scenario's own random motions keep; for a vehicle, all and a bit more.
+    """The limits that a share of the scenario's own random motions keep; for a vehicle, and more.
 
-    An arm's positions may use the range that the excitation is given. An arm's motion is planned
-    within what the median keeps, so that it is no larger than a random one, and checked against
-    what all keep: a light joint is moved by the others' motion, however little it moves itself.
+    An arm's positions may use the range given to the excitation. An arm's motion is planned within
+    the limits that the median keeps, so that it is no larger than a random one, and checked against
+    those that all keep: the others' motion moves a light joint, however little it moves itself.
     """
     system, units = experiment.system, units_of(experiment.system)
     extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in rehearsals]
@@ -279,7 +276,7 @@ def _first_stage(motions: Motions, asked: Asked, rng: np.random.Generator) -> Ar
 class _Costs:
     """The criterion of candidates, averaged over draws of the prior, with penalties.
 
-    All that were judged are in `seen`: (cost, candidate).
+    `seen` has all judged candidates as (cost, candidate).
     """
 
     def __init__(self, motions: Motions, asked: Asked, criterion: str, draws: int = 1):
@@ -341,10 +338,9 @@ def _searched(
     rng: np.random.Generator,
     told: Told,
 ) -> tuple[Found, list[Array]]:
-    """The search: most of it under one draw of the prior, the rest averaged over two.
+    """The best candidate, most of the search under one draw of the prior, the rest under two.
 
-    Returns:
-        The best candidate; and the best ones, the best first, of those tried under two draws.
+    The best ones of those tried under two draws follow, the best first.
     """
 
     def share(done: float) -> None:
@@ -368,7 +364,7 @@ def _searched(
 
 
 def _evaluations(motions: Motions, criterion: str) -> int:
-    """Number of candidates that take about `_EFFORT` seconds."""
+    """Number of candidates that `_EFFORT` seconds allow."""
     system, scenario = motions.experiment.system, motions.experiment.scenario
     log, _ = motions.candidate(np.zeros(motions.size), 0)
     samples = len(log.t) if criterion == "bound" else len(motions.period(log).t)

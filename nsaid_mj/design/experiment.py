@@ -1,13 +1,13 @@
-"""The experiment that is designed: structure, prior, sensors and time; nothing of it is true.
+"""The experiment under design: structure, prior, sensors and time, none of them the truth.
 
-The prior is the plant's published values. A design must serve robots that differ from them, so that
-it is judged under the published values themselves and under several draws about them, as an
-engineer who does not know better would draw them. Published values alone would be too special, and
-draws alone too generic: a last link whose centre of mass lies on its axis, as most are built, tells
-far less about its motor than one drawn at random. The truth of a scenario's plant is never drawn,
-let alone read.
+The prior is the plant's published values. A design must serve robots that differ from them, so it
+is judged under the published values themselves and under several draws about them, as an engineer
+who does not know better would draw them. Published values alone would be too special, and draws
+alone too generic: a last link whose centre of mass lies on its axis, as most are built, reveals far
+less about its motor than one drawn at random. The truth of a scenario's plant is never drawn, let
+alone read.
 
-`scenario_of_model` is the experiment with a robot of one's own. A vehicle's file is of a known
+`scenario_of_model` is the experiment with a user's own robot. A vehicle's file belongs to a known
 family, whose scenario says how it is driven.
 """
 
@@ -38,17 +38,17 @@ from ..system import SecondOrderSystem
 from .limits import Limit, Limits, source_of
 
 DRAWS = 4
-"""Values of θ under which a design is judged, the first of them the prior itself; the search itself
-uses the first two."""
+"""Number of values of θ under which a design is judged, the prior itself first; the search uses the
+first two."""
 
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """What is known before an experiment.
+    """The knowledge before an experiment.
 
     Attributes:
         scenario: the plant's published description, sensors, time step and duration; its own
-            excitation is what the design is compared with and takes its limits from.
+            excitation is the reference for comparison, and for the limits.
         system: the structure.
         prior: (p,) θ̂(0), the published values.
         draws: (DRAWS, p) values that θ may have: the prior, and others drawn about it.
@@ -127,7 +127,7 @@ class Experiment:
 
     @cached_property
     def contacts(self) -> Contacts | None:
-        """Collision detection of an arm; None if its shape is not known."""
+        """Collision detection of an arm; None if its shape is unknown."""
         config = self.scenario.plant
         if not isinstance(config, ArmPlant) or self.system.group:
             return None
@@ -141,15 +141,14 @@ class Experiment:
 
 _EXCITATION = FourierTracking(fundamental=0.2, harmonics=10)
 _STEP = 1e-3  # of an arm's simulation [s]
-_UNLIMITED = 1e6  # what some readers of URDFs put where there is no limit
+_UNLIMITED = 1e6  # some readers' value for URDF limits that are not there
 
 
 def scenario_of_model(model: str) -> Scenario:
     """The experiment with a robot, before it has a motion.
 
-    Args:
-        model: path of a URDF, an MJCF (.xml or .mjb) or a vehicle's TOML file or folder; or the
-            name of a robot.
+    `model` is the path of a URDF, an MJCF (.xml or .mjb) or a vehicle's TOML file or folder; or the
+    name of a robot.
 
     Raises:
         InvalidInput, UnknownName: a vehicle's file is wrong.
@@ -162,11 +161,7 @@ def scenario_of_model(model: str) -> Scenario:
 
 
 def _vehicle(path: Path) -> Scenario:
-    """The scenario of a vehicle's family, with the vehicle.
-
-    Raises:
-        UnknownName: no scenario has a vehicle of the family.
-    """
+    """The scenario of a vehicle's family, with the vehicle; `UnknownName` if there is none."""
     sheet = vehicle_files(str(path)).sheet
     plant = plant_of(sheet.resolve())
     for name in scenarios():
@@ -179,8 +174,8 @@ def _vehicle(path: Path) -> Scenario:
 def own_limits(system: SecondOrderSystem, default: Limits) -> Limits:
     """The limits of an arm's model file, on a fixed base: position, velocity and effort.
 
-    Where the file has none, or 0, as for accelerations, the default holds; `sources` of the result
-    say which joints these are.
+    Where the file has none, or 0, as for accelerations, the default applies; `sources` of the
+    result say which joints these are.
     """
     model, names = system.model, system.joint_names  # type: ignore[attr-defined]  # a tree
     limits, sources = dict(default.limits), dict(default.sources)

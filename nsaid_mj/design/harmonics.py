@@ -1,6 +1,6 @@
 """How many harmonics P_⊥ needs: the rank of a motion's regressor against their number.
 
-See docs/theory.md, "Exogenous signals", for what is proven. The rank is that of `nullspace.split`,
+See docs/theory.md, section 6, for the proofs. The rank is that of `nullspace.split`,
 the one rank decision of this package, along random motions with the first 1, 2, … harmonics.
 """
 
@@ -27,7 +27,7 @@ class Ranks:
 
     Attributes:
         needed: p − r of the structure: the dimension of P_⊥.
-        bound: harmonics that a system whose regressor is linear in its signals would need at
+        bound: number of harmonics that a system with a regressor linear in its signals needs at
             least: n (2h + 1) ≥ p − r.
         measured: (h, rank) of random motions with the first h harmonics or tones of every signal.
     """
@@ -38,7 +38,7 @@ class Ranks:
 
     @property
     def enough(self) -> int | None:
-        """The smallest number of harmonics that was seen to excite all of P_⊥."""
+        """The smallest number of harmonics found to excite all of P_⊥."""
         return next((h for h, rank in self.measured if rank >= self.needed), None)
 
 

@@ -1,4 +1,4 @@
-"""What a design is asked for, and what a motion tells: Cramér–Rao bound, and Gramian on P_⊥."""
+"""The objective of a design, and a motion's information: Cramér–Rao bound, and Gramian on P_⊥."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Asked:
     """Numbers that are linear in small changes of θ.
 
     Attributes:
-        words: what is asked for, for reports.
+        words: description for reports.
         names: one for each number.
         rows: of θ (p,), the (k, p) derivatives of the numbers with respect to θ/scale.
     """
@@ -44,7 +44,7 @@ def asked_for(text: str, space: ParameterSpace) -> Asked:
 
     `gains` are the ratios k_i/mean(k), which do not depend on the unknown common scale, and `all`
     the changes of θ/scale. Named parameters are relative to their magnitude, or to a tenth of their
-    scale if that is larger. The common scale and all else in P_s is held fixed. A link's mass m_i
+    scale if that is larger. The common scale and the rest of P_s are held fixed. A link's mass m_i
     may be written mass_i.
 
     Raises:
@@ -92,9 +92,9 @@ def _gains(space: ParameterSpace) -> Callable[[Array], Array]:
 
 
 PRIOR = 0.3
-"""Standard deviation of θ/scale before any data, in every direction: of a robot not yet known."""
+"""Standard deviation of θ/scale before any data, in every direction, for an unknown robot."""
 CRITERIA = ("bound", "condition", "d-optimal")
-"""What a design minimises: the predicted standard deviation of what is asked for; or, for
+"""Criteria to minimise: the predicted standard deviation of the requested numbers; or, for
 comparison, the condition number of the regressor on P_⊥, or minus the logarithm of the determinant
 of its Gramian."""
 
@@ -118,9 +118,9 @@ def predicted(experiment: Experiment, log: Log, draw: int) -> Array:
 
 
 def information(experiment: Experiment, log: Log, draw: int, basis: Array) -> Array:
-    """(d, d) what a motion tells about Zᵀθ/scale under a draw, without what is known beforehand.
+    """(d, d) a motion's information about Zᵀθ/scale under a draw, without prior knowledge.
 
-    `basis` (p, d) is Z, orthonormal; the other directions of θ/scale are taken as known.
+    `basis` (p, d) is Z, orthonormal; the other directions of θ/scale are assumed known.
 
     White noise of variance σ² at every dt carries as much information per second as noise of
     variance σ² dt/h at every h. So a motion given at coarser steps has nearly the same bound, as
@@ -141,7 +141,7 @@ def information(experiment: Experiment, log: Log, draw: int, basis: Array) -> Ar
 
 
 def bound(J: Array, basis: Array) -> Array:
-    """(p, p) covariance of θ̂/scale by the information J (d, d) of motions and the prior."""
+    """(p, p) covariance of θ̂/scale under the information J (d, d) of motions and the prior."""
     J = J + np.eye(len(J)) / PRIOR**2
     root = np.linalg.solve(np.linalg.cholesky(J), basis.T)
     return root.T @ root
@@ -165,8 +165,8 @@ def gramian_cost(
 ) -> float:
     """A criterion of the Gramian on P_⊥; the null direction takes no part in any of them.
 
-    `bound` stands for the rms deviation of what is asked for if the accelerations alone were
-    measured: the shape of the Gramian is right, the sensors' filtering is not in it.
+    `bound` is the rms deviation of the requested numbers if the accelerations alone were measured:
+    the shape of the Gramian is right, but it lacks the sensors' filtering.
     """
     theta, basis = experiment.draws[draw], experiment.bases[draw]
     own = basis.T @ gramian(experiment, log, theta) @ basis
@@ -183,7 +183,7 @@ def gramian_cost(
 
 
 def bound_cost(experiment: Experiment, asked: Asked, log: Log, draw: int) -> float:
-    """The rms standard deviation of what is asked for, by the Cramér–Rao bound; inf if M̂ fails."""
+    """The rms standard deviation of the requested numbers, by the bound; inf if M̂ fails."""
     try:
         covariance = predicted(experiment, log, draw)
     except (NoEstimate, InvalidInput):

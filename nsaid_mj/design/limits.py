@@ -1,4 +1,4 @@
-"""Limits of a designed motion: what they are, where they come from, and how far a motion uses them.
+"""Limits of a designed motion: values, sources, and how far a motion uses them.
 
 A limit bounds one quantity, such as the speed of every joint, to [low, high]. The *use* of a limit
 is the largest distance of the quantity from the middle of its range over half of the range: a
@@ -52,10 +52,10 @@ class Limits:
     Attributes:
         limits: by quantity: position, speed, acceleration and torque of an arm's joints; box,
             speed, rate, tilt and command of a vehicle.
-        margin: share of every limit that the planned motion keeps free for what a simulation of it
-            adds: errors of tracking under other parameters than the planned ones.
+        margin: share of every limit that the planned motion leaves free for the tracking errors of
+            its simulation, under parameters other than the planned ones.
         contacts: whether bodies must not touch one another or the ground.
-        sources: where the limits come from, in words.
+        sources: origins of the limits, in words.
     """
 
     limits: Mapping[str, Limit]
@@ -64,7 +64,7 @@ class Limits:
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def margin_of(self, name: str) -> float:
-        """The margin of a limit; a vehicle's commands need none, they are as planned."""
+        """The margin of a limit; 0 for a vehicle's commands, which are as planned."""
         return 0.0 if name == COMMAND else self.margin
 
     def uses(self, extents: Extents) -> dict[str, float]:
@@ -95,11 +95,11 @@ class Limits:
 
 
 RANDOM = "random motions"
-"""Source of limits that the scenario's own excitation keeps."""
+"""Name of the source of limits that come from the scenario's own excitation."""
 
 
 def source_of(names: Sequence[str], missing: Sequence[str], other: str) -> str:
-    """Where a limit of some joints comes from: the model, or `other` for joints without any."""
+    """The source of a limit of some joints: the model, or `other` for joints without any."""
     if len(missing) == len(names):
         return f"{other}, as the model has none"
     return f"model; {other} for {', '.join(missing)}" if missing else "model"

@@ -1,17 +1,16 @@
 """Motions of a design as vectors of numbers: of an arm's joints, and of vehicles' controllers.
 
-An arm's candidate is (n, 2h + 1): for every joint the weights of its sines and cosines, and where
-in its range the motion is centred. The weights are divided by k, which favours low harmonics, and
+An arm's candidate is (n, 2h + 1): for every joint the weights of its sines and cosines, and the
+centre of its motion in its range. The weights are divided by k, which favours low harmonics, and
 scaled until the joint's position, speed or acceleration reaches its limit; so every candidate is as
-strong as the limits allow. Torque is left to a penalty, and so are contacts, for which there is one
-more number per joint: the share of its swing that is used.
+strong as the limits allow. Torque has a penalty, and so have contacts, for which there is one more
+number per joint: the share of its swing that is used.
 
 A vehicle's has one number for every uniform draw of the scenario's driver: frequencies and phases
 of set-points and of the dither on commands. tanh maps it to a share of the draw's range. The motion
-is that of a simulation in closed loop under a draw of the prior, so that box, speed and attitude
-are judged as they will be. Amplitudes are those of the driver, or what the limit of commands leaves
-of them: a multisine's reach that limit anyway, and larger dither was seen to spoil what a search of
-a minute finds.
+is that of a simulation in closed loop under a draw of the prior, so box, speed and attitude are
+judged as they will be. Amplitudes are those of the driver, or what the limit of commands leaves of
+them: a multisine's reach that limit anyway, and larger dither only slowed the search.
 
 In the last step of a design, a motion is simulated under every draw, and must keep its limits.
 """
@@ -37,17 +36,15 @@ from .experiment import Experiment
 from .limits import COMMAND, Limits, coordinates_of, extents_of
 
 _STEP = 0.04  # longest step at which an arm's information is computed [s]
-_SEARCHED = 10.0  # longest motion that the search looks at [s]
+_SEARCHED = 10.0  # longest motion in the search [s]
 _FINE = 24  # samples in the period of the highest harmonic, for peaks
 _REPORTED = 0.01  # longest step at which the information of a simulated motion is computed [s]
-_POSES, _TOUCHED = 60, 30.0  # poses tried for contacts, and cost per share of them that touch
+_POSES, _TOUCHED = 60, 30.0  # poses checked for contacts, and cost per share of them that touch
 _PENALTY = 3.0  # cost per unit of use beyond a limit
 
 
 class JointMotions:
-    """Candidates of an arm's motion.
-
-    Harmonics and tracking loop are those of `base`, an excitation.
+    """Candidates of an arm's motion, with harmonics and tracking loop of the excitation `base`.
 
     Attributes:
         step: at which the search computes information [s].
@@ -108,13 +105,13 @@ class JointMotions:
         return numbers.ravel()
 
     def series(self, candidate: Array, share: Array | float = 1.0) -> Series:
-        """The trajectory of a candidate, smaller by a share (n,) of every joint's swing and place.
+        """The trajectory of a candidate, with every joint's swing and offset times a share (n,).
 
         With all shares 0 the arm rests in the middle of its range.
         """
         numbers, smaller = candidate.reshape(self._n, -1), share
         weights = numbers[:, : 2 * len(self._omega)] / np.tile(self._harmonics, 2)
-        if self.contacts is not None:  # what nearly reaches the limits would touch everything
+        if self.contacts is not None:  # motions that nearly reach the limits would touch everything
             share = share / (1 + np.exp(2 - numbers[:, -2]))
         limits, free = self.limits.limits, 1 - self.limits.margin
         place, speed, acceleration = (part @ weights.T for part in self._fine)
@@ -132,7 +129,7 @@ class JointMotions:
         return Series(self._omega, scaled, np.where(self.moving, centre, middle))
 
     def motion(self, series: Series, draw: int) -> tuple[Log, Array]:
-        """The motion at coarse steps as a draw of the prior needs it, and its torques (N, n)."""
+        """The motion at coarse steps with its torques (N, n) under a draw of the prior."""
         place, speed, acceleration = (part @ series.coefficients.T for part in self._coarse)
         system, theta = self.experiment.system, self.experiment.draws[draw]
         q = np.ascontiguousarray(system.position(place + series.centre))
@@ -155,7 +152,7 @@ class JointMotions:
         return log, penalty
 
     def period(self, log: Log) -> Log:
-        """One period of a motion, in which a Gramian repeats."""
+        """One period of a motion, after which a Gramian repeats."""
         return log.first(self._in_period)
 
     def driver(self, candidate: Array, share: Array | float = 1.0) -> DesignedTracking:
@@ -173,7 +170,7 @@ def _basis(omega: Array, t: Array) -> tuple[Array, Array, Array]:
     )
 
 
-_DRIVEN_STEP = 0.02  # the same of a vehicle [s]
+_DRIVEN_STEP = 0.02  # that of a vehicle [s]
 _AMPLITUDES = ("amplitude", "dither", "swing")  # fields of drivers: shares of a command's range
 
 
@@ -189,7 +186,7 @@ class DrivenMotions:
     """
 
     parallel = False
-    """MuJoCo's callbacks, which the simulation needs, are global in a process."""
+    """MuJoCo's callbacks, needed by the simulation, are global in a process."""
 
     def __init__(self, experiment: Experiment, limits: Limits, base: DriverConfig):
         largest = limits.limits[COMMAND].high.min() if COMMAND in limits.limits else np.inf
@@ -242,12 +239,12 @@ def amplified(config: DriverConfig, factor: float, largest: float = np.inf) -> D
     return replace(config, **{name: min(factor * x, largest) for name, x in values.items()})
 
 
-_SHRINK = 0.98  # of a joint that breaks a limit, beyond what its use says
-_ATTEMPTS = 12  # smaller versions of an arm's motion
-_ALONE = 3  # of them in which only joints that break a limit are made smaller, and then all
-_ALL = 0.8  # share of every joint that is left at each of the others
+_SHRINK = 0.98  # further factor of a joint that breaks a limit
+_ATTEMPTS = 12  # attempts to make an arm's motion smaller
+_ALONE = 3  # of them that shrink only joints that break a limit; then all
+_ALL = 0.8  # factor of every joint at each of the others
 _STARTED = 0.5
-# from which on the acceleration counts [s]: before, the loop takes hold of an arm whose weight it
+# time from which the acceleration counts [s]: before, the loop settles at an arm's weight, which it
 # does not know exactly, however small the motion
 _SMALLER = 0.9  # amplitudes of a vehicle's commands at a second attempt
 
@@ -260,9 +257,9 @@ def checked(
 ) -> tuple[DriverConfig, tuple[Log, ...], dict[str, float]]:
     """The driver of a candidate whose simulations under all draws keep all limits.
 
-    The best candidate comes first. That of an arm is made smaller until it keeps the limits, first
-    the joints that break one, then all, as light joints are moved by the others; of a vehicle's,
-    the first that keeps them is taken, as it is or with smaller commands.
+    The best candidate comes first. An arm's is made smaller until it keeps the limits, first the
+    joints that break one, then all, as the others' motion moves light joints; of a vehicle's, the
+    first that keeps them is taken, as it is or with smaller commands.
 
     Raises:
         NoMotion: all break one.
@@ -301,7 +298,7 @@ def checked(
 
 
 def _binding(system: SecondOrderSystem, limits: Limits, name: str, use: Array) -> tuple[str, str]:
-    """What binds, and what to do about it."""
+    """The limit that binds, and what to do about it."""
     worst, limit = int(np.argmax(use)), limits.limits[name]
     joints = getattr(system, "joint_names", ())
     where = f" of {joints[worst]}" if len(joints) == len(use) else ""
@@ -318,7 +315,7 @@ def _binding(system: SecondOrderSystem, limits: Limits, name: str, use: Array) -
 
 
 def _touched(motions: Motions, logs: Sequence[Log]) -> str:
-    """The first contact along simulated motions, in words; "" if there is none to look for."""
+    """The first contact along simulated motions, in words; "" if contacts are not checked."""
     if not isinstance(motions, JointMotions) or motions.contacts is None:
         return ""
     system, every = motions.experiment.system, motions.stride

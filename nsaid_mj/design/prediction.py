@@ -1,11 +1,11 @@
-"""What an experiment will tell, said before it is made: intervals, weak directions, what helps.
+"""Predicts an experiment's results: intervals, weak directions, and what would help.
 
-All of it is at a fixed common scale, that is, on P_⊥: nothing is ever learned of P_s from motion,
-and the report says what fixes it. Figures are root mean squares over the draws of the prior.
+All of it is at a fixed common scale, that is, on P_⊥: motion reveals nothing about P_s, and the
+report says what fixes it. Figures are root mean squares over the draws of the prior.
 
 An arm may repeat its motion with a known payload, or in another pose; a vehicle may use larger
 commands; both may move for longer, or have quieter sensors. A payload's inertia is known in kg and
-not only in proportion to the rest of θ, so it also tells of directions of P_s. Such remedies are
+not only in proportion to the rest of θ, so it also reveals directions of P_s. Such remedies are
 computed for the published values.
 """
 
@@ -32,8 +32,8 @@ from .motions import amplified, amplitudes_of
 
 WEAK = 0.7
 """Predicted over prior deviation above which a direction counts as weak."""
-_NAMED = 0.3  # weight over the largest of a direction's parameters that are named
-_HELPS = 0.95  # of a direction's deviation: what leaves more of it does not help
+_NAMED = 0.3  # weight, over the largest, of a direction's parameters from which they are named
+_HELPS = 0.95  # share of a direction's deviation that a remedy must fall below to help
 _CARRIED, _HELD = 0.1, 0.1  # payload: share of the moving mass, distance from the joint's axis [m]
 _PAYLOADS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.5, 0.8), (0.25, 0.6))  # of it and of swing
 _POSES, _SWING = 6, 0.7  # other poses that are tried, and the share of the swing in them
@@ -45,10 +45,10 @@ _LARGER, _LARGEST = (
 
 @dataclass(frozen=True)
 class Remedy:
-    """Another experiment, and what it would tell instead.
+    """Another experiment, and its predicted results.
 
     Attributes:
-        predicted: rms deviation of what is asked for.
+        predicted: rms deviation of the requested numbers.
         weak: number of weak directions that it leaves.
         covariance: (p, p) predicted of θ̂/scale.
     """
@@ -61,13 +61,13 @@ class Remedy:
 
 @dataclass(frozen=True)
 class Helped:
-    """A weak direction, and the experiment that tells most of it.
+    """A weak direction, and the experiment that improves it most.
 
     Attributes:
         words: the direction's leading parameters.
         left: its predicted deviation, over that before the experiment.
         remedy: what helps most; "" if nothing that was computed does.
-        after: its deviation then, over that before the experiment.
+        after: its deviation with the remedy, over that before the experiment.
     """
 
     words: str
@@ -77,7 +77,7 @@ class Helped:
 
 
 def weak_directions(found: Design, covariance: Array, draw: int = 0) -> Array:
-    """(p, k) unit directions of θ/scale of which the data tell little, the weakest first.
+    """(p, k) unit directions of θ/scale about which the data reveal little, the weakest first.
 
     `covariance` (p, p) is the one predicted of θ̂/scale.
     """
@@ -136,7 +136,7 @@ def _quieter(found: Design) -> Remedy:
 
 
 def _loaded(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
-    """The motion once more with a known payload, the largest of some that keeps the limits."""
+    """The motion repeated with a known payload, the largest of some that keeps the limits."""
     experiment = found.experiment
     space = experiment.system.space
     place = _held(experiment)
@@ -148,7 +148,7 @@ def _loaded(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
         log = _kept(found, loaded, _swung(driver, swing))
         if log is None:
             continue
-        whole = np.eye(len(space))  # a payload tells of P_s too
+        whole = np.eye(len(space))  # a payload reveals P_s too
         J = found.information(found.logs[0], 0, whole)
         P = bound(J + found.information(log, 0, whole, loaded), whole)
         Z = experiment.bases[0]
@@ -157,14 +157,14 @@ def _loaded(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
         words = (
             f"the motion once more with a known payload, {mass:g} kg held "
             f"{100 * np.linalg.norm(place):.0f} cm off the last joint's axis"
-            f"{_smaller(swing)} (also tells the common scale to {100 * known:.1g} %)"
+            f"{_smaller(swing)} (also determines the common scale to {100 * known:.1g} %)"
         )
         yield _remedy(found, words, Z @ (Z.T @ P @ Z) @ Z.T)
         return
 
 
 def _held(experiment: Experiment) -> Array:
-    """(3,) where a payload is held, in the last link's axes, at right angles to its joint's [m]."""
+    """(3,) place of a payload, in the last link's axes, at right angles to its joint's [m]."""
     arm = experiment.system
     assert isinstance(arm, JointTree)
     axis = np.asarray(arm.structure.bodies[-1].axis)
@@ -173,7 +173,7 @@ def _held(experiment: Experiment) -> Array:
 
 
 def _elsewhere(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
-    """The motion once more in another pose: the best of some random ones that keep the limits."""
+    """The motion repeated in another pose: the best of random ones that keep the limits."""
     experiment, basis = found.experiment, found.experiment.bases[0]
     series, limit = driver.series, found.limits.limits["position"]
     t = np.linspace(0, 1 / driver.fundamental, 500)
@@ -202,7 +202,7 @@ def _elsewhere(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
 
 
 def _larger(found: Design, driver: DesignedSignals) -> Iterator[Remedy]:
-    """A vehicle's commands half as large again."""
+    """A vehicle's commands, half as large again."""
     experiment, names = found.experiment, amplitudes_of(driver.driver)
     inner = amplified(driver.driver, _LARGER, _LARGEST)
     if inner == driver.driver:
@@ -259,7 +259,7 @@ class Interval:
         unit: SI unit.
         value: its prior.
         half: half width of the interval.
-        before: half width of what is known beforehand, in the directions that motion reveals.
+        before: half width before the experiment, in the directions that motion reveals.
         observable: share of the parameter, in [0, 1], that lies in these directions.
     """
 
@@ -275,11 +275,11 @@ class Interval:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What is said before an experiment.
+    """The prediction of an experiment's results.
 
     Attributes:
         intervals: of all parameters.
-        asked: (names, predicted standard deviations) of what was asked for.
+        asked: (names, predicted standard deviations) of the requested numbers.
         weak: the weakest directions of θ/scale and what helps each, the weakest first.
         weak_count: number of weak directions; `weak` describes the first of them.
         unobservable: directions of P_s in words, and what fixes each.
@@ -295,7 +295,7 @@ class Prediction:
 
 
 def predict(found: Design, told: Told = lambda _words, _share: None) -> Prediction:
-    """Predicts what a designed experiment tells, and computes what would help."""
+    """Predicts the results of a designed experiment, and computes what would help."""
     experiment = found.experiment
     space, covariances = experiment.system.space, found.covariances
     weak = [weak_directions(found, P, draw) for draw, P in enumerate(covariances)]

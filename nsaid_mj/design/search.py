@@ -37,11 +37,11 @@ def minimise(
 
     Args:
         costs: of several candidates (d,); inf for one that cannot be evaluated.
-        start: (d,) mean of the first candidates; it is tried itself.
+        start: (d,) mean of the first candidates, itself a candidate.
         step: standard deviation of the first candidates about it.
-        evaluations: number of candidates to try, at least.
-        rng: source of the candidates.
-        told: called with the share of the search that is done.
+        evaluations: least number of candidates to try.
+        rng: generator of the candidates.
+        told: called with the completed share of the search.
         population: candidates in a generation.
     """
     d, half = len(start), population // 2
@@ -77,5 +77,5 @@ def minimise(
         variance += c_rank * (weights @ parents**2)
         drift = c_step / (1 + c_step) * (np.linalg.norm(step_path) / expected - 1)
         step *= float(np.exp(min(1.0, drift)))
-    last = float(costs([mean])[0])  # the mean of good candidates is often better than they are
+    last = float(costs([mean])[0])  # the mean of good candidates is often better than each
     return best if best.cost <= last else Found(mean, last, best.evaluations)

@@ -1,4 +1,4 @@
-"""The experiment tried out on a draw of the prior: predicted intervals beside those reached.
+"""Tries an experiment on a draw of the prior, to compare predicted with reached intervals.
 
 The trial's robot is one of the draws, with noisy sensors, so that no truth is involved.
 """
@@ -23,7 +23,7 @@ _DRAW = 1  # the first one is the prior itself
 
 @dataclass(frozen=True)
 class Trial:
-    """Predicted and reached deviations of what is asked for, along an experiment.
+    """Predicted and reached deviations of the requested numbers, along an experiment.
 
     Attributes:
         t: (T,) times [s].
@@ -42,11 +42,7 @@ class Trial:
 
 
 def tried(found: Design, seed: int = 0) -> Trial | None:
-    """Tries a design on a draw about the prior.
-
-    Returns:
-        None if the law `efficient` does not suit the scenario, or the trial fails.
-    """
+    """Tries a design on a draw; None if `efficient` does not suit the scenario, or it fails."""
     experiment, asked = found.experiment, found.asked
     scenario, system = experiment.scenario, experiment.system
     truth, basis = experiment.draws[_DRAW], experiment.bases[_DRAW]

@@ -1,14 +1,14 @@
 """Whether the motion contradicts the structure, judged from measurements alone.
 
 The filter of the law `efficient` runs along the log from a run's estimate and its stated covariance
-until it has learned what it may, and then again from where it has come to. What is left says how
+until it has learned what it may, and then again from its result. The residual innovations show how
 well the structure explains the motion:
 
 - innovations larger than chance within a tenth of a second contradict it; the filter then starts
   again. A structure that explains the motion is hardly ever contradicted, one that does not, again
   and again;
-- innovations that are not white over longer times are small effects that W does not have; see
-  `whiteness` and below;
+- innovations that are not white over longer times are small effects that W lacks; see `whiteness`
+  and below;
 - how far, relative to its stated covariance, the estimate has moved in the first run, as a whole
   and from part to part, says whether the intervals hold.
 
@@ -17,8 +17,8 @@ Where the gains were found to drift, the log is judged from then on, and they wa
 Faults that were found divide the log; what made a fault known is not held against the structure,
 but everything else is.
 
-An effect that is left out makes innovations larger where the motion has its power, at 0.03 to a few
-hertz: by far too little to be seen sample by sample, but over 1 to 100 s it adds up. Where the
+A neglected effect makes innovations larger where the motion has its power, at 0.03 to a few hertz:
+by far too little to be visible sample by sample, but over 1 to 100 s it adds up. Where the
 structure explains the motion, the periodogram of each normalised innovation is exponentially
 distributed about its variance at every frequency, independently (Mehra, IEEE TAC 15(2), 1970). So
 each octave has its own test, from the mean of the whole log to the upper half of the spectrum,
@@ -300,7 +300,7 @@ def judged(alone: FilterAlone, theta: Array, P: Array, log: Log) -> Misfit:
 
 
 class _Pass(NamedTuple):
-    """What one pass of the filter along a log says; see `Misfit`."""
+    """The outcome of one pass of the filter along a log; see `Misfit`."""
 
     level: str
     late: tuple[float, ...]
@@ -327,8 +327,8 @@ def _judged_pass(replay: Replay, log: Log) -> _Pass:
 def _widening(alone: FilterAlone, theta: Array, P: Array, learning: Replay, energy: float) -> float:
     """Factor on the standard deviations of a misfit.
 
-    Parameters take up a part of what W does not have, in whatever direction is most like it; the
-    energy of what is left over tells its size. And the estimate must not shift further than its
+    Parameters absorb a part of the effects that W lacks, in whatever direction is most like them;
+    the energy of the rest reveals their size. And the estimate must not shift further than its
     covariance allows: neither as a whole, nor from part to part of the log, where an effect that
     comes and goes with the motion moves it to and fro (a sandwich of as many blocks).
     """

@@ -1,4 +1,4 @@
-"""What is told at the end of a run, of a log's identification, or of servos: one `Result`."""
+"""The `Result` that a run, or the identification of a log or of servos, reports at its end."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Status = Literal["identified", "known", "only in combination", "below the noise"
 
 
 class Mark(NamedTuple):
-    """How a status or a verdict is shown.
+    """The display of a status or a verdict.
 
     Attributes:
         glyph: in front of the words, so that colour is not needed.
@@ -38,7 +38,7 @@ STATUSES: dict[str, Mark] = {
         ("", "", "weak"),
     )
 }
-"""Marks of what a motion says of a parameter, best first."""
+"""Marks of parameters' statuses, best first."""
 
 EXPLAINS: dict[Explains, Mark] = {
     "yes": Mark("✔", "good"),
@@ -78,9 +78,9 @@ class Parameter:
         low: lower end of the 95 % interval; both ends are the estimate where none is stated.
         high: upper end of the 95 % interval.
         prior: value before the motion.
-        status: what the motion says of it: `identified`; `only in combination` with others;
+        status: what the motion reveals of it: `identified`; `only in combination` with others;
             `not excited`: the motion does not depend on it; `below the noise`: its effect is not
-            distinguishable from 0; `known`: given by the user; empty if the law cannot tell.
+            distinguishable from 0; `known`: given by the user; empty if the law does not say.
         combination: the combination that the motion determines; "" unless the status says so.
         relative: of a gain, the half-width of the 95 % interval of its ratio to the other gains,
             which does not depend on the common scale; None for other parameters.
@@ -140,7 +140,7 @@ class Figure(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """What every command tells; a truth may be missing.
+    """The result of every command; a truth may be missing.
 
     Attributes:
         explains: whether the structure explains the motion.

@@ -46,7 +46,7 @@ class Truth:
         return self._plant.truth_at(t)
 
     def epoch(self, t: ArrayLike) -> NDArray[np.intp]:
-        """(...) count of the stretches of constant truth at times t (...) [s], 0 before a fault."""
+        """(...) number of earlier changes of the truth at times t (...) [s], 0 before a fault."""
         return self._plant.epoch(t)
 
     @property

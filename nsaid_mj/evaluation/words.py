@@ -146,7 +146,7 @@ def verdict(summary: dict[str, Any]) -> str:
     one that is closer to it than the prior is *still converging*. If the truth is unknown, the
     stated confidence and, unless the filter's innovations show that the structure explains the
     motion, the force residual replace the distance: with noisy sensors the residual stays large. A
-    misfit of `some` is told with the widening of the intervals, or as gains that drift.
+    misfit of `some` is reported with the widening of the intervals, or as gains that drift.
     """
     if summary["status"] != "completed":
         signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
@@ -165,7 +165,7 @@ def verdict(summary: dict[str, Any]) -> str:
             f"{100 * (1 - floor):.3g} % of the actuator forces on a held-out trajectory"
         )
     distance, first = (summary.get(f"theta_perp_ratio{end}") for end in ("", "_initial"))
-    if residual is None:  # no held-out trajectory: the run's own last part has to do
+    if residual is None:  # no held-out trajectory: use the run's own last part
         residual = summary.get("force_residual_ratio_measured")
     predicts = "" if residual is None else f", force residual {_share(residual)}"
     if distance is not None:
@@ -188,7 +188,7 @@ def verdict(summary: dict[str, Any]) -> str:
         where += f"; gains drift by up to {100 * drift:.2g} % a minute"
     elif summary.get("misfit") == "some":
         where += (
-            f"; the structure leaves something over, for which the intervals are "
+            "; the structure does not explain everything, so the intervals are "
             f"{summary['misfit_widening']:.2g} times wider"
         )
     if arrived:

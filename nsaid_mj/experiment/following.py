@@ -1,8 +1,8 @@
 """Identifiers follow measurements in segments, as they come from a source.
 
 A run and a Monte Carlo study both feed an identifier one segment of measurements at a time;
-`Following` decides when an identifier has to be stopped, and `Loop` moves a run's source, its
-identifiers, the record and the observers on.
+`Following` decides when an identifier must be stopped, and `Loop` advances a run's source, its
+identifiers, the record and the observers.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Following:
         return self.absorb(log, *self.identifier.follow(self.state, log), due)
 
     def resume(self, here: Measurement) -> None:
-        """Goes on at a measurement after a gap; see `Identifier.resume`."""
+        """Continues at a measurement after a gap; see `Identifier.resume`."""
         self.state = self.identifier.resume(self.state, here)
 
     def absorb(self, log: Log, state: State, estimates: Estimates, due: np.ndarray) -> Estimates:
@@ -104,7 +104,7 @@ class Following:
 def due_rows(first: int, rows: int, dt: float, last: int) -> np.ndarray:
     """The rows of a segment after which the conserved quantity is checked.
 
-    `first` is the run's time step at the segment's first row, which also ends the segment before;
+    `first` is the run's time step at the segment's first row, which also ends the previous segment;
     `last` is the run's last time step, which is always checked.
     """
     row = np.arange(1, rows)
@@ -144,7 +144,7 @@ class Cost:
 
 
 class Robot(NamedTuple):
-    """What is known of the robot that moves: no true value.
+    """Knowledge about the moving robot, without true values.
 
     Attributes:
         system: the structure.
@@ -174,12 +174,10 @@ class Observer(ABC):
     def see(
         self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
     ) -> None:
-        """Called after every segment of the run.
+        """Called after every segment of the run, with its last sample.
 
-        Args:
-            measurement: the last sample of the segment.
-            states: every identifier's state at that sample, by name; "" is the first identifier's.
-            levels: ε₀ of (2) and of (75) over the current window.
+        `states` are the identifiers' states at that sample, by name, "" for the first; `levels` are
+        ε₀ of (2) and of (75) over the current window.
         """
 
     @abstractmethod
@@ -269,7 +267,7 @@ class Loop:
         self.ending.status, self.ending.signal, self.ending.time = status, signal, t
 
     def _follow(self, k: int, log: Log) -> tuple[Log, dict[str, Estimates]]:
-        """Runs the identifiers along a segment from time step k; cut where the own one fails."""
+        """Runs the identifiers along a segment from time step k; cut where the main one fails."""
         begin, estimates = clock(), {}
         for name, following in self.following.items():  # the scenario's own comes first
             due = due_rows(k, len(log.t), self.scenario.dt, self.scenario.steps)

@@ -55,7 +55,7 @@ def _is_users(file: str) -> bool:
 
 
 def place_of(thing: object) -> tuple[str, int, str]:
-    """File, line and first line of code of a function or class; "" and 0 where there is none."""
+    """File, line and first line of code of a function or class; "" and 0 if there is none."""
     try:
         file = inspect.getsourcefile(thing)  # type: ignore[arg-type]  # raises for other things
         lines, first = inspect.getsourcelines(thing)  # type: ignore[arg-type]

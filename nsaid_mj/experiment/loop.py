@@ -53,8 +53,8 @@ class Run:
         states: the identifiers' last states, by name; empty if the run was read from its record.
         confidence: from an earlier summary of the run, if it was read from its record.
         looks: visual meshes of the robot; None if there are none.
-        stream: what was wrong with the samples of a live robot, in words and numbers; empty of a
-            run whose measurements did not arrive from outside.
+        stream: faults of a live robot's samples, in words and numbers; empty for a run without
+            measurements from outside.
     """
 
     scenario: Scenario
@@ -73,11 +73,7 @@ class Run:
 
     @property
     def faults(self) -> tuple[FaultEvent, ...]:
-        """The faults that the scenario's own identifier found.
-
-        Raises:
-            BadRun: their file is damaged.
-        """
+        """The faults that the main identifier found; raises `BadRun` if their file is damaged."""
         file = self.folder / FAULTS
         if not file.is_file():
             return ()
@@ -202,12 +198,11 @@ def followed(
 def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
     """Turns the first Ctrl-C into a call of `ask`; the second one raises KeyboardInterrupt.
 
-    The same goes for the signals that the command line treats as Ctrl-C.
-
-    An exception could be raised anywhere, and within compiled code it would be lost or become a
-    SystemError. The loop stops between two segments instead.
+    It also handles the signals that the command line treats like Ctrl-C. An exception could be
+    raised anywhere, and within compiled code it would be lost or become a SystemError. Instead, the
+    loop stops between two segments.
     """
-    # on others another handler is installed, or they are ignored
+    # other signals have another handler, or are ignored
     ours = [s for s in signal.valid_signals() if signal.getsignal(s) is signal.default_int_handler]
     if threading.current_thread() is not threading.main_thread():
         ours = []

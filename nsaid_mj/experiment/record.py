@@ -32,8 +32,8 @@ class RecordWriter:
     `widths` are the entries per row of each column, 0 for a scalar; `metadata` becomes JSON.
 
     Raises:
-        NotWritten: the file cannot be written, also by the other methods. What was written before
-            stays readable.
+        NotWritten: the file cannot be written, by the other methods too. Earlier rows stay
+            readable.
     """
 
     def __init__(self, path: Path, widths: dict[str, int], metadata: dict[str, Any], batch: int):
@@ -106,11 +106,7 @@ class RecordWriter:
             self._file.close()
 
     def check(self) -> None:
-        """Checks that the file is still in its place.
-
-        Raises:
-            BadRun: the file was removed or replaced.
-        """
+        """Raises `BadRun` if the file was removed or replaced."""
         if not self._path.exists() or self._path.stat().st_ino != self._inode:
             raise BadRun(
                 self._path,
@@ -154,11 +150,7 @@ class Record:
         return [name.removeprefix(prefix) for name in self.columns if name.startswith(prefix)]
 
     def scenario(self, folder: Path) -> str:
-        """The JSON text of the run's scenario; the folder is for the message.
-
-        Raises:
-            BadRun: the record has none.
-        """
+        """The JSON text of the run's scenario; `BadRun` naming the folder if there is none."""
         text = self.metadata.get("scenario")
         if not isinstance(text, str):
             raise BadRun(folder, "its record has no scenario", "Run the scenario again")
@@ -211,11 +203,7 @@ class Record:
 
     @staticmethod
     def metadata_of(path: Path) -> dict[str, Any]:
-        """Reads the metadata alone of the record of a run's folder, or of a record file.
-
-        Raises:
-            BadRun: there is no record, or it is unreadable.
-        """
+        """Reads only the metadata of a run's folder or record file; `BadRun` if unreadable."""
         file = _file_of(path)
         with _typed(file), pa.OSFile(str(file)) as source, pa.ipc.open_stream(source) as stream:
             return _metadata(stream.schema)
@@ -230,7 +218,7 @@ def _file_of(path: Path) -> Path:
 
 @contextmanager
 def _typed(file: Path) -> Iterator[None]:
-    """Within the context, whatever an unreadable file raises becomes `BadRun`."""
+    """Context in which any error of an unreadable file becomes `BadRun`."""
     try:
         yield
     except (pa.ArrowInvalid, OSError) as error:
@@ -252,9 +240,9 @@ def _survey(file: Path) -> tuple[pa.Schema, int, int, bool]:
 
 
 def _sound(columns: dict[str, Array], rows: slice) -> bool:
-    """Whether some rows are finite, time increases up to their end, and no estimate is zero.
+    """Whether rows are finite, time increases up to their end, and no estimate is zero.
 
-    A disk that lost power leaves zeros where data were to come.
+    A disk that loses power leaves zeros in place of data.
     """
     t = columns["t"] if "t" in columns else np.arange(rows.stop)
     steady = (np.diff(t[max(0, rows.start - 1) : rows.stop]) > 0).all()

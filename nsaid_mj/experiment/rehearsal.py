@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..system import SecondOrderSystem
 
-_SAMPLES = 3000  # at most, averaged in the Gramian
+_SAMPLES = 3000  # largest number averaged in the Gramian
 
 
 def expected_gramian(

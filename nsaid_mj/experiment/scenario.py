@@ -133,7 +133,7 @@ _ADAPTER = TypeAdapter(Scenario)
 
 
 REGISTRY = ConstructorRegistry()
-"""How tyro reads and writes a scenario's fields, beyond the types that it knows."""
+"""tyro's rules for a scenario's fields, beyond the types that it knows."""
 
 
 @REGISTRY.primitive_rule

@@ -1,4 +1,4 @@
-"""Wires a scenario's plant, prior, driver, sensors and identifiers; nothing else does.
+"""Wires a scenario's plant, prior, driver, sensors and identifiers; nothing else does so.
 
 A `Setup` holds the simulated plant and the prior θ̂(0), and builds driver, sensors and identifiers,
 each from its own stream of the scenario's seed. Runs, held-out trajectories, comparisons of methods
@@ -153,7 +153,7 @@ class Setup:
 
 
 def told(config: IdentifierConfig, scenario: Scenario) -> IdentifierConfig:
-    """An identifier's configuration, with the error of the prior where it says none."""
+    """An identifier's configuration, with the scenario's error of the prior if it states none."""
     if not isinstance(config, NullspaceAID) or config.efficient.prior is not None:
         return config
     error = scenario.initial_error or None
@@ -161,7 +161,7 @@ def told(config: IdentifierConfig, scenario: Scenario) -> IdentifierConfig:
 
 
 def published(config: PlantConfig, dt: float) -> tuple[Plant, Array]:
-    """A plant whose θ has its published values, and these values (p,).
+    """A plant with its published θ, and this θ (p,).
 
     Raises:
         InvalidInput: the plant cannot be made with a given θ.
@@ -282,11 +282,7 @@ class CheckedDriver(Driver):
         self._driver, self._n, self._n_u = driver, system.n, system.n_u
 
     def start(self) -> tuple[Array, Array]:
-        """Position and velocity from which the driver starts, checked.
-
-        Raises:
-            BadScript: it is not a pair of (n,) arrays.
-        """
+        """Position and velocity from which the driver starts; `BadScript` unless (n,) arrays."""
         found = self._driver.start()
         if not isinstance(found, tuple | list) or len(found) != 2:
             function = type(self._driver).start
@@ -295,15 +291,11 @@ class CheckedDriver(Driver):
         return position, velocity
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """The driver's command (n_u,) at a time and measured state, checked.
-
-        Raises:
-            BadScript: it is not an (n_u,) array of numbers.
-        """
+        """The command (n_u,) at a time and measured state; `BadScript` unless numbers."""
         return self._array("command", self._driver.command(t, q, v), self._n_u)
 
     def compiled(self, t: Array) -> Array | Tracking | None:
-        """What compiled loops take from the driver for times t (k,), checked.
+        """The driver's form for compiled loops at times t (k,), checked.
 
         Raises:
             BadScript: it is neither None, nor a `Tracking`, nor a (k, n_u) array of numbers.

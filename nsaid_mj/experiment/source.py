@@ -1,4 +1,4 @@
-"""Where a run's measurements come from: a simulated plant, logs, or anything else."""
+"""Sources of a run's measurements: a simulated plant, logs, or anything else."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from ..parameters import Array
 from ..plants import Plant, Sensors
 
 LONGEST_STEP = 1.5
-"""Interval between two samples, over the period, beyond which there is a gap between them."""
+"""Interval between two samples, over the period, beyond which it is a gap."""
 
 
 class Segment(NamedTuple):
     """Consecutive measurements from a source.
 
     Attributes:
-        log: begins at the last measurement of the segment before, or, if `resumed`, at the first
+        log: begins at the last measurement of the previous segment or, if `resumed`, at the first
             one after a gap.
-        resumed: whether measurements are missing between this segment and the one before.
+        resumed: whether measurements are missing between this segment and the previous one.
         end: how the source ended with this segment, with the signal that shows it; else None.
     """
 
@@ -35,7 +35,7 @@ class Segment(NamedTuple):
 
 
 class Source(ABC):
-    """Gives the measurements of a run, segment by segment.
+    """Provides the measurements of a run, segment by segment.
 
     Attributes:
         stopped: status of a run that the user stops.
@@ -61,11 +61,11 @@ class Source(ABC):
 
     @abstractmethod
     def inform(self, k: int, theta_hat: Array) -> None:
-        """Hands over the own identifier's estimate (p,) at measurement k."""
+        """Passes on the main identifier's estimate (p,) at measurement k."""
 
 
 class Simulation(Source):
-    """A simulated plant, moved by a driver, which is told of estimates if it asks, and measured."""
+    """A simulated plant with sensors, moved by a driver, which receives estimates on request."""
 
     def __init__(self, plant: Plant, driver: Driver, sensors: Sensors, dt: float):
         self.plant, self._driver, self._sensors = plant, driver, sensors
@@ -80,15 +80,15 @@ class Simulation(Source):
         return self._sound(Log.unchecked_of([self.plant.begin(self._driver, self._sensors)]))
 
     def segment(self, last: Measurement, k: int, steps: int) -> Segment:
-        """Moves the plant, at most to where the driver is informed next."""
+        """Moves the plant, at most to the driver's next request for an estimate."""
         steps = int(min(steps, self._inform - k % self._inform))
         return self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
 
     def stop(self) -> None:
-        """Nothing: a simulation does not wait."""
+        """Does nothing: a simulation does not wait."""
 
     def inform(self, k: int, theta_hat: Array) -> None:
-        """Informs the driver where it asks for it."""
+        """Informs the driver when it is due."""
         if k % self._inform == 0 and isinstance(self._driver, InformedDriver):
             self._driver.inform(theta_hat)
 
@@ -97,17 +97,16 @@ class Simulation(Source):
 
 
 class Logs(Source):
-    """Logs that were recorded before, one after another; between two of them there is a gap.
+    """Recorded logs, one after another, with gaps between them.
 
-    Args:
-        logs: at one rate, on one clock, of two rows or more each.
+    They have one rate and one clock, and two rows or more each.
     """
 
     def __init__(self, logs: Sequence[Log]):
         self._logs, self._log, self._row = logs, 0, 0
 
     def running(self) -> AbstractContextManager[None]:
-        """Nothing to open."""
+        """Opens nothing."""
         return nullcontext()
 
     def begin(self) -> Segment:
@@ -116,7 +115,7 @@ class Logs(Source):
         return Segment(self._logs[0].first(1))
 
     def segment(self, last: Measurement, k: int, steps: int) -> Segment:
-        """The next rows of a log, or the first ones of the log after it."""
+        """The next rows of a log, or the first ones of the next log."""
         resumed = self._row == len(self._logs[self._log].t) - 1
         if resumed:
             self._log, self._row = self._log + 1, 0
@@ -127,16 +126,16 @@ class Logs(Source):
         return Segment(log.part(first, self._row + 1), resumed, end)
 
     def stop(self) -> None:
-        """Nothing: logs do not wait."""
+        """Does nothing: logs do not wait."""
 
     def inform(self, k: int, theta_hat: Array) -> None:
-        """Nothing: a log was recorded before."""
+        """Does nothing: the motion is already recorded."""
 
 
 def informing_steps(driver: Driver, dt: float) -> float:
-    """Time steps between two estimates that a driver is informed of; infinite for none.
+    """Time steps between two estimates for a driver; infinite if it wants none.
 
-    They do not depend on the observers, so that these do not change a run.
+    They do not depend on the observers, so these do not change a run.
     """
     period = driver.period if isinstance(driver, InformedDriver) else np.inf
     return max(1.0, float(np.round(period / dt)))

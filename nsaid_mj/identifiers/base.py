@@ -62,7 +62,7 @@ class State(NamedTuple):
         memory: statistics of past data; None for laws without a memory.
         spent: total decrease of the conserved quantity in the memory's implicit steps.
         filter: filter and guard of the law `efficient`; None for other laws.
-        faults: those found so far; laws other than `efficient` do not look for any.
+        faults: those found so far; empty for laws other than `efficient`.
     """
 
     t: float
@@ -186,12 +186,9 @@ class Identifier(ABC):
 
     @abstractmethod
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
-        """Steps along a log.
+        """Steps along a log of N measurements.
 
-        Args:
-            state: at the log's first measurement; returned unchanged unless its status is
-                `completed`.
-            log: N measurements.
+        A state whose status is not `completed` is returned unchanged.
 
         Returns:
             The state at the last measurement, or before the first step that failed; and the
@@ -200,9 +197,9 @@ class Identifier(ABC):
 
     @abstractmethod
     def resume(self, state: State, here: Measurement) -> State:
-        """The state at a measurement after a gap, in which nothing is known of the motion.
+        """The state at a measurement after a gap in which the motion is unknown.
 
-        θ̂ and what was learned of it stay; v̂ and whatever else follows the motion begin anew.
+        θ̂ and what was learned about it stay; v̂ and whatever else follows the motion start anew.
         """
 
     @abstractmethod
@@ -221,12 +218,8 @@ class Identifier(ABC):
     def slacks(self, log: Log, theta: Array) -> Array:
         """(N−1,) bounds on the rise of V [J] in a memory's updates, under the true θ (p,).
 
-        Sensor noise and quadrature error leave a residual even at the true θ, so that V may rise.
-        The bounds are 0 in steps without an update.
-
-        Args:
-            log: all N measurements of a run, which the law follows again.
-            theta: (p,) the true θ.
+        Sensor noise and quadrature error leave a residual even at the true θ, so V may rise. The
+        bounds are 0 in steps without an update. The law follows the log, of a whole run, again.
         """
 
     @abstractmethod
@@ -265,6 +258,6 @@ class IdentifierConfig(Config, ABC):
             dt: time between measurements [s].
             noise: assumed standard deviations of the sensors' noise.
             gramian: computes (p, p), the expected mean of S Wᵀ M⁻¹ W S under the prior with
-                S = diag(scale), for laws whose gain is designed from it. It is called only where
+                S = diag(scale), for laws whose gain is designed from it. It is called only if
                 needed, as it is costly.
         """

@@ -30,8 +30,8 @@ class NullspaceAID(IdentifierConfig):
         K: gain of the identification plant, K = K·I [1/s].
         gain: adaptation gain γ; Γ = γ diag(scale²) [1/J].
         interpolation: between samples: `hermite`, the cubic through positions and velocities, for
-            exact encoders; `linear`, the mean of both velocities, where differences of positions
-            are dominated by noise; `auto` chooses by the sensors' noise.
+            exact encoders; `linear`, the mean of both velocities, where noise dominates differences
+            of positions; `auto` chooses by the sensors' noise.
         gamma: `scale`, Γ = γ diag(scale²); or `simulated`, Γ = rate·K·S H⁻¹ S, with H the mean of
             S Wᵀ M⁻¹ W S in a simulation under the prior, S = diag(scale).
         rate: convergence rate of all directions where `gamma` is `simulated` [1/s]; directions
@@ -40,7 +40,7 @@ class NullspaceAID(IdentifierConfig):
         law: `paper`, (45) with constant Γ; `cone`, Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹, which keeps θ̂
             inside the cone of physical parameters and M̂ > 0; `memory`, the law `cone` with
             implicit steps that fit past data; or `efficient`, a Kalman filter of state and
-            parameters that is guarded by the law `memory`.
+            parameters guarded by the law `memory`.
         barrier: μ of all laws but `paper`, in units of Γ⁻¹ at the scale; with 0 `cone` is
             the paper's law.
         memory: how past data are kept and used, where the law is `memory` or `efficient`.
@@ -109,14 +109,10 @@ class NullspaceAID(IdentifierConfig):
 
 
 def floored_inverse(gramian: Array, floor: float) -> Array:
-    """Inverse of a positive semidefinite matrix, its eigenvalues raised to floor·λ_max at least.
+    """Inverse of a positive semidefinite matrix (p, p), eigenvalues raised to at least floor·λ_max.
 
     Unexcited directions are raised, too: nothing can be learned along them, but the estimate must
     be free to turn, since the nullspace under the prior differs slightly from the true one.
-
-    Args:
-        gramian: (p, p) the matrix.
-        floor: lower bound of the eigenvalues, as a share of the largest.
 
     Raises:
         InvalidInput: the matrix is 0.

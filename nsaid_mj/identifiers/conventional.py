@@ -1,4 +1,4 @@
-"""Conventional adaptive identification: some parameters are taken as known.
+"""Conventional adaptive identification, which takes some parameters as known.
 
 With the known parameters held, W θ̂ = W_free θ̂_free − (a known signal). So (44) and (45) with Γ = 0
 on the held parameters is the textbook identifier with known forces τ(u). Holding the mass of (16)
@@ -64,7 +64,7 @@ class ConventionalAID(IdentifierConfig):
 
 
 def known_mask(space: ParameterSpace, known: tuple[str, ...]) -> np.ndarray:
-    """(p,) boolean mask of the parameters that are named.
+    """(p,) boolean mask of the named parameters.
 
     Raises:
         UnknownName: a name is neither a block nor a parameter.

@@ -1,4 +1,4 @@
-"""A change of the robot that an identifier has found, as recorded and shown."""
+"""A fault that an identifier has found, as recorded and shown."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ class FaultEvent(NamedTuple):
     """A fault that was detected and isolated.
 
     Attributes:
-        time: when the motion first contradicted the estimate from before [s].
+        time: when the motion first contradicted the earlier estimate [s].
         found: when the fault was isolated [s].
         kind: `loss`, `reversed`, `broken`, `stuck`, `friction`, `payload`, `bias`,
             `several` or `unknown`.
-        part: what it hit, in words, such as `thrust of thruster 3`.
+        part: the affected part, in words, such as `thrust of thruster 3`.
         names: the parameters of θ that it changed; of a sensor such as `position 2`.
         size: of the change.
         low: lower end of its 95 % interval.
@@ -74,7 +74,7 @@ class FaultEvent(NamedTuple):
         """The event of an entry of summary.json.
 
         Raises:
-            KeyError, TypeError, ValueError: it is none.
+            KeyError, TypeError, ValueError: it is not one.
         """
         parts: dict[str, Any] = {name: str(keys[name]) for name in ("kind", "part", "unit")}
         for name in ("time", "found", "size", "low", "high", "confidence"):

@@ -1,4 +1,4 @@
-"""Metrics: what turns Wᵀ Δv into θ̂̇ (45), in Python and for compiled loops.
+"""Metrics: how Wᵀ Δv becomes θ̂̇ (45), in Python and for compiled loops.
 
 A `Metric` is the Python side: the gain, the conserved quantity, the metric's term of V. Compiled
 loops get a tuple of arrays with a chart, the coordinates in which θ̂ is integrated: `Flat` is the
@@ -67,7 +67,7 @@ Law = Flat | Curved
 
 
 class Metric(ABC):
-    """What turns Wᵀ Δv into θ̂̇.
+    """The map from Wᵀ Δv to θ̂̇.
 
     Attributes:
         Gamma: (p,) or (p, p) adaptation gain of (45), or of the metric's quadratic part.
@@ -267,16 +267,10 @@ def stored(stiffness, theta):
 
 
 def positive_gain(name: str, value: Array, size: int, moving: np.ndarray | None = None) -> Array:
-    """Checks that a gain is positive definite.
+    """Checks that a gain, its diagonal (size,) or all of it (size, size), is positive definite.
 
-    Args:
-        name: of the gain, for messages.
-        value: (size,) its diagonal, or (size, size) all of it.
-        size: number of rows.
-        moving: (size,) mask of the diagonal's entries that must be > 0; None is all.
-
-    Returns:
-        The gain as a contiguous float array.
+    moving (size,) masks the diagonal's entries that must be > 0; None is all. `name` is for
+    messages. Returns the gain as a contiguous float array.
 
     Raises:
         InvalidInput: the shape is wrong, or the gain is not symmetric or not positive definite.

@@ -61,7 +61,7 @@ class NullspaceIdentifier(Identifier):
     Args:
         system: the structure.
         K: (n,) or (n, n) positive definite gain of the identification plant [1/s].
-        metric: what turns Wᵀ Δv into θ̂̇ (45).
+        metric: maps Wᵀ Δv to θ̂̇ (45).
         prior: (p,) θ̂(0).
         dt: time between measurements [s].
         hermite: cubic Hermite interpolation between samples; else linear.
@@ -147,12 +147,9 @@ class NullspaceIdentifier(Identifier):
     ) -> tuple[State, Estimates]:
         """RK4 steps of (44, 45) along a log, without a memory's updates.
 
-        Args:
-            state: at the log's first measurement; returned unchanged unless its status is
-                `completed`.
-            log: N measurements.
-            motion: of that log if already computed: identifiers of one system with the same
-                interpolation can share it.
+        `state`, at the log's first measurement, is returned unchanged unless its status is
+        `completed`. `motion` is that of the log if already computed: identifiers of one system with
+        the same interpolation can share it.
 
         Raises:
             InvalidInput: the log's widths are not the system's.
@@ -189,16 +186,10 @@ class NullspaceIdentifier(Identifier):
         return len(log.t)
 
     def _integrate(self, log: Log, motion: Motion, rows: list[Array], divided: int = 0) -> int:
-        """RK4 steps along a log; in the cone's metric, inaccurate ones are divided.
+        """RK4 steps along a log with its motion; in the cone's metric inaccurate ones are divided.
 
-        Args:
-            log: N measurements.
-            motion: of that log.
-            rows: v̂ (N, n), θ̂ (N, p) and pivots (N,), written from row 1 on.
-            divided: how often the steps of this log have been divided.
-
-        Returns:
-            The row that failed, or N.
+        `rows` are v̂ (N, n), θ̂ (N, p) and pivots (N,), written from row 1 on; `divided` counts
+        earlier divisions of this log's steps. Returns the row that failed, or N.
         """
         v_hats, theta_hats, pivots = rows
         row = follow(self.law, motion, v_hats, theta_hats, pivots, 1)
@@ -242,12 +233,7 @@ class NullspaceIdentifier(Identifier):
         return self.memory.updates(t)
 
     def slacks(self, log: Log, theta: Array) -> Array:
-        """(N−1,) bounds on the rise of V [J] in the memory's updates along a run's log.
-
-        Args:
-            log: all N measurements of the run.
-            theta: (p,) the true θ.
-        """
+        """(N−1,) bounds on the rise of V [J] in the memory's updates along a log, at θ (p,)."""
         slacks, at = np.zeros(len(log.t) - 1), 0
         if self.memory is not None:
             for before, after, estimates in self._updates(self.init(log.at(0)), log):

@@ -37,14 +37,8 @@ def begin(law, work, v_hat, theta_hat):
 def advance(law, work, v, a_hat, gradient, weight, reach):
     """Adds a stage's rates to the weighted sum; moves z and θ̂ to the next stage or the step's end.
 
-    Args:
-        law: the gain K and the metric.
-        work: the workspace, of `work_room`.
-        v: (n,) measured velocity.
-        a_hat: (n,) â of (29).
-        gradient: (p,) Wᵀ Δv.
-        weight: weight of the stage in the step [s].
-        reach: time from the step's start to the next stage [s]; 0 after the last stage.
+    v (n,) is measured, a_hat (n,) is â of (29), gradient (p,) Wᵀ Δv; `weight` is the stage's in the
+    step [s], `reach` the time from the step's start to the next stage [s], 0 after the last.
     """
     start, z, total, rate, theta, scratch = work
     n = v.shape[0]
@@ -71,16 +65,10 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
 
 @kernel(None, *STAGES, *CHARTS)
 def follow(law, motion, v_hats, theta_hats, pivots, first):
-    """Integrates (44, 45) along a motion of N samples.
+    """Integrates (44, 45) along a motion, any of `structure.motion_types`, of N samples.
 
-    Args:
-        law: the gain K and the metric.
-        motion: any of `structure.motion_types`.
-        v_hats: (N, n) v̂, written from row `first` on; the row before is the initial value.
-        theta_hats: (N, p) θ̂, written from row `first` on; the row before is the initial value.
-        pivots: (N,) M̂'s smallest pivot in the step that ends at the row; written from row
-            `first` on.
-        first: the first row.
+    v_hats (N, n), theta_hats (N, p) and pivots (N,), M̂'s smallest in the step that ends at the
+    row, are written from row `first` on; the row before holds the initial values.
 
     Returns:
         The first row at which M̂ was not positive definite, θ̂ left its domain, or the step was too
@@ -93,7 +81,7 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
 
 @njit(**FAST)
 def _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient):
-    """Integrates (44, 45) along a motion, in memory that `follow` has allocated."""
+    """Integrates (44, 45) along a motion, in workspace from `follow`."""
     t, z, theta = motion.t, work[1], work[4]
     v_hat = z[: v_hats.shape[1]]
     for k in range(first, t.shape[0]):

@@ -21,7 +21,7 @@ from ..system import SecondOrderSystem
 TOLERANCE = 1e-8
 """Singular values below this share of the largest count as 0. For the robots of example-robot-data
 the smallest nonzero one is 3e-7, and the largest that counts as 0 is 6e-11 (axes meant to be
-parallel but rotated by a rounded π/2 in the URDF). `Nullspace.gap` has both for any system."""
+parallel but rotated by a rounded π/2 in the URDF). `Nullspace.gap` gives both for any system."""
 
 _SMALL = 1e-6  # weights below this share of the leading one are omitted
 _SAME = 1e-7  # 1 − |cosine| below which rows of P̄ count as parallel
@@ -74,9 +74,8 @@ class Nullspace:
 def split(stack: Array, tolerance: float = TOLERANCE) -> Nullspace:
     """The nullspace of a stack of regressors, and its complement: the one rank decision.
 
-    Args:
-        stack: (N, p) rows of W·diag(scale).
-        tolerance: singular values below this share of the largest count as 0.
+    The stack (N, p) has rows of W·diag(scale); singular values below `tolerance` of the largest
+    count as 0.
 
     Raises:
         InvalidInput: the stack is empty or not finite.
@@ -97,10 +96,7 @@ def split(stack: Array, tolerance: float = TOLERANCE) -> Nullspace:
 def structural(system: SecondOrderSystem, theta: Array, rng: np.random.Generator) -> Nullspace:
     """P_s(θ) over all motions, from random states with the acceleration v̇ of (20) under θ.
 
-    Args:
-        system: the structure.
-        theta: (p,) parameters with M(x, θ) positive definite.
-        rng: source of the states.
+    M(x, θ) must be positive definite at θ (p,).
     """
     return split(regressor_stack(system, theta, rng))
 
@@ -125,7 +121,7 @@ class Direction:
         words: the change that has no effect on the motion, in terms of the parameters' labels.
         parameters: names of the parameters involved, the leading one first.
         weights: their changes in θ/scale, relative to the leading one; empty for a common scale.
-        fix: which parameters one known value would determine.
+        fix: the parameters that one known value would determine.
     """
 
     words: str
@@ -138,12 +134,8 @@ def directions(nullspace: Nullspace, space: ParameterSpace) -> list[Direction]:
     """Describes P_s(θ) by a sparse basis in words: common scales first, then trade-offs.
 
     Two parameters whose rows of P̄ are parallel can only change together: they share a scale. Every
-    such group that contains actuators is one common scale. The subspace of P_s that leaves these
-    groups unchanged is described by trade-offs of one leading parameter against few others.
-
-    Args:
-        nullspace: the split of the parameter space.
-        space: names and labels of the parameters.
+    such group that contains actuators is one common scale. Trade-offs of one leading parameter
+    against few others describe the subspace of P_s that leaves these groups unchanged.
     """
     P = nullspace.P
     found: list[Direction] = []

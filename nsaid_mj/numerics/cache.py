@@ -36,7 +36,7 @@ except ImportError:  # not on Windows
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WHOLE = ("numerics", "structure")
-"""Rooms of which every file counts: nearly all of them define kernels, or parts of kernels."""
+"""Packages of which every file counts: nearly all of them define kernels, or parts of kernels."""
 
 _IMPORTS = re.compile(rb"from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
 
@@ -48,10 +48,8 @@ _FOLDER = "nsaid-mj"
 def digest(package: Path = PACKAGE) -> str:
     """Sixteen hexadecimal digits that identify everything kernels are compiled from.
 
-    That is the sources of `kernel_sources`, and the versions of Python, numpy, numba and llvmlite.
-
-    Args:
-        package: the package's folder.
+    These are the sources of `kernel_sources`, and the versions of Python, numpy, numba and
+    llvmlite.
     """
     found = hashlib.sha256(f"{platform.python_version()} {sys.implementation.cache_tag}".encode())
     for part in (np, numba, llvmlite):
@@ -64,11 +62,7 @@ def digest(package: Path = PACKAGE) -> str:
 def kernel_sources(package: Path = PACKAGE) -> dict[str, bytes]:
     """Files that kernels can depend on: those of `WHOLE`, those that define one, and their imports.
 
-    Args:
-        package: the package's folder.
-
-    Returns:
-        Their contents, by path relative to the package, without the suffix.
+    Returns their contents, by path relative to the package's folder, without the suffix.
     """
     texts: dict[str, bytes] = {}
     for folder, inner, files in os.walk(package):
@@ -158,12 +152,9 @@ def _temporary(error: OSError) -> Path:
 
 
 def prune(home: Path, current: Path, now: float | None = None) -> None:
-    """Deletes the folders of other digests, except the newest ones and those recently used.
+    """Deletes the folders of other digests in `home`, except `current` and new or recent ones.
 
-    Args:
-        home: the folder that contains them.
-        current: the folder of this version.
-        now: the current time [s since the epoch]; None reads the clock.
+    `now` is the current time [s since the epoch]; None reads the clock.
     """
     now = time.time() if now is None else now
     ages: list[tuple[float, Path]] = []
@@ -189,10 +180,9 @@ _THREADS = threading.RLock()
 
 @contextmanager
 def one_process(name: str) -> Iterator[None]:
-    """Context in which one thread of one process is, for one name; without locks of files, of each.
+    """Context that one thread of one process enters at a time, for each `name` of a kernel.
 
-    Args:
-        name: of what they compile or load.
+    Without file locks, one thread of each process.
     """
     with ExitStack() as stack:
         stack.enter_context(_THREADS)

@@ -34,7 +34,7 @@ def cholesky(M, L):
 
 @kernel(f8(matrix, matrix, vector), inner=True)
 def solve_positive(M, L, x):
-    """Overwrites b in x (n,) by M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
+    """Overwrites b in x (n,) with M⁻¹ b, reading M's lower triangle; returns the smallest pivot.
 
     M = L D Lᵀ, without square roots and with one division per row. The array L (n, n) is a
     workspace: it holds L below the diagonal, 1/D on it and (L D)ᵀ above it. If the pivot is not
@@ -68,7 +68,7 @@ solve_inline = inlined(solve_positive)
 
 @kernel(void(matrix, matrix), inner=True)
 def solve_many(L, X):
-    """Overwrites B in X (n, k) by M⁻¹ B, with the factor L that `solve_positive` left."""
+    """Overwrites B in X (n, k) with M⁻¹ B, with the factor L that `solve_positive` left."""
     n, k = X.shape
     for i in range(n):
         for j in range(i):
@@ -94,17 +94,14 @@ def copy_into(source, target):
 
 @njit(**FAST)
 def times_into(gain, vector, product):
-    """Writes a gain times a vector (k,) into product (k,).
-
-    The gain is symmetric, (k, k), or its diagonal (k,).
-    """
+    """Writes a symmetric gain (k, k), or its diagonal (k,), times a vector (k,) into product."""
     if gain.ndim == 1:
         for i in range(vector.shape[0]):
             product[i] = gain[i] * vector[i]
         return
     for i in range(vector.shape[0]):
         product[i] = 0.0
-    for j in range(vector.shape[0]):  # by rows: the inner loop has no sum to wait for
+    for j in range(vector.shape[0]):  # by rows: the inner loop has no loop-carried sum
         for i in range(vector.shape[0]):
             product[i] += gain[j, i] * vector[j]
 
@@ -113,14 +110,8 @@ def times_into(gain, vector, product):
 def evaluate(mass_tensor, W_C, F, theta):
     """â (n,) of (29), W (n, p) of (10, 31) and M̂'s smallest pivot at one sample.
 
-    Args:
-        mass_tensor: (n, n, p) with M(x, θ) = mass_tensor · θ.
-        W_C: (n, p) regressor (9).
-        F: (n, p) force regressor.
-        theta: (p,) estimate.
-
-    Returns:
-        â, W and the pivot; if the pivot is not > 0, â is NaN and W lacks W_M.
+    mass_tensor (n, n, p) gives M(x, θ) = mass_tensor · θ, W_C (n, p) is the regressor (9), F (n, p)
+    that of forces, theta (p,) the estimate. If the pivot is not > 0, â is NaN and W lacks W_M.
     """
     n, _, p = mass_tensor.shape
     M_hat = np.dot(mass_tensor.reshape(n * n, p), theta).reshape(n, n)  # (8)

@@ -11,13 +11,10 @@ _ORDER = 4  # forward, and the same backward
 
 
 def zero_phase(x: _Array, cutoff: float, rate: float, periods: float = 3.0) -> _Array:
-    """A Butterworth filter along the first axis, forward and backward.
+    """A Butterworth filter of x (N, ...) along the first axis, forward and backward.
 
-    Args:
-        x: (N, ...) values.
-        cutoff: frequency of −6 dB [Hz].
-        rate: of the samples [Hz].
-        periods: of the cut-off by which the values are continued at both ends.
+    `cutoff` is the frequency of −6 dB and `rate` that of the samples [Hz]; values are extrapolated
+    by so many `periods` of the cut-off at both ends.
     """
     sections = scipy.signal.butter(_ORDER, cutoff, fs=rate, output="sos")
     reach = min(len(x) - 1, int(periods * rate / cutoff))
@@ -32,7 +29,7 @@ def symmetric(cutoff: float, rate: float) -> _Array:
 
 
 def decimated(x: _Array, weights: _Array, every: int) -> _Array:
-    """(K, ...) values of x (N, ...) behind a symmetric filter, at every so many samples.
+    """(K, ...) every so many values of x (N, ...) after a symmetric filter.
 
     Values at which the filter would extend beyond the data are dropped.
     """

@@ -111,12 +111,10 @@ def pose_jacobian(q):
 
 @kernel(error_model="numpy")
 def bracket(group, a, b):
-    """(n,) the Lie bracket [a, b] of two velocities whose first `group` components are a twist.
+    """(n,) the Lie bracket [a, b] of two velocities (n,).
 
-    Args:
-        group: 6 for rigid motions, 3 for planar ones, 0 where velocities commute.
-        a: (n,) velocity.
-        b: (n,) velocity.
+    Their first `group` components are a twist: 6 for rigid motions, 3 for planar ones, 0 where
+    velocities commute.
     """
     c = np.zeros(a.shape[0])
     if group == 6:
@@ -136,10 +134,8 @@ def bracket(group, a, b):
 def coadjoint(group, w, h):
     """(n,) ad_wᵀ h, which is −C w of a body with momentum h = M v (n,) and Fossen's skew C.
 
-    Args:
-        group: 6 for rigid motions, 3 for planar ones, 0 where velocities commute.
-        w: (n,) velocity.
-        h: (n,) momentum.
+    w (n,) is a velocity; `group` is 6 for rigid motions, 3 for planar ones, 0 where velocities
+    commute.
     """
     c = np.zeros(w.shape[0])
     if group == 6:

@@ -24,7 +24,7 @@ def clock() -> float:
 
 @contextmanager
 def on_compiling(call: Callable[[], None]) -> Iterator[None]:
-    """Within the context, calls `call` whenever a function has been compiled, in any thread."""
+    """Context that calls `call` whenever a function has been compiled, in any thread."""
     _WATCHERS.append(call)
     try:
         yield
@@ -35,7 +35,7 @@ def on_compiling(call: Callable[[], None]) -> Iterator[None]:
 def timed(function: Any, signature: Any) -> None:
     """Has numba compile a function; its time counts, unless it is loaded from the cache.
 
-    Python searches for no cycles meanwhile, which takes a tenth of the time of compiling.
+    Python's search for cycles is off meanwhile: it takes a tenth of the time of compiling.
     """
     global _spent  # noqa: PLW0603 (as global as the compiler)
     collecting, begin = gc.isenabled(), time.perf_counter()

@@ -47,5 +47,5 @@ def _plants() -> dict[str, type[PlantConfig]]:
 globals().update(_plants())
 
 
-def __getattr__(name: str) -> Any:  # for type checkers, which do not see the names above
+def __getattr__(name: str) -> Any:  # for type checkers, which cannot see the names above
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -41,7 +41,7 @@ class Rotors(Table):
 
 
 class Guess(Table):
-    """What an engineer expects before any measurement."""
+    """An engineer's guesses before any measurement."""
 
     offset: Positive = one("a distance of the centre of mass from the origin > 0 [m]")
     lift: Positive = one("a number > 0 [N·s²/m²]")

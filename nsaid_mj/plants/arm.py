@@ -1,4 +1,4 @@
-"""Arms and robots that float: a MuJoCo model built from a Pinocchio model, body by body."""
+"""Arms and floating robots: a MuJoCo model built from a Pinocchio model, body by body."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ AGREEMENT = 1e-10  # largest relative difference of M and bias between the engin
 class ArmPlant(ParametricPlantConfig):
     """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 
-    Joints that the robot's file gives no actuator are passive. Friction, rotor inertia and motor
-    gain have one nominal value for all joints, as in a data sheet, or None for the medians of an
-    MJCF's or else values that suit the robot's size. The hidden true values, drawn from the seed,
+    Joints without an actuator in the robot's file are passive. Friction, rotor inertia and motor
+    gain have one nominal value for all joints, as in a data sheet; None takes the medians of an
+    MJCF's, or else values that suit the robot's size. The hidden true values, drawn from the seed,
     deviate from the nominal ones joint by joint, by up to `spread`.
 
     Attributes:
@@ -47,8 +47,8 @@ class ArmPlant(ParametricPlantConfig):
         gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m].
         spread: largest relative deviation of the true values from the nominal ones.
         friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
-        backend: implementation of the identifier's regressors: `compiled`, which are
-            checked against Pinocchio at every start, or `pinocchio`, several times slower.
+        backend: implementation of the identifier's regressors: `compiled`, checked against
+            Pinocchio at every start, or `pinocchio`, several times slower.
         actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position).
     """
 
@@ -79,7 +79,7 @@ class ArmPlant(ParametricPlantConfig):
         return self._plant(dt, robot, system, theta)
 
     def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the robot with the true parameters θ (p,), or those of URDF and data sheet."""
+        """Makes the robot with the true parameters θ (p,), or those of its file and data sheet."""
         robot, system = self._published()
         true = published_theta(robot.model, system) if theta is None else theta
         return self._plant(dt, robot, system, true)
@@ -134,7 +134,7 @@ class FloatingBasePlant(ArmPlant):
 
 
 def published_theta(model: pin.Model, system: JointTree) -> Array:
-    """(p,) θ of a description's inertias and of the nominal values of its joints."""
+    """(p,) θ of a description's inertias and of its joints' nominal values."""
     bodies = [inertia.toDynamicParameters() for inertia in list(model.inertias)[1:]]
     joints = [block.scale for block in system.space.blocks if block.geometry == "positive"]
     return np.concatenate([*bodies, *joints])
@@ -166,7 +166,7 @@ def arm_spec(model: pin.Model, system: JointTree, theta: Array, dt: float) -> An
 
 
 def give_rotors(spec: Any, system: JointTree, theta: Array) -> None:
-    """Gives the joints of MuJoCo's specification the rotor inertias in θ (p,), if modelled."""
+    """Sets the rotor inertias in θ (p,), if modelled, in MuJoCo's specification."""
     if system.scales.rotor is not None:
         rotor = theta[system.space["rotor inertia"]]
         for name, inertia in zip(system.joint_names, rotor, strict=True):

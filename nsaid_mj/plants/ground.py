@@ -22,7 +22,7 @@ _SLIP = 0.1
 
 
 class Guess(Table):
-    """What an engineer expects before any measurement."""
+    """An engineer's guesses before any measurement."""
 
     off_centre: Positive = one("distance of the centre of mass from the middle, of the wheelbase")
     top_speed: Positive = one("speed at which the drive force drops to zero > 0 [m/s]")
@@ -136,10 +136,10 @@ def single_track(
 
 
 def operation(speed: float, grip: float, steering: float, wheelbase: float) -> Operation:
-    """A car's ranges: .4 to 1.6 times the cruising speed, slip and yaw rate within the grip.
+    """A car's ranges: 0.4 to 1.6 times the cruising speed, slip and yaw rate within the grip.
 
-    Speed in m/s, grip (lateral acceleration) in m/s², largest steering angle in rad, wheelbase in
-    m.
+    Speed is in m/s, grip (lateral acceleration) in m/s², the largest steering angle in rad, the
+    wheelbase in m.
     """
     most = np.array([1.0, steering])
 

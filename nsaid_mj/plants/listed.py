@@ -65,11 +65,7 @@ class ColumnRow(Table):
         return self
 
     def column(self, parameter: int) -> Column:
-        """The column of the structure.
-
-        Args:
-            parameter: its index in the block.
-        """
+        """The column of the structure; `parameter` is its index in the block."""
         constants: dict[str, Any] = dict(self.__pydantic_extra__ or {})
         if "curve" in constants:
             constants["curve"] = curve.polynomial(*constants["curve"])

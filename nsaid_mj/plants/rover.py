@@ -59,7 +59,7 @@ class Rover(Plant):
     Args:
         spread: largest relative deviation of the hidden parameters.
         mismatch: effects that are on in addition to the structural ones.
-        dt: time step [s].
+        mismatch: active effects, in addition to the structural ones.
         rng: source of the hidden parameters.
     """
 

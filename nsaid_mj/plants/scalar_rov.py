@@ -71,7 +71,7 @@ def heaving(nominal: Array, speed: float = 1.0) -> Blueprint:
     x = (height z [m], upward velocity v [m/s]); u is the thruster command in [−1, 1]; g is the
     weight minus buoyancy [N]. M does not depend on x, so C = 0. Normalising by m gives the reduced
     form (17): hold `mass` at 1 with `ConventionalAID(known=("mass",))`. `nominal` (4,) are the
-    published m [kg], d [N·s²/m²], g [N], a [N], whose magnitudes are the scale, and `speed` [m/s]
+    published m [kg], d [N·s²/m²], g [N], a [N], whose magnitudes are the scale; `speed` [m/s] is
     that of operation, for random probes of the structure.
     """
     m, d, g, a = np.abs(nominal)[:, None]

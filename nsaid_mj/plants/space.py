@@ -19,7 +19,7 @@ Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class Guess(Table):
-    """What an engineer expects before any measurement."""
+    """An engineer's guesses before any measurement."""
 
     mass: Positive = one("a number > 0 [kg]")
     offset: Positive = one("a distance of the centre of mass from the origin > 0 [m]")

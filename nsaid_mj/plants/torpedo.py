@@ -81,7 +81,7 @@ class Propeller(Table):
 
 
 class Guess(Table):
-    """What an engineer expects before any measurement."""
+    """An engineer's guesses before any measurement."""
 
     speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
 
@@ -136,8 +136,8 @@ class TorpedoSheet(VehicleSheet):
         θ = [M_11, M_22 = M_33, M_44, M_55 = M_66, M_26 = −M_35, M_15 = −M_24, drag (4), body lift,
         its moment, net weight, righting moment, propeller (2), fin lift (4), fin drag (4)]: a body
         of revolution about x with its centre of gravity on its z axis. Commands are the fins'
-        deflections [rad], then the propeller's speed in [−1, 1]. Lift and drag go by the vehicle's
-        own u, as in Prestero (2001); stall is not modelled.
+        deflections [rad], then the propeller's speed in [−1, 1]. Lift and drag depend on the
+        vehicle's own u, as in Prestero (2001); stall is not modelled.
 
         From z down to z up, the y and z components of vectors change sign. Coefficients that relate
         two such components, as Y_uv and N_vdot, keep theirs; m z_g, the righting moment and Y_uuδr

@@ -32,14 +32,14 @@ POWERS = 5
 WATER = Fluid(
     1000.0,
     1e-3,
-    lambda geom: not geom.startswith("thruster"),  # they only show where the thrust acts
+    lambda geom: not geom.startswith("thruster"),  # they only show the point of thrust
     ("mass matrix", "linear drag", "quadratic drag"),
 )
 Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class Guess(Table):
-    """What an engineer expects before any measurement."""
+    """An engineer's guesses before any measurement."""
 
     linear_drag: list[Positive] = several(6, "six numbers > 0 [N·s/m, N·m·s/rad]")
     speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
@@ -94,11 +94,7 @@ class Thrusters(Table):
         return self
 
     def placed(self, what: str) -> Array:
-        """(k, 3) position or direction of every thruster: single thrusters first, then the rings'.
-
-        Args:
-            what: `position` or `direction`.
-        """
+        """(k, 3) `position` or `direction` of every thruster: single ones, then the rings'."""
         alone = np.array(getattr(self, f"{what}s"), dtype=np.float64).reshape(-1, 3)
         angles = {"position": "angles", "direction": "turns"}[what]
         rings = [_turned(getattr(ring, what), getattr(ring, angles)) for ring in self.rings]
@@ -153,7 +149,7 @@ class UnderwaterSheet(VehicleSheet):
         return self.mass * self.gravity - self.buoyancy + self.ballast
 
     def blueprint(self) -> Blueprint:
-        """What it says, after Fossen (6): M ν̇ + C(ν) ν = −D ν − D_q |ν| ν − g(q) + Σ k f(u) w.
+        """The vehicle after Fossen (6): M ν̇ + C(ν) ν = −D ν − D_q |ν| ν − g(q) + Σ k f(u) w.
 
         θ = [M (21), linear drag (6), quadratic drag (6), net weight, righting moments (3), thrust].
         Righting moments are r_B B − r_G W.

@@ -115,7 +115,7 @@ class Cylinders(NamedTuple):
         axes: (k, 3) unit vectors.
         lengths: (k,) [m].
         added: (k,) added mass of a link that moves across its axis [kg].
-        drag: (k,) quadratic drag across the axis, for each metre of it [N·s²/m³].
+        drag: (k,) quadratic drag across the axis, per metre [N·s²/m³].
         buoyancy: (k,) [N].
     """
 
@@ -154,8 +154,8 @@ def underwater_manipulator(
     the axis and resists transverse motion only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is
     −c |v_⊥| v_⊥ ds; buoyancy acts at the middle.
 
-    The inertias of Pinocchio's model, whose root is a free flyer, are discarded. An engineer's
-    guesses of the links in water are of the order of `links`.
+    The inertias of Pinocchio's model, whose root is a free flyer, are discarded. Guesses for the
+    links in water are of the order of `links`.
     """
     vehicle, names = base.system, body_names(model)[1:]
     assert vehicle.mounts is not None
@@ -197,7 +197,7 @@ def _per_link(name: str, letter: str, unit: str, value: Array, links: list[str])
 
 
 def strips(centre: Array, axis: Array, length: float) -> Array:
-    """(s, 4) points along a link's axis, in its frame, and the lengths that they stand for [m]."""
+    """(s, 4) points along a link's axis, in its frame, and the lengths that they represent [m]."""
     nodes, weights = np.polynomial.legendre.leggauss(STRIPS)
     half = 0.5 * length
     return np.column_stack([centre + np.outer(half * nodes, axis), half * weights])

@@ -91,15 +91,10 @@ def gaps(cone: Cone, theta: Array, thetas: Array) -> Array:
 
 @compiled
 def hessian_into(entries, weights, start, S, hessian, c):
-    """Writes the lower triangle of a block's part tr(P⁻¹E_l P⁻¹E_m) of ∇²b, from S = P⁻¹.
+    """Writes the lower triangle of a block's part tr(P⁻¹E_l P⁻¹E_m) of ∇²b, from S = P⁻¹ (k, k).
 
-    Args:
-        entries: (e, 3) the block's rows [i, j, l].
-        weights: (e,) the block's weights.
-        start: index of the block's first parameter in θ.
-        S: (k, k) P⁻¹.
-        hessian: (c, c) or larger; written.
-        c: number of the block's parameters.
+    The block has c parameters in θ from `start` on, rows [i, j, l] in entries (e, 3), weights (e,).
+    hessian is (c, c) or larger.
     """
     for i in range(c):
         for j in range(c):
@@ -116,7 +111,7 @@ def hessian_into(entries, weights, start, S, hessian, c):
 
 @kernel(void(CONE, vector, vector, matrix), _nrt=True)
 def _differentiate(cone, theta, gradient, hessian):
-    """Writes ∇b, and ∇²b if `hessian` is (p, p) and not (0, 0); both were 0 before."""
+    """Writes ∇b, and ∇²b if `hessian` is (p, p) and not (0, 0), into zeros."""
     k, whole = 0, hessian.shape[0] > 0
     for j in cone.positive:
         own = 1 / theta[j] if theta[j] > 0 else np.nan
@@ -161,14 +156,9 @@ def local_norm(cone: Cone, theta: Array, step: Array) -> float:
 
 @compiled
 def metric_solve(cone, theta, stiffness, mu, gradient):
-    """(p,) (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
+    """(p,) (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,), at θ (p,); NaN outside the cone.
 
-    Args:
-        cone: the cones.
-        theta: (p,) θ inside the cone; outside, the result is NaN.
-        stiffness: (p, p) Γ⁻¹.
-        mu: weight μ of the barrier.
-        gradient: (p,) the gradient.
+    stiffness (p, p) is Γ⁻¹, mu the weight μ of the barrier.
     """
     metric, x = np.zeros(stiffness.shape), gradient.copy()
     _differentiate(cone, theta, np.zeros(x.shape), metric)

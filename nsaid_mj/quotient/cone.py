@@ -1,4 +1,4 @@
-"""The cone of physical parameters: its matrices, and whether θ is inside.
+"""The cone of physical parameters: its matrices, and the test whether θ is inside.
 
 Every block with a geometry is a convex cone: numbers > 0; the ten inertial parameters of a link
 whose pseudo-inertia P(φ) ≻ 0 (Wensing, Kim, Slotine, IEEE RA-L 3(1), 2018); the upper triangle of
@@ -25,8 +25,8 @@ class Cone(NamedTuple):
     Attributes:
         positive: (a,) indices of the parameters that must be > 0.
         blocks: (b, 5) rows [start, end, k, first, last]: θ_start … θ_end−1 are the parameters of a
-            k × k matrix (k (k + 1)/2 of them unless they are tied), which consists of the entries
-            first … last − 1.
+            k × k matrix (k (k + 1)/2 of them unless they are tied), whose entries are first …
+            last − 1.
         entries: (e, 3) rows [i, j, l], i ≥ j, ordered by l: entry P_ij contains value · θ_l.
         values: (e,) the values of these entries.
         weights: (e,) the values, doubled off the diagonal: tr(X E_l) = Σ weights X_ij for a
@@ -152,15 +152,10 @@ def matrix(cone, block, theta):
 
 @compiled
 def matrix_into(entries, values, start, theta, P, k):
-    """Writes the lower triangle of a block's P into P (k, k), with zeros above the diagonal.
+    """Writes the lower triangle of a block's P into P (≥ k, ≥ k), with zeros above the diagonal.
 
-    Args:
-        entries: (e, 3) the block's rows [i, j, l].
-        values: (e,) the block's values.
-        start: index of the block's first parameter in θ.
-        theta: the block's parameters.
-        P: (k, k) or larger; written.
-        k: order of the matrix.
+    `entries` (e, 3) are the block's rows [i, j, l], `values` (e,) its values; its parameters in
+    theta begin at `start`.
     """
     for i in range(k):
         for j in range(k):
@@ -171,14 +166,10 @@ def matrix_into(entries, values, start, theta, P, k):
 
 @compiled
 def read_into(entries, pairing, start, P, theta):
-    """Writes a block's parameters from the lower triangle of its P.
+    """Writes a block's parameters into theta, from `start` on, from the lower triangle of its P.
 
-    Args:
-        entries: (e, 3) the block's rows [i, j, l].
-        pairing: (e,) the block's part of `coordinates`.
-        start: index of the block's first parameter in θ.
-        P: (k, k) or larger.
-        theta: the block's parameters; written.
+    P is (k, k) or larger; `entries` (e, 3) are the block's rows [i, j, l], `pairing` (e,) is its
+    part of `coordinates`.
     """
     for e in range(entries.shape[0]):
         theta[entries[e, 2] - start] = 0.0
@@ -242,10 +233,10 @@ def inside(cone, theta):
 
 @compiled
 def factor_in_place(A, n):
-    """Overwrites the lower triangle of A (n, n) by its Cholesky factor; NaN if A is not ≻ 0.
+    """Overwrites the lower triangle of A (n, n) with its Cholesky factor; NaN if A is not ≻ 0.
 
-    There are no branches, so that the code vectorises over many matrices: the root of a pivot < 0
-    is NaN, and so is everything after a pivot of 0.
+    It has no branches, so the code vectorises over many matrices: the root of a pivot < 0 is NaN,
+    and so is everything after a pivot of 0.
     """
     for j in range(n):  # by columns: the entries of one column are independent
         pivot = A[j, j]
@@ -261,7 +252,7 @@ def factor_in_place(A, n):
 
 @compiled
 def solve_in_place(L, x, n):
-    """Overwrites b in x (n,) by the solution of L Lᵀ x = b."""
+    """Overwrites b in x (n,) with the solution of L Lᵀ x = b."""
     for i in range(n):
         total = x[i]
         for m in range(i):

@@ -6,7 +6,7 @@ with G_i ⪰ 0 the Gramian of row i of the momentum balance and Σ_i ⪰ 0 that 
 the residual is measured relative to the effort, as if every command had a relative error.
 θᵀ∇R = 0, and ∇Rᵀ θ* ≤ 0 for every true θ* where Σ_i is diagonal (docs/theory.md).
 
-The law `memory`, the batch fit of a log and weighted least squares minimise it, with other weights.
+The law `memory`, the batch fit of a log and weighted least squares minimise it with other weights.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ..parameters import Array, ParameterSpace
 from .gramians import Means
 from .matrices import common_root
 
-_QUADRATURE = 1e-8  # floor of λ, where the quadrature's error remains
+_QUADRATURE = 1e-8  # floor of λ, at the level of the quadrature's error
 _DRIVEN = 1e-6  # share of a row's size below which the row counts as unactuated
 _CORRELATED = 0.95  # upper bound of the correlation of neighbouring blocks
 _EXACT = 1e-12  # share of noise below which a direction is measured exactly
@@ -34,7 +34,7 @@ class Quotient:
         gramian: (n, p, p) G_i, means over the rows.
         effort: (n, p) diagonals of Σ_i, or (n, p, p) all of them.
         weights: (n,) w_i.
-        added: (n,) what is added to θᵀ Σ_i θ; 1 measures a row without effort in its own units.
+        added: (n,) addend of θᵀ Σ_i θ; 1 measures a row without effort in its own units.
     """
 
     gramian: Array
@@ -109,7 +109,7 @@ class Remembered:
     def weighted(self, theta: Array) -> Quotient:
         """R weighted as a negative log-likelihood near θ (p,): w_i = blocks/λ_i(θ).
 
-        The part of the innovations' Gramian that is not the sensors' noise takes the place of G_i.
+        G_i is replaced by the part of the innovations' Gramian that is not the sensors' noise.
         """
         means, (rho, share) = self.means, self.residuals(theta)
         gramian = means.innovations(rho)
@@ -146,14 +146,11 @@ def without_noise(gramian: Array, noise: Array, blocks: float) -> Array:
     """The part of a row's Gramian that is not noise: ⪰ 0, and at most the Gramian.
 
     Relative to the noise, the eigenvalues of a sample Gramian of signal and noise follow the spiked
-    model: one of 1 + ℓ is seen as (1 + ℓ)(1 + γ/ℓ) with γ = p/blocks, and not at all where ℓ ≤ √γ.
-    Each is replaced by its ℓ (Donoho, Gavish and Johnstone, Annals of Statistics 46, 2018). What
-    all that is seen of θ shows as noise is thus left out, and what is seen is unbiased.
+    model: one of 1 + ℓ appears as (1 + ℓ)(1 + γ/ℓ) with γ = p/blocks, and not at all where ℓ ≤ √γ.
+    Each is replaced by its ℓ (Donoho, Gavish and Johnstone, Annals of Statistics 46, 2018). This
+    removes all that noise would show of θ, and leaves the rest unbiased.
 
-    Args:
-        gramian: (p, p) mean of Yᵀ Y.
-        noise: (p, p) its expectation where only noise is seen.
-        blocks: number of blocks in the mean.
+    gramian (p, p) is the mean of Yᵀ Y over blocks, noise (p, p) its expectation for noise alone.
     """
     seen = np.diag(gramian) > 0
     part = np.ix_(seen, seen)
@@ -171,7 +168,7 @@ def without_noise(gramian: Array, noise: Array, blocks: float) -> Array:
 def efforts(gramian: Array, space: ParameterSpace) -> Array | None:
     """(n, p) diagonals of Σ_i for Gramians (n, p, p); None if no actuator has an effect.
 
-    The reference of a row without an actuator of its own (sideways a car is pushed by its tyres,
+    The reference of a row without an actuator of its own (a car is pushed sideways by its tyres,
     not by its engine) is the effort of its other positive parameters, such as tyres or drag; where
     that is negligible, the mean effort in the actuated rows, scaled to the row's size.
     """

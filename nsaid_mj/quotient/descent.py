@@ -11,7 +11,7 @@ from .matrices import solve
 
 
 class Objective(Protocol):
-    """What is minimised, with the metric in which its steps are measured."""
+    """The function to minimise, with the metric in which its steps are measured."""
 
     def value(self, theta: Array) -> float:
         """The objective at θ (p,); infinite or NaN outside the cone."""
@@ -35,12 +35,12 @@ class Rules(NamedTuple):
 
     Attributes:
         steps: their largest number.
-        halvings: of a step that does not decrease the objective, at most.
+        halvings: at most, of a step that does not decrease the objective.
         done: Newton decrement at which they end.
-        fall: of the objective, below which they end.
+        fall: least decrease of the objective, below which they end.
         reach: longest step in the metric.
-        close: length below which a step is scaled by the gradient: differences of the objective are
-            rounding errors there, its gradient is exact.
+        close: length below which a step is scaled by the gradient, which is exact there, while
+            differences of the objective are rounding errors.
     """
 
     steps: int
@@ -52,7 +52,7 @@ class Rules(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """Where the steps end.
+    """The point at which the steps end.
 
     Attributes:
         theta: (p,) θ.
@@ -68,13 +68,9 @@ class Reached(NamedTuple):
 def minimise(
     objective: Objective, start: Array, rules: Rules, basis: Array | None = None
 ) -> Reached:
-    """Minimises an objective from a start (p,) inside the cone.
+    """Minimises an objective from a start θ (p,) inside the cone.
 
-    Args:
-        objective: value, derivatives and metric.
-        start: (p,) θ.
-        rules: of the steps.
-        basis: (p, k) directions in which θ may move; None for all.
+    basis (p, k) are the directions in which θ may move; None for all.
     """
     theta, decrement, hessian = start, np.inf, np.eye(len(start))
     for _ in range(rules.steps):
@@ -101,7 +97,7 @@ def minimise(
 
 
 def _shortened(objective: Objective, theta: Array, way: Array, most: int) -> tuple[Array, float]:
-    """The first of way, way/2, way/4 … that decreases the objective, and by how much; 0 if none."""
+    """The first of way, way/2, way/4 … that lowers the objective, and by how much; 0 if none."""
     before = objective.value(theta)
     for _ in range(most):
         after = objective.value(theta + way)

@@ -1,10 +1,10 @@
 """Directional forgetting: information is discounted only where new data renew it.
 
 Exponential forgetting by a share g leaves (1 − g) G of the information G. Where nothing is excited
-it forgets all, and noise takes its place. With D ⪯ G the information of the new data, every
-direction here loses min(g G, D): what new data do not touch is kept, what they renew is forgotten
-at the stated rate, and what they renew by less loses no more than it gains (Kulhavý, Automatica 23,
-1987; Cao and Schwartz, Automatica 36, 2000).
+it forgets everything, and noise takes its place. With D ⪯ G the information of the new data, every
+direction here loses min(g G, D): information that new data do not touch is kept, what they renew is
+forgotten at the stated rate, and what they renew by less loses no more than it gains (Kulhavý,
+Automatica 23, 1987; Cao and Schwartz, Automatica 36, 2000).
 """
 
 from __future__ import annotations
@@ -14,21 +14,18 @@ import numpy as np
 from ..parameters import Array
 from .matrices import common_root
 
-_ABOVE = 2.0  # power of new data over their expected noise, from which on they inform
+_ABOVE = 2.0  # power of new data over their expected noise, from which they inform
 _FLOOR = 1e-8  # share of a column's power below which a direction is forgotten more slowly
 
 
 def forgetting(whole: Array, new: Array, noise: Array, lost: float) -> tuple[Array, float]:
-    """What is kept of the information.
+    """Maps T (n, p, p) by which T G Tᵀ is kept of the information, and the mean share kept.
 
     Args:
         whole: (n, p, p) G ⪰ D, one for every row of the momentum balance.
         new: (n, p, p) D.
-        noise: (n, p, p) what noise is expected to contribute to D.
+        noise: (n, p, p) expected contribution of noise to D.
         lost: share g that is forgotten where new data renew it.
-
-    Returns:
-        (n, p, p) maps T: T G Tᵀ is kept; and the mean share that is.
     """
     maps, shares = np.repeat(np.eye(whole.shape[1])[None], len(whole), axis=0), [np.ones(1)]
     for i, (all_of, added, expected) in enumerate(zip(whole, new, noise, strict=True)):

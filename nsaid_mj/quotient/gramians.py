@@ -11,7 +11,7 @@ from ..numerics.kernels import cube, f8, kernel, matrix, vector, void
 from ..parameters import Array
 from .forgetting import forgetting
 
-_TOGETHER = 0.25  # share of the horizon whose blocks are forgotten for together
+_TOGETHER = 0.25  # share of the horizon whose blocks are treated together in forgetting
 
 
 class Sums(NamedTuple):
@@ -27,7 +27,7 @@ class Sums(NamedTuple):
 
     @staticmethod
     def of(rows: Array, usable: NDArray[np.bool_]) -> Sums:
-        """Those of rows (N, n, p), of which a mask (N, n) tells the usable ones."""
+        """The Gramians of rows (N, n, p), of which a mask (N, n) marks the usable ones."""
         by_velocity = np.ascontiguousarray((rows * usable[:, :, None]).transpose(1, 0, 2))
         return Sums(by_velocity.transpose(0, 2, 1) @ by_velocity, usable.sum(axis=0).astype(float))
 
@@ -51,9 +51,9 @@ class Means(NamedTuple):
         blocks: effective number of blocks.
         gramian: (n, p, p) mean over the blocks of every row's Yᵀ Y.
         lagged: (n, p, p) mean of Yᵀ Y′, symmetrised, with Y′ the preceding block.
-        last: (n, p) what is kept of the last completed block; 0 after a restart of the balance.
+        last: (n, p) the kept part of the last completed block; 0 after a restart of the balance.
         noise: (n, p, p) mean of N_i, the expected effect of the sensors' noise on `gramian`.
-        recent: (n, p, p) sum of Yᵀ Y since something was last forgotten.
+        recent: (n, p, p) sum of Yᵀ Y since the last forgetting.
         since: number of blocks in it.
     """
 
@@ -69,13 +69,9 @@ class Means(NamedTuple):
     def of_innovations(self, rho: Array, own: Array, lagged: Array, last: Array) -> Array:
         """(n,) mean squares of the innovation Y − ρ Y′, from sufficient statistics.
 
-        The mean of Y′² is that of Y² without the last block.
-
-        Args:
-            rho: (n,) correlation of neighbouring blocks.
-            own: (n,) mean of Y².
-            lagged: (n,) mean of Y Y′.
-            last: (n,) square of the last block.
+        own (n,) is the mean of Y², lagged (n,) that of Y Y′, last (n,) the square of the last
+        block, and rho (n,) the correlation of neighbouring blocks. The mean of Y′² is that of Y²
+        without the last block.
         """
         return (1 + rho**2) * own - 2 * rho * lagged - rho**2 / max(self.blocks, 1.0) * last
 
@@ -92,12 +88,9 @@ class Means(NamedTuple):
         return Means(fade, 0.0, cube, cube, flat, cube, cube)
 
     def with_blocks(self, rows: Array, before: Array, noise: Array) -> Means:
-        """The means after further blocks.
+        """The means after k further blocks, rows (k, n, p), each with noise N_i (n, p, p).
 
-        Args:
-            rows: (k, n, p) the blocks.
-            before: (k, n, p) the block preceding each.
-            noise: (n, p, p) the N_i of each of them.
+        before (k, n, p) are the blocks that precede them.
         """
         if not len(rows):
             return self
@@ -141,14 +134,9 @@ class Means(NamedTuple):
 
 @kernel(void(f8, cube, cube, cube, cube))
 def _add_products(old, rows, others, kept, found):
-    """Writes the mean of `old` products kept (n, p, p) and of Yᵀ Y′, symmetrised.
+    """Writes the mean of `old` products, kept (n, p, p), and of Yᵀ Y′, symmetrised, into found.
 
-    Args:
-        old: number of products in `kept`.
-        rows: (k, n, p) Y.
-        others: (k, n, p) Y′.
-        kept: (n, p, p) mean so far.
-        found: (n, p, p) the mean of all; written.
+    rows (k, n, p) are Y, others (k, n, p) Y′.
     """
     number, n, p = rows.shape
     share, half = old / (old + number), 0.5 / (old + number)

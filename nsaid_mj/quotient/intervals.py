@@ -1,4 +1,4 @@
-"""Covariances of an estimate from the curvature of what it minimises."""
+"""Covariances of an estimate from the curvature of its cost."""
 
 from __future__ import annotations
 
@@ -21,12 +21,9 @@ def sandwich_root(hessian: Array, scatter: Array) -> Array:
 
 
 def inverse_on(hessian: Array, free: Indices, scale: Array) -> Array:
-    """(p, p) inverse of H (p, p) among some parameters, and 0 for all others.
+    """(p, p) inverse of H ⪰ 0 (p, p) among the parameters `free`, and 0 for all others.
 
-    Args:
-        hessian: H ⪰ 0.
-        free: indices of these parameters.
-        scale: (p,) of all, for conditioning.
+    scale (p,) of all parameters serves conditioning.
     """
     found, unit = np.zeros_like(hessian), np.outer(scale[free], scale[free])
     inner = hessian[np.ix_(free, free)] * unit

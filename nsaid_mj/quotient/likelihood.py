@@ -1,4 +1,4 @@
-"""Minus the log-likelihood of Gaussian residuals of unknown variance in every row, and a prior."""
+"""Negative log-likelihood of Gaussian residuals of unknown variance in every row, and a prior."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _FLOOR = 1e-12  # smallest λ: numbers' rounding
 
 
 class Prior(Protocol):
-    """What is known of θ beforehand, as minus the logarithm of a density."""
+    """Prior knowledge of θ, as the negative logarithm of a density."""
 
     def value(self, theta: Array) -> float:
-        """It at θ (p,); infinite outside the cone."""
+        """The prior at θ (p,); infinite outside the cone."""
         ...
 
     def derivatives(self, theta: Array) -> tuple[Array, Array]:

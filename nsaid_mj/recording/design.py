@@ -24,13 +24,9 @@ _SHOWN = 12  # intervals that are drawn
 
 
 def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
-    """Writes a design's recording atomically, and returns its path.
+    """Writes a design's recording atomically, and returns its path, which ends in .rrd.
 
-    Args:
-        found: the design.
-        trial: of the design on a draw of the prior; None leaves the intervals out.
-        title: of the recording.
-        file: path of the recording, ending in .rrd.
+    Without a `trial` of the design on a draw of the prior, the intervals are left out.
     """
     log, system = found.logs[0], found.experiment.system
     every = max(1, round(1 / (_RATE * found.experiment.scenario.dt)))
@@ -62,7 +58,7 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
 
 
 def _chosen(trial: Trial) -> list[int]:
-    """The numbers that are asked for, the least known first."""
+    """The indices of the requested numbers, the least known first."""
     return np.argsort(-trial.predicted[-1])[:_SHOWN].tolist()
 
 

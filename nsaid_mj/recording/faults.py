@@ -1,4 +1,4 @@
-"""Faults that were found, in a recording: an entry in a log, and the failed part in red."""
+"""Found faults in a recording: an entry in a log, and the failed part in red."""
 
 from __future__ import annotations
 

@@ -31,16 +31,13 @@ _NUMBERS = 400_000  # entries of θ̂ over all curves, at most: a minute stays b
 def write(
     run: Run, summary: dict[str, Any], truth: Truth | None, verdicts: Sequence[Verdict] = ()
 ) -> Path:
-    """Writes a run's recording, atomically.
+    """Writes a run's recording atomically, and returns its path.
 
     Args:
         run: a finished run with at least one row, completed or not.
         summary: the content of its summary.json.
         truth: of its plant; None leaves out everything that needs it.
-        verdicts: on the paper's statements, for their own page.
-
-    Returns:
-        The path of the file.
+        verdicts: on the paper's statements, for a separate page.
     """
     t = run.record["t"]
     rows = spread(len(t), min(_POINTS, max(1000, _NUMBERS // run.system.p)))

@@ -69,15 +69,8 @@ class Arrows:
         """Scales the arrows so that the rms length of the longest is 0.8 `size`.
 
         The arrows of a kind of actuator with much smaller forces are magnified, within that length.
-
-        Args:
-            system: any structure; its `mounts` are the points of application.
-            size: half the vehicle's size [m].
-            rows: samples of the motion that the forces are evaluated at.
-            theta: (p,) parameters.
-
-        Returns:
-            None if no force has a point of application.
+        `size` is half the vehicle's size [m], `rows` are samples of the motion and theta (p,) the
+        parameters for which forces are evaluated. None if no force has a point of application.
         """
         given = system.mounts
         if given is None or not body_axes(system):
@@ -130,12 +123,8 @@ class Arrows:
     ) -> None:
         """Logs forces in one batch. Arrows start at their mount, or end there if they push inwards.
 
-        Args:
-            rec: recording stream.
-            path: COMMANDED or ESTIMATED.
-            rows: k samples.
-            theta: (p,) or (k, p) parameters.
-            failed: (k, p) whether a parameter has changed by a fault; its arrow is then red.
+        `path` is COMMANDED or ESTIMATED, theta (p,) or (k, p) for k samples; `failed` (k, p) marks
+        parameters that a fault has changed, whose arrows are red.
         """
         forces = body_forces(self.system, self.parts, rows, theta)
         vectors = self.lengths * forces
@@ -157,11 +146,8 @@ def body_forces(
 ) -> Array:
     """(k, j, 3) forces F_i θ_i, summed over the parameters of each part, in the body frame [N].
 
-    Args:
-        system: a vehicle's structure; its first velocities are the body's twist.
-        parts: j groups of indices in θ.
-        rows: k samples.
-        theta: (p,) or (k, p) parameters.
+    The first velocities of the vehicle's structure are the body's twist; `parts` are j groups of
+    indices in θ, theta (p,) or (k, p) for k samples.
     """
     axes = body_axes(system)  # a planar body's forces are in its plane
     F = system.F(rows.t, np.hstack([rows.q, rows.v]), rows.u)[:, : len(axes)]
@@ -194,9 +180,7 @@ def _pushes(mounts: Array, forces: Array) -> NDArray[np.bool_]:
 def _outward(mounts: Array, forces: Array) -> Array:
     """(j, 3) unit vectors normal to each actuator's line of action, away from the body's origin.
 
-    Args:
-        mounts: (j, 3) [m].
-        forces: (k, j, 3) [N].
+    mounts (j, 3) are in m, forces (k, j, 3) in N.
     """
     chosen = []
     for mount, samples in zip(mounts, np.swapaxes(forces, 0, 1), strict=True):

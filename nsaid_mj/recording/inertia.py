@@ -21,7 +21,7 @@ _LARGEST = 0.2  # half axis of an ellipsoid, over the robot's size; larger ones 
 
 @dataclass(frozen=True)
 class Inertias:
-    """The links whose ten inertial parameters are in θ, and the entities that they are drawn at.
+    """The links whose ten inertial parameters are in θ, and the entities that show them.
 
     Attributes:
         places: slice of θ of each link.
@@ -35,7 +35,7 @@ class Inertias:
 
     @staticmethod
     def of(system: SecondOrderSystem) -> Inertias | None:
-        """The links of a structure; None if it has none in this form, as in water."""
+        """The links of a structure; None if it has none of this form, as in water."""
         places = inertial(system.space)
         if isinstance(system, JointTree):
             if len(places) != system.bodies:
@@ -48,7 +48,7 @@ class Inertias:
     def log_frames(self, rec: rr.RecordingStream, t: Array, q: Array) -> None:
         """Logs the links' frames at times t (k,) and positions q (k, m)."""
         if not isinstance(self.system, JointTree):
-            return  # the vehicle's own pose is there
+            return  # the vehicle's own pose is logged there
         time = rr.TimeColumn("sim_time", duration=t)
         for home, (places, attitudes) in zip(self.homes, frames(self.system, q), strict=True):
             pose = rr.Transform3D.columns(translation=places, quaternion=attitudes)
@@ -93,11 +93,8 @@ def frames(system: JointTree, q: Array) -> list[tuple[Array, Array]]:
 def ellipsoids(phi: Array) -> tuple[Array, Array, Array]:
     """Uniform ellipsoids with the given inertial parameters.
 
-    Args:
-        phi: (k, 10) m, m·c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin.
-
-    Returns:
-        (k, 3) centres [m], (k, 3) half axes [m] and (k, 4) quaternions (x, y, z, w).
+    phi (k, 10) is m, m·c, Ixx, Ixy, Iyy, Ixz, Iyz, Izz about the frame's origin. Returns (k, 3)
+    centres [m], (k, 3) half axes [m] and (k, 4) quaternions (x, y, z, w).
     """
     mass = phi[:, 0]
     safe = np.where(mass > 0, mass, np.inf)[:, None]

@@ -88,7 +88,7 @@ def measured_blueprint(
     """
     story = [plots("velocity", "Velocity, measured and predicted (pale)", RIGHT)]
     if forces:
-        title = "Forces that the motion needs, and of the actuators (pale)"
+        title = "Forces that the motion needs and actuator forces (pale)"
         story.append(plots("force", title, RIGHT))
     story.append(plots("log_velocity_rms", _rms(plots), RIGHT))
     first = [members[0] for name, members in groups(space).items() if _actuates(space, name)]
@@ -126,10 +126,7 @@ def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = ""
 def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[rrb.Grid]:
     """Pages of θ̂: small blocks, actuators first, then a page per large block, then the links.
 
-    Args:
-        space: the parameters.
-        plots: makes the plots.
-        judged: whether the plots also contain the true direction.
+    `judged` is whether the plots also contain the true direction.
     """
     blocks = [block for block, _ in sorted(space, key=lambda item: not item[0].actuator)]
     links = [b for b in blocks if b.geometry == "pseudo_inertia"]

@@ -78,7 +78,7 @@ class Live(Observer):
             self._give_up(error)
 
     def _wait(self, t: float) -> None:
-        """Waits until simulated time t [s] is due; a run that is late is not made up for."""
+        """Waits until simulated time t [s] is due; a late run does not catch up."""
         now = time.perf_counter()
         due = now if self._begin is None else self._begin + t / self._speed
         if due > now:

@@ -13,9 +13,9 @@ from .series import Curves
 from .text import drawable
 
 LOGARITHM = "log_"
-"""What entities of logarithms begin with; their axes show whole powers of ten."""
+"""Prefix of entities of logarithms; their axes show whole powers of ten."""
 
-_WINDOW, _AXIS = 1600.0, 60.0  # width that is laid out for, and of a plot's axis [pixels]
+_WINDOW, _AXIS = 1600.0, 60.0  # assumed width of the window, and of a plot's axis [pixels]
 _LETTER, _MARGIN, _WIDEST = 7.0, 55.0, 0.6  # of a legend [pixels], and its largest share of a plot
 _CLEAR = 1.04  # of the time axis over the run, so that its last label is not cut
 _LINE, _PADDING, _HEAD = 23.0, 16.0, 30.0  # heights in a legend, and of a view's title [pixels]
@@ -35,7 +35,7 @@ class Plots:
 
     Args:
         curves: of the recording, whose names are in the legends.
-        end: of the run [s]; None if it is not known, as in a running one.
+        end: of the run [s]; None if unknown, as in a running one.
     """
 
     def __init__(self, curves: Sequence[Curves] = (), end: float | None = None):
@@ -59,7 +59,7 @@ class Plots:
         return view
 
     def moving(self, entity: str) -> bool:
-        """Whether some curve below an entity is anything but 0."""
+        """Whether some curve below an entity differs from 0."""
         return any(np.any(curve.values != 0) for curve in self._below(entity))
 
     def unit(self, entity: str) -> str:
@@ -68,7 +68,7 @@ class Plots:
         return names[0].rpartition("[")[2].removesuffix("]") if names else "log₁₀"
 
     def heights(self, *rows: Sequence[rrb.View]) -> list[float]:
-        """Shares of the height of rows of views, by which their legends have space."""
+        """Shares of the height of rows of views, which leave space for their legends."""
         legends = [max(self._legend(view) for view in row) for row in rows]
         roomy = [max(_ROOMY, legend) for legend in legends]
         return roomy if sum(roomy) <= _HEIGHT else [max(_LEAST, legend) for legend in legends]
@@ -79,7 +79,7 @@ class Plots:
         return rrb.Grid(*views, grid_columns=columns, row_shares=self.heights(*rows), name=name)
 
     def _decades(self, entity: str) -> tuple[float, float] | None:
-        """The powers of ten between which all curves below an entity are; None if unknown."""
+        """The powers of ten that enclose all curves below an entity; None if unknown."""
         ends = [f(c.values) for c in self._below(entity) if len(c.values) for f in (np.min, np.max)]
         if not ends:
             return None

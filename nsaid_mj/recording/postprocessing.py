@@ -38,12 +38,12 @@ def finish(
     Args:
         run: a finished run, completed or not.
         say: called with the name of each stage, for a progress display.
-        command: command line of the run, for the report; empty if it is not known.
+        command: command line of the run, for the report; empty if unknown.
 
     Raises:
         FolderInUse: another run is writing into the folder.
         NotWritten: a file cannot be written; the record is kept.
-        BadRun: the folder has no longer this run's record, or a completed run has no row.
+        BadRun: the folder no longer has this run's record, or a completed run has no row.
     """
     with locked(run.folder):
         _check_record(run)
@@ -51,7 +51,7 @@ def finish(
 
 
 def _check_record(run: Run) -> None:
-    """Checks that the results belong to the record beside which they will be written."""
+    """Checks that the record in the folder is the run's own."""
     if Record.metadata_of(run.folder) != run.record.metadata:
         raise BadRun(run.folder, "it holds another run's record", "Run the scenario again")
     if run.ending.status is Status.completed and not len(run.record):
@@ -77,7 +77,7 @@ def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any
 
 
 def _drawable(record: Record) -> bool:
-    """Whether a record has rows, of figures that can be drawn."""
+    """Whether a record has rows, with figures that can be drawn."""
     if not len(record):
         return False
     columns = (record[name] for name in ("q", "v", "u", "v_hat", "theta_hat"))

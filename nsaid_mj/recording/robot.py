@@ -1,4 +1,4 @@
-"""Everything that is drawn on a robot in 3D: its shape, forces or torques, and link inertias."""
+"""The robot's drawing in 3D: its shape, forces or torques, and link inertias."""
 
 from __future__ import annotations
 

@@ -191,9 +191,7 @@ class Scene:
     def camera(self, q: Array, v: Array) -> Camera:
         """A fixed camera on an arm's whole workspace, or one that tracks a vehicle.
 
-        Args:
-            q: (k, m) positions, the first at the start of the run.
-            v: (k, n) velocities.
+        q (k, m) are positions, the first at the start of the run, v (k, n) velocities.
         """
         points, first = self._reach(q), self._reach(q[:1])
         lowest = float(points[:, 2].min())
@@ -249,12 +247,8 @@ class Scene:
 def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, Array]:
     """Splits a mesh into separate triangles with normals smoothed across all but sharp edges.
 
-    Args:
-        vertices: (k, 3) [m].
-        triangles: (f, 3) indices.
-
-    Returns:
-        (3f, 3) vertices [m], (f, 3) triangles and (3f, 3) unit normals.
+    vertices (k, 3) are in m, triangles (f, 3) indices. Returns (3f, 3) vertices [m], (f, 3)
+    triangles and (3f, 3) unit normals.
     """
     corners = vertices[triangles]  # (f, 3 corners, 3)
     area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -89,7 +89,7 @@ class Group:
 
     Attributes:
         path: of the entity that their curves are below.
-        title: what they are, without the unit.
+        title: of the group, without the unit.
         names: labels with units: "gain of elbow_joint [N·m/A]".
         indices: (k,) in θ.
     """
@@ -120,12 +120,7 @@ def groups(space: ParameterSpace) -> dict[str, list[Group]]:
 
 
 def velocity_names(system: SecondOrderSystem, mark: str = "Δ") -> list[str]:
-    """Names of the velocities, or of their errors, with units, after the robot's own joints.
-
-    Args:
-        system: whose velocities are named.
-        mark: prefix of every name.
-    """
+    """Names of the velocities, or of their errors, with units and the prefix `mark`."""
     turning = [k < system.group and u == "rad/s" for k, u in enumerate(system.velocity_units)]
     labels = [
         f"{label} rate" if turns else label

@@ -1,4 +1,4 @@
-"""Writes a recording, layout, texts, robot and curves: collected in memory, written atomically.
+"""Writes a recording: layout, texts, robot and curves, collected in memory, written atomically.
 
 Rerun's own file sink hangs in its flush when the disk is full, and cannot be interrupted there.
 """
@@ -25,7 +25,7 @@ _MARKDOWN = rr.MediaType.MARKDOWN
 
 @dataclass(frozen=True)
 class Content:
-    """What a recording holds.
+    """The content of a recording.
 
     Attributes:
         name: of the recording.
@@ -43,11 +43,7 @@ class Content:
 
 
 def write(content: Content, file: Path) -> Path:
-    """Writes a recording atomically, and returns its path, which ends in .rrd.
-
-    Raises:
-        NotWritten: the file cannot be written.
-    """
+    """Writes a recording atomically; returns its path, in .rrd; `NotWritten` if that fails."""
     rec = rr.RecordingStream(drawable(f"nsaid_mj {content.name}"))
     memory = rec.memory_recording()
     _send_blueprint(rec, content.layout)
@@ -62,7 +58,7 @@ def write(content: Content, file: Path) -> Path:
         with atomic_write(file) as partial, partial.open("wb") as stream:
             stream.write(memory.drain_as_bytes())
     finally:
-        memory.drain_as_bytes()  # of data that are left after a failure, Rerun warns on stderr
+        memory.drain_as_bytes()  # otherwise Rerun warns of data left after a failure, on stderr
         rec.disconnect()
         del rec, memory  # the last references, so that Rerun can end its threads
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
@@ -70,10 +66,10 @@ def write(content: Content, file: Path) -> Path:
 
 
 def _send_blueprint(rec: rr.RecordingStream, blueprint: Any) -> None:
-    """Sends a blueprint and ends the stream that Rerun makes for it, which else lives for ever.
+    """Sends a blueprint and ends Rerun's stream for it, which would otherwise live for ever.
 
-    That stream holds itself in memory, with two threads and about 2 MB, and Rerun does not give it
-    out; it is caught where it is made.
+    That stream holds itself in memory, with two threads and about 2 MB. Rerun does not expose it;
+    it is caught where it is created.
     """
     made: list[rr.RecordingStream] = []
     wrap = rr.RecordingStream._from_native

@@ -40,7 +40,7 @@ class Arcs:
         assert isinstance(system, JointTree)
         self._system, self._size = system, size
         rms = np.sqrt(np.mean(joint_torques(system, rows, theta) ** 2, axis=0))
-        self._full = 2 * np.where(rms > 0, rms, np.inf)  # each joint has its own measure
+        self._full = 2 * np.where(rms > 0, rms, np.inf)  # each joint has its own scale
         self._axes = axes(system, rows.q[0])
         self._turning = np.flatnonzero(np.linalg.norm(self._axes, axis=1) > 0)
 
@@ -52,14 +52,9 @@ class Arcs:
         theta: Array,
         failed: NDArray[np.bool_],
     ) -> None:
-        """Logs the arcs of k samples in one batch; red where a joint's actuator has failed.
+        """Logs the arcs of k samples in one batch, with red arcs of joints in `failed` (k, n).
 
-        Args:
-            rec: recording stream.
-            path: COMMANDED or ESTIMATED.
-            rows: k samples.
-            theta: (p,) or (k, p) parameters.
-            failed: (k, n) whether the joint's actuator has failed.
+        `path` is COMMANDED or ESTIMATED, theta (p,) or (k, p).
         """
         angle = _TURN * np.clip(joint_torques(self._system, rows, theta) / self._full, -1, 1)
         poses, radius = frames(self._system, rows.q), _RADIUS[path] * self._size

@@ -42,8 +42,8 @@ def record(
         file: path of the recording, ending in .rrd.
         system: the structure.
         looks: meshes of the robot.
-        motion: (N,) times [s], (N, m) positions and (N, n) velocities of the robot that is drawn,
-            the one under the first law.
+        motion: (N,) times [s], (N, m) positions and (N, n) velocities of the robot drawn, under the
+            first law.
         desired: (N, m) the reference's positions, drawn in cyan.
         errors: (N,) norms of the tracking error, by unit and law: plotted as log₁₀.
         commands: (N, n_u) commands as shares of their limits, by law.

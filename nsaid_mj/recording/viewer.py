@@ -16,11 +16,7 @@ GRPC_PORT, WEB_PORT = 9876, 9090  # Rerun's defaults, used if they are free
 
 
 def viewer_command(file: Path, web: bool) -> list[str]:
-    """The command line that opens a recording.
-
-    Args:
-        file: path of the recording.
-        web: serve it to a browser on this machine instead of opening a window.
+    """The command line that opens a recording, or with `web` serves it to a local browser.
 
     Raises:
         BadRun: there is no display to open a window on.

@@ -22,7 +22,7 @@ from .panels import Panel as Plot
 from .terminal import print_page
 
 HALVES = ("half", "before")
-_NONE, _LISTED = "–", 3  # no value; directions of P_s that are listed
+_NONE, _LISTED = "–", 3  # no value; number of listed directions of P_s
 _INTERVALS = "At a fixed common scale. – means that motion does not reveal the parameter by itself."
 _WEAK = (
     "The predicted standard deviation over that before the experiment; the weakest directions of "
@@ -33,13 +33,7 @@ _ALONE = 0.5  # share of a parameter that motion must reveal for its own interva
 
 
 def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> None:
-    """Prints what a design will tell.
-
-    Args:
-        name: of the robot.
-        document: of `design.files.document`.
-        files: that were written.
-    """
+    """Prints the predicted results of a design, its `design.files.document`, and the files."""
     lines = [*statements(document), *_helping(document), *_unobservable(document)]
     page = Page(
         heading=name,
@@ -62,7 +56,7 @@ def verdict_of(document: dict[str, Any]) -> Mark:
 
 
 def _of_random_motions(document: dict[str, Any]) -> float:
-    """The predicted deviation of random motions, rms over draws as that of the design is."""
+    """The predicted deviation of random motions, rms over draws like the design's."""
     return float(np.sqrt(np.mean(np.square(document["predicted_deviation_of_random_motions"]))))
 
 
@@ -90,7 +84,7 @@ def _percent(deviation: float) -> str:
 
 
 def statements(document: dict[str, Any]) -> list[str]:
-    """How much of θ the experiment tells, and how many harmonics that needs."""
+    """How much of θ the experiment determines, and how many harmonics that needs."""
     count, needed = document["weak_directions"], document["harmonics"]["dimension_of_P_perp"]
     lines = [
         f"{needed - count} of {needed} observable directions will be known, "
@@ -103,7 +97,7 @@ def statements(document: dict[str, Any]) -> list[str]:
 
 
 def _helping(document: dict[str, Any]) -> list[str]:
-    """What helps the weak directions most, and what is asked for, a line each."""
+    """What helps the weak directions and the requested numbers most, a line each."""
     lines = []
     for words, left, remedy, after in _weak_rows(document):
         helped = f"{after} after {remedy}" if after != _NONE else "nothing tried helps"
@@ -131,7 +125,7 @@ def _unobservable(document: dict[str, Any]) -> list[str]:
 
 
 def _weak_rows(document: dict[str, Any]) -> list[list[str]]:
-    """Weak directions, what is left of their deviation, the best remedy, and what it leaves."""
+    """Weak directions, the share of their deviation that stays, the best remedy, and its share."""
     return [
         [
             direction["words"],
@@ -152,13 +146,9 @@ def _remedy_rows(document: dict[str, Any]) -> list[list[str]]:
 
 
 def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder: Path) -> Path:
-    """Writes report.html atomically and returns its path.
+    """Writes report.html atomically into an existing folder and returns its path.
 
-    Args:
-        robot: its name.
-        document: of `design.files.document`.
-        trial: of the design on a draw of the prior, or None.
-        folder: an existing folder.
+    `document` is that of `design.files.document`, `trial` the design on a draw of the prior.
     """
     weak = Table(
         ["direction", "deviation left", "what helps most", "left then"], _weak_rows(document),
@@ -181,9 +171,9 @@ def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder
         lead=f"{document['duration']:g} s of motion, before anything moves.",
         carrying=_figures(document, trial),
         sections=[
-            Section("What the experiment will tell", told),
+            Section("What the experiment will determine", told),
             Section("What would help", [helps, Text(_HELP, note=True)]),
-            Section("What no motion tells", [Items(_unobservable(document))]),
+            Section("What no motion reveals", [Items(_unobservable(document))]),
             Section("Predicted 95 % intervals", [
                 _intervals(document),
                 Text(f"{_INTERVALS} Root mean squares over draws of the prior; all parameters are "
@@ -244,7 +234,7 @@ def shown(document: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def _limits(document: dict[str, Any]) -> Table:
-    """The limits, and what the simulated motions use of them."""
+    """The limits, and the simulated motions' use of them."""
     lines = [
         [
             name,

@@ -21,7 +21,7 @@ from .plots import png_of
 from .terminal import print_findings, print_panels
 
 _POINTS = 4000  # of a curve; more are thinned to the extremes of equal parts
-_MOST = 40  # channels drawn of a log without a map
+_MOST = 40  # largest number of drawn channels of a log without a map
 
 
 def print_inspection(found: Inspection, console: Console) -> None:
@@ -39,7 +39,7 @@ def print_inspection(found: Inspection, console: Console) -> None:
 
 
 def _clock(channel: ChannelFigures) -> str:
-    """What channels of one clock have in common: file, rows, rate, jitter, gaps."""
+    """The properties that channels of one clock share: file, rows, rate, jitter, gaps."""
     said = f"{channel.source}: {channel.rows} rows"
     if np.isfinite(channel.rate):
         said += f" at {channel.rate:.4g} Hz, jitter {channel.jitter:.0%}"
@@ -63,11 +63,7 @@ def _cells(channel: ChannelFigures) -> list[Cell]:
 def draw(found: Inspection, path: Path) -> Path:
     """Draws q, v and u of every joint over time, or all channels if they are not matched, as PNG.
 
-    Rows that are not used for a joint are marked on its velocity.
-
-    Args:
-        found: the inspection.
-        path: of the file, which is returned.
+    Rows that are not used for a joint are marked on its velocity. Returns the path.
     """
     if found.recordings is not None:
         lines = _joints(found.recordings, found.robot.joints if found.robot else ())

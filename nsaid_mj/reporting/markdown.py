@@ -23,7 +23,7 @@ def markdown(page: Page) -> str:
 
 
 def panels(some: Sequence[Panel]) -> list[str]:
-    """The lines of texts, lists, tables and what is folded."""
+    """The lines of texts, lists, tables and folded panels."""
     lines: list[str] = []
     for panel in some:
         if isinstance(panel, Text):

@@ -46,7 +46,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Items:
-    """A list; an entry is a text, or what it is about and the rest."""
+    """A list; an entry is a text, or a pair of its subject and the rest."""
 
     entries: Sequence[str | tuple[str, str]]
     ordered: bool = False
@@ -54,7 +54,7 @@ class Items:
 
 @dataclass(frozen=True)
 class Badges:
-    """Counts beside one another, such as how many parameters are identified."""
+    """Counts side by side, such as how many parameters are identified."""
 
     marks: Sequence[Mark]
 
@@ -67,9 +67,9 @@ class Table:
         heads: of the columns; the first names the table on the terminal.
         lines: cells; on the terminal a line of one cell is the title of those below it.
         text: indices of the columns that are not numbers.
-        ids: prefix of the lines' ids, to which a `Link` leads; empty for none.
-        spare: indices of the columns that a narrow terminal leaves out, the first one first.
-        most: lines that the terminal prints; the others are counted.
+        ids: prefix of the lines' ids, the targets of `Link`; empty for none.
+        spare: indices of the columns that a narrow terminal omits, in the order of omission.
+        most: number of lines on the terminal; the others are counted.
     """
 
     heads: Sequence[str]
@@ -99,7 +99,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Figures:
-    """Figures side by side; of more than `most` the others are folded, `kind` says what of."""
+    """Figures side by side; those beyond `most` are folded, under a title with their `kind`."""
 
     figures: Sequence[Figure]
     kind: str = "plots"
@@ -130,7 +130,7 @@ Panel = Text | Items | Badges | Table | Figures | Fold
 
 @dataclass(frozen=True)
 class Section:
-    """Panels below a title; an empty title makes a card of its own.
+    """Panels below a title; without a title they form a separate card.
 
     Attributes:
         title: above the panels.
@@ -145,7 +145,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """What a command has found.
+    """The results of a command.
 
     Attributes:
         heading: the robot, or the name of the study.
@@ -153,12 +153,12 @@ class Page:
         eyebrow: what made the page.
         lead: one line below the heading.
         tab: title of the browser's tab; the heading if empty.
-        findings: what the reader has to know before believing it, the gravest first.
+        findings: what the reader must know before believing the verdict, the gravest first.
         carrying: figures of which the first carries the verdict.
         sections: in order.
-        commands: command lines or code that make the results again, one block each.
+        commands: command lines or code that reproduce the results, one block each.
         notes: paragraphs below the commands.
-        versions: by name, of this package and of what its results depend on.
+        versions: by name, of this package and of those that affect its results.
     """
 
     heading: str
@@ -192,9 +192,9 @@ def render(page: Page) -> str:
 
 
 def shared_legend(figures: Sequence[Figure]) -> Sequence[tuple[str, str, str]]:
-    """The legend of several figures of which each has all or a part of it; empty if there is none.
+    """The legend of several figures, each of which has all or part of it; empty if there is none.
 
-    It then stands above them once, and switches a curve of all of them.
+    It stands above them once, and switches a curve of all of them.
     """
     legends = [figure.legend for figure in figures]
     longest = max(legends, key=len, default=())

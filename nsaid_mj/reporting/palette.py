@@ -35,7 +35,7 @@ LAWS = {
     "memory": 0, "nullspace": 0, "conventional": 1, "paper": 2, "composite": 3, "wls": 3,
     "efficient": 4, "tls": 5, "computed_torque": 5, "ekf": 6, "cone": 7, "ols": 8, "rls": 9,
 }  # fmt: skip
-"""Place in `COLOURS`, and in a recording's palette, of a law's or method's colour on any plot."""
+"""Index in `COLOURS`, and in a recording's palette, of a law's or method's colour on any plot."""
 
 VARIABLES = {INK: "--ink", GRID: "--grid", BAD: "--bad"} | {
     colour: f"--c{k}" for k, colour in enumerate(COLOURS)

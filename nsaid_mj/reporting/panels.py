@@ -1,4 +1,4 @@
-"""What a page's figures show, as plain data, independent of the plotting library."""
+"""The contents of a page's figures as plain data, independent of the plotting library."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..parameters import Array, Indices
 from .palette import BAD, COLOURS, INK
 
 POINTS = 1500
-"""Largest number of points drawn of one curve."""
+"""Largest number of drawn points of a curve."""
 
 DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}
 """SVG dash patterns of matplotlib's line styles."""
@@ -22,9 +22,9 @@ MARKERS = {"D": "M12 0L16 4L12 8L8 4Z", "x": "M8 0L16 8M16 0L8 8", "|": "M12 0V8
 MEASURED, PREDICTED, INTERVAL = "measured", "predicted", "95 % interval"
 DIFFERENCE = "error, rms over short intervals"
 UNSURE = "not identified by itself"
-_INTERVALS = 150  # over which errors are averaged
+_INTERVALS = 150  # number of intervals over which errors are averaged
 BAND = "band"
-"""In place of a dash pattern: the legend's entry is a shaded area."""
+"""Instead of a dash pattern: the legend's entry is a shaded area."""
 
 
 @dataclass(frozen=True)
@@ -81,14 +81,10 @@ class Panel:
         band: tuple[Array, Array] | None = None,
         colour: str = "",
     ) -> None:
-        """Adds a curve; once all colours are used, with the next dash pattern.
+        """Adds a curve (N,) over times t (N,) [s]; once all colours are used, the dash changes.
 
-        Args:
-            t: (N,) times [s].
-            values: (N,) values.
-            name: entry in the legend.
-            band: (N,) lower and (N,) upper ends of an interval around the values.
-            colour: of the curve; by default the next one.
+        `band` holds (N,) lower and (N,) upper ends of an interval around the values; the default
+        colour is the next one.
         """  # fmt: skip
         round_, next_ = divmod(len(self.curves), len(COLOURS))
         dash = list(DASHES)[round_ % len(DASHES)]
@@ -155,7 +151,7 @@ class Forest:
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:
-        """(name, colour, dash) of the values that there are."""
+        """(name, colour, dash) of the values shown."""
         entries = [(self.certain, COLOURS[0], "-")] if self.firm.any() else []
         if not self.firm.all():
             entries.append((UNSURE, COLOURS[8], "--"))
@@ -190,13 +186,13 @@ class Comparison:
     Attributes:
         title: above the panel.
         label: of the vertical axis, without its unit.
-        unit: of all values; empty if it is not known.
+        unit: of all values; empty if unknown.
         t: (k,) times [s].
         measured: (k,) values.
         predicted: (k,) values.
         half: (k,) half width of the prediction's interval; None for none.
-        used: (k,) whether a row counts: others are shaded, and not in the error; None for all.
-        segment: (k,) number of the segment of a row: lines end with it; None for one segment.
+        used: (k,) whether a row counts; others are shaded, and not in the error; None for all.
+        segment: (k,) number of a row's segment, with which lines end; None for one segment.
     """
 
     title: str

@@ -29,11 +29,9 @@ def relative(parameter: Parameter) -> str:
 
 
 def table(parameters: Sequence[Parameter], numbers: Mapping[str, int] | None = None) -> Table:
-    """Parameters with intervals, prior and, if they are known, true values.
+    """Parameters, at least one, with intervals, prior and true values where known.
 
-    Args:
-        parameters: at least one.
-        numbers: of the combinations below which the page lists what a parameter is only part of.
+    `numbers` are those of the page's list of combinations, for parameters that are part of one.
     """
     judged = any(p.status for p in parameters)
     known = any(p.true is not None for p in parameters)
@@ -84,7 +82,7 @@ def brief_gains(result: Result) -> list[Table]:
         value, interval = estimate(p.value, p.low, p.high)
         line: list[Cell] = [name if names.count(name) == 1 else p.label, value]
         line += [ABSENT if p.status == "known" else interval, relative(p), number(p.prior)]
-        if p.true is not None:  # as many digits as the estimate has
+        if p.true is not None:  # with as many digits as the estimate
             half = (p.high - p.low) / 2
             line.append(estimate(p.true, p.true - half, p.true + half)[0])
         lines.append([*line, p.unit, STATUSES[p.status]])

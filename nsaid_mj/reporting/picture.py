@@ -19,16 +19,7 @@ _DARKEST = 0.35  # share of the colour in the shadow
 
 
 def picture(looks: Looks | None, q: Array, name: str) -> Figure | None:
-    """The robot at positions q (m,) as a figure of a page.
-
-    Args:
-        looks: its meshes and their poses.
-        q: (m,) positions.
-        name: of the robot.
-
-    Returns:
-        None if it has no meshes, or if q is not finite.
-    """
+    """The robot at positions q (m,) as a figure of a page; None without meshes, or finite q."""
     from markupsafe import Markup
 
     if looks is None or not np.isfinite(q).all():

@@ -27,7 +27,7 @@ from ..system import SecondOrderSystem
 
 COMPILING = "compiling, once (half a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
-_LARGE = 1e10  # size of a record that is told beforehand [bytes]
+_LARGE = 1e10  # size of a record that is announced beforehand [bytes]
 _PATIENCE = 10.0  # time between two lines where there is no terminal [s]
 _PERIOD = 0.1  # smallest interval between two updates of the bar [s]
 
@@ -80,7 +80,7 @@ class Progress(Observer):
         self._bar.update(self._task, description=f"{self._name}: {words}")
 
     def tell(self, words: str, share: float | None) -> None:
-        """Shows a text, and a bar if the share that is done is known."""
+        """Shows a text, and a bar if the completed share is known."""
         self._bar.update(
             self._task,
             description=f"{self._name}: {words}",
@@ -100,7 +100,7 @@ class Progress(Observer):
             self._console.print(f"{self._name}: {words}", highlight=False)
 
     def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
-        """Shows an empty bar, and says beforehand what a long run will cost."""
+        """Shows an empty bar, and announces the cost of a long run."""
         if words := cost_of(scenario, robot.system):
             self._console.print(f"{self._name}: {words}", highlight=False, markup=False)
         self._begin, self._last, self._end = clock(), 0.0, scenario.duration
@@ -133,7 +133,7 @@ class Progress(Observer):
 
 
 def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
-    """What a run of an hour or more, or of a large record, will roughly cost; "" for others."""
+    """The approximate cost of a run of an hour or more, or of a large record; "" for others."""
     rivals = list(scenario.rivals)
     hours = scenario.steps * _STEP * (1 + len(rivals)) / 3600
     widths = columns(system.n, system.m, system.n_u, system.p, rivals).values()
@@ -147,7 +147,7 @@ def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
 
 
 def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Bar:
-    """A transient bar of a study on the standard error; `done` is the format of what it counts."""
+    """A transient bar of a study on the standard error; `done` is the format of its count."""
     return Bar(
         TextColumn("{task.description:48}"),
         BarColumn(),
@@ -162,11 +162,7 @@ def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Bar:
 
 @contextmanager
 def announcing(console: Console) -> Iterator[None]:
-    """Prints one line when the first kernel is compiled, above any bar on the console.
-
-    Args:
-        console: prints the line; a quiet one prints nothing.
-    """
+    """Prints one line when the first kernel is compiled, above any bar on the console."""
     announced: list[bool] = []
 
     def announce() -> None:

@@ -1,4 +1,4 @@
-"""What the figures of a run's report show."""
+"""The contents of the figures of a run's report."""
 
 from __future__ import annotations
 
@@ -26,11 +26,8 @@ def panels(
 ) -> dict[str, list[AnyPanel]]:
     """All panels of the page: `carrying` the verdict, `curves`, `gains`, `forces`, `correlations`.
 
-    Args:
-        run: a finished run with at least one row.
-        summary: the content of its summary.json.
-        result: the result of that.
-        truth: of its plant; None if it is unknown.
+    The run must have at least one row; `summary` is the content of its summary.json, `result` its
+    result; without the plant's truth, comparisons with it are left out.
     """
     rows = thin(len(run.record))
     curves = [panel for panel in _over_time(run, summary, truth, rows) if panel.curves]

@@ -1,4 +1,4 @@
-"""A page on the terminal: verdict, findings, tables and lists, as far as they are printed."""
+"""A page on the terminal: verdict, findings, tables and lists, in brief."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..robot.findings import Finding
 from .pages import Cell, Items, Link, Page, Panel, Table, Text, count
 
 _COLOURS = {"good": "green", "fair": "yellow", "poor": "red", "weak": "bright_black"}
-_NOTES, _GRAVE = 6, 40  # notes, and findings of any graver level, that are printed at most
+_NOTES, _GRAVE = 6, 40  # largest printed number of notes, and of findings of any graver level
 
 
 def print_page(page: Page, console: Console) -> None:
@@ -41,10 +41,7 @@ def print_page(page: Page, console: Console) -> None:
 def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
     """Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
 
-    Args:
-        findings: the gravest first.
-        console: to print on.
-        codes: whether levels and codes stand before the words, and all findings are printed.
+    The gravest come first. With `codes`, levels and codes precede the words, and all are printed.
     """
     for level, mark in LEVELS.items():
         some = [finding for finding in findings if finding.level == level]

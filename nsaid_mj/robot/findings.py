@@ -1,4 +1,4 @@
-"""Findings: what was noticed about a model, a log or a fit, in words and as data."""
+"""Findings about a model, a log or a fit, in words and as data."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 Level = Literal["note", "warning", "refusal"]
-"""`note`: something was done to the data. `warning`: the result may suffer. `refusal`: no result
-of this input can be trusted."""
+"""`note`: the data were changed. `warning`: the result may suffer. `refusal`: no result from this
+input could be trusted."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a user should know about his input.
+    """Something that a user should know about the input.
 
     Attributes:
         level: how serious it is.
         code: a short constant name for scripts, such as "reversed_sign" or "dead_channel".
         where: the file, channel or joint concerned; "" if none.
-        text: what was found, with figures, units and row numbers.
+        text: the finding, with figures, units and row numbers.
         remedy: what to do about it; "" if nothing needs to be done.
         data: the figures of the text, for scripts; values are plain numbers, strings and lists.
     """

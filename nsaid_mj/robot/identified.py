@@ -1,4 +1,4 @@
-"""What was identified about a tree of joints, as the exporters want it."""
+"""Identified values of a tree of joints, for the exporters."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ class Parameter(NamedTuple):
 
 
 class Coupling(NamedTuple):
-    """What two joints share because the motor of one turns by v_i ± v_j.
+    """What two joints share if the motor of one turns by v_i ± v_j.
 
     Attributes:
         joints: their indices.
-        sign: of the motor's rate by that of the second joint.
+        sign: of the second joint's rate in the motor's.
         inertia: entry (i, j) of the mass matrix that the rotor adds [kg·m²].
-        damping: the same of the viscous friction [N·m·s/rad].
+        damping: that of the viscous friction [N·m·s/rad].
         friction: Coulomb friction against v_i ± v_j [N·m].
     """
 
@@ -80,9 +80,9 @@ class Identified:
         gain: (n,) force per unit of command [N·m or N].
         anchor: what fixed the common scale of masses, frictions and gains, in words.
         parameters: all parameters with their intervals, for tables.
-        notes: anything else that a reader of the exported files should know.
-        couplings: of joints that share a motor; a URDF cannot hold them. None keeps those that the
-            model's own file has as tendons.
+        notes: further remarks for readers of the exported files.
+        couplings: of joints that share a motor; a URDF cannot hold them. None keeps the tendons in
+            the model's own file.
         springs: of joints; a URDF cannot hold them. Other joints keep those of an MJCF.
     """
 
@@ -104,7 +104,7 @@ class Identified:
 
     @staticmethod
     def nominal(robot: RobotModel, friction_speed: float = 0.05) -> Identified:
-        """The values of a robot's own model file; Coulomb friction saturates at a speed."""
+        """The values of a robot's own file; Coulomb friction saturates at `friction_speed`."""
         model = with_inertias(robot.model, inertial_parameters(robot.model), robot.rotor)
         speeds = np.full(len(robot.joints), friction_speed)
         anchor = "values of the model file; nothing was identified"
@@ -122,10 +122,9 @@ def inertial_parameters(model: pin.Model) -> Array:
 
 
 def with_inertias(model: pin.Model, inertial: Array, rotor: Array) -> pin.Model:
-    """A copy of a model with other inertias.
+    """A copy of a model with other inertias: inertial (b, 10), ordered as `inertial_parameters`.
 
-    `inertial` (b, 10) is in the order of `inertial_parameters`; `rotor` (n,) is reflected [kg·m² or
-    kg].
+    rotor (n,) is reflected [kg·m² or kg].
     """
     changed = pin.Model(model)
     set_inertias(changed, np.asarray(inertial))

@@ -16,12 +16,12 @@ from ..parameters import Array
 from ..structure.optional import pin
 from .findings import Finding
 
-_INSIDE = 1e-6  # least ratio of the smallest to the largest second moment that is left alone
-_FLATNESS = 0.02  # least ratio that an inertia is moved to
-_THINNESS = 0.05  # least standard deviation of mass that it is moved to, over the link's size
-_LIGHTNESS = 1e-3  # mass of a massless link, over that of the robot
-_UNKNOWN_MASS, _UNKNOWN_SIZE = 0.1, 0.1  # where nothing in the file gives an idea [kg, m]
-_SMALLEST = 1e-3  # size of a link below which lengths tell nothing of it [m]
+_INSIDE = 1e-6  # least ratio of the smallest to the largest second moment that stays unchanged
+_FLATNESS = 0.02  # least ratio after a change
+_THINNESS = 0.05  # least standard deviation of mass after a change, over the link's size
+_LIGHTNESS = 1e-3  # mass given to a massless link, over that of the robot
+_UNKNOWN_MASS, _UNKNOWN_SIZE = 0.1, 0.1  # if nothing in the file gives a clue [kg, m]
+_SMALLEST = 1e-3  # least length that says something about a link's size [m]
 
 
 def is_physical(mass: float, inertia: Array) -> bool:
@@ -49,7 +49,7 @@ def make_physical(model: pin.Model, names: list[str]) -> list[Finding]:
     gets one that is spread over the length of the longest.
 
     Returns:
-        A warning for each inertia that was changed, and one, `no_masses`, if no link has a mass.
+        A warning for each changed inertia, and one, `no_masses`, if no link has a mass.
     """
     findings, total = [], sum(max(inertia.mass, 0.0) for inertia in list(model.inertias)[1:])
     reach = max((_size(model, i) for i in range(1, model.njoints)), default=0.0)
@@ -138,7 +138,7 @@ def _size(model: pin.Model, joint: int) -> float:
 
 
 def plausible_size(lengths: Iterable[float]) -> float:
-    """The largest of some lengths on a link as its size; 0.1 m if that tells nothing."""
+    """The largest of some lengths on a link as its size; 0.1 m if they are too small."""
     size = max(filter(np.isfinite, lengths), default=0.0)
     return size if size > _SMALLEST else _UNKNOWN_SIZE
 

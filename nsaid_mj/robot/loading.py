@@ -1,4 +1,4 @@
-"""The one way in: a tree of joints from a URDF or MJCF file, or by its name."""
+"""The one way in: a tree of joints from a URDF or MJCF file, or by name."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ Base = Literal["held", "free"]
 """Whether a floating base is fixed to a stand or free."""
 
 REMEDY = "Give the path of a file ending in .urdf, .xml or .mjb (MJCF), or a vehicle's .toml."
-_CUT_IN_CODE = "talos_legs"  # the only one whose loader takes joints out of its file
+_CUT_IN_CODE = "talos_legs"  # the only one whose loader removes joints in its file
 
 
 class RobotFile(NamedTuple):
-    """Where a robot is described.
+    """The file that describes a robot.
 
     Attributes:
         path: of its URDF or MJCF.
@@ -46,7 +46,7 @@ class RobotFile(NamedTuple):
 
 
 def load_robot(name: str, base: Base = "held") -> RobotModel:
-    """Reads a robot to simulate: its file must be right, as nothing is mended.
+    """Reads a robot to simulate: its file must be right, as nothing is corrected.
 
     Joints that follow others (`<mimic>`) get coordinates of their own, and a warning.
 
@@ -73,18 +73,18 @@ def load_tree(
     joints: Sequence[str] | None = None,
     others: Sequence[str] = (),
 ) -> RobotModel:
-    """Reads a robot to identify: unphysical inertias are moved inside the cone, and told.
+    """Reads a robot to identify: unphysical inertias are moved inside the cone, and reported.
 
     Args:
         name: of a packed robot or one of example-robot-data, or the path of a URDF or MJCF file.
-        lock: joints to fix, at 0 or at the limit nearest to it.
+        lock: joints to fix, at 0 or at the nearest limit.
         joints: joints to keep; None keeps all that are not in `lock`.
-        others: names that the caller knows, to suggest.
+        others: further names to suggest.
 
     Raises:
         BadRobot: the file cannot be read, or describes a robot that is not a tree of revolute and
             prismatic joints.
-        InvalidInput: a joint is both to be locked and to be kept.
+        InvalidInput: a joint is to be both locked and kept.
         UnknownName: there is no such robot or joint; the message lists similar names.
     """
     file = robot_file(name, others)
@@ -100,7 +100,7 @@ def load_tree(
 
 
 def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
-    """The file that describes a robot, by its path or name; `others` are names to suggest as well.
+    """The file that describes a robot, by its path or name; `others` are further names to suggest.
 
     Raises:
         BadRobot: there is no such file, or no file describes the robot of this name.
@@ -130,7 +130,7 @@ def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
 
 
 def packed_folders() -> dict[str, Path]:
-    """The robots in assets that are described by a URDF of the folder's name."""
+    """The robots in assets, each described by a URDF of its folder's name."""
     names = sorted(path.name for path in folder("assets").iterdir())
     return {n: asset(n, f"{n}.urdf") for n in names if asset(n, f"{n}.urdf").is_file()}
 
@@ -138,7 +138,7 @@ def packed_folders() -> dict[str, Path]:
 def _read(
     path: Path, lock: Sequence[str], joints: Sequence[str] | None, base: Base | None = None
 ) -> RobotModel:
-    """Reads a file by its content: a URDF may also be called .xml. `base` is None to identify."""
+    """Reads a file by its content: a URDF may be called .xml. `base` is None to identify."""
     if path.suffix.lower() == ".xacro":
         remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
         raise BadRobot(str(path), "", "it is a xacro template, not a URDF", remedy)

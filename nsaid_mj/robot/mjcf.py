@@ -22,7 +22,7 @@ from .model import RobotModel, check_tree, home, locked_joints, reduced
 from .shapes import Shapes, shapes_of_geoms
 from .tree import joint_names, motors, rigid_tree
 
-_NAMELESS = "MuJoCo Model"  # what MuJoCo calls a model without a name
+_NAMELESS = "MuJoCo Model"  # MuJoCo's name of a model without one
 
 
 def load_mjcf(
@@ -42,7 +42,7 @@ def load_mjcf(
     Raises:
         BadRobot: MuJoCo rejects the file, or it is not a tree of hinges and slides: it has ball
             joints, or tendons or equality constraints between joints that move.
-        InvalidInput: a joint is both to be locked and to be kept.
+        InvalidInput: a joint is to be both locked and kept.
         UnknownName: there is no such joint.
     """
     mj, findings = compile_file(path)[1:]
@@ -85,7 +85,7 @@ def load_mjcf(
 
 
 def initial_pose(mj: Any, model: pin.Model, free: Sequence[str]) -> Array:
-    """(nq,) `home`, with the floating bodies `free` where MuJoCo's model has them at first."""
+    """(nq,) `home`, with the floating bodies `free` where MuJoCo's model initially has them."""
     q = home(model)
     for name in free:
         joint = model.joints[model.getJointId(name)]
@@ -104,7 +104,7 @@ def _held(free: Sequence[str]) -> list[Finding]:
 
 
 def _ignored_forces(mj: Any, names: Sequence[str], locked: set[str]) -> list[Finding]:
-    """Forces of the file that the structure does not have."""
+    """Forces of the file that the structure lacks."""
     moving = [j for j, name in enumerate(names) if name not in locked]
     dof = mj.jnt_dofadr
     springs = [names[j] for j in moving if mj.jnt_stiffness[j] or np.any(mj.jnt_stiffnesspoly[j])]
@@ -129,8 +129,8 @@ def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str])
     """Checks that no equality constraint, and no tendon by a spring or actuator, couples joints.
 
     Returns:
-        Warnings of tendons between joints that move which have inertia or friction only, as those
-        of a motor that two joints share.
+        Warnings of tendons between moving joints that have inertia or friction only, as of a motor
+        that two joints share.
 
     Raises:
         BadRobot: names the tendon or constraint, and the joints to lock.

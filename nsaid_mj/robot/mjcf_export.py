@@ -1,6 +1,6 @@
 """A MuJoCo model with identified inertias, frictions, rotor inertias and gains.
 
-A robot that was read from an MJCF gets its own file back, with other numbers.
+A robot read from an MJCF gets its own file back, with new numbers.
 """
 
 from __future__ import annotations
@@ -55,20 +55,12 @@ def write_mjcf(robot: RobotModel, values: Identified, path: Path) -> None:
 
 
 def mjcf_text(robot: RobotModel, values: Identified, folder: Path) -> str:
-    """The text of the file that `write_mjcf` writes into a folder.
-
-    Raises:
-        InvalidInput: the robot is a vehicle.
-    """
+    """The text of the file that `write_mjcf` writes; raises `InvalidInput` for a vehicle."""
     return with_remarks(*_calibrated(robot, values, folder))
 
 
 def moving_bodies(robot: RobotModel, values: Identified) -> Iterator[tuple[str, Array]]:
-    """The bodies that move in the file of `write_mjcf`.
-
-    Yields:
-        Name of the body, and its ten inertial parameters (10,) about the body's frame.
-    """
+    """Names and inertial parameters (10,), about the body's frame, of the file's moving bodies."""
     root, _ = _calibrated(robot, values, Path.cwd())
     for body in bodies_of_file(root):
         if own_joints(body):
@@ -115,7 +107,7 @@ def _couple(root: Node, robot: RobotModel, coupling: Coupling, joints: dict[str,
     """Adds tendons for what two joints share.
 
     A tendon of length q_i ± q_j with armature A adds A to both diagonal entries of the mass matrix,
-    which the joints' own armatures have already, and ±A between them; the same holds of damping.
+    already in the joints' own armatures, and ±A between them; likewise for damping.
     """
     section = root.find("tendon")
     section = SubElement(root, "tendon") if section is None else section
@@ -173,7 +165,7 @@ def _edited(
     root, exact = own_file(source, spec, mj, findings)
     also = tuple(f"{finding.text}." for finding in findings)
     if not exact:
-        also += ("Its poses have six digits: it was written out by MuJoCo.",)
+        also += ("Its poses have six digits, since MuJoCo wrote it.",)
     names = joint_names(mj)
     locked = [name for name in names if name not in robot.joints]
     whole = rigid_tree(mj, robot.name)
@@ -192,7 +184,7 @@ def _edited(
     anchors = dict(zip(names, mj.jnt_pos, strict=True))
     remove_references(root, set(locked))
     if locked or before != _actuators(root):
-        for section in root.findall("keyframe"):  # they list all joints and actuators
+        for section in root.findall("keyframe"):  # keyframes list all joints and actuators
             root.remove(section)
     welded = _set_inertials(root, values.model, links, anchors)
     for compiler in root.iter("compiler"):
@@ -216,7 +208,7 @@ def _edited(
 def _set_inertials(
     root: Node, model: pin.Model, links: dict[str, Node], anchors: dict[str, Array]
 ) -> list[str]:
-    """Gives bodies their inertias; returns the names of those welded to a moving body.
+    """Sets inertias of bodies; returns the names of those welded to a moving body.
 
     `links` are the bodies behind the joints, `anchors` the joints' in the frames of their bodies
     [m].
@@ -235,7 +227,7 @@ def _set_inertials(
 
 
 def _set_inertial(body: Node, inertia: pin.Inertia) -> None:
-    """Gives a body an inertia about its frame, in place of the one it has."""
+    """Replaces a body's inertia with one about its frame."""
     for old in body.findall("inertial"):
         body.remove(old)
     tensor, key = inertia.inertia, "fullinertia" if inertia.mass else "diaginertia"
@@ -260,7 +252,7 @@ def _set_motors(
         own = actuators_of(mj, names.index(joint))
         kept = [i for i in own if is_motor(mj, i)] if own and is_motor(mj, own[0]) else []
         for i in kept:
-            elements[i].set("armature", "0")  # it is part of the joint's, as the damping is
+            elements[i].set("armature", "0")  # the joint's includes it, as well as the damping
             elements[i].set("damping", "0")
         for i in set(own) - set(kept):
             elements[i].set("name", elements[i].get("name") or f"removed {i}")

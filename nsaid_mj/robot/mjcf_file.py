@@ -1,7 +1,7 @@
 """MJCF files as text: read with or without their meshes, their inertias checked, and edited.
 
-Poses stay as they are written. Where a locked joint is not as drawn, what it carries is put into a
-body with its displacement.
+Poses stay as written. Where a locked joint is not as drawn, everything it carries goes into a body
+with its displacement.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ _REMEDY = "Correct the file; MuJoCo's `simulate` must be able to load it."
 def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
     """Compiles an MJCF or .mjb file.
 
-    Mesh and texture files that are not there are left out, and inertias that MuJoCo would reject
-    are moved inside the cone of physical ones.
+    Missing mesh and texture files are left out, and inertias that MuJoCo would reject are moved
+    inside the cone of physical ones.
 
     Returns:
-        MuJoCo's specification (None for .mjb), the compiled model, and what was changed.
+        MuJoCo's specification (None for .mjb), the compiled model, and findings about changes.
 
     Raises:
         BadRobot: MuJoCo rejects the file, or accepts a number that no robot has.
@@ -61,7 +61,7 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
 
 
 def _without_missing_files(spec: Any, folder: Path) -> list[str]:
-    """Removes meshes and textures whose files are not there; returns the names of the files."""
+    """Removes meshes and textures whose files are missing; returns the names of these files."""
     missing = []
     for mesh in list(spec.meshes):
         if mesh.file and not _exists(mesh.file, folder, spec.meshdir):
@@ -106,13 +106,13 @@ def _note(path: Path, missing: list[str]) -> list[Finding]:
 
 
 def own_file(path: Path, spec: Any, mj: Any, findings: list[Finding]) -> tuple[Node, bool]:
-    """The content of an MJCF file, to be edited, with included files in their places.
+    """The content of an MJCF file for editing, with included files in their places.
 
     Meshes and textures of files that `findings` name as missing are removed.
 
     Returns:
-        The root, and whether it is the file's own. Where elements stand for several bodies, as
-        `<replicate>` and `<attach>` do, it is what MuJoCo writes, with six digits.
+        The root, and whether it is the file's own. If elements stand for several bodies, as
+        `<replicate>` and `<attach>` do, it is MuJoCo's output, with six digits.
     """
     root, _ = read_xml(path)
     while (include := next(root.iter("include"), None)) is not None:
@@ -134,7 +134,7 @@ def own_file(path: Path, spec: Any, mj: Any, findings: list[Finding]) -> tuple[N
 
 
 def _without_files(root: Node, missing: list[str]) -> None:
-    """Removes meshes and textures of some files, and what shows them."""
+    """Removes meshes and textures of some files, and elements that show them."""
     gone = [e for e in root.iter("mesh", "texture") if set(e.attrib.values()) & set(missing)]
     for asset in gone:
         name = asset.get("name") or Path(asset.get("file", "")).stem
@@ -177,7 +177,7 @@ def check_inertials(spec: Any) -> list[Finding]:
 def _rejected(body: Any, about: Array) -> bool:
     """Whether MuJoCo rejects a body's inertia (3, 3) about its centre of mass."""
     if not (np.abs([body.mass, *about.flat]) <= LARGEST).all():
-        return False  # what MuJoCo accepts of these, `check_numbers` refuses
+        return False  # `check_numbers` refuses those of these that MuJoCo accepts
     low, middle, high = np.linalg.eigvalsh(about)
     return low < 0 or low + middle < high or (low <= 0 and len(body.joints) > 0)
 
@@ -185,7 +185,7 @@ def _rejected(body: Any, about: Array) -> bool:
 _JOINTS = ("joint", "freejoint")
 _NAMING = ("joint", "jointinparent", "joint1", "joint2")  # attributes that hold a joint's name
 _REFERENCES = (*_NAMING, "tendon", "tendon1", "tendon2", "actuator")
-_OF_CONTENT = ("name", "gravcomp", "user", "sleep")  # attributes that go with a body's content
+_OF_CONTENT = ("name", "gravcomp", "user", "sleep")  # attributes that belong to a body's content
 
 
 def bodies_of_file(root: Node) -> list[Node]:
@@ -204,7 +204,7 @@ def own_joints(body: Node) -> list[Node]:
 
 
 def name_joints(root: Node, mj: Any, names: list[str]) -> None:
-    """Gives all joints names, in MuJoCo's order, in place, also where others refer to them."""
+    """Names all joints, in MuJoCo's order, in place, also where others refer to them."""
     for joint, name in zip(joints_of_file(root), names, strict=True):
         joint.set("name", name)
     renamed = {mj.joint(j).name: name for j, name in enumerate(names) if mj.joint(j).name != name}
@@ -215,12 +215,10 @@ def name_joints(root: Node, mj: Any, names: list[str]) -> None:
 
 
 def split_bodies(root: Node, mj: Any, held: Mapping[str, float]) -> dict[str, Node]:
-    """Removes locked joints, in place, and makes bodies of several joints chains of bodies of one.
+    """Removes locked joints, in place, and splits bodies of several joints into chains of bodies.
 
-    The last body of a chain keeps name and content.
-
-    All joints must have names. `held` has the position of each locked joint [rad or m]; it has no
-    meaning for balls and free joints.
+    The last body of a chain keeps name and content. All joints must have names. `held` has the
+    position of each locked joint [rad or m]; it has no meaning for balls and free joints.
 
     Returns:
         The body behind each joint that is left.
@@ -249,9 +247,9 @@ def split_bodies(root: Node, mj: Any, held: Mapping[str, float]) -> dict[str, No
 
 
 def _chain(body: Node, steps: list[tuple[pin.SE3, Node | None]]) -> dict[str, Node]:
-    """Makes a body a chain of bodies, one for each step; returns the body behind each joint.
+    """Replaces a body by a chain of bodies, one for each step; returns the body behind each joint.
 
-    A step is the pose of a body in the one before it, and its joint, if it has one. A body of one
+    A step is the pose of a body in the previous one, and its joint, if it has one. A body with one
     joint stays alone, where it is drawn.
     """
     joints = [joint for _, joint in steps if joint is not None]
@@ -260,7 +258,7 @@ def _chain(body: Node, steps: list[tuple[pin.SE3, Node | None]]) -> dict[str, No
         return {joint.get("name", ""): body for joint in joints}
     name, current, found = body.get("name", "body"), body, {}
     content = [part for part in body if part not in joints and part.tag != "inertial"]
-    for old in body.findall("inertial"):  # another one takes its place
+    for old in body.findall("inertial"):  # to be replaced
         _remove(old)
     for number, (place, joint) in enumerate(steps):
         if number or not place.isIdentity(0.0):
@@ -278,7 +276,7 @@ def _chain(body: Node, steps: list[tuple[pin.SE3, Node | None]]) -> dict[str, No
 
 
 def _displacement(mj: Any, j: int, position: float) -> pin.SE3:
-    """How a joint at a position displaces its body."""
+    """The displacement of a body by its joint at a position."""
     axis, anchor = mj.jnt_axis[j], mj.jnt_pos[j]
     kind, travel = mujoco.mjtJoint(mj.jnt_type[j]), position - mj.qpos0[mj.jnt_qposadr[j]]
     if kind == mujoco.mjtJoint.mjJNT_SLIDE:
@@ -292,10 +290,9 @@ def _displacement(mj: Any, j: int, position: float) -> pin.SE3:
 def remove_references(
     root: Node, gone: set[str], keys: Collection[str] = _REFERENCES, named: str = ""
 ) -> None:
-    """Removes actuators, tendons, constraints and sensors that refer to what is gone.
+    """Removes actuators, tendons, constraints and sensors that refer to the names in `gone`.
 
-    `keys` are the attributes that refer to it; elements of the section `named` go by their own
-    names.
+    `keys` are the referring attributes; elements of the section `named` refer by their own names.
     """
     for tag in ("tendon", "equality", "actuator", "sensor"):
         for part in [p for section in root.findall(tag) for p in section.iterchildren("*")]:

@@ -1,4 +1,4 @@
-"""The numbers of a compiled MJCF: MuJoCo accepts some that are infinite or NaN."""
+"""Checks the numbers of a compiled MJCF: MuJoCo accepts some that are infinite or NaN."""
 
 from __future__ import annotations
 
@@ -28,15 +28,11 @@ _WORDS = {
     "actfrcrange": "range of forces",
     "ctrlrange": "range of commands",
     "forcerange": "range of forces",
-}  # of a message, where the field's name is none
+}  # for messages, where the field's name is not a word
 
 
 def check_numbers(robot: str, mj: Any) -> None:
     """Checks that a model's numbers are within bounds; the ends of its ranges may be infinite.
-
-    Args:
-        robot: its file.
-        mj: MuJoCo's compiled model.
 
     Raises:
         BadRobot: names the body, joint or actuator of a number that is not.

@@ -1,4 +1,4 @@
-"""A robot as its model file describes it, and its reduction to the joints that a log is about."""
+"""A robot as its model file describes it, and its reduction to the joints of a log."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class RobotModel:
         limits: (n_u,) largest absolute command; inf where the file has none.
         system: the structure of a vehicle (a `SecondOrderSystem`); None for a tree of joints.
         prior: (p,) θ̂(0) of a vehicle, its published values; None for a tree of joints.
-        findings: what was noticed, such as inertias moved inside the cone or meshes not found.
-        visuals: data for drawing the robot, as `recording` wants it.
-        file: the file that describes a tree of joints, of packed robots too.
-        passive: names of the joints that have no actuator in a file that has some.
+        findings: about the file, such as inertias moved inside the cone or meshes not found.
+        visuals: data for drawing the robot, for `recording`.
+        file: the file that describes a tree of joints, also of packed robots.
+        passive: names of the joints without an actuator in a file that has some.
     """
 
     name: str
@@ -62,7 +62,7 @@ class RobotModel:
 
 
 LOCK = "Lock it, if it stood still in the log: `--lock {}`."
-_MARK = "\1"  # no name has it: XML forbids the character
+_MARK = "\1"  # occurs in no name: XML forbids the character
 
 
 def locked_joints(
@@ -72,7 +72,7 @@ def locked_joints(
 
     Raises:
         UnknownName: there is no such joint.
-        InvalidInput: a joint is both to be locked and to be kept.
+        InvalidInput: a joint is to be both locked and kept.
     """
     for name in [*lock, *(keep or ())]:
         if name not in names:
@@ -85,7 +85,7 @@ def locked_joints(
 
 
 def home(model: pin.Model) -> Array:
-    """(nq,) joints at 0 or at the limit nearest to it; floating joints at the origin."""
+    """(nq,) joints at 0 or at the nearest limit; floating joints at the origin."""
     q = pin.neutral(model)
     for joint in list(model.joints)[1:]:
         if joint.nq == 1:

@@ -1,4 +1,4 @@
-"""Triangle meshes of robots: where a URDF's files are, and poses."""
+"""Triangle meshes of robots: the files of a URDF's meshes, and poses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CORNERS = np.array(np.meshgrid(*[[-1, 1]] * 3, indexing="ij")).reshape(3, 8).T.
 _FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
                    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
 _SIDES = 24
-_HIDDEN = 3  # groups of geoms from this one on are not drawn, as in MuJoCo's own viewer
+_HIDDEN = 3  # groups of geoms from this one on are hidden, as in MuJoCo's own viewer
 
 DRAWN = tuple(
     int(getattr(mujoco.mjtGeom, f"mjGEOM_{kind}"))
@@ -187,9 +187,9 @@ def _turned(radius: Array, height: Array) -> tuple[Array, np.ndarray]:
 def resolve_meshes(root: Element, path: Path) -> list[Finding]:
     """Makes the paths of a URDF's visual meshes absolute, in place; removes those not found.
 
-    `package://` names are looked for in every ancestor folder of the file, in `ROS_PACKAGE_PATH`
-    and in `AMENT_PREFIX_PATH`; relative names in every ancestor folder. Collision shapes are
-    removed. Returns one note on all meshes that were not found, if there are any.
+    `package://` names are sought in every ancestor folder of the file, in `ROS_PACKAGE_PATH` and in
+    `AMENT_PREFIX_PATH`; relative names in every ancestor folder. Collision shapes are removed.
+    Returns one note on all meshes that were not found, if there are any.
     """
     missing = []
     for link in root.iter("link"):
@@ -223,7 +223,7 @@ def resolve_meshes(root: Element, path: Path) -> list[Finding]:
 
 
 def _candidates(name: str, path: Path) -> Iterator[Path]:
-    """Places where a mesh may be, the likeliest first."""
+    """Possible places of a mesh, the likeliest first."""
     scheme, _, rest = name.rpartition("://")
     rest = unquote(rest) if scheme else rest
     if scheme == "file" or (not scheme and Path(rest).is_absolute()):

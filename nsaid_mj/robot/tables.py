@@ -15,7 +15,7 @@ from .identified import Identified
 from .mjcf_export import moving_bodies
 from .model import RobotModel
 
-_RANGE = (0.1, 10.0)  # search range of masses and of the joints' parameters, over their values
+_RANGE = (0.1, 10.0)  # search range of masses and joint parameters, over their values
 _STRETCH = (0.5, 2.0)  # of the second moments of mass, over their values
 _SHEAR = 0.5  # ± of the other entries of the pseudo-inertia's factor
 

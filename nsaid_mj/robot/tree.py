@@ -1,7 +1,7 @@
-"""Pinocchio's models and MuJoCo's: a tree of joints as either, of the same mass matrix and forces.
+"""A tree of joints as Pinocchio's or MuJoCo's model, with the same mass matrix and forces.
 
-A Pinocchio model has one body in MuJoCo for each joint; of a compiled MuJoCo model, joints, bodies
-and actuators are read.
+From a Pinocchio model, MuJoCo gets one body for each joint; from a compiled MuJoCo model, joints,
+bodies and actuators are read.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
 
 
 def set_inertias(model: pin.Model, theta: Array, first: int = 1) -> None:
-    """Overwrites the inertias of the bodies from `first` on by ten parameters each (10 b,).
+    """Overwrites the inertias of the bodies from `first` on with ten parameters each (10 b,).
 
-    Those that are unchanged keep their bits.
+    Unchanged ones keep their bits.
     """
     for i, own in enumerate(theta.reshape(-1, 10)):
         if not np.array_equal(own, model.inertias[first + i].toDynamicParameters()):
@@ -137,7 +137,7 @@ def body_name(mj: Any, b: int) -> str:
 
 
 def joint_names(mj: Any) -> list[str]:
-    """The names of all joints in Pinocchio's model; one without a name is called by its body."""
+    """The names of all joints in Pinocchio's model; an unnamed one gets its body's name."""
     taken = {"universe"}
     return [_unique(mj, j, taken) for j in range(mj.njnt)]
 
@@ -186,7 +186,7 @@ def _add_joint(
     aligned, general = _KINDS[kind]
     exact = [letter for letter, e in zip("XYZ", np.eye(3), strict=True) if np.array_equal(axis, e)]
     joint = getattr(pin, aligned + exact[0])() if exact else getattr(pin, general)(axis)
-    offset = -mj.qpos0[mj.jnt_qposadr[j]]  # MuJoCo's body is as drawn where the joint is at qpos0
+    offset = -mj.qpos0[mj.jnt_qposadr[j]]  # MuJoCo draws the body with the joint at qpos0
     if kind == mujoco.mjtJoint.mjJNT_HINGE:
         start = pin.SE3(pin.exp3(offset * axis), np.zeros(3))
     else:
@@ -200,7 +200,7 @@ def _add_joint(
 
 
 def _unique(mj: Any, j: int, taken: set[str]) -> str:
-    """A name for a joint that no other one has; it is added to `taken`."""
+    """A unique name for a joint, which is added to `taken`."""
     base = mj.joint(j).name or f"{body_name(mj, mj.jnt_bodyid[j])}_joint"
     name, number = base, 2
     while name in taken:
@@ -217,7 +217,7 @@ class Motors(NamedTuple):
         gain: (k,) force per unit of command [N·m or N].
         limits: (k,) largest absolute commands; inf where there is none.
         damping: (k,) damping of the actuators [N·m·s/rad or N·s/m].
-        findings: what a command means.
+        findings: on the meaning of commands.
         passive: names of the joints without an actuator in a file that has some.
     """
 

@@ -1,7 +1,7 @@
 """URDF files in and out: read as a tree of joints, and written with identified numbers.
 
-Pinocchio's torque regressor does not support mimic joints, so that the link behind one is welded
-where its leader is at 0. Leader and follower are then one coordinate.
+Pinocchio's torque regressor does not support mimic joints, so the link behind one is welded where
+its leader is at 0. Leader and follower are then one coordinate.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from .urdf_checks import (
 from .xml import numbers, read_xml, write_xml
 
 _HELD = "this floating joint was taken as fixed"
-_REMEDY = "Correct the URDF; `check_urdf` of ROS may tell more."
+_REMEDY = "Correct the URDF; `check_urdf` of ROS may say more."
 
 
 def load_urdf(
@@ -55,7 +55,7 @@ def load_urdf(
 
     Raises:
         BadRobot: the file describes a robot that is not a tree of revolute and prismatic joints.
-        InvalidInput: a joint is both to be locked and to be kept.
+        InvalidInput: a joint is to be both locked and kept.
         UnknownName: there is no such joint.
     """
     findings, followers = _checked(path, root, base is not None)
@@ -100,7 +100,7 @@ def load_urdf(
 def _checked(
     path: Path, root: Element, simulated: bool
 ) -> tuple[list[Finding], dict[str, Follower]]:
-    """Checks a URDF; returns what was mended in it, and the joints that follow others."""
+    """Checks a URDF; returns findings about corrections, and the joints that follow others."""
     check_urdf(path, root)
     if not simulated:
         return check_inertials(path, root), mimicking(path, root)
@@ -135,7 +135,7 @@ def _shapes(
 
 
 def _configuration(model: pin.Model, followers: dict[str, Follower]) -> Array:
-    """(nq,) `home`, with mimic joints where their leaders put them."""
+    """(nq,) `home`, with mimic joints at their leaders' positions."""
     q = home(model)
     for name, follower in followers.items():
         position = follower.position(_position(model, follower.leader, q))
@@ -155,13 +155,9 @@ def _position(model: pin.Model, joint: str, q: Array) -> float:
 
 
 def _pinocchio(path: Path, xml: str, floats: bool) -> pin.Model:
-    """Pinocchio's model of a URDF.
-
-    Raises:
-        BadRobot: Pinocchio cannot read it.
-    """
+    """Pinocchio's model of a URDF; raises `BadRobot` if Pinocchio cannot read it."""
     build, root = pin.buildModelFromXML, (pin.JointModelFreeFlyer(),) if floats else ()
-    try:  # the line above is outside of it: Pinocchio may be missing
+    try:  # without the line above: Pinocchio may be missing
         return build(xml, *root)
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
         reason = f"Pinocchio cannot read it: {error}"
@@ -169,7 +165,7 @@ def _pinocchio(path: Path, xml: str, floats: bool) -> pin.Model:
 
 
 class Follower(NamedTuple):
-    """How a mimic joint follows: q = multiplier · q_leader + offset.
+    """The law of a mimic joint: q = multiplier · q_leader + offset.
 
     Attributes:
         leader: name of the joint that it follows.
@@ -182,15 +178,14 @@ class Follower(NamedTuple):
     offset: float
 
     def position(self, leader: float) -> float:
-        """The follower's position at a position of its leader."""
+        """The follower's position at its leader's position."""
         return self.multiplier * leader + self.offset
 
 
 def mimicking(path: Path, root: Element) -> dict[str, Follower]:
     """The mimic joints of a URDF by name, leaders resolved along chains.
 
-    A joint that is said to follow one that does not exist moves freely. The numbers have been
-    checked by `check_urdf`.
+    A joint whose leader does not exist moves freely. `check_urdf` must have checked the numbers.
 
     Raises:
         BadRobot: a mimic joint follows itself.
@@ -206,7 +201,7 @@ def mimicking(path: Path, root: Element) -> dict[str, Follower]:
 
 
 def weld(followers: dict[str, Follower], moving: set[str]) -> list[Finding]:
-    """A warning about each of the joints that move which others follow."""
+    """A warning about each moving joint that others follow."""
     findings = []
     for leader in dict.fromkeys(follower.leader for follower in followers.values()):
         if leader not in moving:
@@ -238,9 +233,9 @@ def _resolved(path: Path, followers: dict[str, Follower], name: str) -> Follower
 def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
     """Writes a robot's URDF with identified values.
 
-    `<inertial>` and `<dynamics>` of moving links and joints are replaced; everything else is kept
-    as it is, comments and meshes included. A moving link carries the inertia of all links welded to
-    it, theirs being removed. Gains, rotor inertias and the scale's anchor are in a comment.
+    `<inertial>` and `<dynamics>` of moving links and joints are replaced; everything else stays,
+    comments and meshes included. A moving link carries the inertia of all links welded to it, whose
+    own is removed. Gains, rotor inertias and the scale's anchor are in a comment.
 
     Raises:
         InvalidInput: the robot was not read from a URDF.
@@ -281,7 +276,7 @@ def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
 
 
 def _replaced(parent: Element, tag: str) -> Element:
-    """An empty child element, in place of the old one if there is one."""
+    """An empty child element, replacing the old one if there is one."""
     part = parent.find(tag)
     if part is None:
         return SubElement(parent, tag)

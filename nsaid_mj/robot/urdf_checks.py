@@ -1,7 +1,7 @@
 """URDF files as text and as XML, checked before Pinocchio merges links and drops the unreadable.
 
-Pinocchio treats a link whose `<inertial>` it cannot read as massless, and merges links that are
-welded together, so that nothing tells of the loss afterwards.
+Pinocchio treats a link with an unreadable `<inertial>` as massless, and merges links that are
+welded together, which hides the loss.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ ENTRIES = {
 _RANGED = ("revolute", "prismatic")
 _KINDS = (*_RANGED, "continuous", "fixed", "floating", "planar")
 _CORRECT = "Correct the URDF."
-_MOST_LINKS = 2000  # of a robot; the equations of more would not fit into memory
+_MOST_LINKS = 2000  # per robot; the equations of more would not fit into memory
 
 
 def check_urdf(path: Path, root: Element) -> None:
-    """Checks what Pinocchio reports without its cause: names, the tree of links, limits, numbers.
+    """Checks for faults that Pinocchio reports without their cause: names, tree, limits, numbers.
 
     Raises:
         BadRobot: names the link or joint at fault.
@@ -87,7 +87,7 @@ def _check_tree(path: Path, root: Element) -> None:
                 remedy = "A robot is a tree: leave out the joint that closes the loop."
                 raise BadRobot(str(path), f"link {link}", f"links form a loop, {loop}", remedy)
             if len(passed) > len(links):
-                break  # a loop above: told at one of its own links
+                break  # a loop above: reported at one of its own links
     roots = [link for link in links if link not in above]
     if len(roots) > 1:
         reason = f"the links {' and '.join(roots[:2])} both have no parent"
@@ -130,7 +130,7 @@ def _check_joint(path: Path, joint: Element) -> None:
 
 
 def check_masses(path: Path, root: Element) -> None:
-    """Checks that every `<inertial>` can be read, also those of links that do not move.
+    """Checks that every `<inertial>` can be read, even of links that do not move.
 
     Raises:
         BadRobot: names the first link whose mass or inertia is not a number, or negative.
@@ -214,7 +214,7 @@ def end_of(joint: Element, end: str) -> str:
 
 
 def number(text: str) -> float:
-    """The number that a text stands for; NaN if it is none."""
+    """The number in a text; NaN if there is none."""
     try:
         return float(text)
     except ValueError:
@@ -224,7 +224,7 @@ def number(text: str) -> float:
 def warn_of_mimics(path: Path, root: Element) -> None:
     """Warns of joints that are simulated freely though the file lets them follow others.
 
-    Nothing is said of packed robots, whose joints are known.
+    Packed robots, whose joints are known, cause no warning.
     """
     names = [j.get("name", "") for j in _moving(root) if j.find("mimic") is not None]
     if names and path not in packed_robots().values():
@@ -232,7 +232,7 @@ def warn_of_mimics(path: Path, root: Element) -> None:
 
 
 def passive_joints(root: Element) -> list[str]:
-    """The joints without a drive: those of effort 0, if another's is not: many files state none."""
+    """Joints of effort 0, unless all have effort 0: many files state none."""
     limits = {joint.get("name", ""): joint.find("limit") for joint in _moving(root)}
     efforts = {name: number(x.get("effort", "")) for name, x in limits.items() if x is not None}
     passive = [name for name, effort in efforts.items() if effort == 0.0]
@@ -247,8 +247,8 @@ def _moving(root: Element) -> list[Element]:
 def check_inertials(path: Path, root: Element) -> list[Finding]:
     """Moves the inertias of a URDF inside the cone of physical ones, in place.
 
-    An `<inertial>` without mass is left out; what moves without any mass is found later, when
-    links welded together are merged.
+    An `<inertial>` without mass is left out; a moving link without any mass is found later, when
+    welded links are merged.
 
     Returns:
         A warning for each inertial of a moving link that was changed or left out.

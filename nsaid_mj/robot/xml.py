@@ -1,4 +1,4 @@
-"""Model files as XML, with everything that lxml keeps: comments, order, namespaces."""
+"""Model files as XML by lxml, with comments, order and namespaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`live`: identifies a robot while a loop of the user's own moves it."""
+"""`live`: identifies a robot while the user's own loop moves it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def live(
             for t, q, v, u in robot:
                 estimate = identifier.update(t, q, v, u)
 
-    The law runs in a process of its own, `nsaid live`, so that it never delays the user's loop.
+    The law runs in a separate process, `nsaid live`, so that it never delays the user's loop.
 
     Args:
         model: path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle.
@@ -57,7 +57,7 @@ def live(
         prior_error: largest relative error of the model file's values and of guessed frictions.
         gain: expected force per unit of command [N·m or N], for commands other than forces.
         lock: joints that do not move.
-        joints: the joints that move, all others being locked; none for all.
+        joints: the joints that move; all others are locked. If empty, all move.
         out: folder of the run; None for runs/NAME-live-LAW, numbered.
         view: stream into the Rerun viewer.
 
@@ -118,24 +118,24 @@ class LiveIdentifier:
 
     @property
     def process(self) -> int:
-        """Number of the law's process."""
+        """ID of the law's process."""
         assert self._process is not None
         return self._process.pid
 
     def update(self, t: float, q: ArrayLike, v: ArrayLike, u: ArrayLike) -> Estimate | None:
-        """Hands over a sample, and returns the newest estimate without waiting.
+        """Passes on a sample, and returns the newest estimate without waiting.
 
-        It usually is that of the sample before; `estimate.t` says of which. A sample that is late,
-        repeated or not finite is dropped and counted.
+        It is usually that of the sample before; `estimate.t` is the time of its sample. A sample
+        that is late, repeated or not finite is dropped and counted.
 
         Args:
             t: time [s].
-            q: (m,) positions [rad or m]; of a vehicle position, quaternion (x, y, z, w), joints.
-            v: (n,) velocities [rad/s or m/s]; of a vehicle along its own axes.
+            q: (m,) positions [rad or m]; for a vehicle position, quaternion (x, y, z, w), joints.
+            v: (n,) velocities [rad/s or m/s]; for a vehicle along its own axes.
             u: (n_u,) commands, held from t until the next sample.
 
         Returns:
-            The newest estimate; None before there is one.
+            The newest estimate; None before the first.
 
         Raises:
             InvalidInput: a shape is wrong.
@@ -149,11 +149,9 @@ class LiveIdentifier:
         return self.estimate
 
     def wait(self, samples: int, timeout: float = 60.0) -> Estimate | None:
-        """Waits until the law has taken in a number of samples; returns the newest estimate.
+        """Waits until the law has used so many samples, `timeout` [s] at most.
 
-        Args:
-            samples: that the law is to have used.
-            timeout: longest wait [s].
+        Returns the newest estimate.
         """
         self._exchange_until(
             lambda: self.estimate is not None and self.estimate.samples >= samples, timeout
@@ -197,9 +195,9 @@ class LiveIdentifier:
             time.sleep(_POLL)
 
     def _exchange(self) -> bool:
-        """Writes what the pipe takes, and reads what has come; returns whether more can come.
+        """Writes what the pipe accepts, reads what has come; returns whether more can come.
 
-        No thread does it: it would hold Python's lock while the user's loop needs it.
+        No thread does it: a thread would hold Python's lock while the user's loop needs it.
         """
         assert self._process is not None
         given, taken = self._process.stdin, self._process.stdout
@@ -209,7 +207,7 @@ class LiveIdentifier:
                 del self._unsent[: os.write(given.fileno(), self._unsent[:_PIECE])]
         except BlockingIOError:
             pass
-        except OSError:  # it has ended; what it wrote before can still be read
+        except OSError:  # the process has ended; its output can still be read
             self._unsent.clear()
         try:
             while piece := os.read(taken.fileno(), _PIECE):
@@ -222,7 +220,7 @@ class LiveIdentifier:
         return piece is None
 
     def _take(self, found: dict[str, Any]) -> None:
-        """Takes in a line of the law's process."""
+        """Processes a line from the law's process."""
         if "theta" in found:
             self.estimate = Estimate.of_line(found, self._space)
         elif "summary" in found:

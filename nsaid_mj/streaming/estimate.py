@@ -1,4 +1,4 @@
-"""What is known of a robot while it moves, in numbers that can be printed or sent."""
+"""A live estimate, in numbers that can be printed or sent."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..parameters import Array, ParameterSpace
 class Gain(NamedTuple):
     """An actuator's parameter, with the 95 % interval of its ratio to the mean of all.
 
-    No motion tells the common scale of θ, so that the interval is at a mean that is taken as exact.
+    No motion reveals the common scale of θ, so the interval takes the mean as exact.
 
     Attributes:
         name: of the parameter.
@@ -39,14 +39,14 @@ class Estimate:
     """The estimate at a sample.
 
     Attributes:
-        t: time of the sample, from the first one on [s].
-        samples: used so far.
+        t: time of the sample, since the first [s].
+        samples: number used so far.
         names: (p,) names of the parameters.
         units: (p,) their SI units.
         theta_hat: (p,) θ̂.
         gains: of the actuators.
         misfit: whether the motion contradicts the structure: `none`, `some` or `contradicts`; ""
-            from a law that cannot tell.
+            from a law that does not test it.
         faults: found so far, in words.
     """
 

@@ -1,4 +1,4 @@
-"""One sample after the other: axes, order and gaps."""
+"""Samples one by one: axes, order and gaps."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from ..system import SecondOrderSystem
 Frame = Literal["ENU/FLU", "NED/FRD"]
 """Axes of world and body: east, north, up and forward, left, up, as in the models; or north, east,
 down and forward, right, down."""
-_TRIED = 50  # intervals after which their median is compared with the stated rate
-_OFF = 0.2  # relative difference between both that is refused
+_TRIED = 50  # number of intervals whose median is compared with the stated rate
+_OFF = 0.2  # relative difference of both from which samples are refused
 _EXPECTED = 'a line such as {"t": 0.002, "q": [...], "v": [...], "u": [...]}'
 
 
 @dataclass
 class Counts:
-    """What was wrong with the samples.
+    """Counts of faulty samples.
 
     Attributes:
-        used: samples that the law got.
+        used: samples that the law received.
         gaps: stretches without a sample.
-        missing: samples that would have fit into them.
-        not_finite: dropped, as a number was NaN or infinite, or the time since the first sample is.
-        duplicates: dropped, as their time was that of the sample before.
-        late: dropped, as a later sample had come before.
-        unreadable: lines that are no sample.
+        missing: samples that would have fitted into them.
+        not_finite: dropped because a number, or the time since the first sample, was not finite.
+        duplicates: dropped because their time equalled that of the sample before.
+        late: dropped because a later sample had come before.
+        unreadable: lines that are not samples.
     """
 
     used: int = 0
@@ -52,7 +52,7 @@ class Counts:
 
 
 class Cleaner:
-    """Turns raw samples into measurements in the system's own axes, with time from the first on.
+    """Turns raw samples into measurements in the system's own axes, with time since the first.
 
     Args:
         system: whose samples they are.
@@ -64,7 +64,7 @@ class Cleaner:
 
     Raises:
         UnknownName: there is no such frame.
-        InvalidInput: the frame is not the usual one, and the robot does not float or drive.
+        InvalidInput: the frame is not the usual one, and the robot neither floats nor drives.
     """
 
     def __init__(self, system: SecondOrderSystem, rate: float, frame: str = "ENU/FLU"):
@@ -79,13 +79,9 @@ class Cleaner:
         self.counts = Counts()
 
     def accept(self, t: float, q: Array, v: Array, u: Array) -> tuple[Measurement, bool] | None:
-        """A sample as a measurement, and whether there is a gap before it; None if it is dropped.
+        """A sample as a measurement, and whether a gap precedes it; None if it is dropped.
 
-        Args:
-            t: time [s].
-            q: (m,) position.
-            v: (n,) velocity.
-            u: (n_u,) command, held from t on.
+        t is in s, q (m,), v (n,), and u (n_u,) is held from t on.
 
         Raises:
             InvalidInput: the samples do not come at the stated rate.
@@ -142,8 +138,8 @@ def sample_of(
     for (name, width), given in zip(widths.items(), (t, q, v, u), strict=True):
         shape = () if width is None else (width,)
         try:
-            part = np.asarray(given, dtype=np.float64, order="C")  # orjson takes no other
-        except (TypeError, ValueError, OverflowError):  # the last of a whole number of 400 digits
+            part = np.asarray(given, dtype=np.float64, order="C")  # as orjson requires
+        except (TypeError, ValueError, OverflowError):  # the last: a whole number of 400 digits
             part = None
         if part is None or part.shape != shape:
             got = f"shape {part.shape}" if part is not None else shown(given)
@@ -154,11 +150,7 @@ def sample_of(
 
 
 def parsed(system: SecondOrderSystem, line: bytes) -> tuple[float, Array, Array, Array] | None:
-    """The sample of a line of JSON; None for `{"end": true}`.
-
-    Raises:
-        InvalidInput: it is no sample of this system.
-    """
+    """The sample in a line of JSON, None for `{"end": true}`; else raises `InvalidInput`."""
     try:
         found = orjson.loads(line)
     except ValueError:
@@ -172,7 +164,7 @@ def parsed(system: SecondOrderSystem, line: bytes) -> tuple[float, Array, Array,
 
 
 def _lenient(line: bytes) -> object:
-    """What a line with NaN or Infinity in it says, which JSON does not have; None if nothing."""
+    """The content of a line with NaN or Infinity, which JSON lacks; None if it has none."""
     try:
         return json_of(line)
     except ValueError:
@@ -180,12 +172,10 @@ def _lenient(line: bytes) -> object:
 
 
 def turned(system: SecondOrderSystem, q: Array, v: Array) -> tuple[Array, Array]:
-    """A pose and twist in NED/FRD as ones in ENU/FLU; those of joints are kept.
+    """A pose q (m,) and twist v (n,) in NED/FRD as ones in ENU/FLU; joints stay as they are.
 
-    Args:
-        system: whose base floats, q = [p, (x, y, z, w), joints], or drives, q = [x, y, heading].
-        q: (m,) position.
-        v: (n,) velocity, along the body's axes.
+    The base floats, q = [p, (x, y, z, w), joints], or drives, q = [x, y, heading]; v is along the
+    body's axes.
     """
     q, v = q.copy(), v.copy()
     if system.group == 6:

@@ -1,4 +1,4 @@
-"""A live identification from its first sample to its page: what `nsaid live` does."""
+"""A live identification from its first sample to its page, for `nsaid live`."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from .samples import Cleaner, Counts
 from .stream import Stream
 
 _INTERVALS = 0.05  # time between two computations of the gains' intervals [s]
-_WARM, _LEAST = 2.0, 60  # length of the motion for warming up [s], and its fewest samples
+_WARM, _LEAST = 2.0, 60  # duration of the warm-up motion [s], and its least number of samples
 
 
 class Estimates(Observer):
-    """Hands out the estimate while a stream is followed.
+    """Passes on the estimate while a stream is followed.
 
     Args:
         identifier: whose estimates they are.
         counts: of the samples.
-        show: called with the estimate, at intervals of `every`.
-        every: time between two estimates [s]; 0 for one whenever samples were taken in.
+        show: receives the estimate, at intervals of `every`.
+        every: time between two estimates [s]; 0 for one after all new samples.
     """
 
     def __init__(
@@ -53,12 +53,12 @@ class Estimates(Observer):
         self._deviation = np.full(len(self._space.actuators), np.inf)
 
     def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
-        """Nothing: there is no estimate yet."""
+        """Does nothing: there is no estimate yet."""
 
     def see(
         self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
     ) -> None:
-        """Hands out the estimate if it is due."""
+        """Passes on the estimate if it is due."""
         if measurement.t < self._next:
             return
         self._next = measurement.t + self._every * (1 - 1e-9)
@@ -70,18 +70,18 @@ class Estimates(Observer):
         self._show(estimate_of(self._space, states[""], self._counts.used, self._deviation))
 
     def stop(self) -> None:
-        """Nothing is open."""
+        """Does nothing: no file is open."""
 
 
 class Session:
-    """A robot whose samples are about to come.
+    """A robot that is about to send samples.
 
     Args:
         scenario: of `measured_scenario`.
         frame: axes of the samples.
 
     Attributes:
-        robot: what is known of it.
+        robot: knowledge about it.
         cleaner: checks the samples.
 
     Raises:
@@ -95,7 +95,7 @@ class Session:
         self._frame, self.cleaner = frame, Cleaner(self.robot.system, 1 / scenario.dt, frame)
 
     def warm_up(self) -> None:
-        """Loads whatever a run needs, kernels above all, by a short run on a motion of no robot."""
+        """Loads everything a run needs, above all kernels, by a short run on an invented motion."""
         system, dt = self.robot.system, self.scenario.dt
         rng = np.random.default_rng(0)
         (q, v, u), lines = system.random_state(rng), []
@@ -120,10 +120,10 @@ class Session:
         """Follows the samples until they end; the folder is locked by the caller.
 
         Args:
-            lines: from which samples are read; see `Stream`.
+            lines: source of the samples; see `Stream`.
             folder: of the run's files.
-            show: called with estimates.
-            every: time between two of them [s]; 0 for one whenever samples were taken in.
+            show: receives estimates.
+            every: time between two of them [s]; 0 for one after all new samples.
             observers: further ones, such as a viewer.
 
         Raises:

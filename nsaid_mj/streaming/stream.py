@@ -17,10 +17,10 @@ from ..parameters import Array
 from ..system import SecondOrderSystem
 from .samples import Cleaner, parsed
 
-_WAIT = 0.1  # longest wait for a sample, before Ctrl-C is looked for [s]
-_QUEUED = 10_000  # lines that wait for the law, at most; then a pipe's writer waits
+_WAIT = 0.1  # longest wait for a sample, before checking for Ctrl-C [s]
+_QUEUED = 10_000  # largest number of lines that wait for the law; then a pipe's writer waits
 _LARGEST = 65_536  # datagram [bytes]
-_PATIENCE = 10  # unreadable lines before the first sample, at most
+_PATIENCE = 10  # largest number of unreadable lines before the first sample
 LOCAL = "127.0.0.1"
 
 
@@ -60,7 +60,7 @@ class Stream(Source):
         """Waits for the first sample.
 
         Raises:
-            InvalidInput: the stream ends before, or its lines are no samples of this robot.
+            InvalidInput: the stream ends before, or its lines are not samples of this robot.
         """
         while not self._over:
             if found := self._next(_WAIT):
@@ -92,10 +92,10 @@ class Stream(Source):
         self._over = True
 
     def inform(self, k: int, theta_hat: Array) -> None:
-        """Nothing: estimates go to observers."""
+        """Does nothing: estimates go to observers."""
 
     def _next(self, wait: float) -> tuple[Measurement, bool] | None:
-        """The next measurement, and whether there is a gap before it; None if none has come."""
+        """The next measurement, and whether a gap precedes it; None if none has come."""
         try:
             line = self._queue.get(timeout=wait) if wait else self._queue.get_nowait()
         except queue.Empty:
@@ -142,11 +142,7 @@ class Stream(Source):
 
 
 def bound(port: int) -> socket.socket:
-    """A UDP socket that listens on this machine alone.
-
-    Raises:
-        InvalidInput: the port is taken, or is no port.
-    """
+    """A UDP socket that listens on this machine only; `InvalidInput` if the port is not free."""
     receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 2**20)
     try:

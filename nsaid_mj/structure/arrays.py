@@ -1,4 +1,4 @@
-"""The data layout of a compiled robot: what every kernel of this room reads, and its workspace.
+"""The data layout of a compiled robot: what every kernel here reads, and its workspace.
 
 A robot is a tree of bodies, numbered from the base outwards. Each hangs on its parent, or on the
 ground, by a joint. All kernels work in one inertial *common frame*: the world's for a fixed base,
@@ -41,15 +41,15 @@ body's axes in its parent's; position in the parent's frame; axis in the body's 
 
 SORT, AT, INPUT, CONSTANTS, NONZEROS, PARAMETER, READS, COLUMN = range(8)
 """Columns of `StructureArrays.columns`: number of the kind; body; command or −1; offset in
-`constants`; offset in `nonzeros`; parameter; what its value depends on, see `NOTHING`."""
+`constants`; offset in `nonzeros`; parameter; what its value depends on, from `NOTHING` on."""
 
 NOTHING, SPEED, POSE = range(3)
-"""What a column reads of the state of its body or joint."""
+"""What a column's value depends on: nothing, or velocity or pose of its body or joint."""
 
 POSITION, TWIST, RATE, FRAME = 9, 12, 6, 18
 """Columns of a state. A body's row: rotation to the common frame (9), position, twist V. A
-velocity's row: its axis S, and Ṡ = dS/dt in an inertial frame. The row after: up and gravity. Then
-of every term the matrix (36), in the common frame, that its parameter multiplies."""
+velocity's row: its axis S, and Ṡ = dS/dt in an inertial frame. The row after: up and gravity. Then,
+for every term, the matrix (36) in the common frame that its parameter multiplies."""
 FALL = 3
 
 
@@ -60,8 +60,8 @@ class StructureArrays(NamedTuple):
         bodies: (b, BODY) see `PARENT` and following.
         joints: (b · JOINT,) see `COSINE` and following.
         gravity: (3,) in the world's axes [m/s²].
-        rotors: (r, 3) rows [velocity, velocity, parameter]: entry of M of what turns with one joint
-            alone, or with two.
+        rotors: (r, 3) rows [velocity, velocity, parameter]: the entry of M of what turns with one
+            joint alone, or with two.
         entries: (e, 3) rows [i, j, parameter], i ≤ j: entry of a body's 6×6 inertia in its axes.
         values: (e,) the entry is value · θ.
         terms: (k, 4) the entries of one parameter on a body that moves in the common frame, see
@@ -94,11 +94,11 @@ SCRATCH, SPARE, ROWS = 96, 6, 7
 
 
 class Workspace(NamedTuple):
-    """Memory of a stage. Kernels allocate nothing.
+    """Workspace of a stage. Kernels allocate nothing.
 
     Attributes:
         motion: (b · MOTION,) of the bodies.
-        inertia: (b · INERTIA,) of every body with those that it carries, in the common frame.
+        inertia: (b · INERTIA,) of every body with all that it carries, in the common frame.
         M: (n, n) mass matrix, lower triangle.
         L: (n, n) its factor.
         rows: (ROWS, n) vectors of velocities.
@@ -119,13 +119,13 @@ BENT, TWICE, MOVED = 0, 6, 12
 
 
 class Slopes(NamedTuple):
-    """Memory for derivatives of the forward dynamics, see `slopes`.
+    """Workspace for derivatives of the forward dynamics, see `slopes`.
 
     Attributes:
         state: of a sample.
-        bodies: (b · SLOPE,) of every body with those it carries: of entries and columns the inertia
-            (6, 6) and the derivatives of the wrench by twist (6, 6) and by a turn (6, 6); the
-            wrench of all; of rigid-body parameters the momentum, and the rate of Ī (6,).
+        bodies: (b · SLOPE,) of every body with all that it carries: of entries and columns the
+            inertia (6, 6) and the derivatives of the wrench by twist (6, 6) and by a turn (6, 6);
+            the total wrench; of rigid-body parameters the momentum, and the rate of Ī (6,).
         axes: (n · FRAME,) of every velocity.
         F: (z,) entries of F.
         by_state: (n, 2n) derivatives of v̇.
@@ -141,7 +141,7 @@ class Slopes(NamedTuple):
 
 
 def workspace(bodies: int, n: int) -> Workspace:
-    """Memory of a stage, for a robot of so many bodies and velocities."""
+    """Workspace of a stage, for a robot of so many bodies and velocities."""
     return Workspace(
         np.zeros(bodies * MOTION),
         np.zeros(bodies * INERTIA),
@@ -153,7 +153,7 @@ def workspace(bodies: int, n: int) -> Workspace:
 
 
 def slopes(bodies: int, n: int, terms: int, nonzeros: int) -> Slopes:
-    """Memory for derivatives, for so many bodies, velocities, terms and entries of F."""
+    """Workspace for derivatives, for so many bodies, velocities, terms and entries of F."""
     return Slopes(
         np.zeros((bodies + n + 1 + 2 * terms) * FRAME),
         np.zeros(bodies * SLOPE),
@@ -165,6 +165,6 @@ def slopes(bodies: int, n: int, terms: int, nonzeros: int) -> Slopes:
 
 
 def memory_of(structure: StructureArrays, n: int) -> tuple[Workspace, Slopes]:
-    """Memory of a stage and for derivatives, for a structure with n velocities."""
+    """Workspaces of a stage and for derivatives, for a structure with n velocities."""
     bodies, terms, nonzeros = structure.bodies, structure.terms, structure.nonzeros
     return workspace(len(bodies), n), slopes(len(bodies), n, len(terms), len(nonzeros))

@@ -17,9 +17,9 @@ INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 
 
 def of_a_body(start: int, p: int) -> Array:
-    """(6, 6, p) mass tensor of the ten inertial parameters (m, m c, I about the origin) of a body.
+    """(6, 6, p) mass tensor of the ten inertial parameters of a body, which start at `start`.
 
-    The order is Pinocchio's: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+    They are about the origin, in Pinocchio's order: m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
     """
     tensor = np.zeros((6, 6, p))
     for i in range(3):
@@ -39,7 +39,7 @@ def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Blo
     Args:
         name: of the block.
         mass: guess [kg].
-        offset: guess of how far the centre of mass may lie from the origin [m].
+        offset: guess of the largest distance of the centre of mass from the origin [m].
         inertia: (3,) guess of the moments of inertia [kg·m²]; products are a quarter of them.
     """
     x, y, z = inertia
@@ -57,13 +57,9 @@ def inertial_labels(body: str) -> tuple[str, ...]:
 
 
 def link_block(number: int, name: str, mass: float, length: float) -> Block:
-    """The ten inertial parameters of a body.
+    """The ten inertial parameters of link `name`, body `number` (0 is a floating base).
 
-    Args:
-        number: of the body; 0 is a floating base.
-        name: of its link.
-        mass: guess [kg].
-        length: guess of its size [m].
+    `mass` [kg] and `length` [m] are guesses.
     """
     return Block(
         f"link {number}" if number else "base",

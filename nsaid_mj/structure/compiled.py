@@ -43,7 +43,7 @@ __all__ = [
     "table",
     "vector",
     "void",
-]  # for the files of this room, beside the types below
+]  # for the files here, beside the types below
 
 STRUCTURE = types.NamedTuple(
     (table, vector, vector, table, table, vector, table, table, vector, table), StructureArrays

@@ -37,7 +37,7 @@ _COMMON, _SUM = 18, 24  # in the scratch: a wrench in the common frame; the sum 
 
 @helper(void(vector, index, index, vector))
 def write_surroundings(state, frame, ground, x):
-    """Writes what a body's kinds read: its twist, up and gravity, in its axes."""
+    """Writes what kinds on a body read: its twist, up and gravity, in its axes."""
     into_body(state, frame, state, frame + TWIST, x, 0)
     unrotate(state, frame, state, ground, x, UP)
     unrotate(state, frame, state, ground + FALL, x, GRAVITY)
@@ -84,17 +84,10 @@ def _add_projection(bodies, state, b, x, force):
 
 @kernel(void(STRUCTURE, vector, vector, vector, vector, index, vector, vector), inner=True)
 def write_forces(structure, state, q, v, u, which, x, F):
-    """Writes F at a sample.
+    """Writes the entries of F that can differ from 0 into F (z,), at one sample.
 
-    Args:
-        structure: the robot.
-        state: (s,) of `kinematics.place`.
-        q: (m,) positions.
-        v: (n,) velocities.
-        u: (n_u,) commands.
-        which: `ALL`, `COMMANDED` or `MOVING`.
-        x: (SCRATCH,) workspace.
-        F: (z,) entries that can differ from 0; written.
+    state (s,) is that of `kinematics.place` at q (m,) and v (n,); u (n_u,) are the commands,
+    `which` is `ALL`, `COMMANDED` or `MOVING`, and x (SCRATCH,) is workspace.
     """
     bodies, columns, c, seen = structure.bodies, structure.columns, structure.constants, -1
     nonzeros = structure.nonzeros
@@ -137,16 +130,9 @@ forces_inline = inlined(write_forces)
 def add_forces(structure, state, on_ground, q, v, u, theta, x, force):
     """Adds F θ to force (n,), without forming F.
 
-    Args:
-        structure: the robot.
-        state: (s,) of `kinematics.place` at the velocity relative to water or air.
-        on_ground: (s,) the same at the velocity relative to the ground.
-        q: (m,) positions.
-        v: (n,) velocities.
-        u: (n_u,) commands.
-        theta: (p,) parameters.
-        x: (SCRATCH,) workspace.
-        force: (n,) added to.
+    `state` and `on_ground` (s,) are those of `kinematics.place` at q (m,), with the velocity
+    relative to water or air, and v (n,), that relative to the ground. u is (n_u,), theta (p,) and
+    x (SCRATCH,) workspace.
     """
     bodies, columns, c = structure.bodies, structure.columns, structure.constants
     ground, seen, wheel = (bodies.shape[0] + v.shape[0]) * FRAME, -1, False

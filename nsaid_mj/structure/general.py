@@ -1,4 +1,4 @@
-"""Systems defined only by W_M, W_C, F and their kinematics for one sample."""
+"""Systems defined only by W_M, W_C, F and their kinematics at one sample."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ DIFFERENCE = 1e-5
 """Step of central differences along v [s·(1 + |v|)]."""
 
 TENSOR_NUMBERS = 1_000_000
-"""Numbers in the tensors of M and C that are in memory at once: they fit the processor's cache."""
+"""How many numbers of the tensors of M and C are in memory at once: they fit the cache."""
 
 
 class SampledSystem(SecondOrderSystem):
-    """A system whose regressors all follow from `_W_M`, `_W_C` and `_F` for one sample."""
+    """A system whose regressors all follow from `_W_M`, `_W_C` and `_F` at one sample."""
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)
@@ -59,7 +59,7 @@ class GeneralSystem(SampledSystem):
 
     @cached_property
     def motion_steps(self) -> int:
-        """Time steps whose motion is in memory at once: a step has 4 tensors (n, n, p)."""
+        """Time steps whose motion is in memory at once: a step has four tensors (n, n, p)."""
         return max(1, TENSOR_NUMBERS // (4 * self.n**2 * self.p))
 
     def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:

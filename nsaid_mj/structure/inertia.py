@@ -30,7 +30,7 @@ _PRODUCT = void(vector, index, vector, index, f8, vector, index)
 
 @helper(void(vector, index, vector, index, vector, index))
 def write_rigid(state, frame, theta, at, inertia, to):
-    """Writes ten parameters θ[at : at + 10] of a body as the common frame has them."""
+    """Writes the ten parameters θ[at : at + 10] of a body in the common frame."""
     m, p = theta[at], frame + POSITION
     xx, xy, yy, xz, yz, zz = (
         theta[at + 4], theta[at + 5], theta[at + 6], theta[at + 7], theta[at + 8], theta[at + 9]
@@ -86,19 +86,10 @@ def add_rigid(inertia, at, x, i, factor, f, k):
 
 @helper(void(table, table, vector, table, index, vector, index, vector, vector, index))
 def write_square(bodies, entries, values, terms, b, state, ground, theta, square, at):
-    """Writes the 6×6 part of body b's inertia under θ, in the common frame, at square[at].
+    """Writes the 6×6 part of body b's inertia under theta (p,) at square[at], in the common frame.
 
-    Args:
-        bodies: of the robot.
-        entries: of the robot.
-        values: of the robot.
-        terms: of the robot.
-        b: the body.
-        state: at the sample.
-        ground: where in it the row of the ground begins.
-        theta: (p,) parameters.
-        square: written.
-        at: where.
+    `bodies`, `entries`, `values` and `terms` are the robot's; `ground` is where the row of the
+    ground begins in the state.
     """
     clear(square, at, 36)
     for k in range(bodies[b, TERM], bodies[b, TERMS]):
@@ -125,7 +116,7 @@ def add_square(square, at, x, i, factor, f, k):
 
 @helper(void(table, index, vector, vector, index, vector))
 def write_momentum(bodies, b, inertia, x, i, f):
-    """Writes I x into f[:6], with all that body b's row of `Workspace.inertia` holds."""
+    """Writes I x into f[:6], with the whole inertia in body b's row of `Workspace.inertia`."""
     k = b * INERTIA
     if bodies[b, RIGID]:
         m, hx, hy, hz = inertia[k], inertia[k + 1], inertia[k + 2], inertia[k + 3]
@@ -147,17 +138,8 @@ def write_momentum(bodies, b, inertia, x, i, f):
 def add_power(bodies, entries, values, b, x, i, j, heavy, out, row):
     """out[row] (p,) += what multiplies θ in xᵀ I y of body b, twists in its axes.
 
-    Args:
-        bodies: of the robot.
-        entries: of the robot.
-        values: of the robot.
-        b: the body.
-        x: array with all twists.
-        i: where the twist x is.
-        j: where y is.
-        heavy: where y is for the ten parameters; they may have weight.
-        out: added to.
-        row: where.
+    In x, i is where the twist x begins, j where y does, and `heavy` where y does for the ten
+    parameters, which may have weight. `bodies`, `entries` and `values` are the robot's.
     """
     k, w = bodies[b, TEN], i + 3
     if k >= 0:
@@ -191,16 +173,10 @@ def add_weight(x, i, g, out, row, k):
 
 @helper(void(vector, index, vector, vector, index))
 def add_common_power(state, frame, power, out, k):
-    """out[k : k + 10] += powers of ten parameters in body axes, from those of the common frame.
+    """out[k : k + 10] += powers of ten parameters in body axes, from power (10,) in common axes.
 
-    The transpose of the map of `write_rigid`: a body's θ and its powers are dual.
-
-    Args:
-        state: of the robot.
-        frame: where in it the body's row begins.
-        power: (10,) powers in the common frame.
-        out: added to.
-        k: where.
+    The transpose of the map of `write_rigid`: a body's θ and its powers are dual. `frame` is where
+    the body's row begins in the state.
     """
     p = frame + POSITION
     xx, xy, yy = 2 * power[4], power[5], 2 * power[6]  # 2 Z: powers hold off-diagonals twice

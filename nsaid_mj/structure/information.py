@@ -1,4 +1,4 @@
-"""What a motion tells about θ, compiled: information, accelerations' regressors, joint torques.
+"""What a motion reveals of θ, compiled: information, regressors of accelerations, joint torques.
 
 The information is that of a Kalman filter of (q, v, θ) with exact dynamics, split into a filter of
 (q, v) alone and the sensitivity Ψ = ∂x̂/∂θ_⊥ of its estimate (B. Friedland, Treatment of bias in
@@ -7,7 +7,7 @@ recursive filtering, IEEE TAC 14, 1969):
     P̄ = F_x P F_xᵀ,    Ψ̄ = F_x Ψ + F_c B S Z,    S_k = P̄ + R,
     J ← J + Ψ̄ᵀ S_k⁻¹ Ψ̄,    Ψ ← R S_k⁻¹ Ψ̄,    P ← R S_k⁻¹ P̄,
 
-where F_x, F_c and B are those of `transition.step` and θ_⊥ = Zᵀ θ/scale. Memory is that of
+where F_x, F_c and B are those of `transition.step` and θ_⊥ = Zᵀ θ/scale. Workspaces are those of
 `arrays.memory_of`.
 """
 
@@ -28,12 +28,12 @@ _BLOCK = 16  # samples whose rows enter J together: one product of matrices inst
 
 @kernel()
 def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q, v, u, J):
-    """Adds the information of a motion about θ_⊥ to J.
+    """Adds a motion's information about θ_⊥ to J (d, d); returns whether M and S stayed ≻ 0.
 
     Args:
         structure: of the system.
-        work: memory.
-        slopes: memory.
+        work: workspace.
+        slopes: workspace.
         theta: (p,) at which the system is linearised.
         scale: (p,) of θ.
         basis: (p, d) Z, orthonormal.
@@ -43,10 +43,7 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
         q: (N, m) positions.
         v: (N, n) velocities.
         u: (N, n_u) commands.
-        J: (d, d) information; added to.
-
-    Returns:
-        Whether M and S were positive definite throughout.
+        J: (d, d) information.
     """
     n, m, p, d = v.shape[1], q.shape[1], scale.shape[0], basis.shape[1]
     size = 2 * n

@@ -28,7 +28,7 @@ from .structure import Structure
 from .structured import StructuredKinematics
 
 Actuator = Literal["motor", "servo"]
-"""What a joint's command is: a motor's torque over its gain, or a servo's target."""
+"""A joint's command: a motor's torque over its gain, or a servo's target."""
 _GAINS = {
     "motor": ("motor gain", "gain", ("N·m/unit", "N/unit")),
     "servo": ("servo gain", "kp", ("N·m/rad", "N/m")),
@@ -69,7 +69,7 @@ class JointScales:
 
 
 class Carrier(NamedTuple):
-    """What a vehicle adds to the tree of joints that it carries.
+    """The vehicle's part of a robot whose joints it carries.
 
     Attributes:
         inertias: of all bodies.
@@ -166,7 +166,7 @@ class JointTree(StructuredKinematics):
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:
-        """(n,), (n,) range of the position coordinates; ±π where the model has no limits."""
+        """(n,), (n,) range of the position coordinates; ±π for joints without limits."""
         high = _UNLIMITED * np.ones(self.n)
         high[: self.group] = ([_PLACE] * 3 + [_TURN] * 3)[: self.group]
         low = -high
@@ -252,7 +252,7 @@ def joint_parts(
     driven: Indices,
     actuator: Actuator,
 ) -> tuple[list[Rotor], list[Column]]:
-    """What friction, and motors or servos, on joints add to a structure.
+    """The terms that friction, and motors or servos, on joints add to a structure.
 
     Args:
         model: with k 1-DOF joints.
@@ -283,7 +283,7 @@ def joint_parts(
 def body_names(model: pin.Model) -> list[str]:
     """Names of the links that the joints move, the base's first where the root is a free flyer.
 
-    A link that the model does not name is called by its number.
+    An unnamed link gets its number.
     """
     links = model.njoints - 1
     names = ["universe", *(["base"] if floats(model) else ())]

@@ -1,4 +1,4 @@
-"""The state of a tree at one sample: what the kernels need and no estimate changes."""
+"""The state of a tree at one sample: what kernels need and estimates do not change."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def write_rotation(q, at, R, r):
 
 @helper(void(index, vector, vector, vector, index, index))
 def _place_base(kind, gravity, q, state, frame, ground):
-    """A base defines the common frame; in it, gravity and the upward direction turn."""
+    """Defines the common frame by the base; gravity and the upward direction turn in it."""
     if kind == FREE:
         write_rotation(q, 3, state, frame)
     else:
@@ -81,7 +81,7 @@ def _place_body(kind, q, at, joints, joint, state, frame):
 
 @helper(void(vector, index, index))
 def _compose(state, above, frame):
-    """Overwrites a pose in the parent's frame by that in the common frame."""
+    """Overwrites a pose in the parent's frame with that in the common frame."""
     for c in range(3):
         x, y, z = state[frame + c], state[frame + 3 + c], state[frame + 6 + c]
         for r in range(3):
@@ -123,14 +123,7 @@ def _move(bodies, joints, b, v, state):
 
 @kernel(void(STRUCTURE, vector, vector, vector))
 def place(structure, q, v, state):
-    """Writes the state at q (m,) and v (n,).
-
-    Args:
-        structure: the robot.
-        q: (m,) positions.
-        v: (n,) velocities.
-        state: (s,) written; see `arrays.POSITION`.
-    """
+    """Writes the state at q (m,) and v (n,) into state (s,); see `arrays.POSITION`."""
     bodies, joints, gravity = structure.bodies, structure.joints, structure.gravity
     entries, values, terms = structure.entries, structure.values, structure.terms
     ground = (bodies.shape[0] + v.shape[0]) * FRAME

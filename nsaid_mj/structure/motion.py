@@ -1,4 +1,4 @@
-"""What an estimate does not change along a log: kinematics, forces, and momentum's balance."""
+"""The parts of a log's motion that no estimate changes: kinematics, forces, momentum balance."""
 
 from __future__ import annotations
 
@@ -28,17 +28,10 @@ _V, _G, _S, _RATE_S = 0, 12, 18, 24  # vectors in the body's axes
 
 @kernel(void(STRUCTURE, boolean, vector, matrix, matrix, WORKSPACE, matrix, matrix))
 def between(structure, hermite, t, q, v, work, qm, vm):
-    """Writes the states half-way between N samples.
+    """Writes positions qm (N−1, m) and velocities vm (N−1, n) half-way between N samples.
 
-    Args:
-        structure: the robot.
-        hermite: cubic Hermite interpolation between samples; else the mean of both velocities.
-        t: (N,) times [s].
-        q: (N, m) positions.
-        v: (N, n) velocities.
-        work: memory.
-        qm: (N−1, m) positions half-way; written.
-        vm: (N−1, n) velocities half-way; written.
+    `hermite` selects cubic Hermite interpolation, else the mean of both velocities. t is (N,) [s],
+    q (N, m), v (N, n).
     """
     bodies, rows, x = structure.bodies, work.rows, work.scratch
     for k in range(t.shape[0] - 1):
@@ -57,7 +50,7 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
         qm: (N−1, m) positions half-way.
         vm: (N−1, n) velocities half-way.
         u: (N, n_u) commands.
-        work: memory.
+        work: workspace.
         states: (N, s) at the samples; written.
         middles: (N−1, s) half-way between; written.
         F: (3, N−1, z) entries of F at start, middle and end of every step; written.
@@ -81,19 +74,10 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
 
 @kernel(f8(STRUCTURE, vector, vector, vector, vector, vector, vector, vector, WORKSPACE, vector))
 def accelerate_at(structure, q, v, u, w, theta, state, F, work, a):
-    """Writes â of (29) at one sample; returns M̂'s smallest pivot, > 0 if it succeeded.
+    """Writes â of (29) at one sample into a (n,); returns M̂'s smallest pivot, > 0 on success.
 
-    Args:
-        structure: the robot.
-        q: (m,) position.
-        v: (n,) measured velocity.
-        u: (n_u,) command.
-        w: (n,) velocity that C multiplies.
-        theta: (p,) estimate.
-        state: (s,) workspace.
-        F: (z,) workspace.
-        work: memory.
-        a: (n,) written.
+    q (m,) and v (n,) are measured, u is (n_u,), C multiplies w (n,), theta (p,) is the estimate;
+    state (s,) and F (z,) are workspace.
     """
     place(structure, q, v, state)
     write_forces(structure, state, q, v, u, ALL, work.scratch, F)
@@ -165,12 +149,12 @@ def balance(
         leak: rate a of the filter [1/s].
         v: (N, n) velocities at the samples.
         vm: (N−1, n) velocities half-way between.
-        states: of `along`.
-        middles: of `along`.
-        F: of `along`.
-        work: memory.
-        drive: (n, p) workspace.
-        unused: (n, p) workspace.
+        states: of `along`, as `middles` and `F`.
+        middles: (N−1, s).
+        F: (3, N−1, z).
+        work: workspace.
+        drive: (n, p) workspace, as `unused`.
+        unused: (n, p).
         momenta: (N, n, p) W_M(q, v) at the samples; written.
         start: (N−1, n, p) a W_M v + F + Cᵀ v at the start of every step; written.
         half: (N−1, n, p) the same half-way; written.

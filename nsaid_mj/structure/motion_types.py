@@ -1,8 +1,8 @@
 """Motions: all parts of RK4's stages that depend on a log alone, and the stages themselves.
 
-A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. Its type (of a
-`Structure`, of one whose regressor comes from outside, or the tensors of any system) selects the
-code when a loop is compiled.
+A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. When a loop is
+compiled, the motion's type selects the code: that of a `Structure`, of one whose regressor comes
+from outside, or the tensors of any system.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class RegressorMotion(NamedTuple):
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
         own: the structure's motion, for â and all other entries.
-        v_hat: (n,) v̂ of a stage, for the function below.
+        v_hat: (n,) v̂ of a stage, input of the function below.
         a_hat: (n,) â of a stage, likewise.
         leading: (l,) first entries of Wᵀ Δv, which the function writes.
         address: of a C function of two int64: 0, 1 or 2 for the step's start, middle or end, and
@@ -124,20 +124,11 @@ def stage_room(motion):
 
 
 def stage(motion, at, k, v_hat, theta, work, a_hat, gradient) -> Any:
-    """Writes â of (29) and Wᵀ Δv at one stage of the step from sample k − 1 to k.
+    """Writes â (n,) of (29) and Wᵀ Δv (p,) at one stage of the step from sample k − 1 to k.
 
-    Args:
-        motion: any of this module's.
-        at: 0, 1 or 2 for the step's start, middle or end.
-        k: index of the sample at the step's end.
-        v_hat: (n,) velocity that C multiplies.
-        theta: (p,) estimate.
-        work: workspace of `stage_room`.
-        a_hat: (n,) â; written.
-        gradient: (p,) Wᵀ Δv; written.
-
-    Returns:
-        M̂'s smallest pivot, > 0 if it succeeded.
+    `motion` is any of this module's; `at` is 0, 1 or 2 for the step's start, middle or end; C
+    multiplies v_hat (n,), theta (p,) is the estimate, and `work` is made by `stage_room`. Returns
+    M̂'s smallest pivot, > 0 on success.
     """
 
 
@@ -227,7 +218,7 @@ _ALLOCATING: Any = {"_nrt": True}  # np.dot allocates
 
 @njit(**_ALLOCATING)
 def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
-    """Writes â (n,) of (29) and Wᵀ Δv (p,); returns M̂'s smallest pivot, > 0 if it succeeded.
+    """Writes â (n,) of (29) and Wᵀ Δv (p,); returns M̂'s smallest pivot, > 0 on success.
 
     M and C (n, n, p) are tensors with W_M(a) = Σ_j a_j M[j] and W_C(w) = Σ_j w_j C[j]; F is (n, p).
     """

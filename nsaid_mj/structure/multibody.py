@@ -1,4 +1,4 @@
-"""Trees of joints with the structure's regressors, and with Pinocchio's, the reference."""
+"""Trees of joints with the structure's regressors, or with Pinocchio's, the reference."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _REGRESSOR = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
 class CompiledMultibody(JointTree, StructuredSystem):
     """A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
 
-    Those of a robot without thrusters are compared with Pinocchio's `computeJointTorqueRegressor`,
-    `crba` and `nonLinearEffects` when the system is made. Its arguments are those of `JointTree`.
+    Without thrusters they are compared with Pinocchio's `computeJointTorqueRegressor`, `crba` and
+    `nonLinearEffects` on construction. Arguments are those of `JointTree`.
 
     Raises:
         EnginesDisagree: the structure and Pinocchio differ by more than `AGREEMENT`.
@@ -48,8 +48,8 @@ class CompiledMultibody(JointTree, StructuredSystem):
 def check_consistency(system: JointTree) -> None:
     """Compares the regressors of a structure with Pinocchio's at random states.
 
-    The comparison covers the torque regressor of the links and, under random physical inertias, the
-    mass matrix and the bias forces.
+    It covers the torque regressor of the links and, under random physical inertias, the mass matrix
+    and the bias forces.
 
     Raises:
         EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
@@ -95,9 +95,9 @@ def check_consistency(system: JointTree) -> None:
 
 
 class Multibody(JointTree, SampledSystem):
-    """A `JointTree` whose regressors are Pinocchio's: the reference, several times slower.
+    """A `JointTree` with Pinocchio's regressors, without a vehicle: the reference, but slower.
 
-    Its arguments are those of `JointTree`, without a vehicle.
+    Arguments are those of `JointTree`.
     """
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
@@ -160,7 +160,7 @@ class Multibody(JointTree, SampledSystem):
             np.subtract(dv @ np.atleast_2d(weighted), dv @ np.atleast_2d(turning), out=leading)
 
         function = _REGRESSOR(write)
-        weakref.finalize(own.states, bool, function)  # it lives as long as the motion
+        weakref.finalize(own.states, bool, function)  # keeps it alive as long as the motion
         address = ctypes.cast(function, ctypes.c_void_p).value
         assert address is not None
         return RegressorMotion(own.t, own.v, own.vm, own, v_hat, a_hat, leading, address)

@@ -20,12 +20,7 @@ def installed(package: str) -> bool:
 
 
 def require(package: str, extra: str, purpose: str) -> ModuleType:
-    """Imports a package that an extra installs.
-
-    Args:
-        package: its import name.
-        extra: the extra of nsaid-mj that installs it.
-        purpose: what needs it, in words.
+    """Imports a package that an extra installs; `purpose` says what needs it.
 
     Raises:
         MissingPackage: it is not installed; the message names the extra.
@@ -36,7 +31,7 @@ def require(package: str, extra: str, purpose: str) -> ModuleType:
 
 
 class _Lazy:
-    """Stands for a package, which is imported when one of its attributes is first used."""
+    """A stand-in for a package, imported when one of its attributes is first used."""
 
     def __init__(self, package: str):
         self._package = package

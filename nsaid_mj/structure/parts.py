@@ -1,4 +1,4 @@
-"""The parts of which a robot is made: joints, bodies, inertias, and terms of F θ."""
+"""The parts of a robot: joints, bodies, inertias, and terms of F θ."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """A part of a body's 6×6 inertia, linear in θ, in the body's axes about its origin.
+    """A part of a body's 6×6 inertia about its origin, in its axes, linear in θ.
 
     Attributes:
         body: number of the body.
@@ -88,7 +88,7 @@ class Column:
         body: number of the body on which it acts, or −1.
         dof: number of the velocity, for a force of a joint, or −1.
         input: number of the command it reads, or −1.
-        constants: what else the kind has to know, by name.
+        constants: the kind's other constants, by name.
     """
 
     kind: str
@@ -113,7 +113,7 @@ class Column:
                 object.__setattr__(self, name, value)
 
     def shifted(self, parameter: int, command: int = 0) -> Column:
-        """This term with the indices of its parameter and of its command, if any, raised."""
+        """This term with larger indices of its parameter and of its command, if any."""
         constants = dict[str, Any](self.constants)
         later = self.input + command if self.input >= 0 else self.input
         place = {"body": self.body, "dof": self.dof, "input": later}
@@ -132,7 +132,7 @@ def columns_at(
         kind: of the columns.
         points: (k, 3) where they act, in the body's axes [m].
         directions: (k, 3) unit vectors along which they push, if the kind has a direction.
-        constants: what all have in common.
+        constants: shared by all.
     """
     columns = []
     for i, point in enumerate(np.asarray(points, dtype=float)):

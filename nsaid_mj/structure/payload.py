@@ -1,4 +1,4 @@
-"""What a point mass that is fixed to a body adds to θ."""
+"""How a point mass that is fixed to a body changes θ."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ _SUBMERGED = ("mass matrix", "net weight", "righting moment")  # blocks of a bod
 
 
 def carrier(space: ParameterSpace) -> str:
-    """The block of the body that carries a payload by default: the last one; or `body`."""
+    """The block of the body that carries a payload by default: the last link, or `body`."""
     bodies = [block.name for block in space.blocks if block.geometry == "pseudo_inertia"]
     return bodies[-1] if bodies else "the body"
 
 
 def point_mass(space: ParameterSpace, mass: float, place: Array, link: str = "") -> Array:
-    """(p,) what a point mass adds to θ.
+    """(p,) change of θ by a point mass.
 
     Args:
         space: of θ.
         mass: [kg].
-        place: (3,) its position in the body's axes; of a link, those of its joint [m].
+        place: (3,) its position in the body's axes; for a link, those of its joint [m].
         link: name of the body's block; "" for `carrier`.
 
     Raises:

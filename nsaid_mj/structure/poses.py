@@ -118,14 +118,9 @@ def _between_planar(q0, q1, step, k):
 
 @kernel(void(table, vector, vector, vector, vector))
 def integrate(bodies, q, step, out, x):
-    """Writes the position (m,) reached from q (m,) by a tangent step (n,).
+    """Writes the position out (m,), not q itself, reached from q (m,) by a tangent step (n,).
 
-    Args:
-        bodies: of the robot.
-        q: (m,) position.
-        step: (n,) tangent step.
-        out: (m,) written; not q itself.
-        x: (SCRATCH,) workspace.
+    x (SCRATCH,) is workspace.
     """
     for b in range(bodies.shape[0]):
         kind, at, j = bodies[b, KIND], bodies[b, AT_Q], bodies[b, AT_V]
@@ -168,24 +163,13 @@ def group_of(bodies):
 
 @routine(void(table, vector, vector, vector, vector, f8, boolean, matrix, vector, vector, vector))
 def half_way(bodies, q0, v0, q1, v1, dt, hermite, rows, x, q, v):
-    """Writes the state half-way between two samples into q (m,) and v (n,).
+    """Writes the state half-way between two samples, dt [s] apart, into q (m,) and v (n,).
 
-    The velocity is the slope of the cubic through both positions and velocities. This is Simpson's
-    rule solved for the middle, exact to dt⁴. Where velocities are a body twist, the cubic
-    interpolates the tangent step ξ, with v = ξ̇ − ½[ξ, ξ̇] + ⅙[ξ, [ξ, ξ̇]] …
-
-    Args:
-        bodies: of the robot.
-        q0: (m,) position at the first sample.
-        v0: (n,) velocity at the first sample.
-        q1: (m,) position at the second sample.
-        v1: (n,) velocity at the second sample.
-        dt: time between the samples [s].
-        hermite: whether to take the cubic's slope; else the mean of both velocities.
-        rows: (ROWS, n) workspace.
-        x: (SCRATCH,) workspace.
-        q: (m,) written.
-        v: (n,) written.
+    The samples are q0, q1 (m,) and v0, v1 (n,). The velocity is the slope of the cubic through both
+    positions and velocities, or without `hermite` the mean of both. This is Simpson's rule solved
+    for the middle, exact to dt⁴. Where velocities are a body twist, the cubic interpolates the
+    tangent step ξ, with v = ξ̇ − ½[ξ, ξ̇] + ⅙[ξ, [ξ, ξ̇]] … rows (ROWS, n) and x (SCRATCH,) are
+    workspace.
     """
     group, way, half, slope = group_of(bodies), rows[0], rows[1], rows[2]
     difference(bodies, q0, q1, way, x)

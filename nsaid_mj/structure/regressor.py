@@ -42,7 +42,7 @@ def _write_motion(state, frame, ground, motion, own, weight, x):
 
 @helper(void(STRUCTURE, index, vector, index, index, vector, matrix))
 def _add_row(structure, b, state, axis, j, x, W):
-    """Adds a body's columns to row j of W, that of the velocity with the axis state[axis]."""
+    """Adds a body's columns to row j of W, the row of the velocity with the axis state[axis]."""
     bodies, entries, values = structure.bodies, structure.entries, structure.values
     into_body(state, b * FRAME, state, axis, x, _S)
     clear(x, _P, 12)
@@ -60,15 +60,8 @@ def write_regressor(structure, state, w, a, weight, F, work, W):
     Row j of a body's columns is S_jᵀ f, with f as in `stage`; in the body's own axes it is
     Sᵀ I (A + ½ T − g) − ½ (V × S)ᵀ I W − ½ (W × S)ᵀ I V.
 
-    Args:
-        structure: the robot.
-        state: (s,) at the measured state.
-        w: (n,) velocity that C multiplies.
-        a: (n,) acceleration.
-        weight: 1 with the weight of rigid bodies, 0 without.
-        F: (z,) the entries of F that can differ from 0.
-        work: memory.
-        W: (n, p) written.
+    state (s,) is that of the measured state, C multiplies w (n,), a (n,) is the acceleration,
+    `weight` is 1 with the weight of rigid bodies and 0 without, F (z,) holds the entries of F.
     """
     bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
     motion, x, axes = work.motion, work.scratch, bodies.shape[0] * FRAME
@@ -102,20 +95,11 @@ def write_regressor(structure, state, w, a, weight, F, work, W):
     )
 )  # fmt: skip
 def write_regressors(structure, q, v, u, w, a, weight, state, F, work, W):
-    """Writes W(t, x, w, a) of (10) at N samples.
+    """Writes W(t, x, w, a) (N, n, p) of (10) at N samples.
 
-    Args:
-        structure: the robot.
-        q: (N, m) positions.
-        v: (N, n) measured velocities.
-        u: (N, n_u) commands.
-        w: (N, n) velocities that C multiplies.
-        a: (N, n) accelerations.
-        weight: 1; or 0 without F and the weight of rigid bodies.
-        state: (s,) workspace.
-        F: (z,) workspace; zeros if the weight is 0.
-        work: memory.
-        W: (N, n, p) written.
+    q is (N, m), v (N, n) measured, u (N, n_u); C multiplies w (N, n), a (N, n) are accelerations.
+    `weight` is 1, or 0 to omit F and the weight of rigid bodies; state (s,) and F (z,) are
+    workspace, F zero if the weight is 0.
     """
     for k in range(q.shape[0]):
         place(structure, q[k], v[k], state)

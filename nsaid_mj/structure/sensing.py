@@ -1,4 +1,4 @@
-"""What the sensors of a system measure, in words, and how a constant error changes it."""
+"""Names of a system's sensors, and how a constant error changes what they measure."""
 
 from __future__ import annotations
 
@@ -46,13 +46,10 @@ def sensor_units(system: SecondOrderSystem) -> list[str]:
 
 
 def displaced(system: SecondOrderSystem, q: Array, by: Array) -> Array:
-    """(m,) the position q as a sensor with a constant error reads it.
+    """(m,) the position q (m,) as a sensor with a constant error reads it.
 
-    Args:
-        system: whose position it is.
-        q: (m,) position.
-        by: (n,) the error: of a place along world axes [m], of an attitude about the body's own
-            axes [rad], as of a sensor that is mounted at an angle, and of a joint's position.
+    The error `by` (n,) is in world axes for a place [m], in the body's own axes for an attitude
+    [rad], as of a sensor mounted at an angle, and in a joint's position.
     """
     if not by.any():
         return q

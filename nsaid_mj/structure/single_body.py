@@ -18,7 +18,7 @@ from .structure import Structure
 from .structured import StructuredSystem
 
 LEVEL = (0, 1, 5)
-"""Of the six axes of a body in space, those of a body in the plane."""
+"""The axes of a body in the plane, among the six of one in space."""
 
 
 class Term(NamedTuple):
@@ -28,7 +28,7 @@ class Term(NamedTuple):
         block: names, units and guesses of the parameters.
         columns: their parameters count from the block's first.
         nominal: (k,) published values of the parameters.
-        spread: how far true values may be off, as a share of what is assumed of the vehicle.
+        spread: how far true values may be off, as a share of the vehicle's assumed spread.
     """
 
     block: Block
@@ -46,8 +46,8 @@ class Operation:
             along the vertical.
         command: lowest and highest commands, two (n_u,).
         reach: largest distance from the origin along each axis [m].
-        turn: standard deviation of the rotation vector's components [rad]; yaw in the plane is
-            anything.
+        turn: standard deviation of the rotation vector's components [rad]; in the plane, yaw is
+            arbitrary.
         state: draws (n,) position coordinates, (n,) velocities and (n_u,) commands, where these
             depend on each other; None if they do not.
     """
@@ -123,12 +123,7 @@ class SingleBody(StructuredSystem):
 
 
 def single_body(system: SecondOrderSystem, blocks: Sequence[str], wanted: str) -> SingleBody:
-    """The system, if it is one body with these blocks of θ.
-
-    Args:
-        system: any.
-        blocks: names of the blocks.
-        wanted: what it should be, for the message.
+    """The system, if it is one body with these blocks of θ; `wanted` describes it in the message.
 
     Raises:
         InvalidInput: it is not.
@@ -149,7 +144,7 @@ def term(
     geometry: Geometry | None = None,
     spread: float = 1.0,
 ) -> Term:
-    """A block of columns; what its parameters are follows from the columns' kinds.
+    """A block of columns; the columns' kinds determine its parameters.
 
     Args:
         columns: their parameters count from 0.

@@ -17,7 +17,7 @@ For ten rigid-body parameters, with p and l the linear and angular momentum and 
 
     B m = [2 ω_m × p, N ω_m + ω_m × l],
 
-and K vanishes if gravity is part of A. All else is kept as 6×6 matrices.
+and K vanishes if gravity is part of A. The rest is kept as 6×6 matrices.
 After Singh, Russell and Wensing, Efficient Analytical Derivatives of Rigid-Body Dynamics using
 Spatial Vector Algebra, IEEE Robotics and Automation Letters 7 (2022), which holds for any constant
 6×6 inertia. Columns are differentiated by forward differences of one body or one joint.
@@ -104,7 +104,7 @@ _TOTAL, _HERE, _THERE, _KEPT = 30, 36, 42, 48  # in the scratch, after what `for
 
 @routine(void(STRUCTURE, index, index, vector, vector, vector, index))
 def _write_column_wrench(structure, b, reads, u, theta, x, to):
-    """Writes into x[to : to + 6] the wrench on a body, in its axes, of all columns that read so."""
+    """Writes the wrench on a body, in its axes, of all columns of one `reads` to x[to : to + 6]."""
     columns = structure.columns
     clear(x, to, 6)
     for k in range(columns.shape[0]):
@@ -133,7 +133,7 @@ def _write_columns(structure, b, state, ground, u, theta, x, slopes, own):
             step = STEP * (1.0 + abs(x[c])) if c < 6 else STEP
             if c < 6:
                 x[c] += step
-            else:  # what is fixed in the world turns the other way
+            else:  # vectors that are fixed in the world turn the other way
                 clear(x, 66, 3)
                 x[60 + c] = 1.0
                 add_cross(x, 66, x, _KEPT + 6, -step, x, 6)
@@ -180,7 +180,7 @@ def _add_rigid(structure, b, state, ground, theta, motion, x, slopes, own):
 def _add_entries(structure, b, state, ground, theta, motion, x, slopes, own):
     """Writes I of a body's entries, and adds I A + V ×* I V and its derivatives.
 
-    Entries have no weight: the part of gravity in Ψ̈ is taken back by a turn.
+    Entries have no weight: a turn cancels the part of gravity in Ψ̈.
     """
     at, twist = b * MOTION, b * FRAME + TWIST
     write_square(
@@ -241,7 +241,7 @@ def _add_transposed(A, at, x, i, y, k):
 
 @helper(void(vector, index, vector, index, vector, index))
 def _add_bent(body, at, m, i, f, k):
-    """f += B m of the ten parameters of all that a body carries."""
+    """f += B m of the ten parameters, summed over all that a body carries."""
     p, rate = at + IMPULSE, at + CHANGE - 4  # as `add_turning` counts
     add_cross(m, i + 3, body, p, 2.0, f, k)
     add_cross(m, i + 3, body, p + 3, 1.0, f, k + 3)
@@ -250,7 +250,7 @@ def _add_bent(body, at, m, i, f, k):
 
 @helper(void(table, index, vector, vector, index, index, vector, vector, vector))
 def _write_felt(bodies, b, state, far, own, axis, x, inertia, body):
-    """Writes of an axis S: B Ψ̇ + I Ψ̈ + K S, B S + I (Ψ̇ + Ṡ), Bᵀ S, I S, Kᵀ S and S ×* f."""
+    """Writes for an axis S: B Ψ̇ + I Ψ̈ + K S, B S + I (Ψ̇ + Ṡ), Bᵀ S, I S, Kᵀ S and S ×* f."""
     at = b * SLOPE
     clear(x, 0, 36)
     if bodies[b, RIGID]:
@@ -333,7 +333,7 @@ def _add_joints(structure, q, v, u, theta, x, slopes, held):
 def _add_loads(structure, q, v, rates, theta, work, slopes):
     """Adds the derivatives of load-dependent friction by all positions; overwrites the state.
 
-    That is the only kind of a joint that depends on other joints' positions.
+    No other kind on a joint depends on other joints' positions.
     """
     bodies, columns, c, x = structure.bodies, structure.columns, structure.constants, work.scratch
     ground, way, moved = (bodies.shape[0] + v.shape[0]) * FRAME, work.rows[SPARE], slopes.flow[0]
@@ -361,20 +361,11 @@ def _add_loads(structure, q, v, rates, theta, work, slopes):
         STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, SLOPES, vector, matrix, vector
     ), inner=True)  # fmt: skip
 def linearise(structure, q, v, u, theta, scale, work, slopes, a, B, rates):
-    """Writes v̇ and its derivatives; returns M's smallest pivot, > 0 if it succeeded.
+    """Writes v̇ (n,) of (29) with C v, and its derivatives; returns M's smallest pivot, > 0 if ≻ 0.
 
-    Args:
-        structure: the robot.
-        q: (m,) position.
-        v: (n,) velocity.
-        u: (n_u,) command.
-        theta: (p,) parameters.
-        scale: (p,) their scale.
-        work: memory.
-        slopes: memory; `by_state` (n, 2n) receives ∂v̇/∂q and ∂v̇/∂v.
-        a: (n,) v̇ of (29) with C v; written.
-        B: (n, p) ∂v̇/∂(θ/scale) = −M⁻¹ W diag(scale); written.
-        rates: (n,) velocities at which joints' columns are held; (0,) to evaluate them at v.
+    `slopes.by_state` (n, 2n) receives ∂v̇/∂q and ∂v̇/∂v, B (n, p) ∂v̇/∂(θ/scale) = −M⁻¹ W
+    diag(scale). q is (m,), v (n,), u (n_u,), theta and scale (p,). `rates` (n,) are velocities at
+    which joints' columns are held; (0,) to evaluate them at v.
     """
     state, x, bodies = slopes.state, work.scratch, structure.bodies
     ground = (bodies.shape[0] + v.shape[0]) * FRAME

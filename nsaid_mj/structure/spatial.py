@@ -1,4 +1,4 @@
-"""Products of spatial vectors. Every argument is an array and where in it the vector begins.
+"""Products of spatial vectors. Arguments are arrays, each followed by where its vector begins.
 
 Rows are never sliced: a view of an array costs numba two atomic operations, a number nothing.
 """
@@ -73,15 +73,10 @@ def unrotate(R, r, a, i, b, k):
 
 @helper(_MAP)
 def into_body(state, frame, x, i, y, k):
-    """A twist x of the common frame as body axes have it: [Rᵀ (v + ω × p), Rᵀ ω].
+    """Writes a twist of the common frame in body axes: [Rᵀ (v + ω × p), Rᵀ ω].
 
-    Args:
-        state: of the robot.
-        frame: where in it the body's row begins.
-        x: array with the twist at i.
-        i: where.
-        y: written from k on; its numbers k + 6 to k + 8 are overwritten too.
-        k: where.
+    The twist is x[i :], `frame` is where the body's row begins in the state; y is written from k
+    on, and its numbers k + 6 to k + 8 are overwritten too.
     """
     for r in range(3):
         y[k + 6 + r] = x[i + r]
@@ -92,7 +87,7 @@ def into_body(state, frame, x, i, y, k):
 
 @helper(_MAP)
 def out_of_body(state, frame, f, i, g, k):
-    """A wrench f in body axes as the common frame has it: [R f, R n + p × R f]."""
+    """Writes a wrench f in body axes in the common frame: [R f, R n + p × R f]."""
     rotate(state, frame, f, i, g, k)
     rotate(state, frame, f, i + 3, g, k + 3)
     add_cross(state, frame + 9, g, k, 1.0, g, k + 3)
@@ -118,7 +113,7 @@ def _shift(state, frame, a, at, step):
 
 @helper(void(vector, index, vector, index))
 def turn_square(state, frame, a, at):
-    """Overwrites a map of twists to wrenches, (6, 6) in body axes, by that of the common frame."""
+    """Overwrites a map of twists to wrenches, (6, 6) in body axes, with the common frame's."""
     for half in range(12):  # R on the left of all four blocks, then Rᵀ on the right
         k = at + half if half < 6 else at + 12 + half
         _turn(state, frame, a, k, 6)

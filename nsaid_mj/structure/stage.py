@@ -247,16 +247,11 @@ _write_equations = inlined(write_equations)
 
 @kernel(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector), inner=True)
 def accelerate(structure, state, F, w, theta, work, a):
-    """Writes â of (29) into a (n,); returns M̂'s smallest pivot, > 0 if it succeeded.
+    """Writes â of (29) into a (n,); returns M̂'s smallest pivot, > 0 on success.
 
-    Args:
-        structure: the robot.
-        state: (s,) at the measured state, see `kinematics.place`.
-        F: (z,) the entries of F that can differ from 0.
-        w: (n,) velocity that C multiplies.
-        theta: (p,) estimate.
-        work: memory; afterwards it holds the bodies' motions without J a, and M̂'s factor.
-        a: (n,) written.
+    state (s,) is `kinematics.place` at the measured state, F (z,) the entries of F that can differ
+    from 0; C multiplies w (n,), theta (p,) is the estimate. Afterwards `work` holds the bodies'
+    motions without J a, and M̂'s factor.
     """
     nonzeros = structure.nonzeros
     _write_equations(structure, state, w, theta, work, a)
@@ -364,17 +359,8 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
 def require(structure, state, F, v, a, theta, work, force):
     """Writes what a motion requires beyond F θ, M a + C v − F θ, into force (n,).
 
-    Where F is that without commands, these are the torques of the motors.
-
-    Args:
-        structure: the robot.
-        state: (s,) at the measured state.
-        F: (z,) the entries of F that can differ from 0.
-        v: (n,) measured velocity.
-        a: (n,) acceleration.
-        theta: (p,) parameters.
-        work: memory.
-        force: (n,) written.
+    With the F (z,) of no commands, these are the torques of the motors. state (s,) is that of the
+    measured state, v and a are (n,), theta (p,).
     """
     nonzeros, M = structure.nonzeros, work.M
     write_equations(structure, state, v, theta, work, force)

@@ -27,8 +27,8 @@ class Structure:
 
     Args:
         bodies: a tree; parents come before their children. A free flyer or a pose in the plane can
-            only be the first body, and then all others hang on it.
-        inertias: what M is made of, beside `rotors`.
+            only be the first body, on which all others then hang.
+        inertias: the parts of M, beside `rotors`.
         columns: the terms of F θ, beside the weight of rigid bodies.
         p: number of parameters.
         n_u: number of commands.
@@ -109,11 +109,11 @@ class Structure:
     # -- memory ------------------------------------------------------------------------------------
 
     def workspace(self) -> Workspace:
-        """Memory for a stage."""
+        """Workspace for a stage."""
         return layout.workspace(len(self.bodies), self.n)
 
     def slopes(self) -> Slopes:
-        """Memory for derivatives."""
+        """Workspace for derivatives."""
         terms, nonzeros = len(self.arrays.terms), len(self.arrays.nonzeros)
         return layout.slopes(len(self.bodies), self.n, terms, nonzeros)
 

@@ -45,16 +45,11 @@ def _advance(group, stage, dt, v, rows, x):
 
 @kernel(void(index, f8, vector, matrix, matrix, vector, matrix), inner=True)
 def _write_flow(group, dt, v, A, rates, x, F):
-    """Writes the flow of deviations under constant derivatives, to fourth order in the step.
+    """Writes the flow F (2n, 3n) of deviations under constant derivatives, to fourth order in dt.
 
-    Args:
-        group: number of leading velocities that form a body twist.
-        dt: the step [s].
-        v: (n,) velocity.
-        A: (n, 2n) ∂v̇/∂q and ∂v̇/∂v.
-        rates: (2n or more, 3n) workspace.
-        x: workspace.
-        F: (2n, 3n) the deviation at the end per (δq, δv, c); written.
+    F holds the deviation at the end per (δq, δv, c); `group` is the number of leading velocities
+    that form a body twist, v is (n,), A (n, 2n) holds ∂v̇/∂q and ∂v̇/∂v; rates (≥ 2n, 3n) and x are
+    workspace.
     """
     n, size = v.shape[0], F.shape[1]
     for i in range(2 * n):
@@ -112,19 +107,18 @@ def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, s
         dt: the step [s].
         theta: (p,) parameters.
         scale: (p,) their scale.
-        work: memory.
-        slopes: memory.
+        work: workspace.
+        slopes: workspace.
         at: (m,) workspace.
         q1: (m,) position at the end; written.
         v1: (n,) velocity at the end; written.
         F: (2n, 3n) derivatives of the end by (q, v) at the start and c; written.
-        B: (n, p) those of c by θ/scale; written.
+        B: (n, p) derivatives of c by θ/scale; written.
         seen: (3, n) velocities at the start, half-way and at the end at which joints' columns, such
-            as friction that is stiff in the step, are held; (0, n) to evaluate them where the step
-            is.
+            as friction that is stiff in the step, are held; (0, n) to evaluate them along the step.
 
     Returns:
-        M's smallest pivot, > 0 if it succeeded.
+        M's smallest pivot, > 0 on success.
     """
     group, rows, x = group_of(structure.bodies), work.rows, work.scratch
     lowest = 1e300

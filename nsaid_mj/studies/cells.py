@@ -40,7 +40,7 @@ class Cell:
         duration: length of the log [s].
         force_residual_ratio: None also if the plant diverges on the held-out trajectory.
         wall_s: wall time of the method, including its regressors [s].
-        note: settings that the method chose by itself.
+        note: settings that the method chose automatically.
         failure: why it failed; empty if it did not.
     """
 
@@ -69,7 +69,7 @@ class Row:
         noise: multiple of the scenario's sensor noise.
         duration: length of the log [s].
         failures: one reason for each failed seed.
-        notes: settings that the method chose by itself, without duplicates.
+        notes: settings that the method chose automatically, without duplicates.
         over_bound: median over that of the Cramér–Rao bound; empty where that was not computed.
     """
 

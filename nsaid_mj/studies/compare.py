@@ -35,17 +35,17 @@ FILES = ("compare.json", "compare.csv")
 
 
 MOST_LOGGED = 1e7
-"""Largest number of time steps of a log, of which every method keeps all in memory."""
+"""Largest number of time steps of a log, which every method keeps in memory."""
 
 
 @dataclass(frozen=True)
 class Plan(Study):
-    """The methods of a comparison and the logs that they get.
+    """The methods of a comparison and their logs.
 
     Attributes:
         methods: names; see `METHODS`.
         seeds: of truth, prior, excitation and sensors.
-        durations: lengths of log that the methods get [s].
+        durations: lengths of log for the methods [s].
         noises: multiples of the scenario's sensor noise; 0 for exact sensors.
         budget: time limit of the search by `sysid` [s].
         bound: whether the Cramér–Rao bound of every noisy log is computed.
@@ -111,7 +111,7 @@ class Plan(Study):
 
 
 def compare(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Cell]:
-    """Yields the cells of a comparison as they become available; `report` is told of each stage."""
+    """Yields the cells of a comparison as they become available; `report` receives each stage."""
     warm = False
     for seed in plan.seeds:
         for noise in plan.noises:
@@ -133,7 +133,7 @@ def compare(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Ite
 
 
 class World:
-    """The log of one plant, the methods that get it, and the truth that judges them.
+    """The log of one plant, its methods, and the truth that judges them.
 
     Raises:
         NsaidError: the plant cannot be built, or diverges.
@@ -246,11 +246,7 @@ def _attempt(method: Method, problem: Problem) -> tuple[Estimate | None, str]:
 
 
 def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
-    """Writes compare.json, with all cells and the plan, and compare.csv.
-
-    Raises:
-        NotWritten: the folder cannot be written.
-    """
+    """Writes compare.json, with all cells and the plan, and compare.csv; may raise `NotWritten`."""
     document = plan.manifest | {"cells": [asdict(cell) for cell in cells]}
     write_json(folder / FILES[0], document)
     names = [f.name for f in fields(Cell)]

@@ -46,7 +46,7 @@ def write(
     ]
     methods = len(dict.fromkeys(row.method for row in found))
     seeds = len({cell.seed for cell in cells})
-    heads = ["log", "method", *(label for label, _ in FIGURES), "chosen by itself"]
+    heads = ["log", "method", *(label for label, _ in FIGURES), "chosen automatically"]
     table = Table(heads, [_line(row) for row in found], (0, 1, 6))
     sections = [Section("All methods", [table, Text(f"{_WORST} {_MULTIPLES}", note=True)])]
     if shown[2:]:
@@ -108,7 +108,7 @@ def _command(manifest: dict[str, Any]) -> str:
 
 
 def verdict_of(cells: Sequence[Cell]) -> Mark:
-    """Which method is closest to the true set on the longest and noisiest log."""
+    """The verdict: the method closest to the true set on the longest and noisiest log."""
     own = [row for row in rows(cells) if row.method not in {PRIOR, BOUND}]
     able = [row for row in own if math.isfinite(row.median[_DECIDES])]
     if not able:
@@ -124,7 +124,7 @@ def verdict_of(cells: Sequence[Cell]) -> Mark:
 
 
 def _log(row: Row) -> str:
-    """Which logs, with spaces that do not break between a number and its unit."""
+    """A row's logs in words, with spaces that do not break between a number and its unit."""
     return f"{sensors(row.noise)}, {row.duration:g} s".replace(
         " × noise", "\u00a0×\u00a0noise"
     ).replace(" s", "\u00a0s")
@@ -156,7 +156,7 @@ _MARKS = {
     "paper": "o", "cone": "s", "memory": "D", "efficient": "h", BOUND: "_", "conventional": "o",
     "ols": "^", "wls": "v", "tls": "<", "rls": ">", "ekf": "P", "sysid": "*", PRIOR: "x",
 }  # fmt: skip
-_REST = {"sysid": BAD, PRIOR: COLOURS[8]}  # colours of what is no law
+_REST = {"sysid": BAD, PRIOR: COLOURS[8]}  # colours of methods that are not laws
 _REFERENCES = (PRIOR, BOUND)
 _TITLES = {"wall_time": "wall time", "data_length": "length of the log", "noise": "sensor noise"}
 
@@ -174,7 +174,7 @@ class Line:
 
 
 def lines(cells: Sequence[Cell]) -> dict[str, list[Line]]:
-    """What there are enough cells to draw, by the stem of a picture's file.
+    """The lines of panels with enough cells, by the stem of a picture's file.
 
     Markers are medians over the seeds, error bars reach from the best to the worst seed. Medians
     that are not finite are left out.

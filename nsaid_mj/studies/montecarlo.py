@@ -39,7 +39,7 @@ from .study import MOST_JOBS, Study, check_count
 from .sweep import seed_of
 from .sweep_results import Row
 
-_PIECE = 500  # time steps in a segment, about; progress is reported after each
+_PIECE = 500  # time steps in a segment, approximately; progress is reported after each
 _GROUP = 32  # identifiers that share a motion, at most: one batch
 _PLANTS = 32  # plants whose logs are in memory at the same time
 JOBS = "The default is the number of processors."
@@ -109,8 +109,8 @@ def simulate(
     """Builds and drives every scenario's plant, with results identical to those of a run.
 
     Compiled drives in threads give the same bits as sequential ones, with feedback too.
-    `mujoco.rollout` is no alternative: its initial states leave out userdata, which our callbacks
-    use. `mujoco.batch` is equally fast and gives the same bits, but has no feedback drivers.
+    `mujoco.rollout` is no alternative: its initial states omit userdata, which our callbacks use.
+    `mujoco.batch` is equally fast and gives the same bits, but has no feedback drivers.
     """
     setups = [Setup.of(scenario) for scenario in scenarios]
     if len({id(setup.plant.passive) for setup in setups}) == 1:  # MuJoCo has one callback for all
@@ -136,7 +136,7 @@ def _driven(setups: Sequence[Setup], pool: Executor, stopped: threading.Event) -
 
 
 def _drive(setup: Setup, stopped: threading.Event) -> Course:
-    """Drives a running plant for the scenario's duration, or until it is told to stop."""
+    """Drives a running plant for the scenario's duration, or until `stopped`."""
     log = setup.simulate(partial(_check, stopped))
     end = ended(setup.plant, log.at(-1))
     status = end[0] if end else Status.completed
@@ -219,7 +219,7 @@ def _followed(
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:
-    """The motion that identifiers of one kind share on a log; None if they have to run alone."""
+    """The motion that identifiers of one kind share on a log; None if they must run alone."""
     if isinstance(identifier, NullspaceIdentifier) and identifier.memory is None:
         return identifier.motion(log)
     return None
@@ -267,8 +267,7 @@ def monte_carlo(
         shared: see `Plan`.
 
     Returns:
-        A row for every run, in order of their numbers: how it ended, and the figures of its last
-        estimate.
+        A row for every run, in order: how it ended, and the figures of its last estimate.
 
     Raises:
         InvalidInput: `runs` or `jobs` is less than 1 or too large, or a shared plant leaves nothing
@@ -315,7 +314,7 @@ def rows_of(
 
 
 class _Stopped(Exception):
-    """Ends a thread whose result nobody waits for."""
+    """Ends a thread whose result is no longer needed."""
 
 
 def _check(stopped: threading.Event) -> None:

@@ -35,9 +35,8 @@ QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
 def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) -> Sweep:
     """Executes the runs that are missing in a folder, and writes the files of a sweep.
 
-    After Ctrl-C, finished runs are kept and the same call resumes the study.
-
-    `jobs` is a number of threads, by default that of the processors.
+    After Ctrl-C, finished runs are kept and the same call resumes the study. `jobs` is a number of
+    threads, by default that of the processors.
 
     Raises:
         BadRun: the folder cannot be written, or holds something else.

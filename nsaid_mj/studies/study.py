@@ -30,11 +30,7 @@ _Result = TypeVar("_Result")
 
 
 def check_count(name: str, number: int, remedy: str, most: int = MOST_RUNS) -> None:
-    """Checks a number of runs, or of runs at the same time.
-
-    Raises:
-        InvalidInput: it is less than 1, or more than `most`.
-    """
+    """Raises `InvalidInput` unless a number of runs, in all or at a time, is from 1 to `most`."""
     if not 1 <= number <= most:
         raise InvalidInput(name, f"a number from 1 to {most}", shown(number), remedy)
 
@@ -59,11 +55,7 @@ class Study:
         return digest_of(self.script)
 
     def manifest_of(self, **own: Any) -> dict[str, Any]:
-        """The study's manifest: everything that its results depend on, as JSON values.
-
-        Args:
-            own: entries of the particular kind of study.
-        """
+        """The study's manifest: everything its results depend on, and `own`, as JSON values."""
         return {
             "script": self.script,
             "script_sha256": self.digest,
@@ -87,10 +79,10 @@ def carried_out(
 
     Args:
         folder: of the results; created if missing.
-        own: files by which such a folder is known.
+        own: files that mark such a folder.
         total: number of results.
-        made: yields them; it is given a function to tell what is being done.
-        write: writes them, also before the first, to fail before the work.
+        made: yields them; receives a function to report each stage.
+        write: writes them, also before the first, to fail early.
         draw: draws them at the end; returns all files.
         show: prints them; None to print nothing.
 
@@ -120,7 +112,7 @@ def carried_out(
 
 
 def write_csv(path: Path, heads: Sequence[str], rows: Iterable[dict[str, Any]]) -> None:
-    """Writes rows as CSV; what a row does not have is left empty."""
+    """Writes rows as CSV, with empty fields for missing entries."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, heads, restval="", lineterminator="\n")
     writer.writeheader()

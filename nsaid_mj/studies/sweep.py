@@ -133,9 +133,8 @@ def run(
 ) -> Sweep:
     """Executes the runs that are missing in a folder.
 
-    After Ctrl-C, finished runs are kept and the same call resumes the sweep.
-
-    Without an engine, the runs are made by local processes. `retry` repeats runs without a result.
+    After Ctrl-C, finished runs are kept and the same call resumes the sweep. The default engine is
+    local processes. `retry` repeats runs without a result.
 
     Raises:
         FolderInUse: another process is writing into the folder.
@@ -177,11 +176,7 @@ class Rows:
         self.known, self._path, self._stream = known, path, stream
 
     def append(self, row: Row) -> None:
-        """Appends a row and waits until it is on the disk.
-
-        Raises:
-            NotWritten: the disk is full; the rows before are kept.
-        """
+        """Appends a row, synced to the disk; a full one raises `NotWritten` and keeps others."""
         line = (
             json.dumps(without_nonfinite(row), ensure_ascii=False, allow_nan=False) + "\n"
         ).encode()
@@ -198,14 +193,13 @@ def opened(
 ) -> Iterator[Rows]:
     """Creates a sweep's folder, or reads what an earlier run of the same plan wrote.
 
-    The folder is locked within the context; at its end the table of all rows is written.
-
-    `say` is called with a line about damaged rows, which are made again.
+    The folder is locked within the context; at its end the table of all rows is written. `say`
+    receives a line about damaged rows, which are made again.
 
     Raises:
         FolderInUse: another process is writing into the folder.
         NotWritten: the folder cannot be written.
-        BadRun: it holds another sweep, or rows of which nothing is known.
+        BadRun: it holds another sweep, or rows of an unknown one.
     """
     check_own(folder, (MANIFEST, ROWS))
     with locked(folder):
@@ -218,7 +212,7 @@ def opened(
             with os.fdopen(descriptor, "ab", buffering=0) as stream:
                 yield Rows(rows, known, stream)
         except BaseException:
-            with suppress(NotWritten, BadRun):  # the error that is on its way says more
+            with suppress(NotWritten, BadRun):  # the original error says more
                 write_table(folder)
             raise
         write_table(folder)
@@ -227,7 +221,7 @@ def opened(
 def _resumed(
     folder: Path, manifest: dict[str, Any], say: Callable[[str], object]
 ) -> dict[int, Row]:
-    """The rows of a sweep that exists; of a new one, creates the files."""
+    """The rows of an existing sweep; for a new one, creates the files."""
     rows = folder / ROWS
     wanted = json.loads(json.dumps(manifest))
     if not (folder / MANIFEST).is_file() and not (rows.is_file() and rows.stat().st_size):

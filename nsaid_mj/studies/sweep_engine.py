@@ -77,7 +77,7 @@ class Engine:
             InvalidInput: the engine is not available or has died, or its workers cannot execute any
                 run.
         """
-        patience = 60.0 + 2 * longest  # without a row for so long, a worker must have died
+        patience = 60.0 + 2 * longest  # time without a row after which a worker must have died
 
         def parallel(some: Sequence[int], begun: list[int]) -> Iterator[dict[str, Any]]:
             return self._parallel(some, job, begun, patience)
@@ -151,10 +151,7 @@ class Engine:
 
 @contextmanager
 def _isolated() -> Iterator[None]:
-    """Within the context, Pythons that start import nothing from the current folder.
-
-    joblib has no option for the Pythons that it starts.
-    """
+    """Context in which new Pythons, such as joblib's, import nothing from the current folder."""
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     try:
@@ -181,16 +178,12 @@ def _package(name: str, extra: str) -> Any:
         ) from error
 
 
-_SILENCE = 10.0  # without a connection for so long, the scheduler counts as dead [s]
+_SILENCE = 10.0  # time without a connection after which the scheduler counts as dead [s]
 
 
 @contextmanager
 def watched(client: Any, address: str | None) -> Iterator[None]:
-    """Within the context, the scheduler's death ends what the main thread waits for.
-
-    Raises:
-        InvalidInput: the scheduler has died.
-    """
+    """Context in which the scheduler's death ends the main thread's wait with `InvalidInput`."""
     dead, done = threading.Event(), threading.Event()
 
     def watch() -> None:

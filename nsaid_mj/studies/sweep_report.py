@@ -18,7 +18,7 @@ from ..robot.findings import Finding
 from .sweep_results import HEADS, SPREADS, Group, Sweep, cells, verdict_of
 
 PICTURE = "distributions.png"
-_DOTS = 400  # runs of one group that are drawn as dots, at most
+_DOTS = 400  # largest number of dots per group of runs
 _EARLY = (COLOURS[1], COLOURS[5], COLOURS[9], COLOURS[8], COLOURS[2])
 _NONE = "no result"
 _NOTE = (

@@ -55,7 +55,7 @@ class Sweep:
         folder: of the sweep.
         manifest: see `Plan.manifest`.
         rows: of the finished runs, in order of their numbers.
-        damaged: which rows on disk are damaged and left out, in words; empty if none is.
+        damaged: the damaged rows on disk, which are left out, in words; empty if none.
     """
 
     folder: Path
@@ -126,11 +126,7 @@ class Group:
 
 
 def read(folder: Path) -> Sweep:
-    """Reads a sweep's folder.
-
-    Raises:
-        BadRun: there is no sweep in it, or it is unreadable.
-    """
+    """Reads a sweep's folder; raises `BadRun` if there is none in it, or it is unreadable."""
     manifest = read_manifest(folder)
     found = read_rows(folder, manifest)
     rows = [found.rows[number] for number in sorted(found.rows)]
@@ -138,9 +134,7 @@ def read(folder: Path) -> Sweep:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Reads a sweep's manifest; see `Plan.manifest`.
-
-    If the file is missing or damaged, the copy in the table is read.
+    """Reads a sweep's manifest, or its copy in the table if that is missing or damaged.
 
     Raises:
         BadRun: there is no manifest, or it is not a sweep's.
@@ -157,7 +151,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     if (folder / ROWS).is_file():
         raise BadRun(
             folder,
-            f"{MANIFEST} is missing, so nobody knows which sweep its rows belong to",
+            f"{MANIFEST} is missing, so the sweep of its rows is unknown",
             f"Restore the file; or delete {ROWS}, to make all runs again",
         )
     raise BadRun(
@@ -177,12 +171,12 @@ def _manifest_in_table(folder: Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class FoundRows:
-    """What a sweep's file of rows holds.
+    """The content of a sweep's file of rows.
 
     Attributes:
         rows: by run number; of several rows of one run, the last one.
-        damaged: numbers of the lines that are no rows, from 1; an incomplete last line, which a
-            killed sweep leaves, is none.
+        damaged: numbers of the damaged lines, from 1, without an incomplete last line, which a
+            killed sweep leaves.
         intact: the bytes of all other lines.
     """
 
@@ -192,7 +186,7 @@ class FoundRows:
 
     @property
     def words(self) -> str:
-        """Which lines are damaged; empty if none is."""
+        """The damaged lines in words; empty if none."""
         if not self.damaged:
             return ""
         shown = ", ".join(map(str, self.damaged[:10])) + (" …" if len(self.damaged) > 10 else "")
@@ -203,11 +197,7 @@ class FoundRows:
 
 
 def read_rows(folder: Path, manifest: dict[str, Any]) -> FoundRows:
-    """Reads the rows of a sweep; damaged lines are skipped.
-
-    Raises:
-        BadRun: the file cannot be read.
-    """
+    """Reads the rows of a sweep; skips damaged lines; raises `BadRun` if the file is unreadable."""
     try:
         data = (folder / ROWS).read_bytes()
     except FileNotFoundError:
@@ -325,9 +315,9 @@ def print_summary(sweep: Sweep) -> None:
 
 
 def verdict_of(sweep: Sweep) -> Mark:
-    """How many runs have converged, and the median of their distances to the true set.
+    """The share of converged runs, and the median of their distances to the true set.
 
-    A sweep shows a distribution: it fails only where no run has a result.
+    A sweep shows a distribution: it fails only if no run has a result.
     """
     found = Group({}, sweep.rows)
     distances = found.column("theta_perp_ratio")
@@ -344,7 +334,7 @@ def verdict_of(sweep: Sweep) -> Mark:
 
 
 def files_of(sweep: Sweep) -> list[str]:
-    """Where the table is, and how plots are made."""
+    """The path of the table, and the command for plots."""
     again = shlex.quote(str(sweep.folder))
     return [f"table      {sweep.folder / TABLE}", f"plots      nsaid report {again}"]
 

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 _START = 300.0  # timeout for a child's imports [s]
 _STARTS = 3  # children that may be killed in their imports before their run counts as lost
-_WATCH = 0.5  # time between two looks at the engine's process [s]
+_WATCH = 0.5  # time between two checks of the engine's process [s]
 _GRACE = 10.0  # after a run's timeout, at which a child without a worker exits by itself [s]
-_LEFT_OUT = {"versions", "status_remedy"}  # keys of a summary that are equal for many runs
+_LEFT_OUT = {"versions", "status_remedy"}  # keys of a summary with equal values in many runs
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
@@ -60,10 +60,8 @@ class Job(NamedTuple):
 def supervised(job: Job, engine: int | None = None) -> dict[str, Any]:
     """Executes a job in this thread's child process.
 
-    Args:
-        job: the run to execute.
-        engine: process ID of the engine, if its workers are local processes. When that process is
-            gone, the worker ends, and its child with it.
+    `engine` is its process ID, if its workers are local processes: when that process is gone, the
+    worker ends, and its child with it.
 
     Returns:
         The run's number and figures by key, or its number and the reason of a `failure`. If a
@@ -80,7 +78,7 @@ def supervised(job: Job, engine: int | None = None) -> dict[str, Any]:
 
 
 def _child_for(job: Job) -> _Child:
-    """This thread's child process, a new one if there is none that serves the job."""
+    """This thread's child process, a new one if none serves the job."""
     child: _Child | None = getattr(_mine, "child", None)
     if child is not None and child.serves(job):
         return child
@@ -95,9 +93,9 @@ def _child_for(job: Job) -> _Child:
 
 @cache
 def _end_with(engine: int) -> None:
-    """Makes this worker process end, and its child with it, when the engine's process is gone.
+    """Ends this worker process, and its child with it, when the engine's process is gone.
 
-    A killed engine can tell nobody, and a worker that waits for a long run would not notice. The
+    A killed engine can notify nobody, and a worker waiting for a long run would not notice. The
     engine may even be gone before the worker has imported this module.
     """
 
@@ -212,9 +210,9 @@ def serve() -> None:
 
 
 def _questions() -> queue.SimpleQueue[str]:
-    """The lines of the standard input; when it is closed, the process ends, whatever it does.
+    """The lines of the standard input; the process ends when it is closed.
 
-    It is closed when the worker is gone, and nobody would kill a run that never ends.
+    It is closed when the worker is gone, which could no longer kill an endless run.
     """
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
 
@@ -277,7 +275,7 @@ def _plain(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def time_to_converge(run: SimulatedRun, truth: Truth) -> float | None:
-    """The time from which on the distance to the true set stays small [s].
+    """The time from which the distance to the true set stays small [s].
 
     See `evaluation.converged_at`. None if it does not stay small, or if the run ended early.
     """

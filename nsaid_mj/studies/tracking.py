@@ -42,7 +42,7 @@ class Plan(Study):
     """The laws of a study, and the plants they control.
 
     Attributes:
-        scenario: its excitation is `AdaptiveTracking`; its law is replaced by every law in turn.
+        scenario: with the excitation `AdaptiveTracking`; every law in turn replaces its law.
         laws: names.
         seeds: of truth, prior, reference and sensors.
 
@@ -88,7 +88,7 @@ class Course:
     Attributes:
         seed: of plant, prior, reference and sensors.
         figures: of `evaluation.tracking.figures`; with exact sensors also `v_rises`, the number of
-            steps in which V rose beyond its bound, for the law of which this is proven.
+            steps in which V rose beyond its bound, for the law with the proof.
     """
 
     law: str
@@ -100,7 +100,7 @@ class Course:
 
 
 def courses(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Course]:
-    """Runs every law on the plant of every seed; `report` is told what is being done."""
+    """Runs every law on the plant of every seed; `report` receives each stage."""
     for seed in plan.seeds:
         scenario = replace(plan.scenario, seed=seed)
         base = Setup.of(scenario)
@@ -156,7 +156,7 @@ def drive(setup: Setup, tracker: Tracker) -> Motion:
 
 
 class _Witness(Driver):
-    """Notes the plant's true state and the controller's estimate at every command."""
+    """Records the plant's true state and the controller's estimate at every command."""
 
     def __init__(self, tracker: Tracker, plant: Plant):
         self._tracker, self._plant = tracker, plant
@@ -179,11 +179,7 @@ class _Witness(Driver):
 
 
 def write(folder: Path, plan: Plan, done: list[Course]) -> None:
-    """Writes tracking.json, with the plan, and tracking.csv, one row for every law and seed.
-
-    Raises:
-        NotWritten: the folder cannot be written.
-    """
+    """Writes tracking.json, with the plan, and tracking.csv, one row for every law and seed."""
     rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
     heads = list(dict.fromkeys(key for row in rows for key in row))
     finite = [
@@ -241,7 +237,7 @@ def table_of(plan: Plan, done: list[Course]) -> Table:
 
 
 def medians_in_words(plan: Plan) -> str:
-    """What the figures of the table are."""
+    """Explains the figures of the table."""
     return (
         f"Medians over {count(len(plan.seeds), 'seed')}, worst in brackets, of the last "
         f"{plan.last:g} s, from true positions; {plan.scenario.sensors} sensors. Effort: largest "
@@ -250,7 +246,7 @@ def medians_in_words(plan: Plan) -> str:
 
 
 def print_table(plan: Plan, done: list[Course], console: Console) -> None:
-    """Prints the table, and which runs ended early."""
+    """Prints the table, and the runs that ended early."""
     early = [
         Text(f"seed {c.seed}, {c.law}: {c.figures['status']}")
         for c in done

@@ -102,7 +102,7 @@ def _told(plan: Plan, shown: list[Course], table: Table) -> str:
 
 
 def verdict_of(table: Table) -> Mark | None:
-    """How much better than the conventional law each adaptive law tracks."""
+    """The verdict: how much better each adaptive law tracks than the conventional law."""
     column = table.heads.index("better by")
     ratios = {
         str(line[0]): str(line[column]).removesuffix("×")

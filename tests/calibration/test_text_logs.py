@@ -189,7 +189,7 @@ def test_marks_of_thousands_and_decimals_are_told_apart_by_the_whole_file(
 
 
 def test_marks_that_do_not_tell_are_refused(tmp_path):
-    with pytest.raises(UnreadableLog, match=r"2,345 and 1\.234 do not tell"):
+    with pytest.raises(UnreadableLog, match=r"2,345 and 1\.234 leave open"):
         read_text(tmp_path, "t;q1;u1\n0;1,234;1.234\n1;2,345;2\n2;1;1\n")
 
 
@@ -232,7 +232,7 @@ def test_a_number_within_reach_of_the_others_is_a_number(tmp_path):
 
 def test_a_file_of_which_most_rows_do_not_fit_is_refused(tmp_path):
     rows = "".join(f"{k},1,2{',3' * (1 + k % 4)}\n" for k in range(40))
-    with pytest.raises(UnreadableLog, match="rows have not"):
+    with pytest.raises(UnreadableLog, match="rows do not have"):
         read_text(tmp_path, "t,q1,u1\n" + rows)
 
 

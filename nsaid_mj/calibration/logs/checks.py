@@ -1,6 +1,6 @@
-"""What recordings contradict by themselves, before any fit: dead channels, units, velocities.
+"""Contradictions within recordings, before any fit: dead channels, units, velocities.
 
-Reversed or swapped commands and delays need a fit and are not looked for here.
+Reversed or swapped commands and delays need a fit and are not checked here.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..findings import Finding, UnusableLog
 from . import signals
 
 DEGREES = 180 / np.pi
-SHORT, TOO_SHORT = 5.0, 1.0  # seconds of usable rows below which is warned or refused
+SHORT, TOO_SHORT = 5.0, 1.0  # seconds of usable rows below which a log is warned about or refused
 _AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
 _FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
 _MOVES = 0.05  # share of usable rows below which a joint hardly moves
@@ -25,11 +25,7 @@ _ROWS = 2000  # at most, for the model's torques
 
 
 def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
-    """The recordings with the findings of `checks`.
-
-    Raises:
-        UnusableLog: there is a refusal among them.
-    """
+    """The recordings with the findings of `checks`; raises `UnusableLog` on a refusal."""
     findings = (*recordings.findings, *checks(recordings, robot))
     if any(finding.level == "refusal" for finding in findings):
         raise UnusableLog(findings)
@@ -125,13 +121,13 @@ def _resting(recordings: Recordings, robot: RobotModel) -> tuple[set[int], list[
     """Joints that hardly move, and a warning for each."""
     usable = np.concatenate([segment.usable for segment in recordings.segments]).mean(axis=0)
     resting = {j for j, share in enumerate(usable) if share < _MOVES}
-    remedy = "Move it in the log, or leave it out with --lock."
+    remedy = "Record a motion of this joint, or leave it out with --lock."
     return resting, [
         Finding(
             "warning",
             "at_rest",
             robot.joints[j],
-            f"the joint moves faster than its noise in {usable[j]:.1%} of the rows only",
+            f"the joint moves faster than its noise in only {usable[j]:.1%} of the rows",
             remedy,
             {"share": float(usable[j])},
         )
@@ -173,7 +169,7 @@ def _velocities(motion: Motion, robot: RobotModel, measured: list[int]) -> list[
 
 
 def correlation(a: Array, b: Array) -> Array:
-    """(k, l) correlation of columns of a (N, k) with columns of b (N, l); 0 of constant ones."""
+    """(k, l) correlation of columns of a (N, k) with columns of b (N, l); 0 for constant ones."""
     centred = [x - x.mean(axis=0) for x in (a, b)]
     sizes = [np.linalg.norm(x, axis=0) for x in centred]
     product = centred[0].T @ centred[1]
@@ -189,7 +185,7 @@ def _swapped(joint: str, other: str, together: float) -> Finding:
 
 
 def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | None:
-    """What is wrong with the scale or sign of a velocity."""
+    """Checks the scale and sign of a velocity."""
     factor = float(slope @ v / (v @ v))
     data: dict[str, object] = {"factor": factor, "correlation": float(together)}
     if abs(together) < _AGREES:
@@ -220,12 +216,9 @@ def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | Non
 
 
 def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
-    """Positions that leave the model's limits, or turn and hurry without limits.
+    """Positions q (N, n) [rad or m] outside the model's limits, or large and fast without limits.
 
-    Args:
-        q: (N, n) positions [rad or m].
-        speeds: (n,) large ones of each joint [rad/s or m/s].
-        robot: whose limits they are.
+    speeds (n,) are large speeds of each joint [rad/s or m/s].
     """
     found = []
     for j, name in enumerate(robot.joints):
@@ -263,7 +256,7 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
 
 
 def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
-    """Lowest and highest position and largest speed of a joint; infinite where there is none."""
+    """Lowest and highest position and largest speed of a joint; infinite without a limit."""
     model = robot.model
     joint = model.joints[model.getJointId(name)]
     if joint.nq != 1:
@@ -301,8 +294,8 @@ def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -
             return []
         remedy = "State the unit in map.toml: mA, mN·m, % or raw."
         return [Finding("refusal", "milliamps", "", text, remedy, data)]
-    remedy = "They may be milliamperes or counts: state the unit in map.toml, or gains are found "
-    remedy += "per unit of this column."
+    remedy = "They may be milliamperes or counts: state the unit in map.toml, or the gains are "
+    remedy += "identified per unit of this column."
     return [Finding("warning", "milliamps", "", text, remedy, data)]
 
 

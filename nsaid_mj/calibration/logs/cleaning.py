@@ -1,4 +1,4 @@
-"""From a table's channels to ordered signals in SI, and what had to be done for it."""
+"""From a table's channels to ordered signals in SI, with findings about the cleaning."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHOWN = 5
 """Row numbers stated in a message; the finding's data hold up to a hundred."""
 
 
-_JITTER = 0.2  # half the spread of intervals, over their median, that is told
+_JITTER = 0.2  # half the spread of intervals, over their median, from which it is reported
 
 
 class Recording(NamedTuple):
@@ -37,10 +37,7 @@ def clean(recording: Recording, layout: Layout) -> tuple[dict[str, Signal], tupl
     """The signals of a layout's sources by the names of their columns, in SI.
 
     Rows without a value or out of order are dropped, angles continued across whole turns, and
-    outliers of positions and velocities interpolated.
-
-    Returns:
-        The signals, and a finding for everything that was done.
+    outliers of positions and velocities interpolated. Every step adds a finding.
     """
     recording = _same_signs(recording, layout)
     findings: list[Finding] = []
@@ -86,7 +83,7 @@ def _clean_one(
         )
     t, x, row = order.t[present], values[present], order.index[present] + 1
     if source.angle:
-        raw = np.sign(source.factor) * abs(source.column.ratio)  # a whole turn of what is measured
+        raw = np.sign(source.factor) * abs(source.column.ratio)  # a whole turn in the column's unit
         x_turns, jumps = signals.unwrap(x * raw)
         if len(jumps):
             x = x_turns / raw
@@ -108,14 +105,14 @@ def _clean_one(
 
 
 def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding]:
-    """What was done to a clock."""
+    """Findings about a clock: missing, repeated and late times, and resets."""
     found = []
     undated = np.flatnonzero(~np.isfinite(channel.t))
     for code, rows, text in (
         ("missing_times", undated, "rows without a time were dropped"),
         ("duplicates", order.repeated, "rows that repeat the time before were dropped"),
         ("backward_times", order.late, "rows whose time lies before an earlier one were dropped"),
-        ("clock_reset", order.resets, "restarts of the clock; the log is cut there"),
+        ("clock_reset", order.resets, "restarts of the clock; the log is split there"),
     ):
         if len(rows):
             level = "warning" if len(rows) > 0.2 * len(channel.t) else "note"
@@ -148,13 +145,8 @@ def about_rows(
 ) -> Finding:
     """A finding that begins with a number of rows and ends with the first of them.
 
-    Args:
-        level: how serious it is.
-        code: a short constant name.
-        where: file and channel.
-        rows: their numbers in the file, from 1.
-        text: what was done with them, without their number.
-        remedy: what to do about it.
+    `rows` are their numbers in the file, from 1; `text` says what happened to them, without their
+    number; `where` is file and channel.
     """
     listed = [int(row) for row in rows[:100]]
     first = ", ".join(str(row) for row in listed[:SHOWN]) + (" …" if len(rows) > SHOWN else "")

@@ -36,10 +36,10 @@ class Clock(NamedTuple):
 
 
 def with_whole_stamps(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns in which seconds and nanoseconds of one stamp are one column of nanoseconds.
+    """The columns with seconds and nanoseconds of one stamp merged into nanoseconds.
 
-    A stamp in two columns, such as `header.stamp.sec` and `header.stamp.nanosec`, is replaced by
-    `header.stamp_ns`; columns that share no such beginning are returned as they are.
+    A stamp in two columns, such as `header.stamp.sec` and `header.stamp.nanosec`, becomes
+    `header.stamp_ns`; columns that share no such prefix stay as they are.
     """
     stems = {match[1]: name for name in columns if (match := _SECONDS.fullmatch(name))}
     for name, column in columns.items():
@@ -57,7 +57,7 @@ def with_whole_stamps(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def time_column(columns: dict[str, np.ndarray]) -> str | None:
-    """The name of the column that holds the time, by name or because it increases steadily."""
+    """The name of the time column, found by its name or because it increases steadily."""
     named = [name for name in columns if _says_time(name)]
     for name in named:
         if _increases(columns[name], 0.9):
@@ -70,16 +70,11 @@ def time_column(columns: dict[str, np.ndarray]) -> str | None:
 
 
 def read(column: np.ndarray, name: str, unit: str | None) -> Clock | None:
-    """Converts a time column to seconds.
+    """Converts a time column (N,) to seconds; None if it holds no times.
 
-    Args:
-        column: (N,) numbers, `datetime64` or date strings.
-        name: of the column, which may state the unit, as `t_ms` does.
-        unit: `s`, `ms`, `us`, `ns`, `date`; None to detect it from the name, the size of the
-            numbers (times since 1970) and the interval between rows.
-
-    Returns:
-        The clock; None if the column holds no times.
+    The column holds numbers, `datetime64` or date strings. `unit` is `s`, `ms`, `us`, `ns` or
+    `date`; None detects it from the name, such as `t_ms`, the size of the numbers (times since
+    1970) and the interval between rows.
     """
     if column.dtype.kind == "O":
         dates = _dates(column)
@@ -112,7 +107,7 @@ def read(column: np.ndarray, name: str, unit: str | None) -> Clock | None:
 
 
 def _unit_of(times: Array) -> str:
-    """The unit of times since 1970 by their size, of others by the interval between rows."""
+    """The unit of times: of those since 1970 by their size, of others by the interval of rows."""
     size = float(np.median(np.abs(times.astype(np.float64))))
     for unit, epoch in _EPOCH.items():
         if epoch <= size < 2 * epoch:
@@ -120,7 +115,7 @@ def _unit_of(times: Array) -> str:
     steps = np.diff(times.astype(np.float64))
     steps = steps[steps > 0]
     step = float(np.median(steps)) if len(steps) else 0.0
-    # 5 Hz to 20 kHz; a step of whole numbers is no second
+    # 5 Hz to 20 kHz; a step of whole numbers is not a second
     return "s" if step < 0.5 else "ms" if step < 50 else "us" if step < 5e4 else "ns"
 
 
@@ -142,7 +137,7 @@ def _increases(column: np.ndarray, share: float) -> bool:
 
 
 def _dates(texts: np.ndarray) -> np.ndarray | None:
-    """ISO dates, or times of day, as datetime64[ns]; None if the texts are no such things."""
+    """ISO dates, or times of day, as datetime64[ns]; None if the texts are neither."""
     if not len(texts) or not re.match(r"\d{4}-\d\d-\d\d|\d\d?:\d\d", str(texts[0])):
         return None
     day = "1970-01-01T" if re.match(r"\d\d?:\d\d", str(texts[0])) else ""

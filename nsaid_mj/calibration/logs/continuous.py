@@ -1,4 +1,4 @@
-"""Runs of our own arms with continuous joints: cosine and sine in the record, an angle here."""
+"""Converts runs of our own arms with continuous joints from cosine and sine to angles."""
 
 from __future__ import annotations
 
@@ -9,13 +9,9 @@ from .tables import Channel, Table
 
 
 def with_angles(table: Table, robot: RobotModel) -> Table:
-    """A table whose `q_0` … are one angle for each joint, if they are Pinocchio's coordinates.
+    """A table whose `q_0` … are one angle for each joint, if they were Pinocchio's coordinates.
 
     Other tables are returned as they are. Angles are continued across whole turns.
-
-    Args:
-        table: of a file.
-        robot: whose joints may be continuous.
     """
     if robot.system is not None:
         return table

@@ -42,7 +42,7 @@ class UnmatchedChannels(NsaidError):
     """A log whose channels cannot be assigned to the robot's joints.
 
     Attributes:
-        missing: what was not found, such as "position of shoulder_pan_joint".
+        missing: the unmatched quantities, such as "position of shoulder_pan_joint".
         reasons: why, one sentence for each quantity at fault.
         channels: names of all channels.
     """

@@ -59,7 +59,7 @@ _IN_PLANE = {
     "position": ("x y psi", "x y heading", "x y theta", "x y yaw"),
     "linear": ("vx vy r", "vx vy yawrate", "surge sway yawrate"),
 }
-"""Endings of names of channels, without anything but letters and digits."""
+"""Endings of channels' names, letters and digits only."""
 
 _MEANING = {
     "thruster": ("-1 to 1", -1.0, 1.0),
@@ -70,20 +70,15 @@ _MEANING = {
     "fin": ("deflection [rad]", 0.0, 0.0),
     "tyre": ("steering angle [rad]", 0.0, 0.0),
 }
-"""What the command of a kind of column is, and the range of it."""
+"""The command of a kind of column, in words, and its range."""
 
 _PULSE = (1000.0, 2000.0)  # ends of a pulse width [µs]
 
 
 def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
-    """The text of a map of a log: what the names of channels tell, and lines to fill in.
+    """The map of a log as TOML: entries that channels' names imply, and lines to fill in.
 
-    Args:
-        tables: of the log's files.
-        robot: whose joints or actuators are mapped.
-
-    Returns:
-        TOML that `read_map` accepts once every joint has a position and a command.
+    `read_map` accepts it once every joint or actuator has a position and a command.
     """
     names = list(dict.fromkeys(name for table in tables for name in table.channels))
     parts = [_HEAD, _channels(tables), _time(tables)]
@@ -105,7 +100,7 @@ def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
 def _servos(
     tables: Sequence[Table], robot: RobotModel, measured: dict[str, str], targets: dict[str, str]
 ) -> list[str]:
-    """The joints of an arm by position targets; their unit, where names and values tell it."""
+    """The joints of an arm by position targets; their unit, if names and values imply it."""
     values = {
         joint: np.concatenate(
             [
@@ -144,7 +139,7 @@ def _servos(
 
 
 def _inside(values: Array, low: float, high: float) -> bool:
-    """Whether values are within limits, or are a turn or less where there are none."""
+    """Whether values are within limits, or within a turn where there are none."""
     margin = 0.05 * (high - low) if np.isfinite(high - low) else 0.0
     low, high = np.clip([low - margin, high + margin], -2 * np.pi, 2 * np.pi)
     return bool(np.nanmin(values) >= low and np.nanmax(values) <= high)
@@ -222,7 +217,7 @@ def _vehicle(tables: Sequence[Table], robot: RobotModel) -> str:
 
 
 def _named(suffixes: Sequence[str], channels: Collection[str]) -> list[str] | None:
-    """The channels whose names are given ones, or end with them; None unless all are unique."""
+    """The channels with given names or endings; None unless each is unique."""
     plain = {name: "".join(words(name)) for name in channels}
     same = [[name for name, text in plain.items() if text == suffix] for suffix in suffixes]
     ending = [[n for n, text in plain.items() if text.endswith(suffix)] for suffix in suffixes]
@@ -234,7 +229,7 @@ def _named(suffixes: Sequence[str], channels: Collection[str]) -> list[str] | No
 
 
 def _means(robot: RobotModel, k: int) -> tuple[str, float, float]:
-    """What command k is, in words, and the range that a servo's pulses stand for; 0 if none."""
+    """Command k in words, and the range that a servo's pulses represent; 0 if none."""
     kinds = [c.kind for c in robot.system.structure.columns if c.input == k]
     return next((_MEANING[kind] for kind in kinds if kind in _MEANING), ("", 0.0, 0.0))
 

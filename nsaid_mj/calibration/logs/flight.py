@@ -68,18 +68,11 @@ _CONTROLLERS = (
 
 
 def flight_map(robot: RobotModel, channels: Collection[str]) -> tuple[Map, str] | None:
-    """The map of a log with the standard topics, if the vehicle is a quadrotor "X".
+    """The map of a log with the standard topics, and its assumptions in words.
 
     Velocities are those of the controller's estimator; positions, on which no force depends, are
-    integrated from them.
-
-    Args:
-        robot: whose actuators are mapped.
-        channels: names of the log's channels.
-
-    Returns:
-        The map, and what it takes for granted in words; None if topics are missing or the vehicle
-        is none with one rotor in each quadrant.
+    integrated from them. None if topics among `channels` are missing, or the vehicle does not have
+    one rotor in each quadrant.
     """
     if robot.system is None or robot.system.m != 7:
         return None

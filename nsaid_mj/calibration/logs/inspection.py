@@ -1,4 +1,4 @@
-"""What a log holds: figures of every channel, and findings about the log as a whole."""
+"""Inspects a log: figures of every channel, and findings about the log as a whole."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ChannelFigures:
     Attributes:
         source: name of the file.
         name: of the channel.
-        role: such as "q of elbow"; "" if it is not used.
+        role: such as "q of elbow"; "" if unused.
         rows: with a number.
         missing: rows without one.
         rate: median rows per second [Hz].
@@ -62,12 +62,12 @@ class ChannelFigures:
 
 @dataclass(frozen=True)
 class Inspection:
-    """What was seen in a log.
+    """The result of inspecting a log.
 
     Attributes:
         tables: the files.
         channels: figures of all channels.
-        findings: what was noticed; refusals are what `identify` would stop at.
+        findings: what was noticed; `identify` would stop at refusals.
         recordings: the log in the robot's coordinates; None without a model, or if channels could
             not be matched or used.
         robot: the model; None without one.
@@ -87,11 +87,11 @@ def inspect(
 
     Args:
         tables: of the log's files.
-        mapping: which columns are what; None to match them by name.
+        mapping: the meaning of columns; None to match them by name.
         robot: None to measure the channels only.
 
     Raises:
-        InvalidInput: the map names what does not exist.
+        InvalidInput: the map names something that does not exist.
     """
     roles: dict[str, str] = {}
     recordings, findings = None, tuple(f for table in tables for f in table.findings)
@@ -121,7 +121,7 @@ def inspect(
 def _servo_findings(
     tables: Sequence[Table], mapping: Map | None, robot: RobotModel
 ) -> tuple[Finding, ...] | None:
-    """What is noticed about position targets of an arm of servos; None of other logs."""
+    """Findings about position targets of a servo arm; None for other logs."""
     if not any(finding.code == "servo" for finding in robot.findings):
         return None
     from ..servos import read_servos
@@ -134,7 +134,7 @@ def _servo_findings(
 
 
 def _unmatched(error: UnmatchedChannels) -> Finding:
-    """What to do about channels whose names do not tell."""
+    """What to do about channels whose names are ambiguous."""
     text = f"cannot tell which channels are {', '.join(error.missing)}"
     text += f". {' '.join(error.reasons)}".rstrip(".")
     return Finding(
@@ -174,7 +174,7 @@ def figures_of(source: str, name: str, channel: Channel, role: str = "") -> Chan
 
 
 def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
-    """What each channel in use is."""
+    """The role of each channel in use."""
     found: dict[str, str] = {}
     joints = robot.joints if robot.system is None else ()
     for word, group in (("q", made.positions), ("v", made.velocities), ("u", made.commands)):
@@ -187,10 +187,10 @@ def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
 
 
 def _unmapped(figures: Sequence[ChannelFigures]) -> list[Finding]:
-    """Dead channels that are not in use, which may explain why a match failed."""
+    """Dead unused channels, which may explain why a match failed."""
     dead = [f.name for f in figures if f.dead and not f.role]
     if not dead:
         return []
-    text = f"{len(dead)} channels that are not used have one value throughout: "
+    text = f"{len(dead)} unused channels are constant: "
     text += ", ".join(dead[:12]) + (" …" if len(dead) > 12 else "")
     return [Finding("note", "dead_channel", "", text, data={"channels": dead})]

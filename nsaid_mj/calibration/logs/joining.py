@@ -1,4 +1,4 @@
-"""Which tables are logs of their own, and which are parts of one log, on one clock."""
+"""Sorts tables into separate logs, and parts of one log on one clock."""
 
 from __future__ import annotations
 
@@ -16,12 +16,9 @@ from .tables import Channel, Table
 def join(
     tables: Sequence[Table], mapping: Map, wanted: Sequence[str]
 ) -> tuple[list[Recording], list[Finding]]:
-    """The recordings of tables: one for each table with all wanted channels, one for the rest.
+    """The recordings of tables: one for each table with all `wanted` channels, one for the rest.
 
-    Args:
-        tables: of the files.
-        mapping: with the offsets of the files' clocks.
-        wanted: names of the channels in use.
+    `mapping` has the offsets of the files' clocks.
 
     Raises:
         InvalidInput: files that belong together have no time in common.
@@ -33,7 +30,7 @@ def join(
     if parts:
         joined = _joined(parts, mapping, wanted)
         found.append(joined)
-        text = f"{joined.source} are parts of one log and were put on one clock"
+        text = f"{joined.source} are parts of one log and were merged on one clock"
         findings.append(Finding("note", "joined", "", text))
     return found, findings
 

@@ -1,4 +1,4 @@
-"""Which channels a robot's q, v and u are made of, and how."""
+"""How channels of a log make up a robot's q, v and u."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ _FRD = np.diag([1.0, -1.0, -1.0])  # FRD to FLU
 
 
 class Source(NamedTuple):
-    """A channel that is read, and its conversion to SI: `factor · value`.
+    """A channel and its conversion to SI: `factor · value`.
 
     Attributes:
-        quantity: what it measures.
+        quantity: the measured quantity.
         column: its entry in the map.
-        factor: to SI; the offset is added by `Layout`.
+        factor: to SI; `Layout` adds the offset.
         angle: whether its values may jump by whole turns.
     """
 
@@ -46,9 +46,8 @@ class Layout(NamedTuple):
         commands: n_u sources of commands.
         coupling: (n, n) joint velocities per motor velocity; None for a vehicle.
         torque: (n_u, n_u) joint commands per motor command; None for a vehicle.
-        vehicle: how a pose and twist are given; None for joints, and for a vehicle's own
-            coordinates.
-        assumed: what was taken for granted, in words; "" if the map or the names say it all.
+        vehicle: form of a pose and twist; None for joints, and for a vehicle's own coordinates.
+        assumed: assumptions, in words; "" if the map or the names say it all.
     """
 
     positions: tuple[Source, ...]
@@ -72,7 +71,7 @@ class Layout(NamedTuple):
     def q(self, raw: Array) -> Array:
         """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k).
 
-        Of a vehicle in space without positions they are 0, see `placed`.
+        For a vehicle in space without positions they are 0, see `placed`.
         """
         offsets = np.array([s.column.zero for s in self.positions])
         if self.vehicle is None:
@@ -87,12 +86,9 @@ class Layout(NamedTuple):
         return _twist(self.vehicle, raw + offsets, q)
 
     def placed(self, q: Array, v: Array, rate: float) -> Array:
-        """Poses (N, 7) with positions integrated from the twists v (N, 6), if the log has none.
+        """Poses (N, 7), with positions integrated from the twists if the log has none.
 
-        Args:
-            q: of `self.q`.
-            v: of `self.v`.
-            rate: rows per second [Hz].
+        q (N, 7) is that of `self.q`, v (N, 6) that of `self.v`, `rate` in rows per second [Hz].
         """
         if self.vehicle is None or self.vehicle.position is not None:
             return q
@@ -120,15 +116,10 @@ def _mixed(raw: Array, matrix: Array | None) -> Array:
 
 
 def layout(mapping: Map | None, robot: RobotModel, channels: list[str]) -> Layout:
-    """The layout of a map, or of channels whose names match the robot.
-
-    Args:
-        mapping: may be None or without joints, to match channels by name.
-        robot: whose coordinates are wanted.
-        channels: names of all channels with numbers.
+    """The layout of a map, or of channels whose names match the robot if there are none in it.
 
     Raises:
-        UnmatchedChannels: there is no map, and the names do not tell.
+        UnmatchedChannels: there is no map, and the names are ambiguous.
         InvalidInput: the map names a joint or column that does not exist, or lacks one.
     """
     mapping = mapping or Map()
@@ -226,7 +217,7 @@ def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
 
 
 def _check_vehicle(vehicle: Vehicle, m: int, n: int) -> None:
-    """Whether a map has the parts that a system with such coordinates needs."""
+    """Checks that a map has the parts that a system with such coordinates needs."""
     remedy = "A body in space needs position, quaternion or euler, linear and angular, and may do "
     remedy += "without position or without velocities; in the plane, x, y and heading as position, "
     remedy += "and surge, sway and yaw rate as linear."
@@ -267,7 +258,7 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
 
 
 def _rotations(vehicle: Vehicle, raw: Array) -> Rotation:
-    """Turns from the body to the world, from quaternions (N, 4) or roll, pitch and yaw (N, 3)."""
+    """Rotations from body to world, from quaternions (N, 4) or roll, pitch and yaw (N, 3)."""
     if vehicle.quaternion is None:
         return Rotation.from_euler("ZYX", raw[:, ::-1])
     return Rotation.from_quat(raw, scalar_first=vehicle.order == "wxyz")
@@ -293,11 +284,9 @@ def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
 
 
 def pose_velocity(q: Array, rate: float) -> Array:
-    """Twists (N, n) along the body's axes, from central differences of poses.
+    """Twists (N, n) along the body's axes, from central differences of poses, `rate` [Hz].
 
-    Args:
-        q: poses in space (N, 7) or [x, y, ψ] in the plane (N, 3), at a constant rate.
-        rate: rows per second [Hz].
+    q are poses in space (N, 7) or [x, y, ψ] in the plane (N, 3).
     """
     slopes = np.gradient(q, 1 / rate, axis=0)
     if q.shape[1] == 3:

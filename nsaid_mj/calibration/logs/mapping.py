@@ -1,4 +1,4 @@
-"""`map.toml`: which columns of a log are a robot's positions, velocities and commands."""
+"""`map.toml`: the columns of a log that are a robot's positions, velocities and commands."""
 
 from __future__ import annotations
 
@@ -82,16 +82,16 @@ class Column:
 
     Positions and velocities become `sign · value · unit / ratio + offset`, commands
     `sign · value · unit · ratio + offset`: `ratio` is a gear ratio, motor turns per joint turn.
-    Two `points` of the line from value to position take the place of all these.
+    Two `points` of the line from value to position replace all these.
 
     Attributes:
         column: name of the column.
         unit: of its values; None if the name states it (`q1_deg`), or it is SI.
         sign: −1 if the column counts against the joint's axis.
-        offset: added at last [rad, m, rad/s, m/s, or the command's unit].
+        offset: added last [rad, m, rad/s, m/s, or the command's unit].
         ratio: of the gear between the motor and the joint.
         counts_per_turn: of an encoder, for `ticks` and `ticks/s`.
-        points: two values of the column, each with the position that it stands for [rad or m].
+        points: two values of the column, each with the position that it represents [rad or m].
     """
 
     column: Name
@@ -104,7 +104,7 @@ class Column:
 
     @property
     def zero(self) -> float:
-        """What is added to the scaled values: `offset`, or that of the line through `points`."""
+        """Addend of the scaled values: `offset`, or that of the line through `points`."""
         if self.points is None:
             return self.offset
         value, position = self.points[0]
@@ -112,14 +112,14 @@ class Column:
 
     @property
     def is_position(self) -> bool:
-        """Whether its unit is one of positions, or `points` tell positions."""
+        """Whether its unit is one of positions, or it has `points`."""
         return self.points is not None or self.unit in FACTORS["position"]
 
     def unit_as(self, quantity: Quantity) -> str:
         """The unit stated by the map or the column's name; "" if neither states one.
 
         Raises:
-            InvalidInput: the stated unit is none of such a quantity.
+            InvalidInput: the stated unit does not belong to such a quantity.
         """
         if self.unit is not None and self.unit not in FACTORS[quantity]:
             known = ", ".join(FACTORS[quantity])
@@ -131,7 +131,8 @@ class Column:
         """The factor from the column's values to SI, without offset.
 
         Raises:
-            InvalidInput: the unit is none of such a quantity, or counts per turn are missing.
+            InvalidInput: the unit does not belong to such a quantity, or `counts_per_turn` is
+                missing.
         """
         if self.points is not None:
             (value, position), (other, there) = self.points
@@ -152,10 +153,10 @@ class Joint:
 
     Attributes:
         position: of the joint, or of its motor (then with `ratio`).
-        command: current, torque, or whatever the actuator was told or measured.
+        command: current, torque, or any other command or measurement of the actuator.
         velocity: None to differentiate the position.
         rest: rows with a lower speed are not used [rad/s or m/s]; the speed's noise sets another
-            limit, and the higher one holds.
+            limit, and the higher one applies.
     """
 
     position: Column
@@ -181,7 +182,7 @@ class Time:
 
 @config
 class File:
-    """What concerns one file.
+    """The properties of one file.
 
     Attributes:
         offset: added to the file's times, to put several files on one clock [s].
@@ -201,7 +202,7 @@ class Coupling:
     """Joints driven by several motors, as in a wrist. Rows and columns are in the robot's order.
 
     Attributes:
-        position: (n, n) R with q_motor = R (q − offset), which holds for velocities too.
+        position: (n, n) R with q_motor = R (q − offset); the same for velocities.
         torque: (n, n) R_τ with τ_joint = R_τ τ_motor.
     """
 
@@ -249,7 +250,7 @@ class Vehicle:
 
 @config
 class Map:
-    """Which columns are what, and in which units.
+    """The meaning and units of columns.
 
     Attributes:
         time: of every file.
@@ -279,7 +280,7 @@ def read_map(path: str | os.PathLike[str]) -> Map:
     """Reads map.toml.
 
     Raises:
-        InvalidInput: there is no such file, it is no TOML, or a field cannot be used; the message
+        InvalidInput: there is no such file, it is not TOML, or a field cannot be used; the message
             names the field.
     """
     file = Path(path)
@@ -288,17 +289,13 @@ def read_map(path: str | os.PathLike[str]) -> Map:
         content = tomllib.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidInput(str(file), "a map of columns", error.strerror, remedy) from error
-    except (ValueError, RecursionError) as error:  # ValueError: no TOML, no UTF-8, 5000 digits
+    except (ValueError, RecursionError) as error:  # ValueError: not TOML, not UTF-8, 5000 digits
         raise InvalidInput(str(file), "TOML", f"{error}", remedy) from error
     return map_of(content, str(file))
 
 
 def map_of(content: dict[str, Any], source: str = "map") -> Map:
-    """The map of a parsed TOML document.
-
-    Args:
-        content: its tables.
-        source: name of the file, for messages.
+    """The map of a parsed TOML document; `source` names its file in messages.
 
     Raises:
         InvalidInput: a field cannot be used; the message names it.
@@ -316,7 +313,7 @@ def map_of(content: dict[str, Any], source: str = "map") -> Map:
 
 
 def matrix(name: str, rows: tuple[tuple[float, ...], ...] | None, n: int) -> np.ndarray:
-    """A coupling as an array (n, n); the identity if there is none.
+    """A coupling as an array (n, n), by default the identity.
 
     Raises:
         InvalidInput: it is not (n, n), or singular.

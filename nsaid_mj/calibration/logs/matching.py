@@ -1,4 +1,4 @@
-"""Matches channels to joints by name, where no map says which is which.
+"""Matches channels to joints by name, where there is no map.
 
 A channel's name is divided into words: the joint's name or index, words for a quantity (`position`,
 `vel`, `tau` …), and the rest. Channels that differ only in the joint are a group, and a group with
@@ -38,10 +38,10 @@ _NAMES = {"position": "position", "velocity": "velocity", "command": "torque or 
 
 
 class Match(NamedTuple):
-    """What a channel's name says.
+    """The meaning of a channel's name.
 
     Attributes:
-        quantity: what it measures.
+        quantity: the measured quantity.
         group: the name without the joint.
         joint: name of the joint, or its index as text.
         rank: 0 for a measurement, 1 for a neutral name, 2 for a setpoint.
@@ -54,11 +54,7 @@ class Match(NamedTuple):
 
 
 def match(channels: Sequence[str], joints: Sequence[str]) -> Map:
-    """The map of channels whose names say which joint and quantity they are.
-
-    Args:
-        channels: names of all channels that hold numbers.
-        joints: names of the robot's actuated joints, in order.
+    """The map of channels whose names give joint and quantity, for the robot's actuated joints.
 
     Raises:
         UnmatchedChannels: a joint has no position or command, or there are several candidates.
@@ -91,9 +87,9 @@ def match(channels: Sequence[str], joints: Sequence[str]) -> Map:
 
 
 def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, str]:
-    """The channels of position targets by joint; empty if the names do not tell.
+    """The channels of position targets by joint; empty if the names are ambiguous.
 
-    A target is named by its joint and a word such as `target` or `goal` beside words of positions:
+    A target's name has its joint and a word such as `target` or `goal` beside words of positions:
     `target_elbow`, `elbow.goal_position`, `action.elbow.pos`.
     """
     groups: dict[str, dict[str, str]] = defaultdict(dict)
@@ -107,7 +103,7 @@ def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, s
 
 
 def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str]) -> str:
-    """Which joints have no channel of a quantity, or how many channels are numbered instead."""
+    """Says which joints lack a channel of a quantity, or how many numbered channels there are."""
     found = _members(channels, joints)
     named = {joint for match, members in found.items() if match[0] == quantity for joint in members}
     unnamed = [joint for joint in joints if joint not in named]
@@ -124,7 +120,7 @@ def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str])
 
 
 def _fewer(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
-    """The joints that the log is about, if their names tell and they are not all."""
+    """The joints that the log covers, if its names say so and they are not all."""
     named: dict[Quantity, set[str]] = {quantity: set() for quantity in WORDS}
     for (quantity, _, _), members in _members(channels, joints).items():
         named[quantity] |= set(members)
@@ -140,7 +136,7 @@ def candidates(
     """For each quantity, the groups of channels that cover all joints: joint to channel by group.
 
     Measured quantities take precedence over setpoints of the same quantity, and names of joints
-    over numbers, which may be those of another arm in the log.
+    over numbers, which may belong to another arm in the log.
     """
     complete: dict[Quantity, dict[tuple[int, bool], dict[str, dict[str, str]]]]
     complete = {quantity: {} for quantity in WORDS}
@@ -175,7 +171,7 @@ def _by_joint(members: dict[str, str], joints: Sequence[str]) -> dict[str, str]:
 
 
 def read(channel: str, joints: Sequence[str]) -> Match | None:
-    """What a channel's name says; None if it names no joint or no quantity."""
+    """The meaning of a channel's name; None if it names no joint or no quantity."""
     bare = channel
     for factors in FACTORS.values():
         bare, unit = of_name(channel, factors)
@@ -197,7 +193,7 @@ def read(channel: str, joints: Sequence[str]) -> Match | None:
 
 
 def quantity_of(said: set[str], rest: Sequence[str]) -> Quantity | None:
-    """The quantity of a channel by the words of its name; None if they name none, or several."""
+    """The quantity that the words of a channel's name give; None if none, or several."""
     text = " ".join(rest)
     if "q dot" in text or "d q" in text:
         return "velocity"
@@ -211,7 +207,7 @@ def quantity_of(said: set[str], rest: Sequence[str]) -> Quantity | None:
 
 
 def words(name: str) -> list[str]:
-    """A name's words in lower case; digits are words of their own."""
+    """A name's words in lower case; digits are separate words."""
     spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
     return re.findall(r"[a-z]+|\d+", spaced.lower())
 
@@ -220,7 +216,7 @@ def _joint_of(found: list[str], joints: Sequence[str]) -> tuple[str, list[str]]:
     """The joint that a name's words contain, and the words with `*` for it.
 
     The longest joint name that occurs wins; failing that, the last number is an index. A name
-    without either is that of a robot's only joint.
+    without either belongs to a robot's only joint.
     """
     best, where = "", (0, 0)
     for joint in joints:

@@ -22,28 +22,28 @@ from .signals import Signal
 from .tables import Table
 
 HIGHEST_RATE = 1000.0
-"""Samples per second of the grid, at most [Hz]; faster logs are low-passed and decimated."""
+"""Largest rate of the grid [Hz]; faster logs are low-passed and decimated."""
 
 SHORTEST = 0.5
 """Shorter stretches between gaps are left out [s]."""
 
-_MOST = 0.3  # share of rows at a flat extreme above which it is no saturation
+_MOST = 0.3  # share of rows at a flat extreme above which it is not saturation
 
 
 def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> Recordings:
     """Puts the logs of a robot on one grid, in the robot's coordinates and SI units.
 
-    Files that hold all columns are logs of their own; files that hold some are parts of one log,
-    on one clock. Everything done to the data is a finding with row numbers.
+    Files that hold all columns are separate logs; files that hold some are parts of one log, on one
+    clock. Every step of the processing is a finding with row numbers.
 
     Args:
         tables: at least one.
-        mapping: which columns are what; None to match them by name.
+        mapping: the meaning of columns; None to match them by name.
         robot: whose coordinates, joints and limits are used.
 
     Raises:
-        UnmatchedChannels: no map is given, and the channels' names do not tell the joints.
-        InvalidInput: the map names what does not exist, or files share no time.
+        UnmatchedChannels: no map is given, and the channels' names are ambiguous.
+        InvalidInput: the map names something that does not exist, or files share no time.
         UnusableLog: no stretch of the logs has all signals for at least half a second.
     """
     mapping = mapping or Map()
@@ -123,14 +123,14 @@ def _without_dead_velocities(
 
 
 def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Finding]) -> float:
-    """Samples per second of the grid: the median rate of the positions, or a part of it."""
+    """Samples per second of the grid: the median rate of the positions, or a fraction of it."""
     rates = [found[s.column.column].rate for found in cleaned for s in made.positions]
     own = float(np.median(rates))
     if abs(own - round(own)) < 2e-3 * own and own > 10:
         own = float(round(own))
     every = max(1, math.ceil(own / HIGHEST_RATE - 0.05))
     if every > 1:
-        text = f"{own:g} Hz were low-passed without phase and reduced to {own / every:g} Hz"
+        text = f"reduced from {own:g} to {own / every:g} Hz, after a low-pass without phase lag"
         data: dict[str, object] = {"from": own, "to": own / every}
         findings.append(Finding("note", "decimated", "", text, data=data))
     return own / every
@@ -150,7 +150,7 @@ def _stretches(
     for (a, b), names in sorted(cuts.items()):
         one = found[names[0]]
         row = int(one.row[np.searchsorted(one.t, a)])
-        text = f"{b - a:.3g} s without rows after row {row}; the log is cut there"
+        text = f"{b - a:.3g} s without rows after row {row}; the log is split there"
         where = recording.source if len(names) == len(found) else f"{recording.source}, {names[0]}"
         data: dict[str, object] = {"seconds": b - a, "row": row, "channels": names}
         findings.append(Finding("note", "gap", where, text, data=data))
@@ -185,7 +185,7 @@ def _segments(
     drop_rest = robot.system is None and mapping.drop_rest
     saturated = _saturated(recording, found, made, robot, findings)
     if any(velocity is None for velocity in made.velocities):
-        text = f"velocities are derivatives of positions up to {signals.bandwidth(rest.rate):g} Hz"
+        text = f"velocities are derived from positions up to {signals.bandwidth(rest.rate):g} Hz"
         missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
         data: dict[str, object] = {"joints": missing}
         findings.append(Finding("note", "differentiated", recording.source, text, data=data))
@@ -290,7 +290,7 @@ def _saturated(
         name = source.column.column
         signal = found[name]
         flat = signals.flat_extremes(signal.x, signal.period)
-        where, how = f"{recording.source}, {name}", "its own flat extreme"
+        where, how = f"{recording.source}, {name}", "a flat extreme"
         size = np.abs(signal.x * torque[j, j] + source.column.offset)
         if diagonal and np.isfinite(limit) and size.max() <= 1.02 * limit:
             at_limit = size >= 0.999 * limit
@@ -300,8 +300,8 @@ def _saturated(
         if share == 0:
             continue
         if share > _MOST:
-            text = f"{share:.0%} of the rows are at an extreme; a command that switches between "
-            text += "levels looks so, a saturated one too, and the rows are used"
+            text = f"{share:.0%} of the rows are at an extreme, as of a command that switches "
+            text += "between levels or saturates; the rows are used"
             findings.append(Finding("warning", "saturated", where, text, data={"share": share}))
             continue
         edges = np.flatnonzero(np.diff(np.r_[False, flat, False].astype(int))).reshape(-1, 2)

@@ -1,4 +1,4 @@
-"""Rest: below which speed a joint stands still, and from when to when a robot moves."""
+"""Rest: the speed below which a joint stands still, and the times between which a robot moves."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .mapping import Map
 from .signals import Signal
 
 _MARGIN = 4.0  # standard deviations of a velocity's noise that count as rest
-_LOUD = 0.05  # such a margin, over a joint's speed, beyond which rest is hidden in the noise
+_LOUD = 0.05  # such a margin, over a joint's speed, from which rest is hidden in the noise
 _WINDOW = 0.2  # a robot moves if it does in most rows of such a window [s]
 
 
@@ -56,9 +56,9 @@ class Rest:
     def limits(self, found: dict[str, Signal], logs: Sequence[Log]) -> Array:
         """(n,) speeds of one recording's joints [rad/s or m/s].
 
-        Four standard deviations of the velocity's noise, and not less than its quantisation; of a
+        Four standard deviations of the velocity's noise, and not less than its quantisation; for a
         joint that is ten times faster than its noise, at most a tenth of its speed, since fourth
-        differences of few rows count a fast motion as noise. The limits of the map always hold.
+        differences of few rows count a fast motion as noise. The limits of the map always apply.
         """
         made, derived = self._made, self._derived(found)
         deviations, steps = self._noise(found, derived)
@@ -113,7 +113,7 @@ def rows_of(signal: Signal, part: Stretch) -> tuple[int, int]:
 
 
 def moving_part(moving: np.ndarray, rate: float) -> slice:
-    """From the first to the last window in which the robot moves in most rows."""
+    """The slice from the first to the last window in which the robot moves in most rows."""
     width = max(1, round(_WINDOW * rate))
     share = np.convolve(moving, np.ones(width) / width, mode="same")
     often = np.flatnonzero(share > 0.5)
@@ -124,13 +124,9 @@ def moving_part(moving: np.ndarray, rate: float) -> slice:
 
 
 def cut_rest(file: str, reference: Signal, grid: Array, kept: slice) -> list[Finding]:
-    """What was cut from both ends of a stretch.
+    """Reports the cuts at both ends of a stretch, whose part `kept` has motion.
 
-    Args:
-        file: its name.
-        reference: a signal of the file, for its row numbers.
-        grid: (N,) times of the stretch [s].
-        kept: the part of the grid in which the robot moves.
+    `reference` is a signal of the file, for its row numbers; grid (N,) are times [s].
     """
     findings = []
     whole = rows_of(reference, Stretch(float(grid[0]), float(grid[-1])))
@@ -150,12 +146,12 @@ def cut_rest(file: str, reference: Signal, grid: Array, kept: slice) -> list[Fin
 def limits_stated(
     file: str, segments: Sequence[Segment], limits: Array, joints: Sequence[str]
 ) -> Finding:
-    """Speeds below which rows are not used, and the share of rows above."""
+    """Reports the speeds below which rows are not used, and the share of rows above."""
     usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)
     each = ", ".join(
         f"{joint} {limit:.2g} ({share:.0%})"
         for joint, limit, share in zip(joints, limits, usable, strict=True)
     )
-    text = f"speeds below which rows are not used, and the share of rows that are: {each}"
+    text = f"rows below these speeds are not used (in brackets: share of rows used): {each}"
     data: dict[str, object] = {"limits": limits.tolist(), "share": usable.tolist()}
     return Finding("note", "rest_limits", file, text, data=data)

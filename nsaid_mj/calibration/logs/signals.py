@@ -11,9 +11,9 @@ from ...numerics.low_pass import zero_phase
 from ...parameters import Array
 
 LONG_GAP = 0.05
-"""A signal is cut where it has no rows for longer than this [s] and than five of its periods."""
+"""A signal is split where it has no rows for longer than this [s] and than five of its periods."""
 
-_RESET = 20  # rows in a row that lie before the latest time: the clock has started again
+_RESET = 20  # successive rows before the latest time from which the clock has restarted
 _PAUSE = 1.0  # between the parts of a file whose clock was reset [s]
 
 
@@ -45,14 +45,14 @@ class Signal(NamedTuple):
 
 
 class Order(NamedTuple):
-    """Which rows of a clock are used.
+    """The usable rows of a clock.
 
     Attributes:
         index: (N,) rows used, from 0.
         t: (N,) their times [s], strictly increasing.
-        repeated: rows dropped because their time is that of an earlier row.
+        repeated: rows dropped because their time equals that of an earlier row.
         late: rows dropped because their time lies before that of an earlier row.
-        resets: rows at which the clock starts again; later times are shifted to follow on.
+        resets: rows at which the clock restarts; later times are shifted to follow on.
     """
 
     index: np.ndarray
@@ -63,7 +63,7 @@ class Order(NamedTuple):
 
 
 def order(t: Array) -> Order:
-    """Puts a clock in order: drops rows that repeat or step back, follows a clock that restarts."""
+    """Puts a clock in order: drops rows that repeat or step back, follows one that restarts."""
     index = np.flatnonzero(np.isfinite(t))
     t, resets = t[index].copy(), []
     while True:
@@ -87,7 +87,7 @@ def unwrap(x: Array) -> tuple[Array, np.ndarray]:
     """Continues an angle [rad] across jumps of a whole turn.
 
     Returns:
-        The continuous angle (N,), and the rows before which it jumped; none if jumps are no turns.
+        The continuous angle (N,), and the rows before which it jumped by a turn.
     """
     steps = np.diff(x)
     jumps = np.flatnonzero(np.abs(steps) > 0.9 * 2 * np.pi)
@@ -130,7 +130,7 @@ def noise(x: Array) -> float:
     """Standard deviation of the white part of a smooth signal, by its fourth differences.
 
     The mean square of fourth differences of white noise is C(8, 4) = 70 times its variance; the
-    largest hundredth of them is left out.
+    largest hundredth of them is excluded.
     """
     if len(x) < 10:
         return 0.0
@@ -144,7 +144,7 @@ def robust_noise(x: Array) -> float:
 
 
 def quantum(x: Array) -> float:
-    """The step of which all values are multiples, apart from an offset; 0 if there is none."""
+    """The step of which all values are multiples, up to an offset; 0 if there is none."""
     levels = np.unique(x)
     if not 3 <= len(levels) <= 0.5 * len(x):
         return 0.0
@@ -161,7 +161,7 @@ def flat_extremes(x: Array, period: float) -> np.ndarray:
     """(N,) whether a row belongs to a plateau at the largest or smallest value.
 
     A clipped signal stays at exactly one value, its extreme, for at least 5 rows and 10 ms, and is
-    there far more often than at the next level, which a quantised peak is not.
+    there far more often than at the next level, unlike a quantised peak.
     """
     found = np.zeros(len(x), bool)
     spread = float(np.ptp(x))
@@ -193,18 +193,11 @@ def dropouts(s: Signal) -> Array:
 
 
 def resample(s: Signal, t: Array, hold: bool = False) -> Array:
-    """The signal at the times of a grid.
+    """(N,) the signal at the times t (N,) of a grid [s], within the signal's rows.
 
-    A signal with more than one and a half rows per step of the grid is low-passed first, with no
-    phase, so that nothing above half the grid's rate is folded down.
-
-    Args:
-        s: the signal; it has rows before and after the grid's ends.
-        t: (N,) times [s] at a constant step.
-        hold: whether a value holds until the next row; else they are interpolated linearly.
-
-    Returns:
-        (N,) values.
+    A signal with more than one and a half rows per step of the grid is first low-passed with zero
+    phase, so that nothing above half the grid's rate is aliased. With `hold` a value holds until
+    the next row; else values are interpolated linearly.
     """
     if hold:
         return s.x[np.clip(np.searchsorted(s.t, t + 1e-9, side="right") - 1, 0, None)]
@@ -217,11 +210,9 @@ def resample(s: Signal, t: Array, hold: bool = False) -> Array:
 
 
 def low_pass(x: Array, cut: float) -> Array:
-    """A zero-phase Butterworth low-pass along the first axis, of order 4 forward and backward.
+    """A zero-phase Butterworth low-pass of x (N,) or (N, k), of order 4 forward and backward.
 
-    Args:
-        x: (N,) or (N, k).
-        cut: frequency of −6 dB over half the sampling rate.
+    `cut` is the frequency of −6 dB over half the sampling rate.
     """
     return zero_phase(x, cut, 2.0, periods=6.0)
 
@@ -238,15 +229,10 @@ def bandwidth(rate: float) -> float:
 
 
 def derivative_noise(sigma: float, position_rate: float, rate: float) -> float:
-    """Standard deviation of the derivative of noisy positions.
+    """Standard deviation of the derivative, on a grid of `rate` [Hz], of positions with noise σ.
 
-    White noise σ at a rate f has the density 2σ²/f, and the derivative up to fc the variance
-    ∫ (2πf')² 2σ²/f df' = (2π)² 2σ² fc³ / (3f).
-
-    Args:
-        sigma: of the positions.
-        position_rate: of the positions in the file [Hz].
-        rate: of the grid [Hz].
+    White noise σ at the positions' rate f [Hz] has the density 2σ²/f, and the derivative up to fc
+    the variance ∫ (2πf')² 2σ²/f df' = (2π)² 2σ² fc³ / (3f).
     """
     cut = bandwidth(rate)
     return 2 * np.pi * sigma * np.sqrt(2 * cut**3 / (3 * position_rate))

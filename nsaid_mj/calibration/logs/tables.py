@@ -19,7 +19,7 @@ from . import clocks, formats
 from .errors import UnreadableLog
 from .mapping import Map
 
-_FEW = 0.01  # share of rows with problems beyond which they are a warning
+_FEW = 0.01  # share of rows with problems from which they are a warning
 _SHOWN = 6  # columns named in a message
 _SENTINEL = re.compile(r"-?(?:999+(?:\.9+)?|32768|32767|65535|2147483648|2147483647|1e\+?[1-9]\d+)")
 
@@ -38,14 +38,14 @@ class Channel(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """What a log file holds.
+    """The content of a log file.
 
     Attributes:
         source: name of the file.
         channels: by name, in the order of the file. Row k of a channel is the file's row k + 1:
             rows are counted from 1, without a header.
         origin: the file's own time at t = 0 [ns].
-        findings: what was noticed while reading, such as a detected unit of time.
+        findings: about the reading, such as a detected unit of time.
     """
 
     source: str
@@ -69,8 +69,8 @@ def read(
         rate: rows per second [Hz] of a file without times.
 
     Raises:
-        UnreadableLog: there is no such file, it is damaged or too large, or the time column cannot
-            be told.
+        UnreadableLog: there is no such file, it is damaged or too large, or its time column is
+            ambiguous.
         MissingExtra: the library for its format is not installed.
     """
     file = path_of(path)
@@ -100,7 +100,7 @@ def read_tables(
     """Reads log files, and those of folders; the map may state their time column, unit or rate.
 
     Raises:
-        UnreadableLog: a file is missing or damaged, or its time column cannot be told.
+        UnreadableLog: a file is missing or damaged, or its time column is ambiguous.
         MissingExtra: the library for a file's format is not installed.
     """
     time = (mapping or Map()).time
@@ -128,13 +128,13 @@ def _timed(
         if rate is None:
             raise UnreadableLog(
                 file,
-                f"no column is the time; the columns are {', '.join(values)}",
+                f"no column looks like the time; the columns are {', '.join(values)}",
                 "Name it in map.toml, as in `[time]` `column = …`, or state `rate = …` there.",
             )
         count = len(next(iter(values.values())))
         return clocks.Clock(np.arange(count) / rate, 0, "s", False), values
     if time is not None and name != time:
-        text = f"there is no column {time!r}, which the map calls the time; {name!r} is used"
+        text = f"there is no column {time!r}, the time of the map; {name!r} is used instead"
         findings.append(Finding("warning", "time_column", file.name, text, "Correct map.toml."))
     if clock.unit != "s":
         findings.append(_converted(file, name, clock))
@@ -145,7 +145,7 @@ def _timed(
 def _numbers(
     file: Path, values: dict[str, np.ndarray], findings: list[Finding]
 ) -> dict[str, Array]:
-    """The columns of numbers, with NaN for a number that stands for none, such as −9999."""
+    """The columns of numbers, with NaN for a number that marks a missing one, such as −9999."""
     found = {
         name: column.astype(np.float64)
         for name, column in values.items()
@@ -157,16 +157,16 @@ def _numbers(
             continue
         rows = np.flatnonzero(column == absent)
         column[rows] = np.nan
-        text = f"{len(rows)} rows hold {absent:g}, far from all others, which was read as no value"
+        text = f"{len(rows)} rows hold {absent:g}, far from all others; it was read as missing"
         data = {"value": absent, "count": len(rows), "rows": (rows[:100] + 1).tolist()}
         findings.append(Finding("warning", "sentinel", f"{file.name}, {name}", text, data=data))
     return found
 
 
 def _sentinel(column: Array) -> float | None:
-    """The number of a column that stands for no value.
+    """The number with which a column marks missing values.
 
-    It is one by which loggers say so, the smallest or largest of the column, and farther from all
+    It is a number that loggers use so, the smallest or largest of the column, and farther from all
     others than five times their range.
     """
     finite = column[np.isfinite(column)]
@@ -180,7 +180,7 @@ def _sentinel(column: Array) -> float | None:
 
 
 def _no_numbers(values: dict[str, np.ndarray]) -> list[tuple[str, str]]:
-    """The columns that are none of numbers, and what they hold instead."""
+    """The columns without numbers, and what they hold instead."""
     return [
         (name, f"text such as {str(column[0])[:20]!r}" if column.dtype.kind in "OU" else "dates")
         for name, column in values.items()
@@ -208,7 +208,7 @@ def _converted(file: Path, name: str, clock: clocks.Clock) -> Finding:
 
 
 def _unread(file: Path, columns: formats.Columns) -> list[Finding]:
-    """What was skipped of a table's rows, or read otherwise than it stands there."""
+    """Reports the rows of a table that were skipped, or not read literally."""
     found = []
     total = columns.skipped + (len(next(iter(columns.values.values()))) if columns.values else 0)
     for code, problems, how in (

@@ -91,7 +91,7 @@ _KNOWN = {name.lower(): name for names in FACTORS.values() for name in names} | 
 
 
 def canonical(text: str) -> str:
-    """The unit's own spelling: `Nm`, `n*m` and `N·m` are one; unknown texts are returned as is."""
+    """The unit's canonical spelling: `Nm` and `n*m` are `N·m`; unknown texts are returned as is."""
     plain = text.strip()
     lower = plain.lower()
     if lower in ("ma", "a", "n", "v", "m"):

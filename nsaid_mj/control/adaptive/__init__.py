@@ -1,4 +1,4 @@
-"""Adaptive tracking control with nullspace estimates, and the laws it is compared with."""
+"""Adaptive tracking control with nullspace estimates, and other laws for comparison."""
 
 from .tracker import AdaptiveTracking as AdaptiveTracking
 from .tracker import Tracker as Tracker

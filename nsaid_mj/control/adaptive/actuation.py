@@ -21,7 +21,7 @@ _RANK = 1e-6  # smallest singular value of a group's B, relative to the largest
 
 @dataclass(frozen=True)
 class Group:
-    """Indices of velocities, and of the commands, at least as many, that push along no others."""
+    """Indices of velocities, and of the (as many or more) commands, that push along no others."""
 
     rows: Indices
     columns: Indices
@@ -43,7 +43,7 @@ class Actuation:
         high: (n_u,) largest commands; less where a command curve falls off before.
 
     Raises:
-        InvalidInput: the system is under-actuated, or its forces are no sum of the commands' own.
+        InvalidInput: the system is under-actuated, or its forces are not a sum over commands.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ def unit_forces(system: SecondOrderSystem) -> Array:
 def curves(system: SecondOrderSystem, unit: Array, knots: Array) -> tuple[list[Array], list[Array]]:
     """Tabulates every actuator's effort over the range around 0 in which it grows with the command.
 
-    `unit` (n, n_u, a) is of `unit_forces`, `knots` (k, n_u) are commands. Returns, for every
+    `unit` (n, n_u, a) is that of `unit_forces`, `knots` (k, n_u) are commands. Returns, for every
     actuator, its commands and the efforts there, both increasing.
     """
     (q, v, _), count = system.random_state(np.random.default_rng(0)), len(knots)

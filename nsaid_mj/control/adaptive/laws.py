@@ -1,4 +1,4 @@
-"""The tracking laws: what each demands of a command, and how its estimate follows.
+"""The tracking laws: their demands on a command, and how their estimates follow.
 
 The adaptive ones solve W(t, x, v_r, v̇_r, u) θ̂ = K_d s: Slotine and Li (IJRR 6(3), 1987) in the
 cone's metric and with constant Γ, and certainty equivalence with an identifier's estimate.
@@ -36,7 +36,7 @@ class Estimate:
     Heun's method, with an error of third order in the time between them.
 
     Attributes:
-        theta: (p,) θ̂, at first the prior; what listens to an identifier overwrites it.
+        theta: (p,) θ̂, at first the prior; listeners to an identifier overwrite it.
         metric: ∇²ψ; None if no motion changes θ̂.
     """
 
@@ -103,7 +103,7 @@ def descend(law, work, slope, step, eta, theta, moved):
 
 
 class Demand(NamedTuple):
-    """What a command must achieve: W(t, x, w, a, u) θ̂ = pull.
+    """The requirement on a command: W(t, x, w, a, u) θ̂ = pull.
 
     Attributes:
         w: (n,) velocity that C multiplies.

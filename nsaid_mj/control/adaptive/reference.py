@@ -10,7 +10,7 @@ motion and S = diag(scale),
     Γ = γ S D⁻¹ S,    D = diag(E[S Wᵀ K_d⁻¹ W S]) / largest entry + floor.
 
 Size: while θ̂ − θ is small, s and the adaptation form a loop, M s̈ + K_d ṡ + W (∇²ψ)⁻¹ Wᵀ s ≈ 0. Its
-fastest natural frequency ω is what sampling and unmodelled dynamics limit: a delay δ takes ω² δ
+fastest natural frequency ω is limited by sampling and unmodelled dynamics: a delay δ takes ω² δ
 from the loop's damping K_d/M. γ gives it a chosen value at the prior, for every law.
 """
 

@@ -3,7 +3,7 @@
 At every sample the command solves W(t, x, w, a, u) θ̂ = pull, where the law chooses w, a and pull.
 It is held until the next sample, so it is computed for the state expected half-way, which leaves an
 error of second order in the sampling interval. The adaptation takes the state half-way between two
-samples as measured, and the command that was really held.
+samples as measured, and the command that was held.
 """
 
 from __future__ import annotations
@@ -27,10 +27,7 @@ from .reference import Reference, mean_inertia, rehearse, stiffness
 
 
 class Tracker(InformedDriver):
-    """Tracks a reference under one of the laws.
-
-    An informed law wants the identifier's estimate at intervals of `period` [s].
-    """
+    """Tracks a reference under one of the laws; an informed one asks for θ̂ every `period` [s]."""
 
     def __init__(
         self,
@@ -92,7 +89,7 @@ class Tracker(InformedDriver):
         self._law.estimate.learn(W.T @ (v_r - v_m), t - last.t)
 
     def inform(self, theta_hat: Array) -> None:
-        """Takes over an identifier's estimate, if the law uses one."""
+        """Adopts an identifier's estimate, if the law uses one."""
         if self._law.informed:
             self._law.estimate.theta = np.array(theta_hat, dtype=np.float64)
 
@@ -121,7 +118,7 @@ class AdaptiveTracking(DriverConfig):
             its gain γ [rad/s]; see `reference`.
         floor: least share of the best excited parameter's stiffness Γ⁻¹.
         barrier: μ of the cone's metric, in units of Γ⁻¹ at the scale.
-        period: interval at which `composite` takes over the identifier's estimate [s].
+        period: interval at which `composite` adopts the identifier's estimate [s].
         fundamental: frequency of the trajectory's first harmonic [Hz].
         harmonics: number of harmonics.
         reach: share of every joint's range that the trajectory uses.
@@ -150,8 +147,8 @@ class AdaptiveTracking(DriverConfig):
         """Makes the driver.
 
         Raises:
-            InvalidInput: the system is under-actuated, or its actuators are not of the kind that
-                can be inverted; or the law is `nullspace` and the prior is outside the cone.
+            InvalidInput: the system is under-actuated, or its actuators cannot be inverted; or the
+                law is `nullspace` and the prior is outside the cone.
         """
         actuation = Actuation(system, prior, *command_range(system))
         reference = self._reference(system, rng)

@@ -46,8 +46,8 @@ def chart_room(cone):
 def confine(cone, start, eta):
     """Shortens the step from `start` (p,) to η (p,), in place, where it would leave a tied block.
 
-    After any step P ⪰ (1 − 0.9) P(start), so the block is inside the cone. As a shortened step is
-    not RK4's, V may rise and the conserved quantity may drift.
+    After any step P ⪰ (1 − 0.9) P(start), so the block is inside the cone. A shortened step lacks
+    RK4's accuracy, so V may rise and the conserved quantity may drift.
     """
     for block in cone.others:
         if not tied(cone, block):
@@ -105,7 +105,7 @@ def to_chart_into(cone, theta, eta, room):
 def gather(links, vector, rows, first, factor):
     """Writes the links' parts of factor · vector (p,) as numbers first … first + 9 of their lanes.
 
-    See `over_lanes` for `rows`; links[l] is where the ten numbers of lane l begin in the vector.
+    See `over_lanes` for `rows`; the ten numbers of lane l begin at links[l] in the vector.
     """
     for lane, at in enumerate(links):
         for i in range(10):
@@ -142,7 +142,7 @@ def gather_factors(links, eta, sign, rows):
 
 @compiled
 def squared_into(L, P, k):
-    """Writes the lower triangle of L Lᵀ into P (k, k); L's diagonal is stored as it is."""
+    """Writes the lower triangle of L Lᵀ into P (k, k); L's diagonal is not inverted."""
     for i in range(k):
         for j in range(i + 1):
             total = L[i, 0] * L[j, 0]
@@ -241,17 +241,8 @@ def pack(L, eta, k):
 def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room):
     """Writes η̇ (p,) for θ̇ = (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
 
-    No matrix with a chart needs to be factorised, since η contains its Cholesky factor.
-
-    Args:
-        cone: the cones.
-        eta: (p,) η.
-        theta: (p,) θ of η.
-        stiffness: (p,) or (p, p) Γ⁻¹.
-        mu: weight μ of the barrier.
-        gradient: (p,) Wᵀ Δv.
-        rate: (p,) η̇; written.
-        room: workspace of `chart_room`.
+    No matrix with a chart needs factorising, since η contains its Cholesky factor. theta (p,) is θ
+    of eta (p,), stiffness (p,) or (p, p) is Γ⁻¹; `room` is made by `chart_room`.
     """
     if stiffness.ndim == 2:
         rate[:] = chart_rate(cone, eta, metric_solve(cone, theta, stiffness, mu, gradient))

@@ -1,4 +1,4 @@
-"""The prior: random parameters about given ones, inside the cone, and how far they are spread."""
+"""The prior: random parameters about given ones, inside the cone, and their spread."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from ...errors import InvalidInput
 from ...parameters import Array, ParameterSpace
 from ...quotient.cone import Cone, block_matrix, cone_of, coordinates, read_block, tied
 
-_FLOOR = 0.01  # least positive number or diagonal entry of a matrix that is drawn about, over scale
+_FLOOR = 0.01  # least positive number or diagonal entry of a matrix to draw about, over its scale
 _LEAST = 1e-6  # relative error of a prior; second moments of less are lost in rounding errors
-_EDGE = 1e-3  # least eigenvalue of a matrix of unit diagonal that is drawn about
+_EDGE = 1e-3  # least eigenvalue of a matrix of unit diagonal to draw about
 _FREE = 0.1  # least size of a free parameter, over its scale
 
 
@@ -30,7 +30,7 @@ def drawn_inside(
         space: names, scale and geometry.
         theta: (p,) parameters to draw about.
         error: largest relative error.
-        rng: source of the errors.
+        rng: random generator.
     """
     cone, drawn = cone_of(space), np.array(theta, dtype=np.float64)
     pairing = coordinates(cone)
@@ -55,7 +55,7 @@ def drawn_inside(
 def _draw_tied(
     cone: Cone, block: int, scale: Array, error: float, rng: np.random.Generator, theta: Array
 ) -> None:
-    """Overwrites a tied block of θ (p,) by a random draw; see `drawn_inside`."""
+    """Overwrites a tied block of θ (p,) with a random draw; see `drawn_inside`."""
     start, end, _, first, last = cone.blocks[block]
     row, column, at = cone.entries[first:last].T
     on, off = np.unique(at[row == column]), np.unique(at[row != column])
@@ -77,17 +77,13 @@ def _smallest(cone: Cone, block: int, theta: Array) -> float:
 
 
 def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array:
-    """(p, p) second moments of `drawn_inside` about θ, of θ/scale: how far the truth may be.
+    """(p, p) second moments of `drawn_inside` about θ (p,), of θ/scale: where the truth may be.
 
-    They are those of a truth that is drawn about θ and, but for terms of higher order in the error,
-    of a truth that θ was drawn about. Left out are the common mean of positive numbers, e^{±error}
-    being 1 + error²/6 on average, and the reduction of tied matrices. A positive number that may
-    have been moved inside can have any smaller value as well.
-
-    Args:
-        space: names, scale and geometry.
-        theta: (p,) an estimate.
-        error: largest relative error, > 0; one below 1e-6 counts as that.
+    They are those of a truth that is drawn about θ and, up to terms of higher order in the error,
+    of a truth about which θ was drawn. They neglect the common mean of positive numbers, as
+    e^{±error} is 1 + error²/6 on average, and the reduction of tied matrices. A positive number
+    that may have been moved inside may have any smaller value as well. An error below 1e-6 counts
+    as that.
 
     Raises:
         InvalidInput: the error is not > 0, or θ not finite.

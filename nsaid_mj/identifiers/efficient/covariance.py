@@ -1,4 +1,4 @@
-"""What a step of the filter does to its covariance; the equations are in `kalman`."""
+"""How a step of the filter changes its covariance; the equations are in `kalman`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .filter import FILTER, LAW, MEMORIES
 from .steps import carry_scale, project_inside
 
 SMALL = 0.1
-"""Size of a parameter near 0, relative to its scale, of which a relative change is a share."""
+"""Least size of a parameter, relative to its scale, to which relative changes refer."""
 _FLOOR = 1e-14  # least variance of θ over the largest: rounding errors of a window's updates
 
 
@@ -26,8 +26,8 @@ def copy_matrix(source, target):
 def keep_above_rounding(P, L):
     """Makes P (p, p) symmetric, and adds a floor where its rounding errors could be indefinite.
 
-    Along P_s nothing is learned, while exact data reduce the variance of other directions to where
-    it is lost in the rounding errors of the unlearned one; gains from such a P have random signs.
+    Along P_s nothing is learned, while exact data reduce the variance of other directions below the
+    rounding errors of the unlearned one; gains from such a P have random signs.
     """
     largest = 0.0
     for i in range(P.shape[0]):
@@ -96,11 +96,7 @@ def predict(law, dt, filter, memory):
 
 @kernel(f8(LAW, FILTER, MEMORIES), inner=True)
 def innovate(law, filter, memory):
-    """Factors S and writes the step of θ̂ for the innovation y.
-
-    Returns:
-        log det S; NaN if S is not positive definite.
-    """
+    """Factors S and writes the step of θ̂ for the innovation y; returns log det S, NaN if S ⊁ 0."""
     Pxx, S, L, inverse = filter.Pxx, memory.S, memory.L, memory.inverse
     y, e, step, whitened = memory.y, memory.e, memory.step, memory.whitened
     size, p = whitened.shape
@@ -135,7 +131,7 @@ def innovate(law, filter, memory):
 
 @kernel(void(LAW, FILTER, f8, MEMORIES), inner=True)
 def update(law, filter, share, memory):
-    """Moves θ̂ by a share of its step, updates P, and overwrites y by the step of the state."""
+    """Moves θ̂ by a share of its step, updates P, and overwrites y with the step of the state."""
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
     S, L, inverse, whitened = memory.S, memory.L, memory.inverse, memory.whitened
     e, y, R, before, trial = memory.e, memory.y, memory.R, memory.before, memory.trial

@@ -1,14 +1,14 @@
-"""Whether the actuators' gains drift, as with temperature or a battery: rival filters beside it.
+"""Tests whether the actuators' gains drift, as with temperature or a battery, by rival filters.
 
 Once a constant θ no longer explains the motion, filters under three models of how θ changes follow
 the same data from the same estimate:
 
     θ constant;    all of θ a random walk, as W is not exact;    the gains alone a random walk,
 
-the walks at several variances per second. The likelihood of the innovations, of which what is old
-is forgotten, matches the variance and chooses the model. Where the gains alone walk, the plant's
-parameters stay as certain as they are; a battery's sag is seen as well, since the gains fall
-relative to them. A random walk lags behind a ramp: at the most likely variance by 0.7 standard
+with walks at several variances per second. The likelihood of the innovations, in which old ones are
+forgotten, matches the variance and chooses the model. Where the gains alone walk, the plant's
+parameters stay as certain as they are; a battery's sag becomes visible as well, since the gains
+fall relative to them. A random walk lags behind a ramp: at the most likely variance by 0.7 standard
 deviations, at the next one by 0.1. Gains that would have to walk fast, or that leave innovations
 larger than stated, do not drift: W is not exact, or a part fails.
 """
@@ -26,15 +26,15 @@ from .filter import COMPLETED, Along, Filter, Law
 from .kalman import follow_filter
 
 _WALKS = (1e-8, 1e-7, 1e-6, 1e-5)
-"""Variances that a gain, relative to itself, may gain in a second; the last is no drift [1/s]."""
-_ALL = (1e-8, 1e-6)  # that all of θ may
-_FREED = 0.1  # standard deviation of θ with which rivals begin, over that of a prior
+"""Variances that a gain, relative to itself, may gain per second; the last is no drift [1/s]."""
+_ALL = (1e-8, 1e-6)  # those of all of θ
+_FREED = 0.1  # initial standard deviation of θ in rivals, over that of a prior
 _MEMORY = 20.0  # time in which evidence is forgotten [s]
 _EARLIEST = 5.0  # time after which they are compared [s]
 _LONGEST = 30.0  # time after which gains that seem constant are taken for constant [s]
 _SURE = 15.0  # logarithm of the likelihood ratio at which a model is accepted
-_BEHIND = 50.0  # of a model that is tried again, below the best
-_WHITE = 1.1  # mean squared normalised innovation, at most, of gains that drift
+_BEHIND = 50.0  # evidence, below the best, at which a model restarts
+_WHITE = 1.1  # largest mean squared normalised innovation of gains that drift
 _BETTER = 3.0  # at which another variance is
 
 
@@ -76,7 +76,7 @@ class Rival(NamedTuple):
         return self._replace(filter=own)
 
     def led_by(self, best: Rival) -> Rival:
-        """The model at the estimate of the best one, its evidence behind, so that it may win yet.
+        """This model at the best one's estimate, its evidence behind, so that it may still win.
 
         A filter that was wrong for long is of no use when its model becomes right.
         """
@@ -100,7 +100,8 @@ class Rivals(NamedTuple):
     def at(kalman: Filter, prior: Array, t: float) -> Rivals:
         """Rivals that begin at time t [s] with the filter's estimate, but less certain of it.
 
-        A share of the prior's covariance (p, p) there frees no parameter to leave the cone.
+        With a share of the prior's covariance (p, p), no parameter is free enough to leave the
+        cone.
         """
         start = kalman.copied()
         start.Ptt[:] += _FREED**2 * prior
@@ -117,11 +118,9 @@ class Rivals(NamedTuple):
         return self._replace(each=each)
 
     def preferred(self, t: float, drift: float) -> Rival | None:
-        """The rival to go on with at time t [s]; None while nothing speaks against going on.
+        """The rival to continue with at time t [s]; None if none is needed.
 
-        Args:
-            t: time [s].
-            drift: variance per second by which the gains walk now; 0 if they are constant [1/s].
+        `drift` is the variance per second by which the gains walk now; 0 if constant [1/s].
         """
         if t - self.begin < _EARLIEST:
             return None
@@ -135,7 +134,7 @@ class Rivals(NamedTuple):
             return None
         wider = gains + 1  # the lag is then well below the deviation
         now = [i for i, rival in enumerate(self.each) if drift and rival.gains == drift]
-        likely = max(first, now[0] - 1) if now else None  # of which that now was made
+        likely = max(first, now[0] - 1) if now else None  # the variance below that of the current
         if likely is not None and evidence[gains] < evidence[likely] + _BETTER:
             return None
         return None if now == [wider] else self.each[wider]
@@ -153,7 +152,7 @@ def walks(count: int, actuators: Indices, all_of: float, gains: float) -> Array:
 
 
 def going_on(rival: Rival) -> Filter:
-    """A rival's filter, its innovations to be tested from here on."""
+    """A rival's filter, whose innovations are tested from here on."""
     kalman = rival.filter.copied()
     kalman.tally[1:] = 0.0
     kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt

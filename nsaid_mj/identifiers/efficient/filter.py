@@ -1,4 +1,4 @@
-"""What the efficient law's filter knows, its state, and the memory of its compiled functions."""
+"""The state of the efficient law's filter, its prior knowledge, and its compiled workspace."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from .noise import NOISE, Noise
 
 COMPLETED, CONTRADICTED, ROUNDED, BEGINNING = 0, 1, 2, 3
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
-rounding errors left the covariance indefinite. A row may also precede the filter's beginning."""
+rounding errors made the covariance indefinite. A row may also precede the filter's beginning."""
 
 
 class Law(NamedTuple):
-    """What the filter knows beforehand, for compiled loops.
+    """The prior knowledge of the filter, for compiled loops.
 
     Attributes:
         structure: of the system.
@@ -29,7 +29,7 @@ class Law(NamedTuple):
         margin: (p,) of `steps.margin_of`.
         gamma: γ.
         window: samples over which innovations are tested.
-        walk: (p,) variance that θ, relative to itself, gains in a second [1/s]; 0 where constant.
+        walk: (p,) variance that θ, relative to itself, gains per second [1/s]; 0 where constant.
         unexplained: (n,) density of the noise of the commands of motors, one on every velocity,
             whose gains are the last parameters [units of command, squared, times s]; (0,) if there
             is none.
@@ -76,7 +76,7 @@ class Filter(NamedTuple):
     totals: Array
 
     def copied(self) -> Filter:
-        """A filter of its own."""
+        """An independent copy."""
         parts = self._asdict()
         noise = Noise(*(part.copy() for part in parts.pop("noise")))
         return Filter(noise=noise, **{name: part.copy() for name, part in parts.items()})
@@ -116,16 +116,16 @@ class Along(NamedTuple):
         return Along(*rows, np.full(count, np.inf), np.full((count, 2 * n), np.nan))
 
     def part(self, first: int) -> Along:
-        """The rows from `first` on, which share their memory with these."""
+        """The rows from `first` on, as views."""
         return Along(*(rows[first:] for rows in self))
 
 
 class Memory(NamedTuple):
-    """What the filter's functions write besides a `Filter`, for n velocities and p parameters.
+    """Workspace of the filter's functions besides a `Filter`, for n velocities and p parameters.
 
     Attributes:
-        stage: memory of a stage.
-        slopes: memory of derivatives.
+        stage: workspace of a stage.
+        slopes: workspace of derivatives.
         at: (m,) a position.
         q1: (m,) predicted position.
         v1: (n,) predicted velocity.
@@ -147,8 +147,8 @@ class Memory(NamedTuple):
         R: (2n,) variances of the noise.
         step: (p,) of θ̂.
         before: (p,) θ̂ before the step.
-        trial: (p,) anything.
-        factor: (p, p) anything.
+        trial: (p,) scratch.
+        factor: (p, p) scratch.
         seen: (3, n) velocities of joints' columns, see `transition.step`.
     """
 
@@ -190,11 +190,11 @@ class Memory(NamedTuple):
         return Memory(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
 
 
-_OWN = threading.local()  # memory of each thread, as results do not depend on what is in it
+_OWN = threading.local()  # workspace of each thread; results do not depend on its contents
 
 
 def memory_for(structure: StructureArrays, *sizes: int) -> Memory:
-    """Memory for a structure with numbers n, m and p, which every call of a thread overwrites."""
+    """Workspace for a structure with sizes n, m and p; every call of a thread overwrites it."""
     shapes = sizes, *map(len, (structure.bodies, structure.terms, structure.nonzeros))
     if getattr(_OWN, "shapes", None) != shapes:
         _OWN.shapes, _OWN.memory = shapes, Memory.of(structure, *sizes)

@@ -7,22 +7,22 @@
     P ← P̄ − P̄ Hᵀ S⁻¹ H P̄,    P_θθ with the factor share (2 − share).
 
 share < 1 where the step would halve M̂: P shrinks by what the shorter step learns (Joseph's form
-with the gain that is applied). Then θ̂, and with it x̂, is projected into the cone in the metric
-P⁻¹, which takes it no further from any θ inside, and the error of the common scale is carried
-along; see `steps`.
+with the applied gain). Then θ̂, and with it x̂, is projected into the cone in the metric P⁻¹, which
+takes it no further from any θ inside, and the covariance is carried along the common scale; see
+`steps`.
 
-θ acts in a step through c = B θ/scale alone, n accelerations, so that Γ = F_c B, and P̄_x is that of
-(x, c) carried along by [Φ F_c]. P_θθ is as before the step: only measurements change it.
+θ acts in a step through c = B θ/scale alone, n accelerations, so that Γ = F_c B, and P̄_x is that
+of (x, c) propagated by [Φ F_c]. P_θθ is as before the step: only measurements change it.
 
 This is (44, 45) with K and Γ replaced by the gains that the data's own information implies. Both q
 and v are measured, so that P_xθ = R S⁻¹ P̄_xθ and P_xx = R S⁻¹ P̄_xx after an update. γ accounts for
-the error of linearisation about θ̂: a share of what the uncertainty of θ does in a step.
+the error of linearisation about θ̂: a share of the effect that the uncertainty of θ has in a step.
 
-D = diag(d k̂²) stands for forces that the structure does not have, as white noise of density d of
-the motors' commands: stated as forces, it would grow relative to a motor whose k̂, friction and
-inertia sink together, and hold them there. With it joints' friction is that of the measured
-velocity, as in (44): next to such forces its noise does not matter, while a step in which friction
-reverses is neither linear nor stable.
+D = diag(d k̂²) represents forces outside the structure, as white noise of density d in the motors'
+commands: stated as forces, it would grow relative to a motor whose k̂, friction and inertia sink
+together, and hold them there. With it joints' friction is evaluated at the measured velocity, as in
+(44): next to such forces its noise does not matter, while a step in which friction reverses is
+neither linear nor stable.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 
 
 def acceptable(law: Law, filter: Filter) -> float:
-    """Largest sum of squared normalised innovations in a window that chance explains."""
+    """Largest sum of squared normalised innovations in a window that chance allows."""
     return _acceptable(law.window, filter.v.shape[0], filter.noise.seen[0])
 
 
@@ -97,7 +97,7 @@ def restart_state(filter, q, v, R):
 def _linear_share(law, q, v, u, filter, memory):
     """Largest share 2⁻ᵏ of θ̂'s step that keeps half of M̂ at a state q (m,), v (n,).
 
-    Along a longer step M̂⁻¹, and with it the derivatives of the prediction, are not nearly constant.
+    Along a longer step M̂⁻¹, and so the derivatives of the prediction, vary too much.
     """
     structure, stage, slopes = law.structure, memory.stage, memory.slopes
     step, trial, share, placed = memory.step, memory.trial, 1.0, False
@@ -138,10 +138,9 @@ def _see(before, after, seen):
 
 @kernel(f8(LAW, FILTER, f8, vector, vector, vector, MEMORIES), inner=True)
 def _move(law, filter, dt, q, v, u, memory):
-    """Carries state and covariance through a step, and writes the step and the innovation y.
+    """Propagates state and covariance through a step, and writes the step and the innovation y.
 
-    Returns:
-        M̂'s smallest pivot, > 0 if it succeeded.
+    Returns M̂'s smallest pivot, > 0 on success.
     """
     pivot = transition(
         law.structure, q, v, u, dt, filter.theta, law.scale, memory.stage, memory.slopes,
@@ -155,7 +154,7 @@ def _move(law, filter, dt, q, v, u, memory):
 
 @kernel(i8(LAW, FILTER, i8, vector, matrix, matrix, matrix, ALONG, MEMORIES), inner=True)
 def _follow_row(law, filter, k, t, q, v, u, along, memory):
-    """Runs the filter from row k − 1 to k, and returns how that ended."""
+    """Runs the filter from row k − 1 to k, and returns how it ended."""
     structure, tally, totals = law.structure, filter.tally, filter.totals
     n, y, x, v1, out = v.shape[1], memory.y, memory.stage.scratch, memory.v1, along.innovation[k]
     difference(structure.bodies, q[k - 1], q[k], y, x)
@@ -200,7 +199,7 @@ def _follow_row(law, filter, k, t, q, v, u, along, memory):
 
 @kernel(types.UniTuple(i8, 2)(LAW, FILTER, vector, matrix, matrix, matrix, ALONG, MEMORIES))
 def _follow(law, filter, t, q, v, u, along, memory):
-    """Runs the filter along a log, in memory that `follow_filter` has allocated."""
+    """Runs the filter along a log, in workspace from `follow_filter`."""
     n, tally = v.shape[1], filter.tally
     for k in range(1, t.shape[0]):
         end = _follow_row(law, filter, k, t, q, v, u, along, memory)
@@ -220,16 +219,9 @@ def _follow(law, filter, t, q, v, u, along, memory):
 def follow_filter(
     law: Law, filter: Filter, t: Array, q: Array, v: Array, u: Array, along: Along
 ) -> tuple[int, int]:
-    """Runs the filter along a log of N samples.
+    """Runs the filter along a log of N samples, from its state at the first, which it overwrites.
 
-    Args:
-        law: what is known beforehand.
-        filter: at the first sample; overwritten by that at the last one processed.
-        t: (N,) times [s].
-        q: (N, m) positions.
-        v: (N, n) velocities.
-        u: (N, n_u) commands.
-        along: rows written.
+    t (N,) is in s, q is (N, m), v (N, n), u (N, n_u); rows of `along` are written.
 
     Returns:
         The last row processed, and how the loop ended.
@@ -240,7 +232,7 @@ def follow_filter(
 
 @kernel(i8(LAW, FILTER, vector, vector, matrix, matrix, matrix, MEMORIES))
 def _cover(law, filter, R, t, q, v, u, memory):
-    """Propagates the covariance along a log, in memory that `covariance_along` has allocated."""
+    """Propagates the covariance along a log, in workspace from `covariance_along`."""
     for i in range(R.shape[0]):
         memory.R[i] = R[i]
     for k in range(1, t.shape[0]):
@@ -258,16 +250,11 @@ def _cover(law, filter, R, t, q, v, u, memory):
 def covariance_along(
     law: Law, filter: Filter, R: Array, t: Array, q: Array, v: Array, u: Array
 ) -> int:
-    """Overwrites P of a filter by that after a log, along given states and at a given θ.
+    """Overwrites P of a filter with that after a log, along given states and at a given θ.
 
-    Args:
-        law: what is known beforehand; its γ adds to the covariance as in the filter.
-        filter: its θ̂ is the θ at which the system is linearised; P at the first sample.
-        R: (2n,) variances of the noise.
-        t: (N,) times [s].
-        q: (N, m) positions at which the system is linearised.
-        v: (N, n) velocities there.
-        u: (N, n_u) commands.
+    The law's γ adds to the covariance as in the filter, whose θ̂ is the θ at which the system is
+    linearised, at q (N, m) and v (N, n). R (2n,) are variances of the noise, t (N,) is in s, u
+    (N, n_u).
 
     Returns:
         The last row processed: N − 1, or that where M or S was not positive definite.

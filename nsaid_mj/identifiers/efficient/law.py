@@ -3,17 +3,17 @@
 The filter is as accurate as the data allow, but only locally: nothing is proven from far away, or
 where the structure does not explain the motion. Beside it run the implicit steps of the law
 `memory`, which converge from anywhere, without (44, 45) between them. At the end of every interval
-of the memory, θ̂ is handed out from the filter if its mean residual on all remembered data is at
-most `_WORSE` times that of the memory's estimate, else from the memory. Once the memory has enough
+of the memory, the law returns the filter's θ̂ if its mean residual on all remembered data is at
+most `_WORSE` times that of the memory's estimate, else the memory's. Once the memory has enough
 data to notice a change by itself, it pauses between two intervals for a share of the time for which
 the filter has explained the motion.
 
 Innovations larger than chance allows contradict the filter: a fault, a structure that is not quite
 exact, or a filter that is young, see `faults.isolation`. Where the structure is not exact, θ may
-walk, or the gains alone, if that explains the motion better: then they drift, see `drift`, and θ̂ is
-handed out from the filter, as the memory averages over it. After a new start at the memory's
-estimate, that alone is handed out until the filter has again explained `_PROBATION` seconds. If the
-memory loses M̂ ≻ 0 while the filter's estimate is handed out, it goes on from that.
+walk, or the gains alone, if that explains the motion better: then they drift, see `drift`, and the
+law returns the filter's θ̂, as the memory averages over it. After a restart at the memory's
+estimate, only that is returned until the filter has again explained `_PROBATION` seconds. If the
+memory loses M̂ ≻ 0 while the filter's estimate is returned, it continues from that.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ from .replay import EfficientConfig, FilterAlone, mend
 from .state import EfficientState
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
-_EXPLAINED = 1e-8  # squared residual over squared effort that counts as none: quadrature leaves it
-_PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is handed out [s]
+_EXPLAINED = 1e-8  # squared residual over squared effort that counts as none, as of quadrature
+_PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is returned [s]
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _PAUSE = 1 / 3  # longest pause of the memory, as a share of the time without a contradiction
-_TOGETHER = 16  # steps that the memory takes in together, at most
+_TOGETHER = 16  # steps that the memory absorbs together, at most
 _FOLLOWS_THE_MOTION = "trials", "rivals", "recent", "waiting"  # parts that a gap ends
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
 
@@ -51,12 +51,9 @@ _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
 def efficient_identifier(
     guard: NullspaceIdentifier, dt: float, config: EfficientConfig | None = None
 ) -> EfficientIdentifier:
-    """The efficient law.
+    """The efficient law, for measurements dt [s] apart; `config` defaults to `EfficientConfig()`.
 
-    Args:
-        guard: the law `memory`, whose system and prior are the filter's.
-        dt: time between measurements [s].
-        config: of the filter; None is `EfficientConfig()`.
+    `guard` is the law `memory`, whose system and prior are the filter's.
 
     Raises:
         InvalidInput: the system has no compiled forward dynamics.
@@ -89,7 +86,7 @@ class EfficientIdentifier(Identifier):
         return guard._replace(memory=None, filter=inside)
 
     def resume(self, state: State, here: Measurement) -> State:
-        """The state at a measurement after a gap; trials and comparisons under way are given up."""
+        """The state at a measurement after a gap; ends any trials and comparisons."""
         here = checked(self.system, here)
         inside = state.filter
         kalman, n = inside.filter.copied(), self.system.n
@@ -116,7 +113,7 @@ class EfficientIdentifier(Identifier):
         return state, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
 
     def _along(self, state: State, log: Log) -> tuple[State, Estimates]:
-        """Filter and memory along a log that ends at the latest at an interval's end.
+        """Filter and memory along a log that ends at an interval's end at the latest.
 
         `state.filter.filter` is overwritten.
         """
@@ -156,7 +153,7 @@ class EfficientIdentifier(Identifier):
         )
 
     def _remembered(self, inside: EfficientState, acting: Log) -> EfficientState:
-        """Takes a log into the memory, once there are `_TOGETHER` steps or the interval ends.
+        """Passes a log to the memory, once there are `_TOGETHER` steps or the interval ends.
 
         Where samples come one by one, each call of the memory would cost as much as many steps.
         """
@@ -170,7 +167,7 @@ class EfficientIdentifier(Identifier):
         return inside._replace(guard=guard, waiting=None)
 
     def _walk(self, inside: EfficientState) -> Array:
-        """(p,) variance that θ, relative to itself, gains in a second [1/s]."""
+        """(p,) variance that θ, relative to itself, gains per second [1/s]."""
         space, all_of = self.system.space, inside.walk(self._seconds(inside))
         return walks(len(space), space.actuators, all_of, inside.drift)
 
@@ -179,7 +176,7 @@ class EfficientIdentifier(Identifier):
         return inside.step * self._interval / self._every
 
     def _renewed(self, inside: EfficientState, here: Measurement) -> EfficientState:
-        """Begins the memory again at the filter's estimate, without data from before a fault."""
+        """Restarts the memory at the filter's estimate, without data from before a fault."""
         guard = inside.guard._replace(
             v_hat=here.v.copy(),
             theta_hat=inside.filter.theta.copy(),
@@ -188,7 +185,7 @@ class EfficientIdentifier(Identifier):
         return inside._replace(guard=guard, pause=0, stale=False)
 
     def _judged(self, inside: EfficientState, here: Measurement) -> EfficientState:
-        """At an interval's end: which estimate is handed out, and how long the memory pauses."""
+        """At an interval's end: chooses the estimate, and how long the memory pauses."""
         memory = inside.guard.memory
         assert memory is not None
         if not inside.pause:
@@ -202,7 +199,7 @@ class EfficientIdentifier(Identifier):
         return inside._replace(pause=pause)
 
     def _filtered(self, inside: EfficientState, log: Log, estimates: Estimates) -> EfficientState:
-        """The filter along a log, through contradictions; overwrites what it hands out."""
+        """The filter along a log, through contradictions; overwrites the estimates it provides."""
         count, at = len(log.t), 0
         along, past = Along.empty(count, self.system.n, self.system.p), log
         thetas, v_hats, pivots, _ = along
@@ -238,7 +235,7 @@ class EfficientIdentifier(Identifier):
         return inside._replace(recent=past.last(self._law.window + LEAD))
 
     def _compared(self, inside: EfficientState, before: EfficientState, t: float) -> EfficientState:
-        """At an interval's end: whether the gains drift, if θ is not constant; see `drift`."""
+        """At an interval's end: tests for a drift of the gains, unless θ is constant."""
         rivals, failed = inside.rivals, len(inside.events) > len(before.events)
         if rivals is None or failed:
             returned = inside.returns > before.returns or inside.wander != before.wander
@@ -263,7 +260,7 @@ class EfficientIdentifier(Identifier):
         )
 
     def _determined(self, memory: Memory) -> bool:
-        """Whether the memory has data enough for its residual to judge an estimate."""
+        """Whether the memory has enough data for its residual to judge an estimate."""
         return memory.means.blocks * self.system.n >= _DETERMINED * self.system.p
 
     def _explains(self, inside: EfficientState) -> bool:
@@ -275,7 +272,7 @@ class EfficientIdentifier(Identifier):
         if inside.drift:
             return True
         if inside.loose is not None or inside.trials:
-            return inside.handed  # the memory averages over what is changing
+            return inside.handed  # the memory averages over the change
         remembered = Remembered.of(memory.means, system.space)
         changed = inside.returns + inside.restarts > 0
         if remembered is None or not self._determined(memory):
@@ -298,11 +295,11 @@ class EfficientIdentifier(Identifier):
         return np.ones(max(0, len(t) - 1), dtype=bool)
 
     def slacks(self, log: Log, theta: Array) -> Array:
-        """(N−1,) infinity: nothing is proven of V."""
+        """(N−1,) infinity: nothing is proven about V."""
         return np.full(max(0, len(log.t) - 1), np.inf)
 
     def confidence(self, state: State) -> Confidence | None:
-        """The covariance of the estimate that is handed out.
+        """The covariance of the returned estimate.
 
         That of the filter is scaled by the mean squared normalised innovation where it exceeds 1.
         """
@@ -312,7 +309,7 @@ class EfficientIdentifier(Identifier):
             stated = self.guard.confidence(inside.guard)
             if stated is not None and np.isfinite(stated.covariance).all():
                 return stated
-            kalman = kalman._replace(Ptt=prior)  # too few data: what is known is the prior
+            kalman = kalman._replace(Ptt=prior)  # too few data: only the prior is known
         squares, number = kalman.totals
         P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
         units = np.outer(self._law.scale, self._law.scale)
@@ -326,7 +323,7 @@ class EfficientIdentifier(Identifier):
 def _finite_rows(log: Log) -> int:
     """Number of rows before the first that is not finite; a row ends under the last one's command.
 
-    The first row is taken to be finite, since the identifier is already there.
+    The first row is assumed finite, since the identifier is already there.
     """
     bad = ~(np.isfinite(log.t) & np.isfinite(log.q).all(axis=1) & np.isfinite(log.v).all(axis=1))
     bad[1:] |= ~np.isfinite(log.u[:-1]).all(axis=1)

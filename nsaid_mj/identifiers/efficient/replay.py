@@ -20,7 +20,7 @@ from .noise import noise_variance
 from .steps import margin_of
 
 USUAL = 0.3
-"""Largest relative error of a prior of which nothing is said."""
+"""Default of the largest relative error of a prior."""
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 
 
@@ -29,13 +29,13 @@ class EfficientConfig(Config):
     """The filter of the law `efficient`.
 
     Attributes:
-        prior: largest relative error of θ̂(0), as of `Scenario.initial_error`, which is taken where
-            this is None; see `drawn_covariance`.
-        linearisation: γ, standard deviation of the error of a step's linearisation relative to the
-            standard deviation of what θ does in it.
+        prior: largest relative error of θ̂(0); None takes `Scenario.initial_error`; see
+            `drawn_covariance`.
+        linearisation: γ, standard deviation of the error of a step's linearisation relative to that
+            of the effect of θ in it.
         innovation_window: time over which innovations are tested against chance [s].
         unexplained: density of what the structure does not explain in the commands of motors, one
-            on every velocity [units of command, squared, times s]; none if it is taken to be exact.
+            on every velocity [units of command, squared, times s]; none for an exact structure.
     """
 
     _path = "identifier.efficient"
@@ -47,11 +47,11 @@ class EfficientConfig(Config):
 
 
 class Replay(NamedTuple):
-    """A log as the filter alone sees it.
+    """A log followed by the filter alone.
 
     Attributes:
         contradictions: times at which the log contradicted every θ that P allows [s].
-        along: what the filter wrote.
+        along: the filter's outputs.
         filter: at the end.
     """
 
@@ -69,7 +69,7 @@ class FilterAlone:
         config: of the filter.
 
     Attributes:
-        law: what the filter knows beforehand.
+        law: the filter's prior knowledge.
 
     Raises:
         InvalidInput: the system has no compiled forward dynamics.
@@ -91,7 +91,7 @@ class FilterAlone:
         motors = np.arange(system.p - system.n, system.p)[: len(unexplained)]
         if len(unexplained) and not np.array_equal(motors, system.space.actuators):
             raise InvalidInput(
-                "identifier.efficient.unexplained", "none, but of arms with a motor on each joint",
+                "identifier.efficient.unexplained", "none, unless each joint has a motor",
                 f"{len(unexplained)} numbers", "Give one for every motor, or none.",
             )  # fmt: skip
         self.law = Law(

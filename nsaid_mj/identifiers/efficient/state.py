@@ -26,9 +26,9 @@ class EfficientState(NamedTuple):
         step: index of the sample.
         pause: intervals for which the memory still pauses.
         calm: time since the filter began, or was last contradicted [s].
-        handed: whether θ̂ is handed out from the filter.
-        restarts: times the filter started again at the memory's estimate.
-        returns: times it returned to an earlier estimate with something set free.
+        handed: whether the law returns the filter's θ̂.
+        restarts: how often the filter restarted at the memory's estimate.
+        returns: how often it returned to an earlier estimate with something set free.
         signals: of failed actuators and sensors.
         recent: the last samples, as recorded; None before the first.
         factors: (p,) of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator is
@@ -37,16 +37,17 @@ class EfficientState(NamedTuple):
         trials: filters under hypotheses, of which one will be chosen; None where there are none.
         events: the faults found so far.
         loose: a gain that may go on falling; None if there is none.
-        stale: whether the memory's data are of the robot before a fault.
-        intact: (p,) θ̂ in which gains of reversed, broken and stuck actuators are those from before.
+        stale: whether the memory's data precede a fault.
+        intact: (p,) θ̂ in which gains of reversed, broken and stuck actuators are those from
+            before.
         wander: shares by which all of θ seemed to be off, as the structure is not exact: the sum of
             their squares, and the largest square.
-        drift: variance that every gain, relative to itself, gains in a second, as the gains drift;
-            0 if they are constant [1/s].
+        drift: variance that every gain, relative to itself, gains per second, as the gains drift; 0
+            if they are constant [1/s].
         since: when the gains were found to drift [s].
         unnamed: trials in a row that found nothing to explain the motion.
-        waiting: samples that the memory has not taken in yet, under the signals that act; or None.
-        rivals: filters of which one tells whether the gains drift; None where θ is constant.
+        waiting: samples that the memory has yet to absorb, under the signals that act; or None.
+        rivals: filters that test whether the gains drift; None where θ is constant.
     """
 
     filter: Filter
@@ -83,15 +84,15 @@ class EfficientState(NamedTuple):
         return self.signals.acting(system, log.part(len(log.t) - 1, len(log.t))).at(0)
 
     def wandered(self, share: float) -> EfficientState:
-        """With another share by which all of θ seemed to be off."""
+        """The state with another share by which all of θ seemed to be off."""
         total, largest = self.wander
         return self._replace(wander=(total + share**2, max(largest, share**2)))
 
     def walk(self, seconds: float) -> float:
-        """Variance that θ, relative to itself, gains in a second where W is not exact [1/s].
+        """Variance that θ, relative to itself, gains per second where W is not exact [1/s].
 
-        That is what was needed to explain the motion so far, matched over the whole run of some
-        seconds, but for the largest share: a single event, such as a collision, may have made it.
+        It is the variance needed to explain the motion so far, matched over the whole run of some
+        seconds, without the largest share: a single event, such as a collision, may have caused it.
         """
         total, largest = self.wander
         return (total - largest) / max(seconds, 1.0)

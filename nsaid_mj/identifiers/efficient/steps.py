@@ -17,18 +17,13 @@ from ...quotient.cone import (
     tied,
 )
 
-_MARGIN = 1e-6  # distance of θ̂ from the cone's boundary, relative to the scale of θ
+_MARGIN = 1e-6  # distance of θ̂ from the cone's boundary, over the scale of θ
 _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 _PASSES = 30  # of projections, at most, until θ̂ is inside
 
 
 def margin_of(cone: Cone, scale: Array) -> Array:
-    """(p,) a small θ inside the cone, with diagonal matrices: θ̂ minus this stays inside.
-
-    Args:
-        cone: of physical parameters.
-        scale: (p,) of θ.
-    """
+    """(p,) a small θ inside the cone, with diagonal matrices: θ̂ minus this stays inside."""
     margin, pairing = np.zeros(len(scale)), coordinates(cone)
     margin[cone.positive] = _MARGIN * scale[cone.positive]
     for block, (*_, first, last) in enumerate(cone.blocks):
@@ -43,12 +38,9 @@ def margin_of(cone: Cone, scale: Array) -> Array:
 
 @routine(boolean(matrix, i8, vector))
 def _negative(P, k, x):
-    """Writes x (k,) with xᵀ P x <= 0 for a symmetric P (k, k) that is not positive definite.
+    """Writes x (k,) with xᵀ P x <= 0 for a symmetric P (k, k); returns whether there is one.
 
-    P is given by its lower triangle, and overwritten by its factors L D Lᵀ.
-
-    Returns:
-        Whether there is such an x.
+    P is given by its lower triangle, and overwritten with its factors L D Lᵀ.
     """
     for i in range(k):
         for j in range(i):
@@ -101,17 +93,11 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
     Where a block's matrix is not positive definite, xᵀ P_b(θ) x > 0 is such a half-space, with x
     from the first pivot of its factorisation that is not positive.
 
-    Args:
-        cone: of physical parameters.
-        margin: (p,) of `margin_of`.
-        before: (p,) θ̂ before the step, inside; where `_PASSES` projections onto each half-space do
-            not suffice, or θ̂ is not finite, the step is halved until it ends inside.
-        theta: (p,) θ̂; overwritten.
-        scale: (p,) of θ.
-        Ptt: (p, p) covariance of θ/scale.
-        Pxt: (2n, p) covariance of the state with θ/scale.
-        state: (2n,) update of the state; overwritten.
-        plane: (p,) workspace.
+    before (p,) is θ̂ before the step, inside; if `_PASSES` projections onto each half-space do not
+    suffice, or θ̂ is not finite, the step is halved until it ends inside. margin (p,) is that of
+    `margin_of`, scale (p,) that of θ, Ptt (p, p) and Pxt (2n, p) are covariances of θ/scale with
+    itself and the state; theta and the update of the state (2n,) are overwritten, plane (p,) is
+    workspace.
     """
     largest = 0
     for block in range(cone.blocks.shape[0]):
@@ -153,27 +139,21 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
 def carry_scale(before, after, scale, Pxt, Ptt, moved, gained):
     """Carries the error of the common scale along with θ̂, from `before` (p,) to `after` (p,).
 
-    No motion tells the common scale: B θ̂ = 0 at the θ̂ at which the step is linearised. Linearised
-    elsewhere in the next step, the covariance would take the difference for information (Huang,
-    Mourikis, Roumeliotis, IJRR 29(5), 2010). So an error s of the scale, θ = (1 + s)(θ̂ + …), stays
+    No motion reveals the common scale: B θ̂ = 0 at the θ̂ at which the step is linearised.
+    Linearised elsewhere in the next step, the covariance would mistake the difference for
+    information (Huang, Mourikis, Roumeliotis, IJRR 29(5), 2010). So an error s of the scale, θ = (1
+    + s)(θ̂ + …), stays
     one: P ← T P Tᵀ with T = 1 + d wᵀ, d = after − before, w ∝ before, wᵀ before = 1 (in units of
-    the scale), which maps `before` to `after` and keeps θ̂ᵀ P⁻¹ θ̂.
-
-    Args:
-        before: (p,) θ̂ before the step.
-        after: (p,) after it.
-        scale: (p,) of θ.
-        Pxt: (2n, p) covariance of the state with θ/scale; overwritten.
-        Ptt: (p, p) that of θ/scale; overwritten.
-        moved: (p,) workspace.
-        gained: (p,) workspace.
+    the scale), which maps `before` to `after` and keeps θ̂ᵀ P⁻¹ θ̂. Pxt (2n, p) and Ptt (p, p) are
+    covariances of the state and θ/scale with θ/scale, overwritten; moved and gained (p,) are
+    workspace.
     """
     p, norm, along = before.shape[0], 0.0, 0.0
     for k in range(p):
         moved[k] = (after[k] - before[k]) / scale[k]
         norm += (before[k] / scale[k]) ** 2
         gained[k] = 0.0
-    for i in range(p):  # P w by rows of the symmetric P: no sum to wait for
+    for i in range(p):  # P w by rows of the symmetric P: without a loop-carried sum
         share = before[i] / (scale[i] * norm)
         for k in range(p):
             gained[k] += share * Ptt[i, k]

@@ -1,4 +1,4 @@
-"""How much of the commands is sensor noise that a controller has fed back, from the data.
+"""Estimates how much of the commands is sensor noise that a controller has fed back.
 
 Where the fourth difference of a signal at a constant rate is negligible, the fourth differences of
 measurement and command have C(8, 4) = 70 times the covariance of their noise.
@@ -48,9 +48,7 @@ class FedBack(NamedTuple):
     def along(self, moves: Array, log: Log) -> FedBack:
         """The covariance at the end of a log, whose last command is not used.
 
-        Args:
-            moves: (N−1, n) tangent steps between its positions.
-            log: N measurements.
+        moves (N−1, n) are the tangent steps between its N positions.
         """
         steps = np.hstack([moves, np.diff(log.v, axis=0)])
         after = self._replace(

@@ -31,7 +31,7 @@ _RULES = Rules(steps=30, halvings=8, done=1e-6, close=1e-3)  # of Newton's metho
 _SOLVED = 1e-4  # Newton decrement above which an implicit step counts as not solved
 _SHORTER, _SHORTENINGS = 0.25, 6  # factor of an unsolved step's length, and how often it is applied
 _SURE = 30.0  # information, in units of the prior's, below which noisy data say nothing: 18 %
-_FIRM = 100.0  # weight of the hold where data say as much as noise, relative to these data
+_FIRM = 100.0  # weight of the hold, relative to the data, where these are as strong as noise
 
 
 class ImplicitMemory:
@@ -85,7 +85,7 @@ class ImplicitMemory:
         return self.recorder.begin(first)
 
     def resume(self, memory: Memory, here: Measurement) -> Memory:
-        """The memory at a measurement after a gap, whose data in between are left out."""
+        """The memory at a measurement after a gap, whose data are left out."""
         return self.recorder.resume(memory, here)
 
     def absorb(self, state: State, log: Log) -> State:
@@ -102,9 +102,9 @@ class ImplicitMemory:
     def _start(self, theta: Array, memory: Memory) -> Array:
         """(p,) the estimate at which an implicit step starts: θ̂ (p,), or that of the last step.
 
-        Never one outside the cone, such as a filter's whose guard this is. With noisy sensors
-        (44, 45) also follow the noise. Where that has increased the cost of the
-        remembered data since the last step, its estimate is the better one.
+        It is never outside the cone, as a guarded filter's may be. With noisy sensors (44, 45) also
+        follow the noise; if that has increased the cost of the remembered data since the last step,
+        the last step's estimate is the better one.
         """
         view = memory.scores.view
         if not inside(self.metric.cone, theta):
@@ -118,11 +118,7 @@ class ImplicitMemory:
         return view.theta if cost.value(view.theta) < cost.value(theta) else theta
 
     def implicit_step(self, theta: Array, memory: Memory) -> tuple[Array, Memory]:
-        """One implicit step from an estimate, by Newton's method.
-
-        Args:
-            theta: (p,) θ̂.
-            memory: the statistics of the data.
+        """One implicit step from θ̂ (p,), by Newton's method.
 
         Returns:
             (p,) θ⁺, which is θ̂ while no actuator has had an effect; and the memory with the view
@@ -145,14 +141,10 @@ class ImplicitMemory:
     def _hold(self, cost: Quotient, theta: Array, memory: Memory) -> Array:
         """(p, p) curvature of the term that holds θ̂ at the prior where noisy data say nothing.
 
-        With A the data's information and B that of a measurement as good as 18 %, directions in
-        which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far more than by the data
-        where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact sensors.
-
-        Args:
-            cost: R, weighted at θ.
-            theta: (p,) θ.
-            memory: of which it is the cost.
+        With A the data's information at θ (p,) and B that of a measurement as good as 18 %,
+        directions in which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far more than
+        by the data where A ≤ B, less than 0.5 % of that where A > 10 B. 0 with exact sensors.
+        `cost` is R, weighted at θ.
         """
         if not memory.means.noise.any():
             return np.zeros_like(self._metric_prior)
@@ -166,9 +158,9 @@ class ImplicitMemory:
         θ̂ − θ* has approximately the sandwich covariance H⁻¹ S H⁻¹, with H the Hessian of the
         minimised cost at θ̂ and S the covariance of its gradient at θ*: of the sum of the blocks'
         scores, robust to correlation between rows and neighbouring blocks (White, Econometrica 48,
-        1980; Newey and West, 1987), to which that of independent residuals is added, since few
-        blocks leave it rank-deficient; of the pull towards the prior; and the square of the bias
-        that noise of q and v causes.
+        1980; Newey and West, 1987), plus that of independent residuals, since few blocks leave it
+        rank-deficient; of the pull towards the prior; and the square of the bias that noise of q
+        and v causes.
         """
         cost = remembered.weighted(theta)
         data, hold = cost.curvature(theta), self._hold(cost, theta, memory)
@@ -188,16 +180,16 @@ class ImplicitMemory:
         return 2 * float(self.metric.divergence(after, before))
 
     def _fall(self, before: Array, after: Array) -> float:
-        """Decrease of the conserved quantity; 0 from an estimate (p,) where it is not finite."""
+        """Decrease of the conserved quantity; 0 if it is not finite at the first estimate (p,)."""
         fall = float(self.metric.conserved(before)) - float(self.metric.conserved(after))
         return fall if np.isfinite(fall) else 0.0
 
     def slack(self, before: State, after: State, theta: Array) -> float:
         """Bound on the rise of V in an update, under the true θ (p,).
 
-        It is the sum of κh/2 R(θ) max_j θ_j/θ̂_j over the actuators j; of what the hold's form
-        gives at θ − θ̂₀; with an anchor, of what V lacks of its value at the prior (M11); and of
-        what V gains where the step starts at the estimate of the last one.
+        It sums κh/2 R(θ) max_j θ_j/θ̂_j over the actuators j; the hold's form at θ − θ̂₀; with an
+        anchor, what V lacks of its value at the prior (M11); and what V gains where the step starts
+        at the estimate of the last one.
         """
         memory = after.memory
         remembered = memory and Remembered.of(memory.means, self.system.space)

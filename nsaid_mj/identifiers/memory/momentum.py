@@ -24,7 +24,7 @@ from ...system import SecondOrderSystem
 from .feedback import FedBack
 
 _CORRECTION_TIME = 0.1  # time constant with which drift corrections enter the velocities [s]
-_PIECE = 64  # steps whose regressors are in memory at once: they fit the processor's cache
+_PIECE = 64  # steps whose regressors are in memory at once: they fit the cache
 
 
 class Balance(NamedTuple):
@@ -74,12 +74,7 @@ class Rows:
         return Balance(lag, np.zeros(n), np.zeros(n), np.zeros_like(lag), 0, fed)
 
     def follow(self, balance: Balance, log: Log, middle: Middle) -> tuple[Balance, Array]:
-        """Advances the balance along a log.
-
-        Args:
-            balance: at the log's first measurement.
-            log: N measurements.
-            middle: the states half-way between them.
+        """Advances the balance along a log of N measurements, with the states half-way between.
 
         Returns:
             The balance at the last measurement; and (k, n, p) the means of Y over the k blocks
@@ -111,11 +106,8 @@ class Rows:
 
         To first order, and with noise that is independent from sample to sample: that of W_M(q, v)
         is averaged over the block, that of ż over the window. Noise that a controller feeds back
-        moves the plant: it excites, but is as unrelated to what the sensors show of it as noise.
-
-        Args:
-            here: the sample.
-            fed: (k, n_u) deviations of the commands, each from an independent noise.
+        moves the plant: it excites, but is as unrelated to the sensors' readings as noise. fed
+        (k, n_u) are deviations of the commands, each from an independent noise.
         """
         system, n, k = self.system, self.system.n, len(fed)
         count = 2 * n + k + 2
@@ -139,16 +131,12 @@ def _correct_drift(gain, t, v, moves, ahead, pending, middle):
     Velocity noise accumulates in the integrals of terms proportional to v, position noise does not.
     A steady-state Kalman filter estimates the position from both, and its updates are added to the
     velocities half-way between samples over `_CORRECTION_TIME`. The filter's position is as near as
-    noise to the measured one, so that a body's turn in a step does not matter for their difference.
+    noise to the measured one, so a body's turn in a step does not affect their difference.
 
-    Args:
-        gain: of the filter; 0 where velocities are exact.
-        t: (N,) times [s].
-        v: (N, n) measured velocities.
-        moves: (N−1, n) tangent steps between measured positions.
-        ahead: (n,) measured position relative to the filter's; updated.
-        pending: (n,) correction not yet added to the velocities; updated.
-        middle: (N−1, n) velocities half-way between samples; updated.
+    `gain` is the filter's, 0 for exact velocities; t (N,) in s, v (N, n) and the tangent steps
+    moves (N−1, n) are measured. Updated are ahead (n,), the measured position relative to the
+    filter's, pending (n,), the correction not yet added, and middle (N−1, n), the velocities
+    half-way.
     """
     for k in range(moves.shape[0]):
         dt = t[k + 1] - t[k]
@@ -169,8 +157,7 @@ def along(leak, block, t, momenta, start, half, end, lag, total, filled, rows, m
         leak: a [1/s].
         block: samples in a block.
         t: (N,) times [s].
-        momenta: (N, n, p) W_M(q, v); this and the next three are the terms that
-            `SecondOrderSystem.momentum_balance` returns.
+        momenta: (N, n, p) W_M(q, v), of `SecondOrderSystem.momentum_balance`, as the next three.
         start: (N−1, n, p) right-hand side at the start of every step.
         half: (N−1, n, p) right-hand side half-way.
         end: (N−1, n, p) right-hand side at the end.
@@ -205,14 +192,9 @@ def along(leak, block, t, momenta, start, half, end, lag, total, filled, rows, m
 
 
 def steady_gain(levels: SensorLevels, dt: float) -> float:
-    """Steady-state Kalman gain of a position predicted from noisy velocities.
+    """Steady-state Kalman gain in [0, 1] of a position predicted from noisy velocities.
 
-    Args:
-        levels: standard deviations of the sensors' noise.
-        dt: time between measurements [s].
-
-    Returns:
-        A gain in [0, 1]; 0 where velocities are exact.
+    They are dt [s] apart. The gain is 0 where velocities are exact.
     """
     if levels.velocity == 0:
         return 0.0

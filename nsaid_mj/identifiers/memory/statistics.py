@@ -1,7 +1,7 @@
 """Statistics of all past data about θ, in constant memory.
 
 Every row i of the momentum balance (`momentum`), averaged over short blocks, enters a Gramian
-G_i (p, p). The scores of blocks that follow an estimate tell how uncertain it is.
+G_i (p, p). The scores of blocks that follow an estimate show its uncertainty.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .momentum import Balance, Rows
 _NEIGHBOURS = 4  # blocks whose residuals may be correlated (Newey and West, Econometrica 55, 1987)
 _DETERMINED = 3  # rows per parameter before the residuals' variance can be estimated
 _FRESH = 16  # blocks buffered before they enter the means, at most
-_JUDGED = 50  # blocks, at least, before their scores tell how uncertain an estimate is
+_JUDGED = 50  # blocks, at least, before their scores show an estimate's uncertainty
 
 
 @config
@@ -39,7 +39,7 @@ class MemoryConfig(Config):
             With noisy sensors 0 or a small weight is not recommended: along unexcited directions
             noise alone then moves the estimate, and its scale, which the anchor would hold.
         horizon: time constant of forgetting [s]; 0 never forgets. Information is forgotten only
-            in directions in which new data bring as much: what is not excited is kept.
+            in directions in which new data bring as much: unexcited directions keep theirs.
     """
 
     _path = "identifier.memory"
@@ -92,12 +92,10 @@ class Scores(NamedTuple):
         return Scores(None, np.zeros((_NEIGHBOURS, p)), np.zeros((p, p)), 0.0)
 
     def with_blocks(self, fade: float, rows: Array, before: Array) -> Scores:
-        """The scores after k further blocks; rows and neighbouring blocks may be correlated.
+        """The scores after k further blocks, rows (k, n, p), and before (k, n, p) preceding each.
 
-        Args:
-            fade: factor by which a block's weight decreases per block.
-            rows: (k, n, p) the blocks.
-            before: (k, n, p) the block preceding each.
+        Rows and neighbouring blocks may be correlated; `fade` is a block's weight relative to the
+        next one's.
         """
         k, view = len(rows), self.view
         if view is None or not k:
@@ -131,7 +129,7 @@ class Memory(NamedTuple):
 
     @property
     def sure(self) -> bool:
-        """Whether enough blocks were compared with an estimate to tell how uncertain it is."""
+        """Whether enough blocks were compared with an estimate to show its uncertainty."""
         n, p = self.means.last.shape
         return self.scores.count >= max(_JUDGED, _DETERMINED * p / n)
 
@@ -215,6 +213,6 @@ class Recorder:
         )
 
     def resume(self, memory: Memory, here: Measurement) -> Memory:
-        """The memory at a later sample, whose data in between are left out."""
+        """The memory at a later sample, without the data in between."""
         means = memory.means._replace(last=np.zeros_like(memory.means.last))
         return memory._replace(balance=self.rows.begin(here.q, here.v), means=means)

@@ -1,4 +1,4 @@
-"""What a data sheet says of a vehicle of one body, and its plant for any true θ."""
+"""A vehicle of one body as its data sheet describes it, and its plant for any true θ."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class Fluid(NamedTuple):
     Attributes:
         density: of the medium [kg/m³].
         viscosity: of the medium [Pa·s].
-        solid: whether the geom of this name is an ellipsoid in the flow; others feel none.
-        replaced: blocks of θ whose forces they replace; with the first, M's, added mass.
+        solid: whether the geom of this name is an ellipsoid in the flow; no other feels it.
+        replaced: blocks of θ whose forces they replace; with the first block, M's, added mass.
     """
 
     density: float
@@ -64,7 +64,7 @@ class Blueprint:
         added: (6, 6) nominal added mass, symmetric; None for a body without.
         gravity: [m/s²], 0 where weight is a column, or borne.
         fluid: MuJoCo's fluid forces.
-        size: (3,) of the box that is drawn if there is no model.xml [m].
+        size: (3,) of the box drawn without a model.xml [m].
         hidden_body: draws the true `rigid`, as a function of the plant's spread and a generator;
             None if the published inertia is the true one.
     """
@@ -102,7 +102,7 @@ class Blueprint:
         return theta
 
     def split(self, theta: Array) -> tuple[Inertia, Array]:
-        """Divides M of θ (p,) into what a rigid body has and added mass.
+        """Divides M of θ (p,) into that of a rigid body and added mass.
 
         Only their sum can be identified. The rigid body is the nominal one, times the largest
         factor for which the added mass exceeds the nominal one times this factor: both are then
@@ -121,7 +121,7 @@ class Blueprint:
             share = eigh(M[at], (self.rigid + self.added)[at], eigvals_only=True)[0]
             rigid = share * self.rigid
             acting[:size] = self._parameters(M - rigid)
-        if self.system.n < 6:  # in the plane only yaw matters, along the vertical no turn
+        if self.system.n < 6:  # in the plane only yaw matters, along the vertical no rotation
             rigid = rigid.copy()
             np.fill_diagonal(rigid[3:, 3:], rigid[5, 5] or rigid[0, 0])
         return Inertia.of_matrix(rigid), acting
@@ -145,8 +145,8 @@ def simulated(
 ) -> Plant:
     """A vehicle of one body with the true parameters θ (p,), or the published ones.
 
-    See `Blueprint.split` for how M is divided into rigid-body and added mass. The configuration is
-    asked for mismatch and faults, the files for shapes.
+    See `Blueprint.split` for how M is divided into rigid-body and added mass. `config` gives
+    mismatch and faults, `files` the shapes.
     """
     theta, system = blueprint.theta if theta is None else theta, blueprint.system
     body, acting = blueprint.split(theta)
@@ -204,4 +204,4 @@ class VehicleSheet(Sheet, ABC):
 
     @abstractmethod
     def blueprint(self) -> Blueprint:
-        """What it says, in SI units, x forward, y left, z up."""
+        """The sheet's vehicle, in SI units, x forward, y left, z up."""

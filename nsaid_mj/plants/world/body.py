@@ -18,7 +18,7 @@ BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""
 
 
-_THINNEST = 0.02  # side of a box that is drawn [m]
+_THINNEST = 0.02  # least side of a drawn box [m]
 NED = np.array([1.0, -1.0, -1.0])
 """Signs that convert x forward, y right, z down to x forward, y left, z up, and back."""
 
@@ -86,8 +86,7 @@ def vehicle_spec(
         mass: of the body [kg].
         centre: (3,) centre of mass in body axes [m].
         inertia: (3, 3) about the centre of mass, in body axes [kg·m²].
-        size: (3,) of the box that is drawn if there is no model.xml [m]; None for a solid box of
-            this inertia.
+        size: (3,) of the box drawn without a model.xml [m]; None for a solid box of this inertia.
         n: number of its velocities: 6 on a free joint, 3 on two slides and a hinge, 1 on a slide.
 
     Raises:

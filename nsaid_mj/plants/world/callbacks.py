@@ -27,7 +27,7 @@ from numba.extending import intrinsic
 from ...numerics.kernels import INLINE, f8, i8, matrix, routine, table, vector
 
 WORDS = 1 << 15
-"""How many 8-byte words of mjData are searched; its pointers are near word 20,000 in MuJoCo 4.0."""
+"""Number of 8-byte words of mjData to search; its pointers are near word 20,000 in MuJoCo 4.0."""
 
 ARRAYS = types.CPointer(types.CPointer(types.float64))
 """A C structure viewed as an array of pointers to arrays of float64."""
@@ -87,16 +87,16 @@ def _pointer(_: Any, address: Any, kind: Any) -> Any:
 
 
 pointer: Any = intrinsic(_pointer)
-array_at: Any = carray  # as numba's stub does not know that a shape may be a number
+array_at: Any = carray  # as numba's stub does not allow a number as shape
 NUMBERS, INDICES = types.CPointer(f8), types.CPointer(i8)
-_RETURNS = INLINE | {"_nrt": True}  # without, no array can be returned
+_RETURNS = INLINE | {"_nrt": True}  # otherwise no array can be returned
 
 
 @routine(vector(types.uintp, i8, i8), **_RETURNS)
 def vector_of(user, layout, k):
     """Part k of float64 userdata at an address, as an array of numbers.
 
-    From word `layout` on, the userdata hold three numbers of every part: the word at which it
+    From word `layout` on, the userdata hold three numbers for every part: the word at which it
     begins, and its numbers of rows and columns.
     """
     parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
@@ -106,7 +106,7 @@ def vector_of(user, layout, k):
 
 @routine(matrix(types.uintp, i8, i8), **_RETURNS)
 def matrix_of(user, layout, k):
-    """As `vector_of`, with its rows and columns."""
+    """Like `vector_of`, with the part's rows and columns."""
     parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
     at = user + types.uintp(8 * parts[own])
     return array_at(pointer(at, NUMBERS), (i8(parts[own + 1]), i8(parts[own + 2])))
@@ -114,7 +114,7 @@ def matrix_of(user, layout, k):
 
 @routine(table(types.uintp, i8, i8), **_RETURNS)
 def table_of(user, layout, k):
-    """As `matrix_of`, of indices."""
+    """Like `matrix_of`, for indices."""
     parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
     at = user + types.uintp(8 * parts[own])
     return array_at(pointer(at, INDICES), (i8(parts[own + 1]), i8(parts[own + 2])))
@@ -122,7 +122,7 @@ def table_of(user, layout, k):
 
 @cache
 def _stopped_clock() -> Any:
-    """A clock for MuJoCo's timers, which nobody reads here and which take a quarter of a step."""
+    """A stopped clock for MuJoCo's timers, which are unused here and take a quarter of a step."""
 
     @cfunc(types.float64(), cache=True)
     def clock():
@@ -131,7 +131,7 @@ def _stopped_clock() -> Any:
     return clock
 
 
-_in_use = False  # set also by plants without a callback: another plant's would act on them
+_in_use = False  # also set by plants without a callback: another plant's would act on them
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """Contacts of a robot with itself and with the ground, by MuJoCo's collision detection.
 
-Every link is the convex hull of its visual mesh. Links that are joined do not count, nor do pairs
-that touch in most poses, for which the hulls are too coarse. The ground is the plane z = 0; it does
-not count for what is mounted on it.
+Every link is the convex hull of its visual mesh. Joined links do not count, nor do pairs that touch
+in most poses, for which the hulls are too coarse. The ground is the plane z = 0; it does not count
+for bodies mounted on it.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from ...parameters import Array
 from ...robot.model import RobotModel
 from ...robot.tree import tree_spec, wxyz
 
-_POSES, _MOST = 50, 0.8  # random poses, and share of them in which a pair may touch and count
+_POSES, _MOST = 50, 0.8  # random poses, and largest share of them in which a counted pair touches
 
 
 class Contacts:
     """Collision detection for a robot on a fixed base, within ranges (n,), (n,) of its coordinates.
 
     Attributes:
-        known: whether the robot has any mesh; without, nothing can be said.
+        known: whether the robot has any mesh; without, contacts are unknown.
     """
 
     def __init__(self, robot: RobotModel, limits: tuple[Array, Array]):
@@ -62,7 +62,7 @@ class Contacts:
     def _pairs(self, coordinates: Array) -> list[tuple[int, int]]:
         """Pairs of bodies (low, high) that touch in a pose (n,), joined ones excepted."""
         body = self._model.geom_bodyid
-        with self._lock:  # MuJoCo's data serve one thread at a time
+        with self._lock:  # only one thread at a time may use MuJoCo's data
             self._data.qpos[self._addresses] = coordinates
             mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_collision(self._model, self._data)
@@ -70,7 +70,7 @@ class Contacts:
         return sorted({(min(pair), max(pair)) for pair in ends if pair[0] != pair[1]})
 
     def touching(self, coordinates: Array) -> list[str]:
-        """What touches in each of some poses (N, n), in words; "" where nothing does."""
+        """Names the parts that touch in each pose of (N, n); "" where none do."""
         found = []
         for row in coordinates:
             pairs = [pair for pair in self._pairs(row) if pair not in self._joined]

@@ -1,4 +1,4 @@
-"""Conversion between MuJoCo's coordinates and a system's; it is done nowhere else."""
+"""All conversion between MuJoCo's coordinates and a system's."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ class Reading(NamedTuple):
         group: 6 if a free joint comes first, 3 if the joints are x, y and ψ of a body in the
             plane, 0 if all are ordinary joints.
         free: (2,) indices of the free joint in qpos and qvel; −1 if there is none.
-        joints: (k, 4) for each 1-DOF joint its indices in qpos, qvel and q, and 1 if q holds its
-            cosine and sine.
+        joints: (k, 4) each 1-DOF joint's indices in qpos, qvel and q, and 1 if q holds its cosine
+            and sine.
     """
 
     group: int

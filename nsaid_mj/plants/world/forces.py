@@ -1,15 +1,15 @@
-"""All forces that MuJoCo does not have, in one callback: the columns of a structure at the true θ.
+"""All forces that MuJoCo lacks, in one callback: the columns of a structure at the true θ.
 
 MuJoCo's passive forces cannot represent an inertia. Where the structure has some that MuJoCo's
-bodies have not, such as added mass, the callback solves for q̈ and returns the force under which
+bodies lack, such as added mass, the callback solves for q̈ and returns the force under which
 MuJoCo's own bodies have this acceleration. With v_r the structure's velocity relative to the water
 or the air, whose flow is constant in the world, and v = T q̇,
 
     t = Tᵀ (F θ − C_A(v_r) v_r + M_A (ω × v_r)) − bias,    (M + Tᵀ M_A T) q̈ = t,
 
 and f_passive = M q̈ + bias; otherwise it is Tᵀ F θ. M and the bias, which includes weight, are
-MuJoCo's; M_A, C_A and F are the structure's at a θ without what MuJoCo's bodies have. A command
-acts through F only: MuJoCo's actuators have zero gain.
+MuJoCo's; M_A, C_A and F are the structure's at a θ without the parameters of MuJoCo's bodies. A
+command acts through F only: MuJoCo's actuators have zero gain.
 """
 
 from __future__ import annotations
@@ -71,11 +71,11 @@ _TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW = range(5)
 _GROUP, _POSE, _PLACED, _LAYOUT = range(_FLOW + 3, _FLOW + 7)
 """Places in userdata: its length; whether commands are activations; their number; whether there is
 inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; whether
-any force depends on where the bodies are; place, rows and columns of every part."""
+any force depends on the bodies' poses; place, rows and columns of every part."""
 _DOFS, _THETA, _OWN, _WORK = 10, 11, 12, 22
 _HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
-"""Parts of the userdata, after those of `StructureArrays`: of every velocity its place in qvel, its
-joint's in qpos and in q, and whether q has cosine and sine; θ; `_Memory`; a stage's memory."""
+"""Parts of the userdata, after those of `StructureArrays`: every velocity's place in qvel, its
+joint's in qpos and in q, and whether q has cosine and sine; θ; `_Memory`; a stage's workspace."""
 
 _ADDRESSES = types.CPointer(types.uintp)
 _full_m = c_function("mj_fullM", types.uintp, types.uintp, types.uintp)
@@ -88,7 +88,7 @@ class Forces:
 
     Attributes:
         structure: of the plant.
-        theta: (p,) the true θ, but 0 for what MuJoCo's own bodies or actuators have.
+        theta: (p,) the true θ, with 0 for parameters of MuJoCo's own bodies or actuators.
         flow: (3,) velocity of the water or the air in the world [m/s].
     """
 
@@ -97,7 +97,7 @@ class Forces:
     flow: Array
 
     def numbers(self, reading: Reading, lagged: bool) -> Array:
-        """What the callback reads and writes, for MuJoCo's userdata.
+        """The callback's input and output, for MuJoCo's userdata.
 
         `lagged` says whether the actuators have an activation state.
         """
@@ -132,7 +132,7 @@ class Forces:
 
     @property
     def placed(self) -> bool:
-        """Whether any force depends on where the bodies are."""
+        """Whether any force depends on the bodies' poses."""
         near = {kind.name for kind in joint.KINDS if kind.name != "load"}
         acting = (c for c in self.structure.columns if self.theta[c.parameter])
         return self.added or any(c.kind not in near for c in acting)
@@ -164,14 +164,14 @@ class Forces:
 
 
 class _Memory(NamedTuple):
-    """What the callback writes.
+    """The callback's workspace.
 
     Attributes:
         q: (m,) the structure's position.
         v: (n,) v_r.
         ground: (n,) the velocity on the ground.
         R: (9,) the base's axes in the world.
-        force: (n,) of all columns, then of all that acts.
+        force: (n,) of all columns, then the total.
         bias: (n,) MuJoCo's.
         M: (n, n) MuJoCo's.
         A: (n, n) M + Tᵀ M_A T.
@@ -239,9 +239,9 @@ def _read(d, dofs, qpos, qvel, own):
 
 @helper(void(vector, table, WORKSPACE, _MEMORY))
 def _push(d, dofs, work, own):
-    """Overwrites F θ − C_A v_r by M q̈ + bias, both of the base in the world's axes.
+    """Overwrites F θ − C_A v_r with M q̈ + bias, both of the base in the world's axes.
 
-    M_A's lower triangle is in the stage's memory.
+    M_A's lower triangle is in the stage's workspace.
     """
     v, R, force, A, added, L = own.v, own.R, own.force, own.A, work.M, work.L
     M, bias, n = own.M, own.bias, force.shape[0]
@@ -294,7 +294,7 @@ def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
 
 @helper(void(table, table, vector, table, vector, vector, vector, vector, vector))
 def _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, passive):
-    """Adds the forces on joints, where none depends on where the bodies are."""
+    """Adds the forces on joints, where none depends on the bodies' poses."""
     for k in range(columns.shape[0]):
         gain = theta[columns[k, PARAMETER]]
         if gain == 0.0:
@@ -318,7 +318,7 @@ def _end(d, work, own, dofs, passive):
 
 
 _LARGEST = float(mujoco.mjMAXVAL)
-"""Magnitude of a control beyond which MuJoCo applies none."""
+"""Magnitude of a control from which MuJoCo applies none."""
 
 
 @cache
@@ -331,7 +331,7 @@ def column_forces() -> Any:
 
     @kernel(
         void(types.uintp, types.uintp), inner=True, no_cfunc_wrapper=False, _nrt=True
-    )  # with counted references, as arrays at addresses are
+    )  # with reference counting, as arrays at addresses need it
     def passive(model, data):
         arrays = array_at(pointer(data, _ADDRESSES), WORDS)
         user, commands = arrays[at_user], arrays[at_ctrl]
@@ -341,7 +341,7 @@ def column_forces() -> Any:
         u = array_at(pointer(commands, NUMBERS), np.int64(d[_COMMANDS]))
         for i in range(u.shape[0]):
             if not abs(u[i]) <= _LARGEST:
-                return  # MuJoCo, which comes to its controls next, warns of them and zeroes them
+                return  # MuJoCo checks its controls next, warns of them and zeroes them
         qpos = array_at(pointer(arrays[at_q], NUMBERS), WORDS)
         qvel = array_at(pointer(arrays[at_v], NUMBERS), WORDS)
         pushed = array_at(pointer(arrays[at_force], NUMBERS), WORDS)

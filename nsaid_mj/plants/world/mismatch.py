@@ -52,11 +52,7 @@ class Mismatch(Config):
         return words
 
     def refuse(self, plant: str, *fields: str) -> None:
-        """Rejects effects that a kind of plant does not have; `level`: a flow not level.
-
-        Raises:
-            InvalidInput: one of `fields` is on.
-        """
+        """Raises `InvalidInput` if one of `fields` is on; `level`: if a flow is not level."""
         for name in fields:
             if name == "level" and self.flow[2]:
                 expected = f"a level wind, for {plant}"
@@ -72,8 +68,8 @@ class Mismatch(Config):
     def apply(self, spec: Any) -> None:
         """Adds the lag to every actuator of a MuJoCo specification, as a state that RK4 integrates.
 
-        MuJoCo's `filterexact` is exact only with Euler's method; under RK4 it would integrate the
-        mean rate a second time.
+        MuJoCo's `filterexact` is exact only with Euler's method; RK4 would integrate its mean rate
+        a second time.
 
         Raises:
             InvalidInput: the lag is too short for RK4 at the specification's time step.

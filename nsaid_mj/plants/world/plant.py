@@ -43,8 +43,8 @@ class PlantConfig(Config, ABC):
         mismatch: effects that the identifier's structure does not model.
         faults: of actuators, sensors or the plant during the run, such as `loss 0.4 of 2 at 5 s;
             payload 1 kg at 10 s until 15 s`.
-        _refuses: what the plant is called, and the effects of `mismatch` that it does not have; of
-            a plant in the plane, `level` for a vertical flow.
+        _refuses: the plant's kind in words, and the effects of `mismatch` that it lacks; for a
+            plant in the plane, `level` for a vertical flow.
     """
 
     _path = "plant"
@@ -61,7 +61,7 @@ class PlantConfig(Config, ABC):
 
     @abstractmethod
     def build(self, dt: float, seed: int) -> Plant:
-        """Makes the plant with time step dt [s]; its hidden parameters are drawn from the seed."""
+        """Makes the plant with time step dt [s] and hidden parameters drawn from the seed."""
 
 
 @config
@@ -104,7 +104,7 @@ class Plant(ABC):
     reading: Reading | None = None
     _schedule: Schedule
     _variants: dict[tuple[int, ...], Variant]  # by the faults of the plant itself that are active
-    _next_edge: float = np.inf  # when a fault begins or ends next [s]; -inf while a gain falls
+    _next_edge: float = np.inf  # when a fault next begins or ends [s]; -inf while a gain falls
     _held: dict[int, float] = {}  # noqa: RUF012 (replaced, never changed): commands of stuck ones
     _biases: Array | None = None  # (2, n) of positions and velocities
 
@@ -129,7 +129,7 @@ class Plant(ABC):
         return self._schedule.theta(self.truth, t)
 
     def epoch(self, t: ArrayLike) -> NDArray[np.intp]:
-        """(...) count of the stretches of constant truth at times t (...) [s], 0 before a fault."""
+        """(...) number of earlier changes of the truth at times t (...) [s], 0 before a fault."""
         return self._schedule.epoch(t)
 
     def failing(self, faults: Sequence[Fault], config: PlantConfig | None = None) -> Self:
@@ -165,8 +165,8 @@ class Plant(ABC):
     def reset(self, position: Array, velocity: Array, as_at: float | None = None) -> None:
         """Sets position numbers (n,) and velocities (n,) at t = 0, with actuators at rest.
 
-        `as_at` is a time of a run at whose condition the plant is frozen [s], with sound sensors
-        and a stuck actuator at rest unless it says what it holds; None lets faults occur.
+        `as_at` [s] freezes the plant in its condition at that time of a run, with sound sensors,
+        and a stuck actuator at rest unless it holds a stated command; None lets faults occur.
         """
         sound = self._variants[()]
         self.model, self.data = sound.model, sound.data
@@ -215,12 +215,12 @@ class Plant(ABC):
 
     @property
     def t(self) -> float:
-        """Time of the simulation [s]."""
+        """Simulation time [s]."""
         return self.data.time
 
     @property
     def diverged(self) -> str:
-        """Name of the signal that MuJoCo found bad; "" if none is."""
+        """Name of the signal that made MuJoCo diverge; "" if none."""
         found = (signal for kind, signal in _DIVERGENCES if self.data.warning[kind].number)
         return next(found, "")
 
@@ -248,8 +248,8 @@ class Plant(ABC):
     ) -> Log:
         """Continues the simulation in closed loop with the driver.
 
-        Returns `steps` + 1 measurements, `last` first, which is of the plant's current state. If
-        the plant diverges or a measurement is not finite, the log ends there.
+        Returns `steps` + 1 measurements, beginning with `last`, that of the plant's current state.
+        If the plant diverges or a measurement is not finite, the log ends there.
         """
         start = round(last.t / self.dt)
         t = self.dt * np.arange(start, start + steps + 1, dtype=np.float64)
@@ -266,7 +266,7 @@ class Plant(ABC):
         return log.first(drive(law, world, self.reading, errors, log))
 
     def _drive_stepwise(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
-        """Drives at times t (k,) [s] with a call of `command` at each; t[0] is that of `last`."""
+        """Drives at times t (k,) [s], calling `command` at each; t[0] is that of `last`."""
         rows = [last]
         for now in t[1:]:
             self.step(rows[-1].u)
@@ -300,5 +300,5 @@ _DIVERGENCES = (
     (mujoco.mjtWarning.mjWARN_BADQPOS, "qpos"),
     (mujoco.mjtWarning.mjWARN_BADQVEL, "qvel"),
     (mujoco.mjtWarning.mjWARN_BADQACC, "qacc"),
-    (mujoco.mjtWarning.mjWARN_BADCTRL, "ctrl"),  # beyond 1e10, and then MuJoCo applies none
+    (mujoco.mjtWarning.mjWARN_BADCTRL, "ctrl"),  # above 1e10 MuJoCo applies no control
 )

@@ -36,16 +36,12 @@ class Table(BaseModel):
 
 
 def one(expected: str) -> Any:
-    """A required value.
-
-    Args:
-        expected: what it must be, with its unit, for error messages.
-    """
+    """A required value; `expected` describes it, with its unit, in error messages."""
     return Field(description=expected)
 
 
 def several(count: int, expected: str) -> Any:
-    """A required list of `count` values; `expected` is told, with its unit, where it is wrong."""
+    """A required list of `count` values; `expected` describes it, with its unit, in messages."""
     return Field(description=expected, min_length=count, max_length=count)
 
 
@@ -53,13 +49,13 @@ class Sheet(Table):
     """A complete data sheet.
 
     Attributes:
-        kind: the family, which may be left out where all keys are a family's own.
-        size: length, width and height of the box that is drawn if there is no model.xml [m]; by
-            default those of a solid box of this inertia.
+        kind: the family, optional where all keys belong to one family.
+        size: length, width and height of the box drawn without a model.xml [m]; by default those of
+            a solid box of this inertia.
     """
 
     family: ClassVar[str]
-    """Name of the family; what `kind` may be."""
+    """Name of the family, the only value of `kind`."""
 
     kind: str | None = Field(default=None, description="the name of the vehicle's family")
     size: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = Field(
@@ -76,10 +72,7 @@ class Sheet(Table):
 
     @classmethod
     def of(cls, vehicle: str) -> Self:
-        """The data sheet of a vehicle.
-
-        Args:
-            vehicle: an included vehicle's name, or the path of a TOML file or of its folder.
+        """The data sheet of an included vehicle, or of the TOML file or folder at a path.
 
         Raises:
             InvalidInput: a value is missing or invalid; the message names file and key.
@@ -88,7 +81,7 @@ class Sheet(Table):
         path = vehicle_files(vehicle).sheet
         try:
             content = tomllib.loads(path.read_text(encoding="utf-8"))
-        except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, 5000 digits
+        except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or 5000 digits
             raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
         except OSError as error:
             raise InvalidInput(
@@ -101,10 +94,10 @@ class Sheet(Table):
 
 
 def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Exception:
-    """The first of pydantic's errors as an `NsaidError`; unknown keys, likely typos, go first."""
+    """The first of pydantic's errors as an `NsaidError`; unknown keys, likely typos, come first."""
     found = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")[0]
     inner = found.get("ctx", {}).get("error")
-    if isinstance(inner, InvalidInput):  # of a check between several keys
+    if isinstance(inner, InvalidInput):  # from a check between several keys
         return InvalidInput(f"{path}: {inner.name}", inner.expected, inner.got, inner.remedy)
     *parents, last = found["loc"]
     key = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in found["loc"])[1:]
@@ -117,7 +110,7 @@ def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Except
 
 
 def _declared(sheet: type[Table], places: Sequence[int | str]) -> tuple[type[Table], str]:
-    """The table type that contains a location in a data sheet, and what is expected there.
+    """The table type that contains a location in a data sheet, and the value expected there.
 
     Places are keys and list indices, from the top level down.
     """
@@ -165,7 +158,7 @@ def check_directions(table: str, item: str, positions: Array, directions: Array)
     """Checks that every position (k, 3) of an item of a table has its unit vector.
 
     Raises:
-        InvalidInput: there are more or fewer, or one is no unit vector.
+        InvalidInput: their numbers differ, or one is not a unit vector.
     """
     if len(positions) != len(directions):
         raise InvalidInput(

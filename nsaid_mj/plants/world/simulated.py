@@ -1,4 +1,4 @@
-"""A robot of exact structure in MuJoCo: a true θ, and one callback for what MuJoCo lacks."""
+"""A robot of exact structure in MuJoCo: a true θ, and one callback for the forces it lacks."""
 
 from __future__ import annotations
 

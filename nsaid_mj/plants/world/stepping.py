@@ -105,7 +105,7 @@ def sound(warnings, q, v, u):
 
 @kernel(void(WORLD, READING, ERRORS, LOG, i8, vector), inner=True)
 def _advance(world, reading, errors, log, k, numbers):
-    """Advances to row k with the command before, and writes a measurement with the k-th errors.
+    """Advances to row k under the previous command, and writes a measurement with errors k.
 
     `numbers` (n,) is workspace.
     """
@@ -121,7 +121,7 @@ def _advance(world, reading, errors, log, k, numbers):
 
 @kernel(i8(WORLD, READING, ERRORS, LOG, vector))
 def play(world, reading, errors, log, numbers):
-    """Open loop: simulates with the commands in the log. Returns the number of rows written."""
+    """Simulates open loop with the commands in the log; returns the number of rows written."""
     for k in range(1, log.t.shape[0]):
         _advance(world, reading, errors, log, k, numbers)
         if not sound(world.warnings, log.q[k], log.v[k], log.u[k]):
@@ -131,7 +131,7 @@ def play(world, reading, errors, log, numbers):
 
 @kernel(i8(TRACKING, WORLD, READING, ERRORS, LOG, vector, TRACKING_MEMORY))
 def track(tracking, world, reading, errors, log, numbers, workspace):
-    """Closed loop with `computed_torque`. Returns the number of rows written."""
+    """Simulates in closed loop with `computed_torque`; returns the number of rows written."""
     for k in range(1, log.t.shape[0]):
         _advance(world, reading, errors, log, k, numbers)
         computed_torque(tracking, log.t[k], log.q[k], log.v[k], workspace, log.u[k])

@@ -51,7 +51,7 @@ def joints(result: Identification) -> Forest:
 
 
 def correlated(result: Identification) -> list[HeatMap]:
-    """Correlation of gains, frictions and rotor inertias; empty if there are less than two."""
+    """Correlation of gains, frictions and rotor inertias; empty for fewer than two."""
     bodies, variance = result.bodies, np.diag(result.covariance)
     chosen = [
         k for k, p in enumerate(result.parameters) if p.block not in bodies and variance[k] > 0

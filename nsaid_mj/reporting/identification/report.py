@@ -17,25 +17,20 @@ from .. import pages
 from ..pages import Badges, Cell, Figures, Items, Page, Section, Table, Text
 from ..parameters import CORRELATIONS, brief_gains, folds, forests, table
 
-_LINES = 16  # of a table, printed at most; the page has all of them
+_LINES = 16  # largest number of printed lines of a table; the page has all of them
 _SILENT = {
     "not excited": "the motion does not depend on it enough to narrow it",
     "below the noise": "the effect cannot be distinguished from none",
 }
 _NRMSE = (
-    "NRMSE: rms error of the predicted command over the standard deviation of the measured one; 1 "
-    "is what predicting the mean has. Held out: fifths of the log, each predicted from the others. "
+    "NRMSE: rms error of the predicted command over the standard deviation of the measured one; "
+    "predicting the mean gives 1. Held out: fifths of the log, each predicted from the others. "
     "Least squares: weighted least squares on the same rows and columns, held out too. "
 )
 
 
 def page(result: Identification, command: str = "") -> Page:
-    """The page of an identification.
-
-    Args:
-        result: of an identification.
-        command: command line that was run; "" to name model and logs only.
-    """
+    """The page of an identification; without a `command` line it names model and logs only."""
     from ..drawings import figures_of  # imported late: matplotlib takes half a second
     from . import figures, picture
 
@@ -70,7 +65,7 @@ def page(result: Identification, command: str = "") -> Page:
         Section("Friction, rotors and other forces of the joints" if arm
                 else "Drag, damping and other forces",
                 _frictions(figures_of(forests(others)))),
-        Section("What this log cannot tell", _unknown(result)),
+        Section("What this log does not determine", _unknown(result)),
         Section("Combinations that the log determines", _combinations(result)),
         Section("All parameters", [
             Badges(counts(result.parameters)), *folds(result, numbers),
@@ -82,7 +77,7 @@ def page(result: Identification, command: str = "") -> Page:
         Section(f"Correlations of gains, {'frictions and rotors' if arm else 'drag and damping'}", [
             Figures(correlated), Text(CORRELATIONS, note=True),
         ] if correlated else []),
-        Section("What was done to the log", [Items(notes)] if notes else []),
+        Section("How the log was processed", [Items(notes)] if notes else []),
     ]  # fmt: skip
     return Page(
         heading=result.robot.name,
@@ -100,11 +95,9 @@ def page(result: Identification, command: str = "") -> Page:
 
 
 def brief(result: Identification, files: Sequence[Path] = ()) -> Page:
-    """What the terminal and the recording tell: warnings, quality per joint, gains and frictions.
+    """The page for terminal and recording: warnings, quality per joint, gains and frictions.
 
-    Args:
-        result: of an identification.
-        files: paths of the files written, which are listed last.
+    The paths of the written `files` come last.
     """
     total = pages.count(len(result.parameters), "parameter")
     statuses = ", ".join(f"{mark.glyph} {mark.text}" for mark in counts(result.parameters))
@@ -126,12 +119,7 @@ def brief(result: Identification, files: Sequence[Path] = ()) -> Page:
 
 
 def _quality(result: Identification, brief: bool = False) -> Table:
-    """The prediction's quality and the chosen structure, per joint.
-
-    Args:
-        result: of the identification.
-        brief: for the terminal, which prints the worst ones of many.
-    """
+    """The prediction's quality and the chosen structure, per joint; `brief` for the worst only."""
     checked = any(j.validation is not None for j in result.joints)
     heads = ["NRMSE of the command" if brief else words.rows_of(result)[0], "fit", "held out"]
     heads += ["least squares", *["validation", "least squares"] * checked]
@@ -194,8 +182,8 @@ def _law(result: Identification, figures: Sequence[pages.Figure]) -> list[pages.
     if along is None:
         return []
     note = (
-        "The law has seen the log once, sample by sample, with columns, delays and prior of the "
-        "batch fit. Gains are over their geometric mean, as no motion tells the common scale; they "
+        "The law followed the log once, sample by sample, with columns, delays and prior of the "
+        "batch fit. Gains are over their geometric mean, since no motion reveals their scale; they "
         "agree where both intervals meet. NRMSE: the last fifth of the log under the estimate "
         "before it. v̂ − v and all of θ̂ are on the page of the law's own run, "
         f"{along.name}/report.html beside this one."
@@ -219,7 +207,7 @@ def _law_tables(result: Identification) -> list[Table]:
 
 
 def _unknown(result: Identification) -> list[pages.Panel]:
-    """What the log does not tell, what would help, and what fixes the common scale."""
+    """What the log does not determine, what would help, and what fixes the common scale."""
     found: list[pages.Panel] = []
     for status, names in words.unknown_in_words(result):
         found += [Badges([STATUSES[status]]), Text(f"{_SILENT[status].capitalize()}: {names}.")]

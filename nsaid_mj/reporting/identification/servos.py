@@ -36,11 +36,8 @@ def write_servos(
 ) -> Path:
     """Writes report.html into a folder, atomically, and returns its path.
 
-    Args:
-        result: of an identification of servos.
-        folder: to write into.
-        command: that repeats it.
-        replay: a log, and its positions (N, n) as the exported file has them.
+    `command` repeats the identification; `replay` is a log, and its positions (N, n) as simulated
+    with the exported file.
     """
     page = _page(result, [command] if command else [])
     if replay is not None:
@@ -62,13 +59,7 @@ def _replay(result: ServoIdentification, log: ServoLog, simulated: Array) -> Sec
 
 
 def print_servos(result: ServoIdentification, console: Console, files: Sequence[Path] = ()) -> None:
-    """Prints the verdict, what was noticed, and every servo with its 95 % intervals.
-
-    Args:
-        result: of an identification of servos.
-        console: to print on.
-        files: paths of the files written, which are listed last.
-    """
+    """Prints the verdict, findings, every servo with its 95 % intervals, and the written files."""
     page = _page(result, list(map(str, files)))
     narrow = [Table([head.replace(" [", "\n[") for head in panel.heads], panel.lines)
               if isinstance(panel, Table) else panel
@@ -105,12 +96,7 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
 
 
 def print_scores(scores: Sequence[Score], console: Console) -> None:
-    """Prints how far models depart from logs: means over all joints.
-
-    Args:
-        scores: of `compare_servos` or `compare_arms`.
-        console: to print on.
-    """
+    """Prints how far models depart from logs, as means over all joints."""
     heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "time\n[s]")
     lines: list[list[Cell]] = []
     for score in scores:

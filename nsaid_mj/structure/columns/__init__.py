@@ -1,4 +1,4 @@
-"""Kinds of columns of F θ, by what exerts the force: a joint, a fluid, thrust, wheels."""
+"""Kinds of columns of F θ, by the source of the force: a joint, a fluid, thrust, wheels."""
 
 from . import fluid, joint, thrust, wheels
 from .kind import Kind

@@ -1,4 +1,4 @@
-"""Command curves of actuators: what share of its gain a command gives."""
+"""Command curves of actuators: the share of its gain that a command gives."""
 
 from __future__ import annotations
 
@@ -12,11 +12,8 @@ from ..compiled import f8, index, routine, vector
 def follow_curve(c, at, u):
     """The curve at a command u.
 
-    Args:
-        c: constants. c[at] = k > 0 is the number of coefficients of u, u|u|, u³, u³|u| …, which
-            follow; c[at] = −k that of points of a table, whose commands and then values follow.
-        at: where the curve begins.
-        u: command.
+    At c[at], k > 0 is the number of coefficients of u, u|u|, u³, u³|u| … that follow; −k is the
+    number of points of a table, whose commands and then values follow.
     """
     count = int(c[at])
     if count >= 0:
@@ -47,7 +44,7 @@ def odd(*coefficients: float) -> Array:
 
 
 def interpolated(commands: Array, values: Array) -> Array:
-    """A curve by the values at increasing commands; constant beyond the ends."""
+    """A curve through `values` at increasing commands; constant beyond the ends."""
     return np.array([-len(commands), *commands, *values])
 
 

@@ -1,8 +1,8 @@
 """Kinds of columns of weight, buoyancy, drag and lift: a wrench on a body, in its axes.
 
-A kind's function has the constants c, where its own begin, x = [twist V (6), up (3), gravity (3)]
-of the body in its axes, and the command u (0 if it reads none). It writes the wrench (6) per unit
-of the parameter into zeros that follow in x.
+A kind's function takes the constants c, the index at of its own, x = [twist V (6), up (3), gravity
+(3)] of the body in its axes, and the command u (0 if it reads none). It writes the wrench (6) per
+unit of the parameter into zeros that follow in x.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from .kind import LISTED, Kind
 WRENCH_OF, FLOW_OF = void(vector, index, vector, f8), void(vector, index, vector)
 """Signatures of a kind's function: (c, at, x), and (c, at, x) if it reads no command."""
 UP, GRAVITY, F = 6, 9, 12
-"""Where in x, after the twist, the other vectors begin."""
+"""Where the other vectors begin in x, after the twist."""
 
 (
     WEIGHT, BUOYANCY, RIGHTING, PAYLOAD, LINEAR_DRAG, QUADRATIC_DRAG, SPEED_DRAG, STRIP_DRAG,

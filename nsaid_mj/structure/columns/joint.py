@@ -51,8 +51,8 @@ KINDS = (
         SERVO, "servo", "servo gain", "kp", ("N·m/rad", "N/m"), share=1.0, actuator=True,
         commanded=True, constants={"limit": (1, np.inf)}, drawn="ring", reads="pose",
     ),
-    # friction of a motor that turns by v ± v_other, on one of the two joints; the viscous part that
-    # is this joint's own belongs to its own viscous friction
+    # friction of a motor that turns by v ± v_other, on one of the two joints; this joint's own
+    # viscous part belongs to its own viscous friction
     Kind(
         SHARED_VISCOUS, "shared_viscous", "shared viscous friction", "shared_viscous",
         ("N·m·s/rad", "N·s/m"), "free", constants={"other": (1, None)},
@@ -92,10 +92,10 @@ def slope_by_other(kind, c, at, force):
 
 @routine(f8(vector, index, table, index, vector, index, vector))
 def _weight_on_joint(c, at, bodies, b, state, ground, x):
-    """Generalised force on a joint of the weight of the bodies it carries.
+    """Generalised force on a joint due to the weight of the bodies it carries.
 
-    c[at] is the number of numbers that follow: body, mass and first moment in body axes (3) of
-    every body that has a nominal weight.
+    c[at] counts the numbers that follow: body, mass and first moment in body axes (3) of every body
+    with a nominal weight.
     """
     axis, total = (bodies.shape[0] + bodies[b, AT_V]) * FRAME, 0.0
     for k in range(at + 1, at + 1 + int(c[at]), 5):
@@ -149,19 +149,9 @@ def force_alone(kind, c, at, angle, v, u):
 def joint_force(kind, c, at, bodies, b, state, ground, angle, rate, v, u, x):
     """Force of a column on the joint of body b, per unit of its parameter.
 
-    Args:
-        kind: number of the kind.
-        c: constants of all columns.
-        at: where the column's own begin.
-        bodies: of the robot.
-        b: the body.
-        state: at the sample.
-        ground: where in it the row of the ground begins.
-        angle: angle or travel of the joint.
-        rate: velocity of the joint.
-        v: (n,) velocities of all.
-        u: command; 0 if the column reads none.
-        x: workspace of twelve numbers.
+    c are the constants of all columns, this one's from `at` on; `ground` is where the row of the
+    ground begins in the state; angle (or travel) and rate are the joint's, v (n,) all velocities;
+    u is the command, 0 if the column reads none; x is a workspace of twelve numbers.
     """
     if kind == LOAD:  # on the weight of nominal bodies
         weight = _weight_on_joint(c, at + 1, bodies, b, state, ground, x)

@@ -1,4 +1,4 @@
-"""What there is to say about a kind of column, beside its compiled value."""
+"""The description of a kind of column, beside its compiled value."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from ...parameters import Geometry
 Drawn = Literal["", "arrow", "ring", "patch"]
 Reads = Literal["", "velocity", "pose"]
 CURVE, LISTED = -1, -2
-"""Sizes of a constant that is a command curve, see `curve.follow_curve`, whose default is a power
-of the command; and of one that is a list of numbers, preceded by their count."""
+"""Size of a constant that is a command curve, see `curve.follow_curve`, whose default is a power of
+the command; and of one that is a list of numbers, preceded by their count."""
 
 
 @dataclass(frozen=True)
@@ -20,21 +20,21 @@ class Kind:
     """A kind of column of F.
 
     Attributes:
-        number: by which kernels know it; below `BODY_KINDS` it is a force of a joint, from there on
-            a wrench on a body.
-        name: by which a sheet or a `Column` calls it.
+        number: its number in kernels; below `BODY_KINDS` it is a force of a joint, from there on a
+            wrench on a body.
+        name: its name in a sheet or a `Column`.
         block: name of its block of θ.
         letter: prefix of its parameters' names.
-        unit: of the parameter; of a joint's also for slides.
+        unit: of the parameter; for a joint, also on slides.
         geometry: of the block.
         share: guessed share of the largest actuator's force that the column explains; with the
             column's value in operation it gives the scale of the parameter.
         actuator: whether the parameter scales a command.
         commanded: whether it reads a command.
-        reads: what of the state its value depends on: the pose of its body or joint, the velocity
-            (load-dependent friction also the pose), or nothing.
+        reads: the part of the state on which its value depends: the pose of its body or joint, the
+            velocity (load-dependent friction also the pose), or nothing.
         constants: names and sizes of its constants, with their defaults, None if required.
-        drawn: as what its force is drawn, at `point` if it has one.
+        drawn: how its force is drawn, at `point` if it has one.
     """
 
     number: int
@@ -55,6 +55,6 @@ class Kind:
 
         Args:
             force: of the strongest actuator there [N or N·m].
-            value: of the column in operation, per unit of its parameter.
+            value: the column's value in operation, per unit of its parameter.
         """
         return self.share * force / max(abs(value), 1e-9)

@@ -25,14 +25,14 @@ HEAD = 64
 """Number of bytes by which a format is recognised."""
 
 LIMIT = 4.0
-"""What a file may become at most when it is unpacked, unless `limited_to` says otherwise [GB]."""
+"""Largest size of an unpacked file, unless `limited_to` says otherwise [GB]."""
 
 _limit = ContextVar("limit", default=LIMIT * 1e9)
 
 STRAY = "a stray quote"
-"""What is wrong with a row whose quotes were ignored."""
+"""The problem of a row whose quotes were ignored."""
 
-_MOST_SAID = 1 << 20  # characters of what a library prints that are looked at
+_MOST_SAID = 1 << 20  # characters of a library's output that are examined
 _ORDER = ("run", "lerobot", "arrow", "npz", "rosbag", "ulog", "dataflash", "rrd", "text")
 _SUFFIXES = (
     *(".csv", ".tsv", ".gz", ".parquet", ".arrow", ".feather", ".npz"),
@@ -48,7 +48,7 @@ class Columns(NamedTuple):
         time: (N,) times [ns], int64; None if the time is one of the columns or unknown.
         problems: rows that could not be read as they are and why; rows are counted from 1 without
             the header.
-        dropped: columns, or other parts of the file, that are in no group, and why.
+        dropped: columns, or other parts of the file, that were left out, and why.
         skipped: how many of the rows with problems are not in `values`.
     """
 
@@ -60,11 +60,7 @@ class Columns(NamedTuple):
 
 
 class Format(Protocol):
-    """What a module of this folder offers.
-
-    Attributes:
-        LIBRARY: what reads the format, for messages.
-    """
+    """The interface of a module of this folder; `LIBRARY` names the reader in messages."""
 
     LIBRARY: str
 
@@ -81,7 +77,7 @@ class Format(Protocol):
 
 
 def files(path: Path) -> list[Path]:
-    """The log files of a folder in the order of their names; a log that is a folder is one."""
+    """The log files of a folder, ordered by name; a log that is a folder is one."""
     if not path.is_dir() or any(_module(name).recognises(path, b"") for name in _ORDER[:-1]):
         return [path]
     found = sorted(p for p in path.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
@@ -92,14 +88,10 @@ def files(path: Path) -> list[Path]:
 
 
 def read(path: Path) -> list[Columns]:
-    """Reads a log file of any known format.
+    """Reads a log file of any known format, or a folder: our run, a ROS 2 bag, a LeRobot dataset.
 
-    Whatever a format's library raises becomes `UnreadableLog`, and what it prints never reaches the
-    terminal.
-    Control characters in names are replaced, so that no name can steer a terminal.
-
-    Args:
-        path: of a file, or of a folder (a run of ours, a ROS 2 bag, a LeRobot dataset).
+    Whatever a format's library raises becomes `UnreadableLog`, and its output never reaches the
+    terminal. Control characters in names are replaced, so that no name can steer a terminal.
 
     Raises:
         UnreadableLog: there is no such file, or its content is damaged, empty or beyond the limit.
@@ -122,17 +114,13 @@ def read(path: Path) -> list[Columns]:
 
 
 def _module(name: str) -> Format:
-    """A format, imported alone: some need an optional library, and most files need none of them."""
+    """A format's module, imported alone: some need an optional library, which most files do not."""
     return cast(Format, importlib.import_module(f"{__name__}.{name}"))
 
 
 @contextmanager
 def limited_to(size: float) -> Iterator[None]:
-    """Within the context, no file may become more than `size` bytes when it is unpacked.
-
-    Raises:
-        InvalidInput: it is not positive.
-    """
+    """Context that limits every unpacked file to `size` bytes; `InvalidInput` unless size > 0."""
     if not size > 0:
         raise InvalidInput("limit", "a positive number of GB", size / 1e9, "Such as 8.")
     token = _limit.set(size)
@@ -143,15 +131,7 @@ def limited_to(size: float) -> Iterator[None]:
 
 
 def check_size(path: Path, size: int) -> None:
-    """Checks that a file does not become larger than it may.
-
-    Args:
-        path: of the file.
-        size: bytes that it becomes, or has become so far.
-
-    Raises:
-        UnreadableLog: it is larger.
-    """
+    """Raises `UnreadableLog` if a file's unpacked size so far [bytes] exceeds the limit."""
     limit = _limit.get()
     if size > limit:
         raise UnreadableLog(
@@ -162,7 +142,7 @@ def check_size(path: Path, size: int) -> None:
 
 
 def _read(candidate: Format, path: Path) -> list[Columns]:
-    """Reads a file with one format; the only boundary between us and the formats' libraries."""
+    """Reads a file with one format; the only boundary to the formats' libraries."""
     try:
         with _output_caught() as output:
             found = candidate.read(path)
@@ -172,7 +152,7 @@ def _read(candidate: Format, path: Path) -> list[Columns]:
         said = " ".join(printable(str(error)).split())[:200]
         reason = f"{candidate.LIBRARY} cannot read it ({type(error).__name__}: {said})"
         raise UnreadableLog(path, reason, "Record or export the log again.") from error
-    # lines with control characters are those of our own progress bar, drawn meanwhile
+    # lines with control characters are from our own progress bar, drawn meanwhile
     if said := [line for line in output if line.strip() and line == printable(line)]:
         about = (candidate.LIBRARY, f"its first of {len(said)} messages is: {said[0][:200]}")
         found[0] = found[0]._replace(dropped=(*found[0].dropped, about))
@@ -184,10 +164,9 @@ def _read(candidate: Format, path: Path) -> list[Columns]:
 
 @contextmanager
 def _output_caught() -> Iterator[list[str]]:
-    """Within the context, whatever libraries print, C libraries too, is kept from the terminal.
+    """Context that keeps all output of libraries, C libraries included, from the terminal.
 
-    Yields:
-        The lines that were printed, once the context has ended.
+    Yields the printed lines once it has ended.
     """
     lines: list[str] = []
     for stream in (sys.stdout, sys.stderr):

@@ -18,16 +18,12 @@ _PARQUET, _FILE, _STREAM = b"PAR1", b"ARROW1", b"\xff\xff\xff\xff"
 
 
 def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it begins as Parquet or Arrow does."""
+    """Whether it begins like Parquet or Arrow."""
     return head.startswith((_PARQUET, _FILE, _STREAM))
 
 
 def read(path: Path) -> list[Columns]:
-    """The columns of a table; a column of lists becomes one column for each entry.
-
-    Raises:
-        UnreadableLog: it is empty or beyond the limit.
-    """
+    """The columns of a table; a column of lists becomes one column for each entry."""
     table = table_of(path)
     if not table.num_rows:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
@@ -36,16 +32,12 @@ def read(path: Path) -> list[Columns]:
         found = flat(name, column)
         values |= found
         if not found:
-            dropped.append((name, "lists of several lengths, or of no numbers"))
+            dropped.append((name, "lists of differing lengths, or not of numbers"))
     return [Columns(values, dropped=tuple(dropped))]
 
 
 def table_of(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """The table of a file, read batch by batch.
-
-    Args:
-        path: of the file.
-        columns: that are read of a Parquet file; None for all.
+    """The table of a file, read batch by batch; of a Parquet file only `columns`, unless None.
 
     Raises:
         UnreadableLog: it is beyond the limit.
@@ -96,11 +88,8 @@ def flat(name: str, column: pa.ChunkedArray, entries: Sequence[str] = ()) -> dic
 def numpy_column(column: pa.ChunkedArray, decimal: str = ".") -> np.ndarray:
     """A column as float64 with NaN for nulls, int64, datetime64[ns] or strings.
 
-    Text in which most fields are numbers counts as numbers; its other fields become NaN.
-
-    Args:
-        column: of a table.
-        decimal: mark of numbers in text, "." or ","; the other one groups thousands.
+    Text in which most fields are numbers counts as numbers; its other fields become NaN. `decimal`
+    is the mark of numbers in text, "." or ","; the other one groups thousands.
     """
     kind = column.type
     if pa.types.is_timestamp(kind):

@@ -16,7 +16,7 @@ _HEAD = b"\xa3\x95\x80"  # the first message declares the format of formats
 
 
 def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it begins as DataFlash does."""
+    """Whether it begins like DataFlash."""
     return head.startswith(_HEAD)
 
 

@@ -18,7 +18,7 @@ from . import Columns
 from .arrow import flat, table_of
 
 LIBRARY = "Arrow"
-_PAUSE = 1.0  # between episodes [s]: the log is cut there
+_PAUSE = 1.0  # between episodes [s]: the log is split there
 _OWN = ("episode_index", "frame_index", "timestamp")
 _REMEDY = "Download the whole dataset, with its folders `meta` and `data`."
 
@@ -31,8 +31,7 @@ def recognises(path: Path, _head: bytes) -> bool:
 def read(path: Path) -> list[Columns]:
     """Every vector of numbers as one column for each entry, called `FEATURE/NAME`.
 
-    Times are those of the frames, which count them at the nominal rate; episodes follow one another
-    after a pause.
+    Times are those of the frames, at the nominal rate; episodes follow one another after a pause.
 
     Raises:
         UnreadableLog: a part of the dataset is missing, damaged or empty.
@@ -62,7 +61,7 @@ def _vector(feature: dict[str, Any]) -> bool:
 
 
 def _names(key: str, feature: dict[str, Any]) -> list[str]:
-    """Names of a feature's columns: `action/elbow_flex.pos`; a bare name is one of a position."""
+    """Names of a feature's columns: `action/elbow_flex.pos`; a bare name means a position."""
     given: Any = feature.get("names")
     if isinstance(given, dict):  # {"motors": [...]}
         given = next(iter(given.values()), None)

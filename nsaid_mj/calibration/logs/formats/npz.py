@@ -33,7 +33,7 @@ def read(path: Path) -> list[Columns]:
             array = _loaded(archive, name)
             if array is None or array.ndim not in (1, 2) or array.dtype.kind not in "fiubM":
                 what = "objects" if array is None else f"{array.dtype} of shape {array.shape}"
-                dropped.append((name, f"{what}, no columns of numbers"))
+                dropped.append((name, f"{what}, not columns of numbers"))
             elif len(array) < 2:
                 dropped.append((name, "a single row"))
             elif array.ndim == 1 or array.shape[1] == 1:
@@ -48,7 +48,7 @@ def read(path: Path) -> list[Columns]:
 
 
 def _loaded(archive: np.lib.npyio.NpzFile, name: str) -> np.ndarray | None:
-    """An array of the archive; None if it holds pickled objects, such as strings of names."""
+    """An array of the archive; None if it holds pickled objects, such as strings."""
     try:
         return archive[name]
     except ValueError as error:

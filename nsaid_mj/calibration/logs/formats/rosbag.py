@@ -1,7 +1,7 @@
 """ROS 1 bags, ROS 2 bags (SQLite or MCAP) and single MCAP files, through `rosbags`.
 
-Read are `sensor_msgs/JointState`, `nav_msgs/Odometry` and `std_msgs/Float64MultiArray`. Times are
-the stamps of the headers; where a message has none, the time at which it was recorded.
+It reads `sensor_msgs/JointState`, `nav_msgs/Odometry` and `std_msgs/Float64MultiArray`. Times are
+the stamps of the headers; for a message without one, the time of recording.
 """
 
 from __future__ import annotations

@@ -15,19 +15,19 @@ from . import Columns
 LIBRARY = "Rerun"
 _HEAD = b"RRF"
 _VALUES, _NAMES = "Scalars:scalars", "SeriesLines:names"
-_LOGGED = "log_time"  # Rerun's own timeline: used where the recording has no other of times
+_LOGGED = "log_time"  # Rerun's own timeline, used where the recording has no other times
 
 
 def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it begins as a recording of Rerun does."""
+    """Whether it begins like a Rerun recording."""
     return head.startswith(_HEAD)
 
 
 def read(path: Path) -> list[Columns]:
-    """One group of columns for each entity, called by its path, or `PATH/SERIES` of several series.
+    """One group of columns for each entity, called by its path, or `PATH/SERIES` if several series.
 
-    Times are those of the recording's first timeline of times or durations, of Rerun's `log_time`
-    if there is no other.
+    Times are those of the recording's first timeline of times or durations, or of Rerun's
+    `log_time` if there is no other.
 
     Raises:
         MissingExtra: `rerun-sdk` is not installed.
@@ -68,7 +68,7 @@ def _timeline(batches: list[pa.RecordBatch]) -> str:
 def _columns(
     entity: str, batches: list[pa.RecordBatch], names: list[str], timeline: str
 ) -> Columns | None:
-    """An entity's series with the number of values that most rows have; None without times."""
+    """An entity's series, for the number of values of most rows; None without times."""
     times: list[int] = []
     rows: list[list[float]] = []
     for batch in batches:

@@ -28,14 +28,14 @@ _MARKED = re.compile(  # a number with points or commas that fills a field
     rb"(?:^|(?<=[;\t\" ]))[+-]?(\d+[.,][\d.,]*|[.,]\d[\d.,]*)(?:[eE][+-]?\d+)?(?=[;\t\" \r]|$)",
     re.MULTILINE,
 )
-_SAMPLE = 50  # lines by which the dialect is recognised, and fewer of more characters than this
+_SAMPLE = 50  # lines to recognise the dialect, and fewer of more characters than this
 _SAMPLE_SIZE = 200_000
-_BLOCK = 1 << 20  # bytes that are unpacked at a time
-_MOST_MALFORMED = 0.5  # share of rows beyond which a file is no table
+_BLOCK = 1 << 20  # bytes to unpack at a time
+_MOST_MALFORMED = 0.5  # share of rows beyond which a file is not a table
 
 
 class Dialect(NamedTuple):
-    """How a text is to be read.
+    """The format of a text table.
 
     Attributes:
         delimiter: one character; runs of blanks count as one space.
@@ -59,7 +59,7 @@ def read(path: Path) -> list[Columns]:
     """The columns of a text file.
 
     Raises:
-        UnreadableLog: it is beyond the limit, is no table of at least one row, or does not tell
+        UnreadableLog: it is beyond the limit, is not a table of at least one row, or leaves open
             whether points or commas are its decimal marks.
     """
     text = _unpacked(path).removeprefix(b"\xef\xbb\xbf")
@@ -105,13 +105,10 @@ def _unpacked(path: Path) -> bytes:
 
 
 def _without_stray_quotes(text: bytes, dialect: Dialect) -> tuple[bytes, list[tuple[int, str]]]:
-    """A text in which no field reaches beyond its line.
+    """A text in which no field reaches beyond its line, and the rows that have lost their quotes.
 
     A quote that opens a field and is not closed before the next delimiter would swallow what
-    follows, other lines too; such a line loses its quotes.
-
-    Returns:
-        The text, and the rows that have lost their quotes.
+    follows, even other lines; such a line loses its quotes.
     """
     lines, found, row = text.split(b"\n"), [], -int(dialect.header)
     delimiter = re.escape(dialect.delimiter.encode())
@@ -128,10 +125,10 @@ def _without_stray_quotes(text: bytes, dialect: Dialect) -> tuple[bytes, list[tu
 
 
 def _decimal(path: Path, text: bytes) -> str:
-    """The decimal mark of a text whose delimiter is no comma.
+    """The decimal mark of a text whose delimiter is not a comma.
 
     Raises:
-        UnreadableLog: all that it has are fields like `1,234` and `1.234`.
+        UnreadableLog: it has only fields like `1,234` and `1.234`.
     """
     if b"," not in text:
         return "."
@@ -142,23 +139,21 @@ def _decimal(path: Path, text: bytes) -> str:
         mark = number[last : last + 1]
         other = b"," if mark == b"." else b"."
         whole, part = number[:last], number[last + 1 :]
-        if mark in whole:  # 1,234,567: a mark that is repeated groups thousands
+        if mark in whole:  # 1,234,567: a repeated mark groups thousands
             return other.decode()
         if other in whole or len(part) != 3 or not 1 <= len(whole) <= 3 or whole.startswith(b"0"):
             return mark.decode()
         seen[mark] = found[0].decode()
     if len(seen) > 1:
-        reason = f"{' and '.join(seen.values())} do not tell which mark is the decimal one"
-        raise UnreadableLog(path, reason, "Export the log without marks between thousands.")
+        reason = f"{' and '.join(seen.values())} leave open which mark is the decimal point"
+        raise UnreadableLog(path, reason, "Export the log without thousands separators.")
     return "," if b"," in seen else "."
 
 
 def dialect_of(lines: list[str], comments: list[str]) -> Dialect:
-    """Recognises delimiter, decimal mark and header.
+    """Recognises delimiter, decimal mark and header from the first lines, without comments.
 
-    Args:
-        lines: the first lines, without comments.
-        comments: comment lines; the last one is the header if it has as many words as columns.
+    The last of the comment lines is the header if it has as many words as columns.
     """
     delimiter = _delimiter(lines)
     rows = [split(line, delimiter) for line in lines]
@@ -167,7 +162,7 @@ def dialect_of(lines: list[str], comments: list[str]) -> Dialect:
     comma = delimiter != "," and any(re.fullmatch(r"[+-]?\d+,\d+", f) for f in fields)
     values = [[_value(f.replace(",", ".") if comma else f) for f in row] for row in rows]
     below = [row for row in values[1:] if len(row) == len(values[0])] or [[True] * len(values[0])]
-    header = any(  # a text above values; rows may hold texts too, such as names of joints
+    header = any(  # a text above values; rows may hold texts too, such as joint names
         not first and sum(column) > 0.5 * len(column)
         for first, column in zip(values[0], zip(*below, strict=True), strict=True)
     )
@@ -176,7 +171,7 @@ def dialect_of(lines: list[str], comments: list[str]) -> Dialect:
         words = split(comments[-1].lstrip(" \t#%/"), delimiter)
         names = words if len(words) == width and not all(map(_value, words)) else []
     if header and len(names) == width - 1:
-        names = ["", *names]  # as R and np.savetxt write an index without a name
+        names = ["", *names]  # as R and np.savetxt write an unnamed index
     names = [name or f"Unnamed: {k}" for k, name in enumerate(names)]
     names = names or [f"column_{k + 1}" for k in range(width)]
     return Dialect(delimiter, "," if comma else ".", _unique(names), header)
@@ -206,7 +201,7 @@ def _delimiter(lines: list[str]) -> str:
 
 
 def _value(field: str) -> bool:
-    """Whether a field is a value rather than a name."""
+    """Whether a field is a value, not a name."""
     return field in _NULLS or bool(_NUMBER.fullmatch(field) or _DATE.fullmatch(field))
 
 
@@ -259,8 +254,8 @@ def _parsed(
     if not table.num_rows:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
     if len(bad) > _MOST_MALFORMED * (len(bad) + table.num_rows):
-        reason = f"{len(bad)} of {len(bad) + table.num_rows} rows have not {len(dialect.names)} "
-        reason += f"fields, the first row {bad[0][0]} with {bad[0][1]}"
+        reason = f"{len(bad)} of {len(bad) + table.num_rows} rows do not have {len(dialect.names)} "
+        reason += f"fields; the first is row {bad[0][0]} with {bad[0][1]}"
         raise UnreadableLog(path, reason, "Export the log as one table.")
     names = zip(table.column_names, table.columns, strict=True)
     values = {name: numpy_column(column, dialect.decimal) for name, column in names}

@@ -15,7 +15,7 @@ _HEAD = b"ULog\x01\x12\x35"
 
 
 def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it begins as ULog does."""
+    """Whether it begins like ULog."""
     return head.startswith(_HEAD)
 
 

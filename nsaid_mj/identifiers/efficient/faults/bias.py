@@ -1,13 +1,13 @@
 """Trials of a sensor's constant error.
 
-The filter is nearly linear, so that its innovations depend linearly on a constant b that is
-subtracted from one sensor's measurements since the fault: e = e₀ + g (b − b₀), with the error's
-signature g in the innovations. Three filters, at b₀ − h, b₀ and b₀ + h, give
+The filter is nearly linear, so its innovations depend linearly on a constant b that is subtracted
+from one sensor's measurements since the fault: e = e₀ + g (b − b₀), with g the error's signature in
+the innovations. Three filters, at b₀ − h, b₀ and b₀ + h, give
 
     Σ eᵀe = N₀ + s (b − b₀) + ½ c (b − b₀)²,    c = 2 Σ gᵀg,
 
-and so the estimate of b, its variance, and the likelihood averaged over the prior b ~ N(0, σ²).
-This is Friedland's separate estimation of a bias, with the sensitivities as differences.
+and with it the estimate of b, its variance, and the likelihood averaged over the prior
+b ~ N(0, σ²). This is Friedland's separate estimation of a bias, with sensitivities by differences.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from .signals import Signals
 from .trial import Trial
 
 _WIDE = 100.0  # prior standard deviation of an error, relative to that of the sensor's noise
-_COARSE = 10.0  # step of the differences, relative to the same: several times what `_jumps` errs
+_COARSE = 10.0  # step of the differences, relative to the same: several times the error of `_jumps`
 _FINE = 2.0  # once the error is known
 
 
 class BiasTrial(NamedTuple):
-    """Three filters under errors of one sensor, evenly spaced.
+    """Three filters under evenly spaced errors of one sensor.
 
     Attributes:
-        trials: under each.
-        middle: error that the second one takes.
+        trials: under each error.
+        middle: error of the second one.
         step: between two.
         prior: standard deviation of the error.
-        coarse: whether the first one, of which the filter is not quite a linear function.
+        coarse: whether this is the first trial, in which the filter is not quite linear.
     """
 
     trials: tuple[Trial, Trial, Trial]
@@ -66,7 +66,7 @@ class BiasTrial(NamedTuple):
         return BiasTrial(trials, middle, step, _WIDE * sigma)
 
     def again(self, start: Filter) -> BiasTrial:
-        """A trial from the same start, close to where this one has come to."""
+        """A trial from the same start, close to this one's estimate."""
         middle, step = self.middle + self._fit()[0], self.step * _FINE / _COARSE
         signals = self.trials[1].signals.biased(self.hypothesis.channel, -self.middle)
         trials = _three(start, signals, self.hypothesis, middle, step)
@@ -74,7 +74,7 @@ class BiasTrial(NamedTuple):
 
     @property
     def hypothesis(self) -> Hypothesis:
-        """What it tries."""
+        """The hypothesis under trial."""
         return self.trials[1].hypothesis
 
     @property
@@ -96,7 +96,7 @@ class BiasTrial(NamedTuple):
         curvature = max(0.0, (low - 2 * middle + high) / self.step**2)
         precision = 0.5 * curvature + self.prior**-2
         change = -(0.5 * slope + self.middle * self.prior**-2) / precision
-        change = min(self.step, max(-self.step, change))  # no further than it has been tried
+        change = min(self.step, max(-self.step, change))  # within the range tried
         return change, precision, middle + slope * change + 0.5 * curvature * change**2
 
     @property
@@ -114,15 +114,15 @@ class BiasTrial(NamedTuple):
     def followed(
         self, law: Law, system: SecondOrderSystem, log: Log, before: Signals | None = None
     ) -> BiasTrial:
-        """The trials after a log; `before` are the signals at its first sample if others."""
+        """The trials after a log; `before` are the signals at its first sample, if different."""
         one, two, three = (trial.followed(law, system, log, before) for trial in self.trials)
         return self._replace(trials=(one, two, three))
 
     def freed(self, seconds: float) -> None:
-        """A bias is constant."""
+        """Does nothing: a bias is constant."""
 
     def forgetting(self) -> BiasTrial:
-        """The trial, its evidence counted anew from here."""
+        """The trial, its evidence counted from here."""
         one, two, three = (trial.forgetting() for trial in self.trials)
         return self._replace(trials=(one, two, three))
 

@@ -1,7 +1,7 @@
-"""What is noted of a fault, and the gain of an actuator that may go on failing.
+"""Records of faults, and the gain of an actuator that may go on failing.
 
 A small loss may be the beginning of a slow one. For some time after it the gain stays loose: it
-follows a random walk, and the event grows with what is lost.
+follows a random walk, and the event grows with the loss.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from ..filter import Filter
 from .hypotheses import Hypothesis
 
 _SMALL = 0.1  # share of a gain up to which a loss may be the beginning of a slow one
-_WALK = 0.006  # of a loose gain, relative, in a second [1/√s]
+_WALK = 0.006  # of a loose gain, relative, per second [1/√s]
 _ON = 0.05  # relative change of a loose gain that goes unnoticed
 _LOOSE = 10.0  # time for which a gain stays loose after its last change [s]
-_GROWN = 0.01  # change of the share that is lost which is noted
+_GROWN = 0.01  # change of the lost share from which an event is updated
 SEIZED = ("reversed", "broken", "stuck")
 """Kinds of faults under which a command does not reach its actuator as given."""
-_MEASURED = ("loss", "payload", "bias")  # whose size is 0 where nothing has failed; of friction's
-# coefficients each may be, as they trade with one another, while their change is evident
+_MEASURED = ("loss", "payload", "bias")  # whose size is 0 where nothing has failed; friction's
+# coefficients may each be 0, as they trade with one another, while their change is evident
 
 
 class Loose(NamedTuple):
@@ -34,7 +34,7 @@ class Loose(NamedTuple):
         gains: indices of its gains in θ.
         others: indices of all other actuators' gains.
         before: (p,) θ̂ before the loss.
-        until: when it is taken for constant again [s].
+        until: when it counts as constant again [s].
     """
 
     part: str
@@ -50,7 +50,7 @@ class Loose(NamedTuple):
         kalman.Ptt[:] += seconds * np.outer(D, D)
 
     def freed(self, kalman: Filter, scale: Array) -> None:
-        """Lets a filter from before find out how far the loss has gone on meanwhile."""
+        """Lets an earlier filter estimate how far the loss has gone on since."""
         self.walked(kalman, scale, (_ON / _WALK) ** 2)
 
     def lost(self, kalman: Filter) -> float:
@@ -68,7 +68,7 @@ def loosened(
     size: float,
     t: float,
 ) -> Loose | None:
-    """What is loose after an isolated fault, given θ̂ (p,) before it, its size and the time."""
+    """The loose gain after an isolated fault, given θ̂ (p,) before it, its size and the time."""
     if hypothesis.kind != "loss":
         return None
     if loose is not None and loose.part == hypothesis.part:
@@ -81,12 +81,12 @@ def loosened(
 
 
 def revoked(events: tuple[FaultEvent, ...], part: str) -> tuple[FaultEvent, ...]:
-    """The events without those that took a part, sound after all, for failed."""
+    """The events without those of a part that has turned out to be sound."""
     return tuple(e for e in events if e.part != part or e.kind not in SEIZED)
 
 
 def without_effect(kind: str, size: tuple[float, float, float]) -> bool:
-    """Whether the interval (size, low, high) of a change contains no change at all."""
+    """Whether the interval (size, low, high) of a change contains no change."""
     _, low, high = size
     return kind in _MEASURED and low <= 0.0 <= high
 
@@ -109,7 +109,7 @@ def event_of(
 def grown(
     events: tuple[FaultEvent, ...], loose: Loose, kalman: Filter, t: float
 ) -> tuple[tuple[FaultEvent, ...], Loose]:
-    """The events with what a loose gain has lost since."""
+    """The events, updated with a loose gain's loss since."""
     place = [i for i, e in enumerate(events) if (e.kind, e.part) == ("loss", loose.part)]
     if not place:
         return events, loose

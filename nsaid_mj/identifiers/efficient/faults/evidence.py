@@ -1,14 +1,15 @@
-"""How strongly data speak for a jump of θ, from the estimates before and after alone.
+"""The evidence for a jump of θ, from the estimates before and after alone.
 
-A filter at (θ̂_s, P_s) that is not told of a jump reaches (θ̂_t, P_t). Without a jump, the shift
+A filter at (θ̂_s, P_s) that ignores a jump reaches (θ̂_t, P_t). Without a jump, the shift
 Δ = θ̂_t − θ̂_s has the covariance V = P_s − P_t; a jump D δ at time s, δ ~ N(0, 1), adds A δ to it:
 
     A = (1 − P_t P_s⁻¹) D,    score g = Aᵀ V⁻¹ Δ,    information I = Aᵀ V⁻¹ A,
     likelihood ratio, maximised over δ:  exp(½ gᵀ I⁻¹ g),
     and averaged over its prior:         exp(½ gᵀ (1 + I)⁻¹ g) / √det(1 + I).
 
-The average is the maximum with the penalty for the number and the range of free directions. To V is
-added what a sound robot's parameters may differ by from constants, and the filter from linearity.
+The average is the maximum with the penalty for the number and the range of free directions. V also
+includes the deviations of a sound robot's parameters from constants, and the filter's from
+linearity.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class Jump(NamedTuple):
 
     @property
     def evident(self) -> bool:
-        """Whether δ as a whole is beyond chance, even where its components trade."""
+        """Whether δ as a whole exceeds chance, even where its components trade."""
         squares = float(self.delta @ np.linalg.solve(self.covariance, self.delta))
         return squares > _EVIDENT * len(self.delta)
 
@@ -57,14 +58,10 @@ def most_evident(Ps: Array, Pt: Array, shift: Array, tolerance: Array) -> float:
 def shift_jumps(
     Ps: Array, Pt: Array, shift: Array, tolerance: Array, directions: list[Array]
 ) -> list[Jump]:
-    """The jumps that explain a shift (p,) of θ̂/scale, for each of several D (p, d).
+    """The jumps that explain a shift (p,) of θ̂/scale, one for each D (p, d) in `directions`.
 
-    Args:
-        Ps: (p, p) P_θθ before.
-        Pt: (p, p) P_θθ after.
-        shift: (p,) of θ̂/scale.
-        tolerance: (p,) standard deviation of θ/scale where nothing has failed.
-        directions: D (p, d) of each hypothesis.
+    Ps and Pt (p, p) are P_θθ before and after, tolerance (p,) is the standard deviation of θ/scale
+    where nothing has failed.
     """
     V = cho_factor(Ps - Pt + np.diag(tolerance**2))
     before, weighted = cho_factor(Ps), cho_solve(V, shift)
@@ -81,7 +78,7 @@ def shift_jumps(
 
 
 def jumped(Ps: Array, Pt: Array, shift: Array, D: Array) -> Jump:
-    """The jump of a filter that was told of it: P_s already contains D Dᵀ."""
+    """The jump of a filter that allows for it: P_s already contains D Dᵀ."""
     whitened = cho_solve(cho_factor(Ps), D)
     delta = whitened.T @ shift
     spread = np.eye(D.shape[1]) - D.T @ whitened + whitened.T @ Pt @ whitened
@@ -89,6 +86,6 @@ def jumped(Ps: Array, Pt: Array, shift: Array, D: Array) -> Jump:
 
 
 def posterior(evidence: Array) -> Array:
-    """(h,) probabilities of hypotheses with logarithmic evidences (h,), alike beforehand."""
+    """(h,) probabilities of hypotheses with logarithmic evidences (h,) and equal prior."""
     weight = np.exp(evidence - evidence.max())
     return weight / weight.sum()

@@ -1,9 +1,9 @@
-"""What may have happened to a robot: named hypotheses about θ and about its commands.
+"""Named hypotheses of what may have happened to a robot: about θ and about its commands.
 
-A hypothesis adds an unknown jump δ ~ N(0, 1) of each of its directions D (in θ/scale) to θ, so that
-P_θθ grows by D Dᵀ and all else stays as certain as it was. Three of them also change what reaches
-an actuator: a reversed one gets −u, a broken one 0, and a stuck one a typical command, of which its
-gain is the effort.
+A hypothesis adds an unknown jump δ ~ N(0, 1) along each of its directions D (in θ/scale) to θ, so
+P_θθ grows by D Dᵀ and the rest stays as certain as it was. Three of them also change the command
+that reaches an actuator: a reversed one gets −u, a broken one 0, and a stuck one a typical command,
+whose effort its gain measures.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from ..covariance import SMALL
 from .evidence import Jump
 
 _GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain
-_OWN = 0.05  # of what sets the gains of one actuator apart, as thrust and torque of a rotor
+_OWN = 0.05  # of the difference between gains of one actuator, as thrust and torque of a rotor
 _FRICTION = 1.0  # of the jump of a friction or drag, relative to its scale
 _BODY = 0.5  # of that of a body's inertial parameters, relative to their scale
 _LOAD = 0.1  # and at least this share of the whole robot's mass
-_LOADS = (0.03, 0.1, 0.2, 0.3)  # masses of loads that were picked up, over that of the whole robot
+_LOADS = (0.03, 0.1, 0.2, 0.3)  # masses of loads that are picked up, over the whole robot's
 _DENSITY = 500.0  # of such a load [kg/m³]
 _LOADED = 0.5  # standard deviation of its inertial parameters in the metric of the cone
 _DISSIPATES = ("friction", "drag", "resistance")
-_RARE = 5.0  # a fault of one part beforehand: one of some fifty, and no more likely together
+_RARE = 5.0  # prior odds of a fault in one part [nats]: one of some fifty, no more likely together
 _INEXACT = (2e-4, 2e-3, 2e-2, 0.2)  # shares by which all of θ may seem off where W is not exact
 _RESTORED = 0.1  # standard deviation of a gain's jump back to what it was, relative to the gain
 
@@ -40,8 +40,8 @@ class Hypothesis(NamedTuple):
     """One explanation of a change.
 
     Attributes:
-        kind: see `FaultEvent`; also `none`, and `sound` for what was taken for failed.
-        part: what was hit, in words.
+        kind: see `FaultEvent`; also `none`, and `sound` for a part wrongly taken for failed.
+        part: the affected part, in words.
         names: of the parameters that may have changed.
         D: (p, d) directions of the jump of θ/scale, whose δ has standard deviation 1.
         size: (d,) the reported size of the change is sizeᵀδ.
@@ -51,7 +51,7 @@ class Hypothesis(NamedTuple):
         mean: (p,) of the jump of θ/scale where it is not 0.
         offset: part of the reported size that belongs to the mean.
         curve: (2, N) sizes of an actuator's command, and the efforts relative to that at `held`.
-        channel: index of the sensor that has a constant error, those of position first; −1 if none.
+        channel: index of the sensor with a constant error, those of position first; −1 if none.
         share: by which all of θ may be off, where the structure is not exact; 0 if it is.
     """
 
@@ -71,13 +71,13 @@ class Hypothesis(NamedTuple):
 
 
 def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
-    """All single faults of a system whose θ was θ̂ (p,) before."""
+    """All single faults of a system with the earlier estimate θ̂ (p,)."""
     robot = [*_actuators(system, theta), *_frictions(system), *_payload(system)]
     return [*robot, *_loads(system, theta), *_biases(system)]
 
 
 def appear_slowly(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
-    """Those that a shift of θ̂ without a contradiction can be evidence for."""
+    """Those for which a shift of θ̂ without a contradiction can be evidence."""
     return [h for h in hypotheses if h.command < 0 and h.channel < 0 and not h.offset]
 
 
@@ -90,7 +90,7 @@ def command_of(stuck: Hypothesis, held: float, ratio: float) -> float:
 
 
 def penalty(hypothesis: Hypothesis) -> float:
-    """How much less probable a hypothesis is beforehand than that no part has failed, in nats."""
+    """Negative log prior odds of a hypothesis against no failure [nats]."""
     return 0.0 if hypothesis.kind in {"none", "sound"} else _RARE
 
 
@@ -103,8 +103,8 @@ def inexact(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """The robot is sound but its structure not quite exact, so that all of θ seems to be off.
 
     An effect that no column of W describes moves whatever parameters describe it best, by amounts
-    that vary with the motion. Without this mode of the interacting models, the single fault that
-    is least unlike the effect would explain it.
+    that vary with the motion. Without this hypothesis, the single fault most like the effect would
+    explain it.
     """
     sizes = np.diag(np.maximum(np.abs(theta / system.space.scale), SMALL))
     none = nothing(system)
@@ -116,14 +116,10 @@ def inexact(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
 def restored(
     system: SecondOrderSystem, theta: Array, sound: Array, sign: Array, held: Array
 ) -> list[Hypothesis]:
-    """Every actuator that was taken for reversed, broken or stuck is sound after all.
+    """Hypotheses that an actuator taken for reversed, broken or stuck is sound after all, one each.
 
-    Args:
-        system: the structure.
-        theta: (p,) θ̂ now.
-        sound: (p,) θ̂ with the gains from before these actuators failed.
-        sign: (n_u,) −1 for a reversed actuator.
-        held: (n_u,) command of a stuck one; NaN of the others.
+    theta (p,) is θ̂ now, sound (p,) has the gains from before these actuators failed, sign (n_u,)
+    is −1 for a reversed actuator, held (n_u,) the command of a stuck one, NaN for the others.
     """
     found, scale = [], system.space.scale
     for command, k in enumerate(gains_by_command(system)):
@@ -184,7 +180,7 @@ def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
 
 @lru_cache(maxsize=256)
 def _curve(system: SecondOrderSystem, command: int, k: tuple[int, ...], typical: float) -> Array:
-    """(2, N) sizes of a command of the sign of a typical one, and its effort over that one's."""
+    """(2, N) sizes of a command with a typical one's sign, and its effort over that one's."""
     q, v, u = system.random_state(np.random.default_rng(0))
     sizes = np.linspace(0.0, 4.0, 401)
     t, (q, v, u) = np.zeros(len(sizes)), (np.tile(part, (len(sizes), 1)) for part in (q, v, u))
@@ -267,7 +263,7 @@ def _loads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """Heavy loads on the last link, under which its inertial parameters jump far.
 
     Linearised at the link's own parameters, the filter would not get there: its steps are at most a
-    share of what the link has. So it starts under a ball of typical mass at the joint.
+    share of these. So it starts under a ball of typical mass at the joint.
     """
     space = system.space
     bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}

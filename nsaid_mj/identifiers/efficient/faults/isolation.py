@@ -1,11 +1,11 @@
-"""What the law does about a contradiction: trials, and what they isolate; and about slow changes.
+"""How the law reacts to contradictions, by trials that isolate a fault, and to slow changes.
 
 Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
-before, twice as many after trials in vain, something may have failed: the filter returns to its
-estimate from before, and tries which single fault explains the motion best, or whether the
-structure is just not quite exact. Only what a fault has hit is set free. Slow changes are found
-from the shift of the estimate, see `watch`. If no fault explains the motion, or if the filter is
-young, it starts again at the memory's estimate.
+before (twice as many after vain trials), something may have failed: the filter returns to its
+earlier estimate, and tries which single fault explains the motion best, or whether the structure is
+just not quite exact. Only what a fault has hit is set free. Slow changes show in the shift of the
+estimate, see `watch`. If no fault explains the motion, or if the filter is young, it starts again
+at the memory's estimate.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from .onset import LEAD, onset
 from .trials import Verdict, begin_trials, follow_trials, narrowed, verdict
 from .watch import PERIOD, Watch, slow_change
 
-_MATURE = 2.0  # time without a contradiction after which one is taken for a fault [s]
-_STARTS = 3  # new starts of a young filter, before a structure that is not exact is considered
-_SETTLED = 5.0  # time without a contradiction after which slow changes are looked for [s]
+_MATURE = 2.0  # time without a contradiction after which one counts as a fault [s]
+_STARTS = 3  # restarts of a young filter, before a structure that is not exact is considered
+_SETTLED = 5.0  # time without a contradiction from which slow changes are sought [s]
 _ISOLATED = 0.9  # least probability of a slow change among the hypotheses
 
 
@@ -59,9 +59,9 @@ class Isolation(NamedTuple):
     interval: float
 
     def contradicted(self, inside: EfficientState, log: Log) -> EfficientState:
-        """After a contradiction at a log's end: trials of what may have failed, or a new start."""
+        """After a contradiction at a log's end: trials of possible failures, or a new start."""
         kalman, system, here = inside.filter, self.system, inside.here(self.system, log)
-        if len(log.t) <= LEAD + 1:  # right after a gap: too short to tell anything from
+        if len(log.t) <= LEAD + 1:  # right after a gap: too short to judge
             restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
             return inside
         young = inside.calm < 2**inside.unnamed * _MATURE and inside.loose is None
@@ -81,7 +81,7 @@ class Isolation(NamedTuple):
         return inside._replace(trials=trials, watch=Watch())
 
     def tried(self, inside: EfficientState, log: Log) -> EfficientState:
-        """The trials along a log; goes on with the best once there is a verdict."""
+        """The trials along a log; continues with the best one once there is a verdict."""
         assert inside.trials is not None
         trials = follow_trials(self.law, self.system, inside.trials, log)
         if trials.samples < self.law.window:
@@ -104,7 +104,7 @@ class Isolation(NamedTuple):
     def _isolated(
         self, inside: EfficientState, found: Verdict, begin: float, log: Log
     ) -> EfficientState:
-        """Goes on with the filter of a trial, and notes the fault if there was one."""
+        """Continues with the filter of a trial, and records the fault if there was one."""
         trial, t = found.trial, float(log.t[-1])
         assert trial is not None
         hypothesis, size = trial.reported(self.system.space)
@@ -135,7 +135,7 @@ class Isolation(NamedTuple):
         return self._noted(inside, hypothesis, trial.theta, t, (begin, size, found.confidence))
 
     def watched(self, inside: EfficientState, t: float) -> EfficientState:
-        """At an interval's end: looks for slow changes, and follows one that is known."""
+        """At an interval's end: looks for slow changes, and follows a known one."""
         kalman, loose = inside.filter, inside.loose
         if loose is not None and t > loose.until:
             loose, inside = None, inside._replace(stale=True)
@@ -145,7 +145,7 @@ class Isolation(NamedTuple):
             inside = inside._replace(events=events)
         inside = inside._replace(loose=loose)
         watch = inside.watch
-        young = inside.calm < _MATURE  # errors of linearisation are beyond what P_θθ tells
+        young = inside.calm < _MATURE  # errors of linearisation exceed P_θθ
         if young or inside.trials or (watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9)):
             return inside
         if inside.calm < _SETTLED or loose is not None or inside.drift:
@@ -163,13 +163,13 @@ class Isolation(NamedTuple):
         return self._noted(inside, hypothesis, before, t, noted)
 
     def _slow(self, theta: Array) -> list[Hypothesis]:
-        """What a shift of θ̂ (p,) without a contradiction can be evidence for."""
+        """Hypotheses for which a shift of θ̂ (p,) without a contradiction can be evidence."""
         return appear_slowly(hypotheses_of(self.system, theta)) + inexact(self.system, theta)
 
     def _noted(
         self, inside: EfficientState, hypothesis: Hypothesis, before: Array, t: float, found: Any
     ) -> EfficientState:
-        """Notes a fault isolated at time t, from θ̂ (p,) before; more of a known one is no new one.
+        """Records a fault isolated at time t, from θ̂ (p,) before; more of a known one is not new.
 
         `found` are begin, size with its interval, confidence, and whether it is slow.
         """

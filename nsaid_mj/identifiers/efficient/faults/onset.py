@@ -1,8 +1,8 @@
-"""When a fault began, and the filter just before.
+"""The time at which a fault began, and the filter just before.
 
 Before a fault, the normalised innovations e of a sample have eᵀe of mean 2n and variance 4n. Where
-they exceed 2n + 3 √(4n) on average from some sample on until now, the fault has begun there: the
-likelihood ratio test of Page for a change at an unknown time.
+they exceed 2n + 3 √(4n) on average from some sample until now, the fault began there: Page's
+likelihood ratio test for a change at an unknown time.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from ..kalman import follow_filter, restart_state
 from ..noise import noise_variance
 
 LEAD = 4
-"""Samples before the first at which a fault may begin: `started` takes increments from them."""
+"""Samples before the earliest possible fault: `started` takes increments from them."""
 _EXCESS = 3.0  # standard deviations of eᵀe that a sample must exceed on average
 
 

@@ -1,4 +1,4 @@
-"""What is known of failed actuators and sensors: how their signals differ from those recorded."""
+"""Known failures of actuators and sensors: how their signals differ from those recorded."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ class Signals(NamedTuple):
 
     @staticmethod
     def sound(system: SecondOrderSystem) -> Signals:
-        """Every command reaches its actuator, and every sensor is right."""
+        """The signals of a robot whose actuators and sensors are all sound."""
         n, n_u = system.n, system.n_u
         return Signals(np.ones(n_u), np.full(n_u, np.nan), np.zeros(2 * n))
 
     @staticmethod
     def after(system: SecondOrderSystem, events: Sequence[FaultEvent]) -> Signals:
-        """What is known after some faults."""
+        """The signals that some faults imply."""
         sign, held, bias = Signals.sound(system)
         commands = {
             tuple(system.space.names[i] for i in k): command
@@ -55,7 +55,7 @@ class Signals(NamedTuple):
 
     @property
     def as_recorded(self) -> bool:
-        """Whether nothing is known of failed actuators."""
+        """Whether no failed actuator is known."""
         return bool((self.sign == 1).all() and np.isnan(self.held).all())
 
     def acting(self, system: SecondOrderSystem, log: Log) -> Log:
@@ -71,7 +71,7 @@ class Signals(NamedTuple):
         return Log.unchecked(t, q, v, u)
 
     def under(self, hypothesis: Hypothesis) -> Signals:
-        """These signals, with those of a failed actuator as a hypothesis has them."""
+        """These signals, with those of a failed actuator under a hypothesis."""
         sign, held, k = self.sign.copy(), self.held.copy(), hypothesis.command
         if hypothesis.kind == "sound":
             sign[k], held[k] = 1.0, np.nan
@@ -82,7 +82,7 @@ class Signals(NamedTuple):
         return self._replace(sign=sign, held=held)
 
     def biased(self, channel: int, by: float) -> Signals:
-        """These signals, with more of an error of one sensor."""
+        """These signals, with a larger error of one sensor."""
         bias = self.bias.copy()
         bias[channel] += by
         return self._replace(bias=bias)

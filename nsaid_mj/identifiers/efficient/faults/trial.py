@@ -1,4 +1,4 @@
-"""A filter that tries one hypothesis."""
+"""A filter under one hypothesis."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from .evidence import jumped
 from .hypotheses import Hypothesis, command_of, loaded, most_changed
 from .signals import Signals
 
-_LEAST = 0.2  # command that a stuck actuator is tried at, over a typical one
-_WALK = 0.012  # of δ in a second, as a fault may still grow [1/√s]
+_LEAST = 0.2  # command at which a stuck actuator is tried, over a typical one
+_WALK = 0.012  # of δ per second, as a fault may still grow [1/√s]
 
 
 class Trial(NamedTuple):
     """A filter under one hypothesis; its tally counts from the start of the trial.
 
     Attributes:
-        hypothesis: what it tries.
+        hypothesis: under trial.
         filter: at the last sample.
-        signals: that act under it.
+        signals: that act under the hypothesis.
         theta: (p,) θ̂ at the start.
         P: (p, p) P_θθ at the start, with the hypothesis's freedom.
         earlier: sum of the squared normalised innovations that no longer count as evidence.
@@ -60,7 +60,7 @@ class Trial(NamedTuple):
     def followed(
         self, law: Law, system: SecondOrderSystem, log: Log, before: Signals | None = None
     ) -> Trial:
-        """The trial after a log; `before` are the signals at its first sample if others."""
+        """The trial after a log; `before` are the signals at its first sample, if different."""
         own, count = self.filter.copied(), len(log.t)
         t, q, v, u = self.signals.acting(system, log)
         if before is not None:
@@ -74,18 +74,18 @@ class Trial(NamedTuple):
         return self._replace(filter=own)
 
     def freed(self, seconds: float) -> None:
-        """Lets the change grow for some seconds."""
+        """Lets the change grow for the given time [s]."""
         D = self.hypothesis.D
         self.filter.Ptt[:] += _WALK**2 * seconds * (D @ D.T)
 
     def forgetting(self) -> Trial:
-        """The trial, its evidence counted anew from here."""
+        """The trial, its evidence counted from here."""
         earlier = self.earlier + self.squares
         self.filter.tally[1:] = 0.0
         return self._replace(earlier=earlier)
 
     def again(self, start: Filter, law: Law) -> Trial:
-        """A trial of a load or a seizure from the same start, where this one has come to.
+        """A trial of a load or a seizure from the same start, linearised at this one's estimate.
 
         Raises:
             LinAlgError: θ with the load is not inside the cone, or too close to its boundary.
@@ -104,7 +104,7 @@ class Trial(NamedTuple):
         return Trial.begin(start, self.signals, hypothesis, law.scale)
 
     def reported(self, space: ParameterSpace) -> tuple[Hypothesis, tuple[float, float, float]]:
-        """What has changed, and the size of the change with its 95 % interval."""
+        """The changed part, and the size of the change with its 95 % interval."""
         hypothesis, kalman = self.hypothesis, self.filter
         if hypothesis.kind == "broken":
             return hypothesis, (1.0, 1.0, 1.0)
@@ -120,7 +120,7 @@ class Trial(NamedTuple):
         if hypothesis.kind != "stuck":
             size, low, high = (hypothesis.offset + x for x in change)
             return hypothesis, (size, low, high)
-        held = float(self.signals.held[hypothesis.command])  # a sound actuator would do as much at
+        held = float(self.signals.held[hypothesis.command])  # command of the same effort when sound
         size, *ends = (command_of(hypothesis, held, 1 + x) for x in change)
         return hypothesis, (size, min(ends), max(ends))
 
@@ -130,5 +130,5 @@ class Trial(NamedTuple):
         scale: Array,
         log: Log,
     ) -> tuple[Filter, Signals]:
-        """The filter that goes on after the log that ended the trials, and its signals."""
+        """The filter that continues after the log that ended the trials, and its signals."""
         return self.filter, self.signals

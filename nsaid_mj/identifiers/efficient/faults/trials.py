@@ -2,8 +2,8 @@
 
 They start at the last sample before the fault, with the estimate from before, and differ in what
 they leave free. The evidence of a hypothesis is the likelihood of the innovations, averaged over
-the prior of what is free: Σ −½ (eᵀe + log det S). The trials go on until one hypothesis is probable
-enough or time is up; those that have become improbable are dropped.
+the prior of what is free: Σ −½ (eᵀe + log det S). The trials continue until one hypothesis is
+probable enough or time is up; those that have become improbable are dropped.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from .onset import started
 from .signals import Signals
 from .trial import Trial
 
-_DROPPED = 1e-9  # probability below which a hypothesis is tried no longer
+_DROPPED = 1e-9  # probability below which a hypothesis is dropped
 _CERTAIN = 0.995  # probability at which a hypothesis is accepted
 _LONGEST = 1.0  # time after which the most probable one is accepted [s]
-_NEAR = 200.0  # evidence that a trial of a sensor's error can gain by being repeated
-_PASSES, _BETTER = 4, 0.99  # of linearising a trial again, and what each must achieve
+_NEAR = 200.0  # evidence that repeating a trial of a sensor's error can gain
+_PASSES, _BETTER = 4, 0.99  # repeated linearisations of a trial, and what each must achieve
 _PATIENT = ("several", "bias", "payload")
-"""Kinds not accepted before, as is a structure that is not exact: with all of θ free it explains a
-fault as well, until more data tell how many numbers it needs; of the last two for their size."""
+"""Kinds not accepted early, nor is a structure that is not exact: with all of θ free it explains a
+fault as well, until more data show how many numbers it needs; the last two for their size."""
 
 
 class Trials(NamedTuple):
     """Trials of several hypotheses.
 
     Attributes:
-        each: of every hypothesis that is still tried.
+        each: those still running.
         start: the filter at the last sample before the fault.
         before: the signals known to act until then.
         log: from that sample on, as recorded.
         samples: in the current window.
         counted: sample of the log from which on innovations count as evidence.
-        due: length of the log from which on the trials are repeated, at a window's end.
+        due: length of the log from which the trials are repeated, at a window's end.
     """
 
     each: tuple[Trial | BiasTrial, ...]
@@ -57,7 +57,7 @@ class Trials(NamedTuple):
 
     @property
     def begin(self) -> float:
-        """Time of the first sample that may contradict the estimate from before [s]."""
+        """Time of the first sample that may contradict the earlier estimate [s]."""
         return float(self.log.t[1])
 
 
@@ -70,16 +70,9 @@ def begin_trials(
     log: Log,
     k: int,
 ) -> Trials:
-    """Trials of hypotheses along a log from sample k on, the last one before the fault.
+    """Trials of hypotheses along a log, as recorded, from sample k ≥ 3, the last before the fault.
 
-    Args:
-        law: what the filter knows beforehand.
-        kalman: with θ̂ and P_θθ from before the fault.
-        system: the structure.
-        signals: known to act before the fault.
-        hypotheses: to be tried.
-        log: as recorded.
-        k: index of a sample ≥ 3.
+    `kalman` has θ̂ and P_θθ from before the fault, when `signals` acted.
     """
     before = signals.acting(system, log)
     start, each = started(kalman, system, before, k), []
@@ -96,8 +89,8 @@ def begin_trials(
 def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log) -> Trials:
     """The trials after a log; at a window's end they are repeated where that makes them exact.
 
-    The log then is at least twice as long as the last time, or time is up, so that all repetitions
-    together take no longer than a few along all of it.
+    They are repeated when the log is twice as long as the last time, or time is up, so that all
+    repetitions together cost no more than a few along the whole log.
     """
     each = tuple(trial.followed(law, system, log) for trial in trials.each)
     known = trials.log.first(len(trials.log.t) - 1).joined(log)
@@ -111,11 +104,11 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
 
 
 def narrowed(law: Law, trials: Trials, window: float) -> Trials:
-    """The trials that go on at the end of a window [s], and are free to follow a growing fault.
+    """The trials that continue at the end of a window [s], free to follow a growing fault.
 
     Improbable ones are dropped, single faults by comparison among themselves: with much of θ free
-    anything is explained for a while. Where not even the best explains its window, or only that of
-    all actuators, the others have yet to learn the size of a large change: the evidence is counted
+    anything is explained for a while. If not even the best explains its window, or only that of all
+    actuators, the others have yet to learn the size of a large change: the evidence is counted
     anew from here.
     """
     for trial in trials.each:
@@ -138,10 +131,10 @@ def narrowed(law: Law, trials: Trials, window: float) -> Trials:
 def _repeated(
     trial: Trial | BiasTrial, law: Law, system: SecondOrderSystem, trials: Trials, least: float
 ) -> Trial | BiasTrial:
-    """A trial along the same log, linearised where it has come to.
+    """A trial along the same log, linearised at its own estimate.
 
-    Those of a sensor's error are, once, if their evidence is at least `least`; those of a load or
-    of a stuck actuator are as long as that explains the log better.
+    A trial of a sensor's error is repeated once, if its evidence is at least `least`; one of a load
+    or of a stuck actuator as long as that explains the log better.
     """
     if isinstance(trial, BiasTrial):
         if trial.evidence < least or not trial.coarse:
@@ -151,7 +144,7 @@ def _repeated(
     for _ in range(_PASSES if far else 0):
         try:
             again = _along(trial.again(trials.start, law), law, system, trials)
-        except np.linalg.LinAlgError:  # it has gone astray
+        except np.linalg.LinAlgError:  # it diverged
             break
         better = 1.0 if trial.hypothesis.kind == "stuck" else _BETTER
         if not again.earlier + again.squares < better * (trial.earlier + trial.squares):
@@ -164,7 +157,7 @@ T = TypeVar("T", Trial, BiasTrial)
 
 
 def _along(trial: T, law: Law, system: SecondOrderSystem, trials: Trials) -> T:
-    """A trial at its start after the log of all, its evidence counted as theirs."""
+    """A trial from its start along the trials' log, its evidence counted as theirs."""
     log, split, before = trials.log, trials.counted, trials.before
     if not split:
         return trial.followed(law, system, log, before)

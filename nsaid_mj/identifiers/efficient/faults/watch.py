@@ -1,7 +1,7 @@
 """The recent past of the filter, and changes that are too slow for its innovations.
 
-Where nothing changes, θ̂ shifts by no more than the decrease of its covariance explains. Snapshots
-of (θ̂, P_θθ) are kept at regular intervals, and each is compared with the present; see `evidence`.
+Without a change, θ̂ shifts by no more than the decrease of its covariance explains. Snapshots of
+(θ̂, P_θθ) are kept at regular intervals, and each is compared with the present; see `evidence`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from .hypotheses import Hypothesis, most_changed, penalty
 
 PERIOD = 0.5
 """Time between two snapshots [s]."""
-_BACK = 1.0  # how long before it is noticed a fault may have begun [s]
-_SPANS = (2, 4, 8, 16, 32)  # snapshots back to those that are compared with the present
-_TOLERANCE = 1e-3  # relative change of a parameter of a sound robot
+_BACK = 1.0  # how long a fault may go unnoticed [s]
+_SPANS = (2, 4, 8, 16, 32)  # ages, in snapshots, of those that are compared with the present
+_TOLERANCE = 1e-3  # relative change of a sound robot's parameter
 _SURE = 25.0  # log likelihood ratio, averaged, at which a change counts: odds of 1e-11
 
 
@@ -53,7 +53,7 @@ class Watch(NamedTuple):
         kalman.noise.variance[:] = self.noises[i]
 
     def with_snapshot(self, t: float, kalman: Filter) -> Watch:
-        """With the filter's estimate at time t [s], and without those that are too old."""
+        """The watch with the filter's estimate at time t [s], and without snapshots too old."""
         last = -_SPANS[-1]
         return Watch(
             (*self.times, t)[last - 1 :],
@@ -69,7 +69,7 @@ class Found(NamedTuple):
     Attributes:
         hypothesis: what changed.
         confidence: its probability among the hypotheses.
-        size: of the change, its lower and its upper end, in the hypothesis's unit.
+        size: of the change, with lower and upper end, in the hypothesis's unit.
         theta: (p,) θ̂ with the change taken into account.
         P: (p, p) its P_θθ.
         evidence: logarithm of the averaged likelihood ratio against no change.
@@ -88,8 +88,8 @@ def slow_change(
 ) -> Found | None:
     """The most evident change since any of the snapshots; None if none is evident.
 
-    No jump explains more of a shift than all of it: ½ Δᵀ V⁻¹ Δ bounds the evidence of each, see
-    `evidence`. The hypotheses, of `what`, are only compared where that is enough.
+    ½ Δᵀ V⁻¹ Δ bounds the evidence of every jump, see `evidence`, so the hypotheses, of `what`, are
+    compared only where that is enough.
     """
     best: Found | None = None
     scale, hypotheses = space.scale, None

@@ -1,8 +1,8 @@
-"""The kinds of faults. Each one acts from `time` until `until`, and says what it changes.
+"""The kinds of faults. Each acts from `time` until `until`, and says what it changes.
 
 An actuator's fault scales its gains or holds its command; friction and a payload add to θ; a bias
-adds to what a sensor measures. The structure keeps holding except under a held command, whose
-force is constant, and under a bias.
+adds to a sensor's reading. The structure continues to hold except under a held command, whose force
+is constant, and under a bias.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Fault(Config, ABC):
 
     @abstractmethod
     def affected(self, system: SecondOrderSystem) -> Indices:
-        """Indices in θ of what the fault changes; empty for a sensor.
+        """Indices in θ that the fault changes; none for a sensor.
 
         Raises:
             InvalidInput: the system has no such part.
@@ -79,7 +79,7 @@ class ActuatorFault(Fault, ABC):
 
     @abstractmethod
     def factor(self, since: float) -> float:
-        """What its gains are multiplied by, `since` seconds after the fault began."""
+        """Factor of its gains, `since` seconds after the fault began."""
 
     def affected(self, system: SecondOrderSystem) -> Indices:
         """Indices in θ of the actuator's gains."""
@@ -104,7 +104,7 @@ class Loss(ActuatorFault):
     rate: Positive | None = None
 
     def factor(self, since: float) -> float:
-        """1 − the share lost by then."""
+        """1 − the share lost so far."""
         return 1 - (self.share if self.rate is None else min(self.share, self.rate * since))
 
     def what(self, system: SecondOrderSystem) -> str:
@@ -115,7 +115,7 @@ class Loss(ActuatorFault):
 
 @config
 class Reversed(ActuatorFault):
-    """An actuator that acts in the opposite direction, as after wires were exchanged."""
+    """An actuator that acts in the opposite direction, as with exchanged wires."""
 
     def factor(self, since: float) -> float:
         """−1."""
@@ -128,10 +128,7 @@ class Reversed(ActuatorFault):
 
 @config
 class Broken(ActuatorFault):
-    """An actuator that exerts no force any more: a broken fin, a rotor that has come off.
-
-    Its command reaches nothing: a rotor that has come off has no drag either.
-    """
+    """An actuator that no longer exerts any force or drag: a broken fin, a lost rotor."""
 
     def factor(self, since: float) -> float:
         """0."""
@@ -149,13 +146,13 @@ class Stuck(ActuatorFault):
     Its command has no effect, so that its true gain is 0; the constant force is outside θ.
 
     Attributes:
-        holding: the command that it goes on executing; None for the last one it received.
+        holding: the command that it keeps executing; None for the last one it received.
     """
 
     holding: Number | None = None
 
     def factor(self, since: float) -> float:
-        """1: the command is replaced, the gain is that of the actuator."""
+        """1: the command is replaced, not the gain."""
         return 1.0
 
     def what(self, system: SecondOrderSystem) -> str:
@@ -191,11 +188,7 @@ class PlantFault(Fault, ABC):
 
     @abstractmethod
     def added(self, system: SecondOrderSystem) -> Array:
-        """(p,) what it adds to θ.
-
-        Raises:
-            InvalidInput: the system has no such part.
-        """
+        """(p,) the fault's change of θ; raises `InvalidInput` if the system has no such part."""
 
     def affected(self, system: SecondOrderSystem) -> Indices:
         """Indices in θ of what the fault changes."""
@@ -204,10 +197,10 @@ class PlantFault(Fault, ABC):
 
 @config
 class Friction(PlantFault):
-    """Friction or drag that is added to a joint or a body.
+    """Friction or drag added to a joint or a body.
 
     Attributes:
-        by: what is added, in the parameter's unit.
+        by: the increase, in the parameter's unit.
         parameter: name of the friction or drag in θ, such as viscous_3, coulomb_3 or d_surge.
     """
 
@@ -241,7 +234,7 @@ class Payload(PlantFault):
 
     Attributes:
         mass: [kg].
-        place: its position in the body's axes: of a link, those of its joint [m].
+        place: its position in the body's axes; for a link, those of its joint [m].
         link: name of the body's block in θ, such as `link 6`; "" for the last one.
     """
 
@@ -265,10 +258,10 @@ class Payload(PlantFault):
 class Bias(Fault):
     """A constant error of one sensor.
 
-    That of a place is along a world axis, that of an attitude a turn about one of the body's own.
+    A place's error is along a world axis, an attitude's a turn about one of the body's own.
 
     Attributes:
-        by: the error, in the unit of what it measures.
+        by: the error, in the unit of the sensor.
         sensor: `position` or `velocity`.
         channel: which of the system's coordinates, counted from 1.
     """

@@ -1,4 +1,4 @@
-"""What a sequence of faults changes at which time, for plant, MuJoCo model and truth alike."""
+"""The effects of a sequence of faults over time, for plant, MuJoCo model and truth alike."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ....parameters import Array
 from ....system import SecondOrderSystem
 from .kinds import ActuatorFault, Bias, Broken, Fault, Loss, PlantFault, Stuck
 
-_NOTCH = 0.02  # share of a gain, lost slowly, after which evaluation counts the truth as another
+_NOTCH = 0.02  # share of a gain, lost slowly, from which evaluation counts the truth as another
 
 
 class Schedule:
@@ -52,9 +52,9 @@ class Schedule:
         return times[times < self._end[i]]
 
     def epoch(self, t: ArrayLike) -> NDArray[np.intp]:
-        """(...) count of the stretches of constant truth at times t (...) [s], 0 before a fault.
+        """(...) number of earlier changes of the truth at times t (...) [s], 0 before a fault.
 
-        A slow loss ends a stretch with every two per cent of the gain.
+        A slow loss counts as one change per two per cent of the gain.
         """
         return np.searchsorted(self._notches, np.asarray(t), side="left")
 
@@ -74,7 +74,7 @@ class Schedule:
         return any(f.rate and f.rate * (t - self._begin[i]) < f.share for i, f in slow)
 
     def factors(self, t: float) -> Array:
-        """(n_u,) what every actuator's gains are multiplied by in the plant at time t [s]."""
+        """(n_u,) factors of every actuator's gains in the plant at time t [s]."""
         factors = np.ones(self._system.n_u)
         for i in self._active(t):
             if isinstance(fault := self._faults[i], ActuatorFault):
@@ -82,7 +82,7 @@ class Schedule:
         return factors
 
     def stuck(self, t: float) -> list[tuple[int, float | None]]:
-        """Every actuator that ignores its command, from 0, and what it does; None for its last."""
+        """Actuators (from 0) that ignore their command, with the one they hold; None: the last."""
         found = [self._faults[i] for i in self._active(t)]
         stuck = [(f.actuator - 1, f.holding) for f in found if isinstance(f, Stuck)]
         return stuck + [(f.actuator - 1, 0.0) for f in found if isinstance(f, Broken)]
@@ -102,7 +102,7 @@ class Schedule:
         return {self.carried(np.nextafter(edge, np.inf)) for edge in self.edges}
 
     def added(self, which: tuple[int, ...]) -> Array:
-        """(p,) what faults of the plant itself, given by their numbers, add to θ."""
+        """(p,) change of θ by faults of the plant itself, given by their numbers."""
         total = np.zeros(self._system.p)
         for i in which:
             fault = self._faults[i]
@@ -134,7 +134,7 @@ _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS  # time, positions, velocities, act
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """One model of a plant, its data, and its actuators' gains before any fault of theirs.
+    """One model of a plant, its data, and its actuators' gains before their faults.
 
     `gain_places` are those of `Plant`; `userdata` are the callback's parameters.
     """

@@ -109,7 +109,7 @@ def _numbers(name: str, parts: Sequence[str], text: str) -> list[float]:
 
 
 def fault_text(fault: Fault) -> str:
-    """A fault as text, which `parse_fault` reads back; for other kinds, the name of the class."""
+    """A fault as text, which `parse_fault` reads back; the class's name for other kinds."""
     for kind, (cls, keywords) in _KINDS.items():
         if type(fault) is cls:
             words = [kind]
