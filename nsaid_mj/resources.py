@@ -157,7 +157,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
     """
     partial = path.with_name(f".{path.name}.part")
     check_not_read(path)
-    with told(path):
+    with writing(path):
         try:
             create(partial)
             yield partial
@@ -218,7 +218,7 @@ def create(path: Path) -> None:
 
 
 @contextmanager
-def told(path: Path, remedy: str = "") -> Iterator[None]:
+def writing(path: Path, remedy: str = "") -> Iterator[None]:
     """Context in which an error of the operating system, while writing to a path, is `NotWritten`.
 
     The default remedy depends on the error.
@@ -254,7 +254,7 @@ def locked(folder: Path) -> Iterator[None]:
         NotWritten: the folder cannot be created, or is not a folder.
     """
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
-    with told(folder):
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         status = folder.stat()
     key, thread = (status.st_dev, status.st_ino), threading.get_ident()
@@ -281,7 +281,7 @@ def _flock(folder: Path) -> int | None:
     """A descriptor that holds the lock of a folder; None on file systems that have no locks."""
     if fcntl is None:
         return None
-    with told(folder):
+    with writing(folder):
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

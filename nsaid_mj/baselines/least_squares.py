@@ -189,7 +189,7 @@ class _Near:
         return theta - self.start, np.eye(len(theta))
 
     def length(self, theta: Array, step: Array) -> float:
-        """0 for any step (p,) at θ (p,)."""
+        """1 for any step (p,) at θ (p,)."""
         return 1.0
 
 

@@ -5,8 +5,8 @@
 with G_i the mean Gramian of the rows of velocity i and Σ_i that of the actuators' effort in them
 (`quotient.cost`): the negative log-likelihood of Gaussian residuals, measured relative
 to the command, whose variance is unknown for every velocity. The first sum is the same for θ and
-to the command, whose variance is unknown for every velocity. The first sum is the same for θ and
-2 θ, so D, the prior, fixes the scale of θ. With σ(θ) = wᵀθ / wᵀθ̂(0) the size of the
+2 θ, so D, the prior, fixes the scale of θ. With σ(θ) = wᵀθ / wᵀθ̂(0) the size of the bodies, such
+as the weight that links have along the log,
 
     D(θ, θ̂(0)) = D₀(θ/σ, θ̂(0)) + ½ (log σ / δ)²,
 

@@ -9,7 +9,7 @@ from ..bounds import config
 from ..errors import InvalidInput
 from ..experiment.loop import Robot
 from ..experiment.scenario import MOST_STEPS, Scenario
-from ..experiment.setup import told
+from ..experiment.setup import with_prior_error
 from ..identifiers import Identifier, NullspaceAID
 from ..plants import PlantConfig, SensorNoise
 
@@ -71,5 +71,5 @@ def measured_scenario(
 
 def identifiers_of(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
     """The scenario's own identifier, for a robot that is not simulated."""
-    config, levels = told(scenario.identifier, scenario), scenario.noise.levels
+    config, levels = with_prior_error(scenario.identifier, scenario), scenario.noise.levels
     return {"": config.build(robot.system, robot.prior, scenario.dt, levels)}

@@ -126,9 +126,9 @@ class Combinations(NamedTuple):
 
     Attributes:
         independent: indices of parameters whose columns are linearly independent, in order.
+        dependent: indices of the others.
         weights: (independent, dependent) the column of a dependent parameter is the sum of these
             times the columns of the independent ones: only θ_i + Σ_d weights[i, d] θ_d is visible.
-        silent: indices of parameters whose column is 0 in the whole log.
         silent: indices of parameters whose column is 0 in the whole log.
     """
 

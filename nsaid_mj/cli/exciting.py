@@ -35,7 +35,7 @@ def excite(chosen: Excite) -> int:
 
 def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     """Designs, and writes and prints the results."""
-    from .. import design as room
+    from .. import design
     from ..design import files, harmonics, prediction
     from ..design.experiment import own_limits
     from ..design.trial import tried
@@ -43,17 +43,17 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     from ..reporting import design as design_page
     from ..reporting.progress import Progress
 
-    def limited(own: room.Limits) -> room.Limits:
+    def limited(own: design.Limits) -> design.Limits:
         """The limits of model and file; a real robot must not touch itself or the ground either."""
         if chosen.model is not None and not experiment.system.group:
             own = own_limits(experiment.system, own)
             own = replace(own, contacts=experiment.contacts is not None)
-        return room.read_limits(chosen.limits, own) if chosen.limits else own
+        return design.read_limits(chosen.limits, own) if chosen.limits else own
 
     scenario = _scenario(chosen)
     with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
-        experiment = room.Experiment.of(scenario, chosen.seed)
-        found = room.design(
+        experiment = design.Experiment.of(scenario, chosen.seed)
+        found = design.design(
             experiment,
             wanted=chosen.want,
             criterion=chosen.criterion,
@@ -141,6 +141,6 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
         if not path.is_file():
             raise BadRun(folder, "there is no design", "Give the folder that `nsaid excite` wrote")
         return Scenario.from_json(path.read_bytes()).excitation
-    from .. import design as room
+    from .. import design
 
-    return room.design(room.Experiment.of(scenario), told=progress.tell).driver
+    return design.design(design.Experiment.of(scenario), told=progress.tell).driver

@@ -228,7 +228,7 @@ def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, L
 def _default_limits(
     experiment: Experiment, base: DriverConfig, rehearsals: Sequence[tuple[int, Log]], share: float
 ) -> Limits:
-    """The limits that a share of the scenario's own random motions keep; for a vehicle, and more.
+    """The limits that a share of the scenario's own random motions keep; a vehicle's are wider.
 
     An arm's positions may use the range given to the excitation. An arm's motion is planned within
     the limits that the median keeps, so that it is no larger than a random one, and checked against

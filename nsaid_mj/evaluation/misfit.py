@@ -37,7 +37,7 @@ import scipy.linalg
 from scipy.special import gammaincc
 
 from ..experiment.loop import Run
-from ..experiment.setup import told
+from ..experiment.setup import with_prior_error
 from ..experiment.source import LONGEST_STEP
 from ..identifiers import Confidence, NullspaceAID, State
 from ..identifiers.cone.prior import drawn_inside
@@ -187,7 +187,7 @@ def misfit_of(run: Run) -> Misfit | None:
     law = getattr(scenario.identifier, "law", "")
     if law not in {"memory", "efficient"} or system.forward is None or scenario.record_every != 1:
         return None
-    config = told(scenario.identifier, scenario)
+    config = with_prior_error(scenario.identifier, scenario)
     assert isinstance(config, NullspaceAID)
     alone, found = FilterAlone(system, scenario.dt, config.efficient), []
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None

@@ -24,7 +24,7 @@ from ..numerics.stopwatch import clock, compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..plants import Looks, Plant
-from ..resources import json_of, locked, told
+from ..resources import json_of, locked, writing
 from ..system import SecondOrderSystem
 from .following import FAULTS, Cost, Ending, Loop, Observer, Robot, segment_steps
 from .record import FILE, Record, RecordWriter
@@ -148,7 +148,7 @@ def followed(
     system = robot.system
     rng = np.random.default_rng(Seeds.of(scenario.seed).structure)
     r = structural(system, robot.prior, rng).r
-    with told(folder):  # files of an earlier run could be mistaken for this one's
+    with writing(folder):  # files of an earlier run could be mistaken for this one's
         folder.mkdir(parents=True, exist_ok=True)
         for name in DERIVED:
             (folder / name).unlink(missing_ok=True)

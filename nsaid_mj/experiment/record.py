@@ -20,7 +20,7 @@ import pyarrow as pa
 from ..errors import BadRun, NotWritten
 from ..log import Log
 from ..parameters import Array
-from ..resources import create, json_of, told
+from ..resources import create, json_of, writing
 
 BATCH_SECONDS = 0.9
 FILE = "record.arrow"
@@ -46,7 +46,7 @@ class RecordWriter:
             list(types.items()), metadata={"nsaid": json.dumps(metadata, ensure_ascii=False)}
         )
         self._path, self._failed = path, False
-        with told(path):
+        with writing(path):
             create(path)
             self._inode = path.stat().st_ino
             self._file = pa.OSFile(str(path), "wb")  # unbuffered
@@ -91,7 +91,7 @@ class RecordWriter:
             "from what was recorded"
         )
         try:
-            with told(self._path, remedy):
+            with writing(self._path, remedy):
                 self._stream.close() if batch is None else self._stream.write_batch(batch)
         except NotWritten:
             self._failed = True

@@ -115,7 +115,9 @@ class Setup:
             return expected_gramian(system, driver, prior, scenario.dt, min(duration, _REHEARSAL))
 
         return {
-            name: told(config, scenario).build(system, prior, scenario.dt, levels, gramian)
+            name: with_prior_error(config, scenario).build(
+                system, prior, scenario.dt, levels, gramian
+            )
             for name, config in {"": scenario.identifier, **scenario.rivals}.items()
         }
 
@@ -152,7 +154,7 @@ class Setup:
         return driver_of(self.scenario.excitation, self.system, self.prior, rng)
 
 
-def told(config: IdentifierConfig, scenario: Scenario) -> IdentifierConfig:
+def with_prior_error(config: IdentifierConfig, scenario: Scenario) -> IdentifierConfig:
     """An identifier's configuration, with the scenario's error of the prior if it states none."""
     if not isinstance(config, NullspaceAID) or config.efficient.prior is not None:
         return config

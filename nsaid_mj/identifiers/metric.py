@@ -21,7 +21,7 @@ from ..parameters import Array
 from ..quotient.cone import Cone, inside
 from ..structure.compiled import FAST
 from .cone.chart import (
-    chart_room,
+    chart_workspace,
     confine,
     from_chart_into,
     height,
@@ -165,7 +165,7 @@ def accurate(law, start, eta, before, theta, scratch):
 
 
 CHARTS = (
-    chart_room, confine, from_chart_into, height, inside, natural_rate_into, to_chart_into,
+    chart_workspace, confine, from_chart_into, height, inside, natural_rate_into, to_chart_into,
 )  # fmt: skip
 """What the functions above call, for kernels that call them."""
 
@@ -176,7 +176,7 @@ def _chart(law):
         pass
 
     def curved(law):
-        return chart_room(law.cone)
+        return chart_workspace(law.cone)
 
     return flat if law.instance_class is Flat else curved
 

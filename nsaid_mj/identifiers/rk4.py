@@ -8,14 +8,14 @@ from numba import njit
 from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, times_into
 from ..structure.compiled import FAST
-from ..structure.motion_types import STAGES, stage, stage_room
+from ..structure.motion_types import STAGES, stage, stage_workspace
 from .metric import CHARTS, accurate, adapt, chart, enter, hold, leave, sound
 
 # -- one step --------------------------------------------------------------------------------------
 
 
 @kernel()
-def room(law, n, p):
+def workspace(law, n, p):
     """Allocates the workspace of a step: start, stage z = (v̂, η), weighted sum, rate, θ̂, chart."""
     start, z, total, rate = np.zeros(n + p), np.zeros(n + p), np.zeros(n + p), np.zeros(n + p)
     return start, z, total, rate, np.zeros(p), chart(law)
@@ -75,7 +75,8 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
         long to be accurate; N if none.
     """
     n, p = v_hats.shape[1], theta_hats.shape[1]
-    stages, work, a_hat, gradient = stage_room(motion), room(law, n, p), np.zeros(n), np.zeros(p)
+    stages, work = stage_workspace(motion), workspace(law, n, p)
+    a_hat, gradient = np.zeros(n), np.zeros(p)
     return _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient)
 
 

@@ -58,8 +58,8 @@ class Rover(Plant):
 
     Args:
         spread: largest relative deviation of the hidden parameters.
-        mismatch: effects that are on in addition to the structural ones.
         mismatch: active effects, in addition to the structural ones.
+        dt: time step [s].
         rng: source of the hidden parameters.
     """
 

@@ -51,8 +51,8 @@ def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> 
 
 def verdict_of(document: dict[str, Any]) -> Mark:
     """Whether the design is better than random motions, and how much."""
-    better, told = _compared(document)
-    return judged("yes" if better else "partly", told)
+    better, sentence = _compared(document)
+    return judged("yes" if better else "partly", sentence)
 
 
 def _of_random_motions(document: dict[str, Any]) -> float:
@@ -154,9 +154,9 @@ def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder
         ["direction", "deviation left", "what helps most", "left then"], _weak_rows(document),
         (0, 2),
     )  # fmt: skip
-    told: list[Panel] = [Items(statements(document))]
+    determined: list[Panel] = [Items(statements(document))]
     if weak.lines:
-        told += [Text("Directions that stay weak", head=True), weak, Text(_WEAK, note=True)]
+        determined += [Text("Directions that stay weak", head=True), weak, Text(_WEAK, note=True)]
     designed = [
         "as designed",
         _percent(document["predicted_deviation_of_prior"]),
@@ -171,7 +171,7 @@ def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder
         lead=f"{document['duration']:g} s of motion, before anything moves.",
         carrying=_figures(document, trial),
         sections=[
-            Section("What the experiment will determine", told),
+            Section("What the experiment will determine", determined),
             Section("What would help", [helps, Text(_HELP, note=True)]),
             Section("What no motion reveals", [Items(_unobservable(document))]),
             Section("Predicted 95 % intervals", [

@@ -106,11 +106,11 @@ def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
     order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
     panels = []
     for j in order:
-        told = f": error {100 * error[j]:.2g} %" if np.isfinite(error[j]) else ", not actuated"
+        note = f": error {100 * error[j]:.2g} %" if np.isfinite(error[j]) else ", not actuated"
         kind = {"N": "force", "N·m": "torque"}.get(units[j], "generalised force")
         panels.append(
             Comparison(
-                f"{labels[j]}{told}", kind, units[j], found.t[rows],
+                f"{labels[j]}{note}", kind, units[j], found.t[rows],
                 found.measured[rows, j], found.predicted[rows, j],
                 None if found.half is None else found.half[rows, j],
             )

@@ -78,9 +78,9 @@ def load_mjcf(
         file=path,
         passive=found.passive,
     )
-    told = [str(f) for f in findings if f.level == "warning"]
-    if base is not None and told:
-        warnings.warn(RobotChanged(str(path), told), stacklevel=2)
+    warned = [str(f) for f in findings if f.level == "warning"]
+    if base is not None and warned:
+        warnings.warn(RobotChanged(str(path), warned), stacklevel=2)
     return robot
 
 

@@ -258,7 +258,7 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
         else:
             servos.append(joint)
         limits[k] = _limit(mj, i, j, gear, float(gain[k]))
-    told: tuple[tuple[str, Level, list[str], str], ...] = (
+    noticed: tuple[tuple[str, Level, list[str], str], ...] = (
         ("no_actuator", "note", bare, "no actuator in the file; u must be the joint's force"),
         ("servo", "warning", servos, "position or velocity servos in the file; u must be the "
          "joint's force or motor current, not the setpoint"),
@@ -267,7 +267,7 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
     )  # fmt: skip
     findings = [
         Finding(level, code, ", ".join(where), text, data={"joints": where})
-        for code, level, where, text in told
+        for code, level, where, text in noticed
         if where
     ]
     driven = [joint for joint in joints if joint not in {*servos, *bare}]

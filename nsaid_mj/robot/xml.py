@@ -39,8 +39,8 @@ def read_xml(path: Path) -> tuple[Element, list[Finding]]:
         text = content.decode("utf-8-sig" if encoding.lower() == "utf-8" else encoding)
     except (UnicodeError, LookupError):
         text = content.decode("latin-1")
-        told = f"it is not valid {encoding}; it was read as Latin-1"
-        findings = [Finding("note", "encoding", path.name, told, data={"encoding": encoding})]
+        remark = f"it is not valid {encoding}; it was read as Latin-1"
+        findings = [Finding("note", "encoding", path.name, remark, data={"encoding": encoding})]
     try:
         return etree.fromstring(text.encode(), etree.XMLParser(encoding="utf-8")), findings
     except (etree.XMLSyntaxError, ValueError) as error:

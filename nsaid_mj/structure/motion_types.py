@@ -119,7 +119,7 @@ def force_regressors(system: SecondOrderSystem, log: Log, middle: Middle) -> Arr
 # -- one stage -----------------------------------------------------------------------------------
 
 
-def stage_room(motion):
+def stage_workspace(motion):
     """Allocates the workspace of `stage`."""
 
 
@@ -127,13 +127,13 @@ def stage(motion, at, k, v_hat, theta, work, a_hat, gradient) -> Any:
     """Writes â (n,) of (29) and Wᵀ Δv (p,) at one stage of the step from sample k − 1 to k.
 
     `motion` is any of this module's; `at` is 0, 1 or 2 for the step's start, middle or end; C
-    multiplies v_hat (n,), theta (p,) is the estimate, and `work` is made by `stage_room`. Returns
-    M̂'s smallest pivot, > 0 on success.
+    multiplies v_hat (n,), theta (p,) is the estimate, `work` is of `stage_workspace`. Returns M̂'s
+    smallest pivot, > 0 on success.
     """
 
 
-@overload(stage_room)
-def _stage_room(motion):
+@overload(stage_workspace)
+def _stage_workspace(motion):
     def structured(motion):
         return stage_work(motion.structure, motion.v.shape[1])
 
@@ -243,4 +243,4 @@ def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
 
 
 STAGES = structured_gradient, outside_gradient, tensor_gradient, stage_work
-"""What `stage_room` and `stage` call, for kernels that call them."""
+"""What `stage_workspace` and `stage` call, for kernels that call them."""

@@ -25,7 +25,7 @@ from ..bounds import without_nonfinite
 from ..errors import BadRun, InvalidInput, NotWritten
 from ..experiment.scenario import Scenario, field_path, field_value, with_fields
 from ..reporting.progress import counted
-from ..resources import atomic_write, check_own, locked, told, write_json
+from ..resources import atomic_write, check_own, locked, write_json, writing
 from .study import Study, check_count
 from .sweep_engine import Engine
 from .sweep_results import MANIFEST, ROWS, Row, Sweep, read, read_manifest, read_rows, write_table
@@ -181,7 +181,7 @@ class Rows:
             json.dumps(without_nonfinite(row), ensure_ascii=False, allow_nan=False) + "\n"
         ).encode()
         remedy = "Make room on the disk; the same command then resumes"
-        with told(self._path, remedy):
+        with writing(self._path, remedy):
             if self._stream.write(line) < len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(self._stream.fileno())
@@ -205,7 +205,7 @@ def opened(
     with locked(folder):
         rows = folder / ROWS
         known = _resumed(folder, manifest, say)
-        with told(rows):
+        with writing(rows):
             flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
             descriptor = os.open(rows, flags)
         try:

@@ -323,14 +323,14 @@ def verdict_of(sweep: Sweep) -> Mark:
     distances = found.column("theta_perp_ratio")
     distances = distances[np.isfinite(distances)]
     converged, runs = int(np.isfinite(found.column("time_to_converge")).sum()), len(sweep.rows)
-    told = f"{converged} of {count(runs, 'run')} converged"
+    sentence = f"{converged} of {count(runs, 'run')} converged"
     if len(distances):
-        told += (
+        sentence += (
             f"; distance to the true set at the end {100 * np.median(distances):.2g} % in the "
             f"median, {100 * distances.max():.2g} % in the worst run"
         )
     partly = "partly" if found.results else "no"
-    return judged("yes" if converged == runs else partly, f"{told}.")
+    return judged("yes" if converged == runs else partly, f"{sentence}.")
 
 
 def files_of(sweep: Sweep) -> list[str]:

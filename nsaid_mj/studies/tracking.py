@@ -179,7 +179,11 @@ class _Witness(Driver):
 
 
 def write(folder: Path, plan: Plan, done: list[Course]) -> None:
-    """Writes tracking.json, with the plan, and tracking.csv, one row for every law and seed."""
+    """Writes tracking.json, with the plan, and tracking.csv, one row for every law and seed.
+
+    Raises:
+        NotWritten: the folder cannot be written.
+    """
     rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
     heads = list(dict.fromkeys(key for row in rows for key in row))
     finite = [

@@ -13,7 +13,7 @@ from nsaid_mj.evaluation.summary import confidence
 from nsaid_mj.evaluation.truth import Truth
 from nsaid_mj.experiment.loop import Cost, Ending, SimulatedRun
 from nsaid_mj.experiment.record import Record
-from nsaid_mj.experiment.setup import told
+from nsaid_mj.experiment.setup import with_prior_error
 from nsaid_mj.identifiers import NullspaceAID, Status
 from nsaid_mj.identifiers.efficient.replay import FilterAlone
 from nsaid_mj.identifiers.faults import FaultEvent
@@ -113,7 +113,7 @@ def trace_of(case: Case) -> float:
     for one in (case, replace(case, effect="none", size=0.0)):
         found = simulated(one)
         setup, log = found.setup, found.log
-        config = told(setup.scenario.identifier, setup.scenario)
+        config = with_prior_error(setup.scenario.identifier, setup.scenario)
         assert isinstance(config, NullspaceAID)
         alone = FilterAlone(setup.system, setup.scenario.dt, config.efficient)
         learned = alone.replay(setup.prior, alone.covariance(setup.prior), log).filter

@@ -47,20 +47,20 @@ def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> N
 def to_chart(cone, theta):
     """(p,) η of θ (p,)."""
     eta = np.empty(len(theta))
-    chart.to_chart_into(cone, theta, eta, chart.chart_room(cone))
+    chart.to_chart_into(cone, theta, eta, chart.chart_workspace(cone))
     return eta
 
 
 def from_chart(cone, eta, pairing):
     """(p,) θ of η (p,)."""
     theta = np.empty(len(eta))
-    chart.from_chart_into(cone, eta, pairing, theta, chart.chart_room(cone))
+    chart.from_chart_into(cone, eta, pairing, theta, chart.chart_workspace(cone))
     return theta
 
 
 def natural_rate(cone, eta, theta, stiffness, mu, gradient):
     """(p,) η̇ of the cone's law."""
-    rate, room = np.empty(len(eta)), chart.chart_room(cone)
+    rate, room = np.empty(len(eta)), chart.chart_workspace(cone)
     chart.natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room)
     return rate
 

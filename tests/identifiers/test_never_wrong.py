@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from nsaid_mj.evaluation.confidence import Known, known
 from nsaid_mj.evaluation.misfit import Misfit, misfit_of, whiteness, widened
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup, told
+from nsaid_mj.experiment.setup import Setup, with_prior_error
 from nsaid_mj.identifiers import Confidence
 from nsaid_mj.identifiers.base import State
 from nsaid_mj.identifiers.cone.prior import drawn_covariance, drawn_inside
@@ -449,7 +449,7 @@ def test_the_filter_is_told_the_scenarios_error_of_the_prior() -> None:
         (0.0, law),
         (0.5, replace(law, efficient=replace(law.efficient, prior=0.1))),
     ):
-        given_ = told(config, replace(scenario, initial_error=error))
+        given_ = with_prior_error(config, replace(scenario, initial_error=error))
         system, truth = system_of("bluerov2")
         spread = FilterAlone(system, 0.01, given_.efficient).covariance(truth)  # type: ignore[attr-defined]
         expected = {0.5: 0.5, 0.0: 0.3}[error] if config is law else 0.1

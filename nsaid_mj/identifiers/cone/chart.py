@@ -33,7 +33,7 @@ _REACH = 0.9  # of a step of a tied block, in the metric ∇²b; a Dikin ellipso
 
 
 @compiled
-def chart_room(cone):
+def chart_workspace(cone):
     """Workspace of the functions below: matrices (4, k, k), (c, c), (c,), and links in lanes."""
     k, c = 1, 1
     for block in cone.others:
@@ -67,14 +67,14 @@ def confine(cone, start, eta):
 
 
 @compiled
-def to_chart_into(cone, theta, eta, room):
+def to_chart_into(cone, theta, eta, work):
     """Writes η (p,) of θ (p,), with NaN in every block that is outside the cone."""
     eta[:] = theta
     for j in cone.positive:
         eta[j] = np.log(theta[j]) if theta[j] > 0 else np.nan
     for block in cone.others:
         start, end, k, first, last = cone.blocks[block]
-        L = room[0][0]
+        L = work[0][0]
         own = cone.entries[first:last]
         matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
         factor_in_place(L, k)
@@ -88,7 +88,7 @@ def to_chart_into(cone, theta, eta, room):
                 at += i + 1
         if not is_inside:
             eta[start:end] = np.nan
-    rows = room[3]
+    rows = work[3]
     for group in range(0, cone.links.shape[0], LANES):
         links = cone.links[group : group + LANES]
         gather(links, theta, rows, 0, 1.0)
@@ -152,19 +152,19 @@ def squared_into(L, P, k):
 
 
 @compiled
-def from_chart_into(cone, eta, pairing, theta, room):
+def from_chart_into(cone, eta, pairing, theta, work):
     """Writes θ (p,) of η (p,); `pairing` is `coordinates(cone)`."""
     theta[:] = eta
     for j in cone.positive:
         theta[j] = np.exp(eta[j])
-    L, P = room[0][0], room[0][1]
+    L, P = work[0][0], work[0][1]
     for block in cone.others:
         if not tied(cone, block):
             start, end, k, first, last = cone.blocks[block]
             unpack(eta[start:end], 1.0, L, k)
             squared_into(L, P, k)
             read_into(cone.entries[first:last], pairing[first:last], start, P, theta[start:end])
-    rows = room[3]
+    rows = work[3]
     for group in range(0, cone.links.shape[0], LANES):
         links = cone.links[group : group + LANES]
         gather_factors(links, eta, 1.0, rows)
@@ -173,7 +173,7 @@ def from_chart_into(cone, eta, pairing, theta, room):
 
 
 @compiled
-def height(cone, eta, theta, room):
+def height(cone, eta, theta, work):
     """The barrier b at η (p,) and its θ (p,), from the logarithms in η; NaN outside the cone."""
     total = 0.0
     for j in cone.positive:
@@ -181,7 +181,7 @@ def height(cone, eta, theta, room):
     for block in range(cone.blocks.shape[0]):
         start, end, k, first, last = cone.blocks[block]
         if tied(cone, block):
-            L, own = room[0][0], cone.entries[first:last]
+            L, own = work[0][0], cone.entries[first:last]
             matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
             factor_in_place(L, k)
             for i in range(k):
@@ -238,11 +238,11 @@ def pack(L, eta, k):
 
 
 @compiled
-def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room):
+def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, work):
     """Writes η̇ (p,) for θ̇ = (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
 
     No matrix with a chart needs factorising, since η contains its Cholesky factor. theta (p,) is θ
-    of eta (p,), stiffness (p,) or (p, p) is Γ⁻¹; `room` is made by `chart_room`.
+    of eta (p,), stiffness (p,) or (p, p) is Γ⁻¹; `work` is made by `chart_workspace`.
     """
     if stiffness.ndim == 2:
         rate[:] = chart_rate(cone, eta, metric_solve(cone, theta, stiffness, mu, gradient))
@@ -252,7 +252,7 @@ def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room):
     for j in cone.positive:
         rate[j] = gradient[j] / (stiffness[j] * theta[j] + mu / theta[j])
     share = 1 / mu
-    (L, X, S, P_rate), metric, x, rows = room
+    (L, X, S, P_rate), metric, x, rows = work
     for block in cone.others:
         start, end, k, first, last = cone.blocks[block]
         c, entries, values = end - start, cone.entries[first:last], cone.values[first:last]

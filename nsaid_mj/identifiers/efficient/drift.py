@@ -118,7 +118,7 @@ class Rivals(NamedTuple):
         return self._replace(each=each)
 
     def preferred(self, t: float, drift: float) -> Rival | None:
-        """The rival to continue with at time t [s]; None if none is needed.
+        """The rival to continue with at time t [s]; None to keep the current filter.
 
         `drift` is the variance per second by which the gains walk now; 0 if constant [1/s].
         """
@@ -134,7 +134,7 @@ class Rivals(NamedTuple):
             return None
         wider = gains + 1  # the lag is then well below the deviation
         now = [i for i, rival in enumerate(self.each) if drift and rival.gains == drift]
-        likely = max(first, now[0] - 1) if now else None  # the variance below that of the current
+        likely = max(first, now[0] - 1) if now else None  # one below the current variance
         if likely is not None and evidence[gains] < evidence[likely] + _BETTER:
             return None
         return None if now == [wider] else self.each[wider]

@@ -23,7 +23,11 @@ def recognises(_path: Path, head: bytes) -> bool:
 
 
 def read(path: Path) -> list[Columns]:
-    """The columns of a table; a column of lists becomes one column for each entry."""
+    """The columns of a table; a column of lists becomes one column for each entry.
+
+    Raises:
+        UnreadableLog: it is empty or beyond the limit.
+    """
     table = table_of(path)
     if not table.num_rows:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
