@@ -2,6 +2,7 @@
 
     python scripts/growth.py [FOLDER]             time per step against size: growth.png, .json
     python scripts/growth.py --hour [FOLDER]      memory over an hour of a run: memory.png, .json
+    python scripts/growth.py --log [SECONDS]      time and memory of `nsaid identify` on a long log
 
 Time: serial chains of 1 to 38 joints (xarm7s end to end), fixed-base and floating robots, and
 vehicles, along a smooth motion. `compiled` is the identifier alone, along a log in one call; it is
@@ -13,6 +14,7 @@ in a run.
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -27,6 +29,7 @@ import matplotlib
 import mujoco
 import numpy as np
 import pinocchio as pin
+from calibration import Simulated
 from machine import machine
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID, Scenario
@@ -393,16 +396,31 @@ def draw_memory(found: list[dict[str, Any]], path: Path) -> None:
     save(figure, path)
 
 
+def long_log(seconds: float) -> None:
+    """Prints what `nsaid identify` takes for a CSV log of six joints at 1 kHz."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Simulated("ur5", 0, seconds, plain=True, rate=1000.0).write(Path(folder) / "log.csv")
+        nsaid = [Path(sys.executable).with_name("nsaid"), "identify", "--model", "ur5"]
+        subprocess.run([*nsaid, "--log", path, "--out", f"{folder}/out"], check=False)
+        size = path.stat().st_size / 1e6
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    spent, most = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+    print(f"{seconds:.0f} s, CSV of {size:.0f} MB: {spent:.0f} CPU s, {most:.0f} MB; {machine()}")
+
+
 def main() -> None:
-    """Measures time or, with --hour, memory."""
+    """Measures time or, with --hour and --log, memory."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("folder", type=Path, nargs="?", default=Path("docs"))
     parser.add_argument("--hour", action="store_true", help="measure memory instead of time")
     parser.add_argument("--scenarios", nargs="+", default=["bluerov2", "scalar_rov"])
+    parser.add_argument("--log", type=float, nargs="?", const=3600.0, metavar="SECONDS")
     parser.add_argument("--one", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.one:
         an_hour(chosen.one, "memory")
+    elif chosen.log:
+        long_log(chosen.log)
     elif chosen.hour:
         memory(chosen.folder, chosen.scenarios)
     else:

@@ -18,15 +18,17 @@ def least_squares(problem: Problem, gain: Array) -> Array:
     at = problem.space.actuators
     rest = np.setdiff1d(np.arange(len(problem.space)), at)
     scale = problem.space.scale[rest]
-    X, y = problem.Y[:, :, rest] * scale, -(problem.Y[:, :, at] @ gain)
-    x, deviation = np.zeros(len(rest)), np.ones(X.shape[1])
     counts = np.maximum(problem.usable.sum(axis=0), 1)
+    factors = []  # (n, ·, p − k + 1) R of [X, y] = Q R of every velocity, as good as its rows
+    for Y, usable in zip(problem.Y.transpose(1, 0, 2), problem.usable.T, strict=True):
+        rows = np.column_stack([Y[usable][:, rest] * scale, -(Y[usable][:, at] @ gain)])
+        factors.append(np.linalg.qr(rows, mode="r"))
+    x, deviation = np.zeros(len(rest)), np.ones(len(factors))
     for _ in range(_REWEIGHTED):
-        weight = problem.usable / deviation
-        rows = (X * weight[:, :, None]).reshape(-1, len(rest))
-        x = np.linalg.lstsq(rows, (y * weight).ravel(), rcond=1e-8)[0]
-        error = np.where(problem.usable, X @ x - y, 0.0)
-        deviation = np.sqrt(np.sum(error**2, axis=0) / counts)
+        rows = np.vstack([R / d for R, d in zip(factors, deviation, strict=True)])
+        x = np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=1e-8)[0]
+        errors = [np.linalg.norm(R @ np.append(x, -1.0)) for R in factors]
+        deviation = np.array(errors) / np.sqrt(counts)
         deviation = np.maximum(deviation, 1e-6 * max(float(deviation.max()), 1e-300))
     theta = np.empty(len(problem.space))
     theta[rest], theta[at] = x * scale, gain

@@ -158,5 +158,5 @@ def _leverages(problem: Problem) -> Array:
         X = problem.Y[:, i] * problem.usable[:, i, None] * problem.space.scale
         A = X.T @ X
         A[np.diag_indices_from(A)] += max(_RIDGE * float(np.trace(A)), 1e-300)
-        found[:, i] = np.sum(X * np.linalg.solve(A, X.T).T, axis=1)
+        found[:, i] = np.einsum("np,np->n", X @ np.linalg.inv(A), X)
     return found

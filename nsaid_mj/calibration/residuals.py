@@ -38,6 +38,7 @@ _STATED = 0.5  # relative half-width below which a parameter's value counts as k
 _TOLD = 0.1  # share of the residuals' variance that is reported
 _MOVED = 0.1  # relative shift of such a parameter that is reported
 _EXPLAINED = 0.1  # rms of what a suspect explains, over the command's standard deviation
+_LITTLE = 0.5  # share of a column outside the fit below which its projection is repeated
 _OUTSIDE = 1e-3  # least share of a suspect's columns outside the span of the fit's own
 _SPAN = 1e-10  # of the largest information, below which a direction of θ is not in the rows
 
@@ -245,10 +246,13 @@ class _Rows:
 
     @staticmethod
     def _outside(Z: Array, basis: Array) -> Array:
-        """Z (N n, c) less its projection on a basis; twice, against rounding."""
-        for _ in range(2):
-            Z = Z - basis @ (basis.T @ Z)
-        return Z
+        """Z (N n, c) less its projection on a basis; twice where little is left, for rounding."""
+        rest = Z - basis @ (basis.T @ Z)
+        little = np.linalg.norm(rest, axis=0) < _LITTLE * np.linalg.norm(Z, axis=0)
+        if little.any():
+            some = rest[:, little]
+            rest[:, little] = some - basis @ (basis.T @ some)
+        return rest
 
     def weighed(self, columns: Array) -> Array:
         """Columns (N, n, c) times the rows' weights."""

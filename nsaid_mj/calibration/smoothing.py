@@ -28,6 +28,7 @@ _LOWEST, _HIGHEST = 3.0, 20.0  # cut-offs of the rows' filter [Hz]
 _WIDER = 5.0  # cut-off of the smoothing filter over that of the rows' filter
 _FINE = 200.0  # least rate at which an arm's regressors are computed [Hz]
 _SAMPLES = 10  # regressors computed per period of the rows' cut-off
+_MOST_ROWS = 20_000  # of a fit: of an hour, thinned ones determine all that its length can
 
 
 class Smooth(NamedTuple):
@@ -55,11 +56,13 @@ class Filter(NamedTuple):
         cutoff: of the rows [Hz]: one and the same for regressors and commands.
         rate: of the recordings [Hz].
         every: samples of the recordings per computed regressor.
+        least: computed regressors per row of the fit, at least.
     """
 
     cutoff: float
     rate: float
     every: int
+    least: int = 1
 
     @property
     def smoothing(self) -> float:
@@ -80,7 +83,7 @@ class Filter(NamedTuple):
     @property
     def decimation(self) -> int:
         """Computed regressors per row of the fit: rows come at four times the cut-off."""
-        return max(1, int(self.rate / self.every / (4 * self.cutoff)))
+        return max(self.least, int(self.rate / self.every / (4 * self.cutoff)))
 
     def centres(self, samples: int) -> Indices:
         """Indices of the regressors, of `samples` in a segment, at the centres of the rows."""
@@ -102,7 +105,9 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
     if cutoff is None:
         cutoff = float(np.clip(3 * _bandwidth(recordings), _LOWEST, _HIGHEST))
     cutoff = min(cutoff, 0.2 * rate)
-    return Filter(cutoff, rate, max(1, int(rate / (_SAMPLES * cutoff))))
+    chosen = Filter(cutoff, rate, max(1, int(rate / (_SAMPLES * cutoff))))
+    computed = sum(len(segment.log.t) for segment in recordings.segments) / chosen.every
+    return chosen._replace(least=max(1, int(np.ceil(computed / _MOST_ROWS))))
 
 
 def refined(recordings: Recordings) -> Recordings:

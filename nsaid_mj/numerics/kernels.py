@@ -90,6 +90,7 @@ class Kernel:
         given: Any = {"nogil": True} | (FAST if signature is not None else {}) | options
         self.function: Any = _njit(cache=True, no_cpython_wrapper=inner, **given)(function)
         self.part, self._called = _njit(**given)(function), self.function
+        self._loaded = False
         if inner:
             self._called = njit(lambda *x: self(*x))  # noqa: PLW0108
         self.py_func, self.signature, self.calls = function, signature, calls
@@ -106,12 +107,12 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Calls it from Python; raises TypeError if its signature has other types."""
-        try:
-            if self.function.signatures:
+        if self._loaded:
+            try:
                 return self._called(*arguments)
-        except TypeError:
-            if self.signature is not None:
-                raise
+            except TypeError:
+                if self.signature is not None:
+                    raise
         self.load(*map(typeof, arguments))
         return self._called(*arguments)
 
@@ -137,11 +138,12 @@ class Kernel:
                     path.unlink(missing_ok=True)  # compiled already if it only could not be saved
                 timed(function, signature)
             function.disable_compile()
+        self._loaded = True
 
     @cached_property
     def address(self) -> int:
         """Address by which compiled functions call it."""
-        if not self.function.signatures:
+        if not self._loaded:
             self.load()
         address = self._address("llvm_func_name")
         binding.add_symbol(self.symbol, address)
@@ -160,7 +162,7 @@ class Kernel:
     def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         """Code that calls the function at `address`."""
         missing = f"{self.symbol} is missing in the `calls` of a kernel"
-        assert self.function.signatures and self.address, missing
+        assert self._loaded and self.address, missing
         convention, given = context.call_conv, (signature.return_type, signature.args)
         kind, module = convention.get_function_type(*given), builder.module
         found = module.globals.get(self.symbol) or ir.Function(module, kind, self.symbol)

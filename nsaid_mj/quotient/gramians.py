@@ -28,8 +28,8 @@ class Sums(NamedTuple):
     @staticmethod
     def of(rows: Array, usable: NDArray[np.bool_]) -> Sums:
         """The Gramians of rows (N, n, p), of which a mask (N, n) marks the usable ones."""
-        by_velocity = np.ascontiguousarray((rows * usable[:, :, None]).transpose(1, 0, 2))
-        return Sums(by_velocity.transpose(0, 2, 1) @ by_velocity, usable.sum(axis=0).astype(float))
+        used = (rows[mask, i] for i, mask in enumerate(usable.T))
+        return Sums(np.array([Y.T @ Y for Y in used]), usable.sum(axis=0).astype(float))
 
     @property
     def means(self) -> Array:

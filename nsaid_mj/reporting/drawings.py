@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from ..parameters import Array, Indices
 from .pages import Figure as PageFigure
@@ -123,20 +124,21 @@ def heat_map(panel: HeatMap) -> str:
         cell = min(0.21, (2 * WIDTH - 2.0) / n)  # [inch]
         figure = Figure(figsize=(2 * WIDTH, cell * n + 2.0), layout="constrained")
         axis = figure.add_subplot()
-        for i in range(n):
-            for j in range(i):
-                if not abs(r[i, j]) >= _FAINT:
-                    continue
-                colour = BAD if r[i, j] > 0 else COLOURS[0]
-                alpha = min(1.0, abs(float(r[i, j])))
-                axis.add_patch(
-                    Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, alpha=alpha, lw=0)
-                )
-                words = f"{r[i, j]:.2f}".replace("-", "−")
-                tell(axis, j, i, f"{names[i]}, {names[j]}: {words}")
-                if abs(r[i, j]) >= _WRITTEN:
-                    words = f"{r[i, j]:.1f}".replace("-", "−").replace("0.", ".")
-                    axis.text(j, i, words, ha="center", va="center", fontsize=6)
+        rows, columns = np.nonzero(np.tril(np.abs(r) >= _FAINT, -1))
+        shares = r[rows, columns]
+        corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+        cells = corners + np.column_stack([columns, rows])[:, None]
+        colours = [
+            to_rgba(BAD if share > 0 else COLOURS[0], min(1.0, abs(share))) for share in shares
+        ]
+        axis.add_collection(PolyCollection(cells, facecolors=colours, linewidths=0))
+        for i, j, share in zip(rows.tolist(), columns.tolist(), shares, strict=True):
+            words = f"{share:.2f}".replace("-", "−")
+            tell(axis, j, i, f"{names[i]}, {names[j]}: {words}")
+            if abs(share) >= _WRITTEN:
+                words = f"{share:.1f}".replace("-", "−").replace("0.", ".")
+                text = axis.text(j, i, words, ha="center", va="center", fontsize=6)
+                text.set_in_layout(False)
         axis.set_xticks(range(n - 1), names[:-1], rotation=90)
         axis.set_yticks(range(1, n), names[1:])
         axis.set_xlim(-0.5, n - 1.5)

@@ -27,13 +27,17 @@ _MOST = 40  # largest number of drawn channels of a log without a map
 def print_inspection(found: Inspection, console: Console) -> None:
     """Prints a line for each channel, then the findings, the gravest first.
 
-    "flat" is the share of rows at a flat extreme, "same" of those that repeat the value before.
+    "flat" is the share of rows at a flat extreme, "same" of those that repeat the value before; a
+    column without any entry is left out.
     """
-    heads = ("from", "to", "noise", "step", "flat", "same", "used as")
+    heads = ("channel", "from", "to", "noise", "step", "flat", "same", "used as")
     for clock in dict.fromkeys(map(_clock, found.channels)):
         lines = [_cells(channel) for channel in found.channels if _clock(channel) == clock]
-        print_panels([Text(clock), Table(["channel", *heads], lines, (0, 7), most=len(lines))],
-                     console)  # fmt: skip
+        shown = [k for k in range(len(heads)) if any(line[k] not in ("–", "") for line in lines)]
+        lines = [[line[k] for k in shown] for line in lines]
+        words = (0, len(shown) - 1) if shown[-1] == len(heads) - 1 else (0,)
+        table = Table([heads[k] for k in shown], lines, words, most=len(lines))
+        print_panels([Text(clock), table], console)
         console.print()
     print_findings(gravest_first(found.findings), console, codes=True)
 
@@ -55,7 +59,7 @@ def _cells(channel: ChannelFigures) -> list[Cell]:
         Mark("", "poor", "constant") if channel.dead else f"{channel.noise:.1g}",
         f"{channel.quantum:.3g}" if channel.quantum else "–",
         f"{channel.saturated:.1%}" if channel.saturated else "–",
-        f"{channel.unchanged:.0%}",
+        f"{channel.unchanged:.0%}" if channel.unchanged > 0.005 else "–",
         channel.role,
     ]
 

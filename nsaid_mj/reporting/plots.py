@@ -114,7 +114,7 @@ def line(axis: Axes, x: Any, y: Any, name: str, dash: str = "-", **style: Any) -
 
 def tell(axis: Axes, x: Any, y: Any, name: str) -> None:
     """Gives a page the values of what is not drawn as a curve, such as the ends of a band."""
-    axis.plot(x, y, linestyle="none", gid=CURVE + name)
+    axis.plot(x, y, visible=False, gid=CURVE + name)
 
 
 def band(

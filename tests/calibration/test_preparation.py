@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.calibration.data import Recordings
 from nsaid_mj.calibration.findings import UnusableLog
-from nsaid_mj.calibration.logs import Map, Table, prepare, signals
+from nsaid_mj.calibration.logs import Map, Table, preparation, prepare, signals
 from nsaid_mj.calibration.logs.mapping import Column, Coupling, File, Joint, map_of
 from nsaid_mj.calibration.logs.tables import Channel
 from nsaid_mj.errors import InvalidInput
@@ -160,6 +160,17 @@ def test_a_fast_log_is_decimated_without_aliasing_and_without_delay():
     inner = slice(20, -20)
     np.testing.assert_allclose(log.q[inner], motion(log.t)[0][inner], atol=1e-4)
     assert np.std((log.u - motion(log.t)[2])[inner, 0]) < 0.05
+
+
+def test_a_large_log_is_decimated_but_not_a_slow_one(monkeypatch):
+    monkeypatch.setattr(preparation, "MOST_ROWS", 900)
+    for rate, left in ((1000, 200), (500, 250), (250, 250), (100, 100)):
+        values = columns(rate=rate)
+        recordings = prepared(values, without_rest_dropped())
+        assert recordings.rate == left and bool(findings(recordings, "decimated")) == (rate > left)
+        log = recordings.segments[0].log
+        inner = slice(20, -20)
+        np.testing.assert_allclose(log.q[inner], motion(log.t)[0][inner], atol=1e-4)
 
 
 def test_rest_before_within_and_after_the_motion_is_not_used():

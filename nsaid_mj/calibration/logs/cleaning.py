@@ -81,7 +81,9 @@ def _clean_one(
         findings.append(
             about_rows("note", "missing_values", where, rows, "rows without a number were dropped")
         )
-    t, x, row = order.t[present], values[present], order.index[present] + 1
+    t, x, row = order.t, values, order.rows  # shared by all signals of a clock: a log may be large
+    if not present.all():
+        t, x, row = t[present], x[present], row[present]
     if source.angle:
         raw = np.sign(source.factor) * abs(source.column.ratio)  # a whole turn in the column's unit
         x_turns, jumps = signals.unwrap(x * raw)

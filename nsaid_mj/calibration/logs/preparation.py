@@ -24,6 +24,10 @@ from .tables import Table
 HIGHEST_RATE = 1000.0
 """Largest rate of the grid [Hz]; faster logs are low-passed and decimated."""
 
+MOST_ROWS, ENOUGH = 1_000_000, 200.0
+"""Rows of the grid above which logs are decimated, too, but not below this rate [Hz]: a robot's
+motion has no more to tell, and memory and time are proportional to the rows."""
+
 SHORTEST = 0.5
 """Shorter stretches between gaps are left out [s]."""
 
@@ -58,26 +62,16 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     if robot.system is None:
         made, said = _without_dead_velocities(made, recordings)
         findings += said
-    cleaned: list[tuple[Recording, dict[str, Signal]]] = []
-    for recording in recordings:
-        found, said = clean(recording, made)
-        findings += said
-        if all(len(signal.t) > 9 for signal in found.values()):
-            cleaned.append((recording, found))
-        else:
-            few = min(found, key=lambda name: len(found[name].t))
-            count = len(found[few].t)
-            text = f"only {count} rows have a number" if count else "no row has a number"
-            where = f"{recording.source}, {few}"
-            remedy = "Map another column, or leave the joint out with --lock."
-            findings.append(Finding("refusal", "dead_channel", where, text, remedy))
+    quanta = [_quantum(s.column.column, s.factor, recordings) for s in made.commands]
+    del tables  # a log may be large, and what was read is not needed besides what was cleaned
+    cleaned = _cleaned(recordings, made, findings)
     if not cleaned:
         raise UnusableLog(tuple(findings))
     rate = _rate([found for _, found in cleaned], made, findings)
     rest = Rest(made, mapping, robot, rate)
     segments: list[Segment] = []
-    for recording, found in cleaned:
-        segments += _segments(recording, found, made, mapping, robot, rest, findings)
+    for source, found in cleaned:
+        segments += _segments(source, found, made, mapping, robot, rest, findings)
     if not segments:
         text, remedy = f"no stretch of {SHORTEST} s has all signals", "Record a longer log."
         if any(finding.code == "rest" for finding in findings):
@@ -89,9 +83,30 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
         tuple(segments),
         rate,
         made.command_units,
-        np.array([_quantum(s.column.column, s.factor, recordings) for s in made.commands]),
+        np.array(quanta),
         tuple(findings),
     )
+
+
+def _cleaned(
+    recordings: list[Recording], made: Layout, findings: list[Finding]
+) -> list[tuple[str, dict[str, Signal]]]:
+    """Source and signals of the recordings with numbers in all channels; empties their list."""
+    cleaned = []
+    while recordings:
+        recording = recordings.pop(0)
+        found, said = clean(recording, made)
+        findings += said
+        if all(len(signal.t) > 9 for signal in found.values()):
+            cleaned.append((recording.source, found))
+            continue
+        few = min(found, key=lambda name: len(found[name].t))
+        count = len(found[few].t)
+        text = f"only {count} rows have a number" if count else "no row has a number"
+        remedy = "Map another column, or leave the joint out with --lock."
+        where = f"{recording.source}, {few}"
+        findings.append(Finding("refusal", "dead_channel", where, text, remedy))
+    return cleaned
 
 
 def _names(tables: Sequence[Table]) -> list[str]:
@@ -128,7 +143,9 @@ def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Fin
     own = float(np.median(rates))
     if abs(own - round(own)) < 2e-3 * own and own > 10:
         own = float(round(own))
+    rows = sum(len(found[made.positions[0].column.column].t) for found in cleaned)
     every = max(1, math.ceil(own / HIGHEST_RATE - 0.05))
+    every = max(every, min(math.ceil(rows / MOST_ROWS), int(own / ENOUGH)))
     if every > 1:
         text = f"reduced from {own:g} to {own / every:g} Hz, after a low-pass without phase lag"
         data: dict[str, object] = {"from": own, "to": own / every}
@@ -137,7 +154,7 @@ def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Fin
 
 
 def _stretches(
-    recording: Recording, found: dict[str, Signal], made: Layout, findings: list[Finding]
+    source: str, found: dict[str, Signal], made: Layout, findings: list[Finding]
 ) -> list[Stretch]:
     """The stretches between the gaps of all signals."""
     start = max(signal.t[0] for signal in found.values())
@@ -151,7 +168,7 @@ def _stretches(
         one = found[names[0]]
         row = int(one.row[np.searchsorted(one.t, a)])
         text = f"{b - a:.3g} s without rows after row {row}; the log is split there"
-        where = recording.source if len(names) == len(found) else f"{recording.source}, {names[0]}"
+        where = source if len(names) == len(found) else f"{source}, {names[0]}"
         data: dict[str, object] = {"seconds": b - a, "row": row, "channels": names}
         findings.append(Finding("note", "gap", where, text, data=data))
         parts.append(Stretch(last, min(a, end)))
@@ -167,12 +184,12 @@ def _stretches(
             text = f"{part.end - part.start:.2g} s between gaps (rows {rows[0]}–{rows[1]}) are "
             text += "too short and were left out"
             data = {"rows": list(rows)}
-            findings.append(Finding("note", "short_stretch", recording.source, text, data=data))
+            findings.append(Finding("note", "short_stretch", source, text, data=data))
     return kept
 
 
 def _segments(
-    recording: Recording,
+    source: str,
     found: dict[str, Signal],
     made: Layout,
     mapping: Map,
@@ -183,14 +200,14 @@ def _segments(
     """The segments of a recording on the grid."""
     reference = found[made.positions[0].column.column]
     drop_rest = robot.system is None and mapping.drop_rest
-    saturated = _saturated(recording, found, made, robot, findings)
+    saturated = _saturated(source, found, made, robot, findings)
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derived from positions up to {signals.bandwidth(rest.rate):g} Hz"
         missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
         data: dict[str, object] = {"joints": missing}
-        findings.append(Finding("note", "differentiated", recording.source, text, data=data))
+        findings.append(Finding("note", "differentiated", source, text, data=data))
     logs: list[Log] = []
-    for part in _stretches(recording, found, made, findings):
+    for part in _stretches(source, found, made, findings):
         first = reference.t[np.searchsorted(reference.t, part.start)]
         count = int((part.end - first) * rest.rate + 1e-6) + 1
         logs.append(
@@ -208,16 +225,14 @@ def _segments(
             kept = moving_part(np.any(moving, axis=1), rest.rate)
             if kept.stop - kept.start < SHORTEST * rest.rate:
                 kept = slice(0, 0)
-            findings += cut_rest(recording.source, reference, grid, kept)
+            findings += cut_rest(source, reference, grid, kept)
         else:
             kept = slice(0, len(grid))
         if kept.stop > kept.start:
             rows = rows_of(reference, Stretch(grid[kept.start], grid[kept.stop - 1]))
-            segments.append(
-                Segment(log.part(kept.start, kept.stop), usable[kept], recording.source, rows)
-            )
+            segments.append(Segment(log.part(kept.start, kept.stop), usable[kept], source, rows))
     if segments and drop_rest:
-        findings.append(limits_stated(recording.source, segments, limits, robot.joints))
+        findings.append(limits_stated(source, segments, limits, robot.joints))
     return segments
 
 
@@ -276,7 +291,7 @@ def _within(grid: Array, spans: Array) -> np.ndarray:
 
 
 def _saturated(
-    recording: Recording,
+    source: str,
     found: dict[str, Signal],
     made: Layout,
     robot: RobotModel,
@@ -286,12 +301,12 @@ def _saturated(
     spans: dict[str, Array] = {}
     torque = np.eye(len(made.commands)) if made.torque is None else made.torque
     diagonal = np.array_equal(torque, np.diag(np.diag(torque)))
-    for j, (source, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
-        name = source.column.column
+    for j, (command, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
+        name = command.column.column
         signal = found[name]
         flat = signals.flat_extremes(signal.x, signal.period)
-        where, how = f"{recording.source}, {name}", "a flat extreme"
-        size = np.abs(signal.x * torque[j, j] + source.column.offset)
+        where, how = f"{source}, {name}", "a flat extreme"
+        size = np.abs(signal.x * torque[j, j] + command.column.offset)
         if diagonal and np.isfinite(limit) and size.max() <= 1.02 * limit:
             at_limit = size >= 0.999 * limit
             if at_limit.any():

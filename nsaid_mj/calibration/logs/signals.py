@@ -53,6 +53,7 @@ class Order(NamedTuple):
         repeated: rows dropped because their time equals that of an earlier row.
         late: rows dropped because their time lies before that of an earlier row.
         resets: rows at which the clock restarts; later times are shifted to follow on.
+        rows: (N,) rows used, from 1.
     """
 
     index: np.ndarray
@@ -60,6 +61,7 @@ class Order(NamedTuple):
     repeated: np.ndarray
     late: np.ndarray
     resets: np.ndarray
+    rows: np.ndarray
 
 
 def order(t: Array) -> Order:
@@ -80,7 +82,8 @@ def order(t: Array) -> Order:
     keep = np.r_[True, t[1:] > latest[:-1]] if len(t) else np.zeros(0, bool)
     same = np.r_[False, t[1:] == latest[:-1]] if len(t) else keep
     late = ~keep & ~same
-    return Order(index[keep], t[keep], index[same], index[late], np.array(resets, int))
+    used = index[keep]
+    return Order(used, t[keep], index[same], index[late], np.array(resets, int), used + 1)
 
 
 def unwrap(x: Array) -> tuple[Array, np.ndarray]:
@@ -134,8 +137,10 @@ def noise(x: Array) -> float:
     """
     if len(x) < 10:
         return 0.0
-    squares = np.sort(np.diff(x, 4) ** 2)
-    return float(np.sqrt(np.mean(squares[: max(5, int(0.99 * len(squares)))]) / 70))
+    squares = np.diff(x, 4) ** 2
+    kept = max(5, int(0.99 * len(squares)))
+    squares.partition(kept - 1)
+    return float(np.sqrt(np.mean(squares[:kept]) / 70))
 
 
 def robust_noise(x: Array) -> float:

@@ -147,7 +147,7 @@ def _numbers(
 ) -> dict[str, Array]:
     """The columns of numbers, with NaN for a number that marks a missing one, such as −9999."""
     found = {
-        name: column.astype(np.float64)
+        name: np.require(column, np.float64, "W")
         for name, column in values.items()
         if column.dtype.kind in "fiu"
     }

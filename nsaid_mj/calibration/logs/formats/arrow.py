@@ -32,11 +32,13 @@ def read(path: Path) -> list[Columns]:
     if not table.num_rows:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
     values, dropped = {}, []
-    for name, column in zip(table.column_names, table.columns, strict=True):
+    for name in table.column_names:
+        column, table = table.column(0), table.remove_column(0)  # frees what has been converted
         found = flat(name, column)
         values |= found
         if not found:
             dropped.append((name, "lists of differing lengths, or not of numbers"))
+    pa.default_memory_pool().release_unused()
     return [Columns(values, dropped=tuple(dropped))]
 
 

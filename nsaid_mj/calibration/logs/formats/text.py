@@ -7,7 +7,7 @@ import gzip
 import re
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -31,6 +31,7 @@ _MARKED = re.compile(  # a number with points or commas that fills a field
 _SAMPLE = 50  # lines to recognise the dialect, and fewer of more characters than this
 _SAMPLE_SIZE = 200_000
 _BLOCK = 1 << 20  # bytes to unpack at a time
+_PARSED = 1 << 26  # bytes to parse at a time
 _MOST_MALFORMED = 0.5  # share of rows beyond which a file is not a table
 
 
@@ -219,6 +220,8 @@ def _unique(names: list[str]) -> list[str]:
 
 
 def _encoding(text: bytes) -> str:
+    if text.isascii():  # spares a copy of a log that may be large
+        return "utf-8"
     try:
         text.decode("utf-8")
     except UnicodeDecodeError:
@@ -236,29 +239,40 @@ def _parsed(
         bad.append(((row.number or 0) - first + 1, f"{row.actual_columns} fields"))
         return "skip"
 
-    table = pa.csv.read_csv(
-        pa.BufferReader(text),
-        # one block, so that a column's type follows from all its rows; row numbers need one thread
-        pa.csv.ReadOptions(
-            use_threads=False,
-            block_size=min(len(text) + 1, 2**31 - 1),
-            column_names=dialect.names,
-            skip_rows=int(dialect.header),
-            encoding=encoding,
-        ),
-        pa.csv.ParseOptions(delimiter=dialect.delimiter, invalid_row_handler=skip),
-        pa.csv.ConvertOptions(
-            null_values=_NULLS, strings_can_be_null=True, decimal_point=dialect.decimal
-        ),
-    )
+    def options(block: int) -> tuple[Any, ...]:
+        return (
+            pa.BufferReader(text),
+            pa.csv.ReadOptions(
+                use_threads=False,  # row numbers need one thread
+                block_size=min(block, 2**31 - 1),
+                column_names=dialect.names,
+                skip_rows=int(dialect.header),
+                encoding=encoding,
+            ),
+            pa.csv.ParseOptions(delimiter=dialect.delimiter, invalid_row_handler=skip),
+            pa.csv.ConvertOptions(
+                null_values=_NULLS, strings_can_be_null=True, decimal_point=dialect.decimal
+            ),
+        )
+
+    try:  # block by block, with the types of the first one
+        table = pa.csv.open_csv(*options(_PARSED)).read_all() if len(text) > _PARSED else None
+    except pa.ArrowInvalid:
+        table = None
+    if table is None:  # one block, so that a column's type follows from all its rows
+        bad.clear()
+        table = pa.csv.read_csv(*options(len(text) + 1))
     if not table.num_rows:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
     if len(bad) > _MOST_MALFORMED * (len(bad) + table.num_rows):
         reason = f"{len(bad)} of {len(bad) + table.num_rows} rows do not have {len(dialect.names)} "
         reason += f"fields; the first is row {bad[0][0]} with {bad[0][1]}"
         raise UnreadableLog(path, reason, "Export the log as one table.")
-    names = zip(table.column_names, table.columns, strict=True)
-    values = {name: numpy_column(column, dialect.decimal) for name, column in names}
+    values = {}
+    for name in table.column_names:
+        column, table = table.column(0), table.remove_column(0)  # frees what has been converted
+        values[name] = numpy_column(column, dialect.decimal)
+    pa.default_memory_pool().release_unused()
     index = tuple(
         (name, "it has no name, and is empty or counts the rows")
         for name, column in values.items()
