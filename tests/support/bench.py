@@ -12,7 +12,8 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.control import DriverConfig, FourierTracking, MultisineCommand, PoseHold
 from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers import Identifier, IdentifierConfig, NullspaceAID, State, Status
-from nsaid_mj.log import Measurement
+from nsaid_mj.identifiers.base import Estimates
+from nsaid_mj.log import Log, Measurement
 from nsaid_mj.nullspace import Nullspace, structural
 from nsaid_mj.parameters import Array, Block, ParameterSpace
 from nsaid_mj.plants import ArmPlant, AstrobeePlant, BlueROV2Plant, PlantConfig, ScalarRovPlant
@@ -129,6 +130,13 @@ def identify(
         assert states[-1].status is Status.completed, f"{states[-1].status.words} at {now.t} s"
         previous = now
     return states
+
+
+def followed(law: Identifier, samples: list[Measurement]) -> tuple[State, Estimates]:
+    """The last state along measurements, and all estimates, in compiled steps."""
+    state, estimates = law.follow(law.init(samples[0]), Log.of(samples))
+    assert state.status is Status.completed, f"{state.status.words} after {len(estimates.pivot)}"
+    return state, estimates
 
 
 def columns(samples: list[Measurement]) -> tuple[Array, Array, Array, Array]:
