@@ -132,22 +132,26 @@ def identify(
     return states
 
 
-def followed(law: Identifier, samples: list[Measurement]) -> tuple[State, Estimates]:
-    """The last state along measurements, and all estimates, in compiled steps."""
-    state, estimates = law.follow(law.init(samples[0]), Log.of(samples))
-    assert state.status is Status.completed, f"{state.status.words} after {len(estimates.pivot)}"
-    return state, estimates
+def followed(
+    law: Identifier, samples: list[Measurement], start: Callable[[State], State] = lambda s: s
+) -> tuple[State, Estimates]:
+    """The last state and all estimates along measurements, in the law's own loop."""
+    state, found = law.follow(start(law.init(samples[0])), Log.of(samples))
+    assert state.status is Status.completed, f"{state.status.words} after {len(found.pivot)} steps"
+    return state, found
+
+
+def estimates(
+    law: Identifier, samples: list[Measurement], start: Callable[[State], State] = lambda s: s
+) -> tuple[Array, Array]:
+    """(N, n) v̂ and (N, p) θ̂ along measurements."""
+    return followed(law, samples, start)[1][:2]
 
 
 def columns(samples: list[Measurement]) -> tuple[Array, Array, Array, Array]:
     """(t, x, v, u) of measurements, stacked."""
     t, q, v, u = (np.array(part) for part in zip(*samples, strict=True))
     return t, np.hstack([q, v]), v, u
-
-
-def estimates(states: list[State]) -> tuple[Array, Array]:
-    """(N, n) v̂ and (N, p) θ̂."""
-    return np.array([s.v_hat for s in states]), np.array([s.theta_hat for s in states])
 
 
 def accelerations(
@@ -164,11 +168,11 @@ def lyapunov(
     truth: Array,
     Gamma: Array,
     samples: list[Measurement],
-    states: list[State],
+    found: tuple[Array, Array],
 ) -> Array:
-    """(N,) V of (66), with a diagonal Γ given by its diagonal."""
+    """(N,) V of (66) from v̂ and θ̂, with a diagonal Γ given by its diagonal."""
     _, x, v, _ = columns(samples)
-    v_hat, theta_hat = estimates(states)
+    v_hat, theta_hat = found
     dv = v_hat - v
     M = system.mass_matrix(x, truth)
     return 0.5 * np.einsum("ki,kij,kj->k", dv, M, dv) + 0.5 * np.sum(
