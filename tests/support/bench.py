@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -118,24 +119,22 @@ def random_states(
     return rng.uniform(0, 1, count), np.hstack([q, v]), v, u
 
 
-def identify(
-    law: Identifier, samples: Iterable[Measurement], start: Callable[[State], State] = lambda s: s
-) -> list[State]:
-    """The states of an identifier along measurements; `start` may alter the first."""
-    previous, states = None, []
-    for now in samples:
-        states.append(
-            start(law.init(now)) if previous is None else law.step(states[-1], previous, now)
-        )
+def identify(law: Identifier, samples: list[Measurement]) -> list[State]:
+    """The states of an identifier along measurements, step by step."""
+    states = [law.init(samples[0])]
+    for previous, now in pairwise(samples):
+        states.append(law.step(states[-1], previous, now))
         assert states[-1].status is Status.completed, f"{states[-1].status.words} at {now.t} s"
-        previous = now
     return states
 
 
 def followed(
     law: Identifier, samples: list[Measurement], start: Callable[[State], State] = lambda s: s
 ) -> tuple[State, Estimates]:
-    """The last state and all estimates along measurements, in the law's own loop."""
+    """The last state and all estimates along measurements, in the law's own loop.
+
+    `start` may alter the first state.
+    """
     state, found = law.follow(start(law.init(samples[0])), Log.of(samples))
     assert state.status is Status.completed, f"{state.status.words} after {len(found.pivot)} steps"
     return state, found
