@@ -9,35 +9,42 @@ pytest.register_assert_rewrite("tests.support", "tests.recovery.direction")
 
 DEAREST = (
     "cli/test_cli.py",
+    "calibration/test_identify.py",
+    "calibration/test_residuals.py",
+    "calibration/test_gears.py",
+    "calibration/servos/test_menagerie.py",
+    "calibration/servos/test_weighing.py",
     "court/test_court.py",
     "recovery/test_recovery.py",
-    "studies/test_sweep.py",
-    "contract/test_identifiers.py",
-    "recovery/test_memory.py",
     "contract/test_wall.py",
-    "contract/test_fault.py",
-    "cli/test_servos.py",
-    "calibration/servos/test_weighing.py",
-    "contract/test_systems.py",
-    "studies/test_montecarlo.py",
+    "studies/test_sweep.py",
+    "faults/test_processes.py",
     "structure/test_compiled.py",
-    "calibration/test_flight.py",
-    "identifiers/test_faults.py",
-    "identifiers/test_efficient.py",
-    "cli/test_exciting.py",
-    "studies/test_compare.py",
-    "journeys/test_new_users.py",
-    "design/test_design.py",
-    "test_readme.py",
-    "test_docs.py",
-    "test_your_vehicle.py",
-    "test_examples.py",
-    "identifiers/test_cone.py",
-    "control/test_adaptive_tracking.py",
     "baselines/test_baselines.py",
+    "contract/test_identifiers.py",
+    "identifiers/test_cone.py",
+    "identifiers/test_memory_law.py",
+    "identifiers/test_never_wrong.py",
+    "identifiers/test_bodies.py",
+    "recovery/test_memory.py",
+    "calibration/test_flight.py",
+    "plants/test_aerial.py",
+    "design/test_design.py",
+    "cli/test_exciting.py",
+    "control/test_adaptive_tracking.py",
+    "faults/test_endings.py",
+    "journeys/test_new_users.py",
+    "test_examples.py",
+    "test_readme.py",
+    "test_your_vehicle.py",
+    "test_docs.py",
     "cli/test_wheel.py",
 )
-"""Files that compile or simulate most. They are run first, so that the workers end together."""
+"""Files that compile or simulate most. They are run first, so that the workers end together.
+
+The first compiles most kernels; those behind it need few of them, so that the other worker does not
+wait.
+"""
 
 
 @pytest.hookimpl(tryfirst=True)

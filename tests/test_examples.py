@@ -16,7 +16,7 @@ SCRIPTS = sorted((CHECKOUT / "examples").glob("*.py"))
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 def test_an_example_runs(script: Path, tmp_path: Path) -> None:
-    more = {"NSAID_EXAMPLE_SECONDS": "2", "MPLBACKEND": "Agg", "PYTHONPATH": str(CHECKOUT)}
+    more = {"NSAID_EXAMPLE_SECONDS": "1", "MPLBACKEND": "Agg", "PYTHONPATH": str(CHECKOUT)}
     done = subprocess.run(
         [sys.executable, str(script)],
         cwd=tmp_path,

@@ -33,7 +33,7 @@ class Flight(NamedTuple):
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:
-    scenario = replace(load("hummingbird"), duration=20.0, sensors="ideal", seed=3)
+    scenario = replace(load("hummingbird"), duration=6.0, sensors="ideal", seed=3)
     plant = replace(scenario.plant, mismatch=Mismatch(lag=LAG, delay=DELAY))
     setup = Setup.of(replace(scenario, plant=plant))
     with setup.plant.running():

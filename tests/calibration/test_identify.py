@@ -15,6 +15,7 @@ from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.logs import Map, prepare, read_tables
 from nsaid_mj.calibration.logs.mapping import Coupling
 from nsaid_mj.calibration.precision import tempered
+from nsaid_mj.calibration.problem import Problem
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.calibration.structure import Options
 from nsaid_mj.cli.commands import command
@@ -29,6 +30,18 @@ def tx40() -> Identification:
     return identify("tx40")
 
 
+@pytest.fixture(scope="module")
+def again() -> tuple[Identification, Problem]:
+    """Once more, with the problem that is fitted."""
+    problems: list[Problem] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            "nsaid_mj.calibration.calibrate.tempered_fit",
+            lambda p: (problems.append(p), tempered_fit(p))[1],
+        )
+        return identify("tx40"), problems[0]
+
+
 def test_the_structure_explains_the_real_log(tx40):
     assert tx40.explains == "yes" and tx40.verdict.startswith("The structure explains the log")
     for joint in tx40.joints:
@@ -36,15 +49,9 @@ def test_the_structure_explains_the_real_log(tx40):
         assert joint.held_out <= 1.05 * joint.least_squares
 
 
-def test_three_folds_of_the_real_log_are_predicted_as_well_as_by_least_squares(tx40, monkeypatch):
+def test_three_folds_of_the_real_log_are_predicted_as_well_as_by_least_squares(again):
     """At most 1.05 of weighted least squares in 15 of 18 joint-folds, 1.1 in all."""
-    problems = []
-    monkeypatch.setattr(
-        "nsaid_mj.calibration.calibrate.tempered_fit",
-        lambda p: (problems.append(p), tempered_fit(p))[1],
-    )
-    identify("tx40")
-    problem = problems[0]
+    _, problem = again
     _, share = tempered_fit(problem)
     N, ratios = len(problem.t), []
     for part in (np.arange(4 * N // 5, N), np.arange(N // 5), np.arange(2 * N // 5, 3 * N // 5)):
@@ -72,8 +79,8 @@ def test_free_gains_of_the_real_arm_hold_in_their_intervals_or_are_flagged(tx40)
         assert gain.value == pytest.approx(np.mean([g.value for g in gains[:3]]), rel=0.1)
 
 
-def test_the_same_log_gives_the_same_bits(tx40):
-    np.testing.assert_array_equal(identify("tx40").theta, tx40.theta)
+def test_the_same_log_gives_the_same_bits(tx40, again):
+    np.testing.assert_array_equal(again[0].theta, tx40.theta)
 
 
 # -- simulated logs ----------------------------------------------------------------------------

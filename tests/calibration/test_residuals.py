@@ -1,6 +1,7 @@
 """Structures that are not the robot's: the interval holds, or the verdict is not "yes"."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pinocchio as pin
@@ -211,19 +212,30 @@ SLOW = ("one slow sine per joint", "half a gear ratio", "an encoder 5° off", "5
 MARKED = [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in FLAWS]
 
 
+@pytest.fixture(scope="module")
+def flawed(ur5, tmp_path_factory):
+    """The outcome of a flaw, by its name."""
+
+    @cache
+    def found(name):
+        flaw, options, *_ = FLAWS[name]
+        return outcome(ur5, tmp_path_factory.mktemp("log"), 0, flaw, **options)
+
+    return found
+
+
 @pytest.mark.parametrize("name", MARKED)
-def test_an_interval_holds_or_the_verdict_is_not_yes(ur5, tmp_path, name):
-    flaw, options, where, words = FLAWS[name]
-    found, off = outcome(ur5, tmp_path, 0, flaw, **options)
+def test_an_interval_holds_or_the_verdict_is_not_yes(flawed, name):
+    _, _, where, words = FLAWS[name]
+    found, off = flawed(name)
     assert not off or found.explains != "yes", off
     told = [f for f in found.findings if f.code == "residuals"]
     assert not words or any(f.where == where and words in f.text for f in told), told
 
 
-def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, tmp_path):
+def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, flawed, tmp_path):
     """The ratio's gain is beyond what one step corrects; the lag's effect is within it."""
-    flaw, options, *_ = FLAWS["a gear ratio of 2"]
-    found = outcome(ur5, tmp_path, 0, flaw, **options)[0]
+    found, _ = flawed("a gear ratio of 2")
     assert found.explains == "partly" and "a scale of its position" in found.verdict
     values, true = arm_log(ur5, 1, Flaw(lag=0.03))
     log = write_csv(tmp_path / "log.csv", values)

@@ -18,7 +18,7 @@ AXES = ("x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz
 def flight(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, np.ndarray]:
     """A noisy flight of the hummingbird as CSV, commands logged 50 ms early; its true θ."""
     folder = tmp_path_factory.mktemp("flight")
-    setup = Setup.of(replace(load("hummingbird"), duration=20.0, sensors="noisy", seed=3))
+    setup = Setup.of(replace(load("hummingbird"), duration=15.0, sensors="noisy", seed=3))
     with setup.plant.running():
         log = setup.simulate()
     early = np.searchsorted(log.t, log.t + DELAY - 1e-9).clip(max=len(log.t) - 1)

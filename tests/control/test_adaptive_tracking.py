@@ -313,7 +313,7 @@ def test_adaptation_of_the_gains_beats_gains_taken_as_known():
         identifier=NullspaceAID(K=20.0, gain=0.3, law="memory"),
         initial_error=0.4,
         gain_error=0.4,
-        duration=5.0,
+        duration=3.0,
     )
     rms = {
         c.law: float(c.figures["rms_rad"]) for c in courses(Plan("track_ur5", scenario, seeds=(3,)))

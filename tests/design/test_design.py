@@ -182,10 +182,10 @@ def test_the_predicted_deviation_is_that_of_the_law_over_many_trials(experiment,
 
 def test_a_vehicle_gets_given_frequencies_and_phases():
     scenario = replace(load("bluerov2"), duration=5.0)
-    found = design(Experiment.of(scenario), effort=0.03)
+    found = design(Experiment.of(scenario), effort=0.01)
     assert isinstance(found.driver, DesignedSignals)
     assert max(found.uses.values()) <= 1
-    again = design(Experiment.of(scenario), effort=0.03)
+    again = design(Experiment.of(scenario), effort=0.01)
     assert again.driver == found.driver
     larger = [other.words for other in remedies(found) if "larger commands" in other.words]
     assert len(larger) == 1

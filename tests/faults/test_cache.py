@@ -20,15 +20,23 @@ from nsaid_mj.numerics.stopwatch import compile_seconds
 @kernel(f8(f8))
 def twice(x):
     return 2 * x
-with warnings.catch_warnings(record=True) as said:
-    warnings.simplefilter("always")
-    assert twice(2.0) == 4.0
-print(*(type(warning.message).__name__ for warning in said), compile_seconds() > 0)
+@kernel(f8(f8))
+def thrice(x):
+    return 3 * x
+@kernel(f8(f8))
+def negative(x):
+    return -x
+for called in (twice, thrice, negative):
+    before = compile_seconds()
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        assert called(2.0) == called.py_func(2.0)
+    print(*(type(warning.message).__name__ for warning in said), compile_seconds() > before)
 """
 
 
-def called(script: Path, cache: Path) -> str:
-    """What a process says that calls a cached kernel: its warnings, and whether it compiled."""
+def called(script: Path, cache: Path) -> set[str]:
+    """What a process says that calls cached kernels: its warnings, and whether it compiled."""
     done = subprocess.run(
         [sys.executable, str(script)],
         env={**os.environ, "PYTHONPATH": str(CHECKOUT), "NUMBA_CACHE_DIR": str(cache)},
@@ -37,7 +45,7 @@ def called(script: Path, cache: Path) -> str:
         timeout=120,
         check=True,
     )
-    return done.stdout.strip()
+    return set(done.stdout.splitlines())
 
 
 @pytest.fixture
@@ -49,35 +57,36 @@ def script(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def filled(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A script, and a cache that has its kernel."""
+    """A script, and a cache that has its kernels."""
     folder = tmp_path_factory.mktemp("filled")
     script, cache = folder / "kernel.py", folder / "cache"
     script.write_text(KERNEL.format(before=""))
-    assert called(script, cache) == "True"
-    assert called(script, cache) == "False"
+    assert called(script, cache) == {"True"}
+    assert called(script, cache) == {"False"}
     return script, cache
 
 
 @pytest.mark.parametrize("kind", ["nbi", "nbc"])
-@pytest.mark.parametrize("damage", [b"", b"\x80\x04", b"not a pickle"])
 def test_a_damaged_cache_is_told_and_compiled_anew(
-    kind: str, damage: bytes, filled: tuple[Path, Path], tmp_path: Path
+    kind: str, filled: tuple[Path, Path], tmp_path: Path
 ) -> None:
     script, cache = filled[0], tmp_path / "cache"
     shutil.copytree(filled[1], cache)
-    (file,) = cache.rglob(f"*.{kind}")
-    file.write_bytes(damage)
-    assert called(script, cache) == "DamagedKernelCache True"
-    assert called(script, cache) == "False"
+    for file, damage in zip(
+        cache.rglob(f"*.{kind}"), (b"", b"\x80\x04", b"not a pickle"), strict=True
+    ):
+        file.write_bytes(damage)
+    assert called(script, cache) == {"DamagedKernelCache True"}
+    assert called(script, cache) == {"False"}
 
 
 def test_a_full_cache_is_told_and_the_kernel_works(script: Path, tmp_path: Path) -> None:
     full = "resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))"
     cache, limited = tmp_path / "cache", tmp_path / "limited.py"
     limited.write_text(KERNEL.format(before=full))
-    assert called(limited, cache) == "NoKernelCache True"
-    assert called(limited, cache) == "NoKernelCache True"
-    assert called(script, cache) == "True"
+    assert called(limited, cache) == {"NoKernelCache True"}
+    assert called(limited, cache) == {"NoKernelCache True"}
+    assert called(script, cache) == {"True"}
 
 
 SHARED = """
@@ -98,10 +107,10 @@ def test_processes_that_compile_for_one_cache_lose_and_mix_up_nothing(tmp_path: 
     script.write_text(SHARED)
     words = [sys.executable, str(script)]
     environment = {**os.environ, "PYTHONPATH": str(CHECKOUT), "NUMBA_CACHE_DIR": str(cache)}
-    shares = [[str(k) for k in range(first, 60, 3)] for first in (1, 2, 3)]
+    shares = [[str(k) for k in range(first, 30, 3)] for first in (1, 2, 3)]
     at_once = [subprocess.Popen([*words, *share], env=environment) for share in shares]
     assert [process.wait() for process in at_once] == [0, 0, 0]
-    words += [str(k) for k in range(1, 60)]
+    words += [str(k) for k in range(1, 30)]
     after = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
     assert after.stdout.strip() == "False"
 
@@ -179,4 +188,4 @@ print("same")
 def test_threads_that_want_one_kernel_at_once_get_it(tmp_path: Path) -> None:
     script = tmp_path / "threads.py"
     script.write_text(THREADS)
-    assert called(script, tmp_path / "cache") == "same"
+    assert called(script, tmp_path / "cache") == {"same"}

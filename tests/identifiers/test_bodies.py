@@ -231,12 +231,12 @@ def test_the_estimate_stays_on_its_sphere_and_V_falls(name):
     Gamma = law.gain * system.space.scale**2
     for gain in (Gamma, coupled(Gamma, np.random.default_rng(3))):
         identifier = paper_identifier(system, np.full(system.n, law.K), gain, prior, dt)
-        states = identify(identifier, seen)
-        conserved = identifier.conserved(estimates(states)[1])
+        found = estimates(identifier, seen)
+        conserved = identifier.conserved(found[1])
         drift = np.abs(conserved / conserved[0] - 1).max()
         assert drift < 1e-6
         if gain.ndim == 1:
-            V = lyapunov(system, truth, Gamma, seen, states)
+            V = lyapunov(system, truth, Gamma, seen, found)
             error = np.abs(np.diff(conserved)).max() + 1e-15 * conserved[0]
             assert np.diff(V).max() <= error
             assert V[0] - V[-1] > 10 * error

@@ -6,7 +6,7 @@ import pytest
 
 from nsaid_mj.log import Measurement
 from nsaid_mj.parameters import Array
-from tests.support.bench import ARMS, BENCHES, Bench, bench, estimates, identify
+from tests.support.bench import ARMS, BENCHES, Bench, bench, estimates
 
 
 @pytest.fixture(params=list(BENCHES))
@@ -27,4 +27,4 @@ def converged() -> tuple[Bench, list[Measurement], Array, Array]:
     table = bench("scalar_rov")
     samples = table.drive(100.0)
     law = table.law.build(table.system, table.prior(0.5), table.dt)
-    return table, samples, *estimates(identify(law, samples))
+    return table, samples, *estimates(law, samples)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.parameters import Array
-from tests.support.bench import accelerations, bench, columns, estimates, identify, order, swing
+from tests.support.bench import accelerations, bench, columns, estimates, order, swing
 
 
 class Errors(NamedTuple):
@@ -32,10 +32,10 @@ def case(request: pytest.FixtureRequest):
     table = bench(request.param)
     system, truth, prior = table.system, table.truth, table.prior(0.3)
     samples = table.drive(0.5, prior=prior)
-    states = identify(table.law.build(system, prior, table.dt), samples)
+    found = estimates(table.law.build(system, prior, table.dt), samples)
     pick = slice(10, None, len(samples) // 20)
     t, x, v, u = (part[pick] for part in columns(samples))
-    v_hat, theta_hat = (part[pick] for part in estimates(states))
+    v_hat, theta_hat = (part[pick] for part in found)
     K = np.eye(system.n) * table.law.K
     dv = v_hat - v
     a = system.acceleration(t, x, v, u, truth)
@@ -117,10 +117,9 @@ def test_55_65_error_system_by_differences():
     counts, errors = np.array([80, 160, 320, 640]), []
     for count in counts:
         dt, samples = motion.seconds / count, motion.samples(count)
-        states = identify(table.law.build(system, prior, dt), samples)
         k = np.arange(5, 40, 5) * count // 40  # the same times for every dt
         t, x, v, u = columns(samples)
-        v_hat, theta_hat = estimates(states)
+        v_hat, theta_hat = estimates(table.law.build(system, prior, dt), samples)
         dv, dtheta = v_hat - v, theta_hat - truth
         rate_v = (dv[k + 1] - dv[k - 1]) / (2 * dt)
         rate_theta = (dtheta[k + 1] - dtheta[k - 1]) / (2 * dt)

@@ -6,7 +6,7 @@ import numpy as np
 
 from nsaid_mj.identifiers import ConventionalAID, NullspaceAID
 from nsaid_mj.parameters import Array
-from tests.support.bench import Bench, bench, identify
+from tests.support.bench import Bench, bench, estimates
 
 
 def member(table: Bench, rng: np.random.Generator, x: Array) -> Array:
@@ -69,8 +69,8 @@ def test_17_reduced_form_agrees_with_the_nullspace():
     reduced_law = ConventionalAID(K=5.0, gain=0.01, known=("mass",)).build(
         system, np.concatenate([[1.0], prior[1:] / prior[0]]), table.dt
     )
-    full = identify(nullspace_law, samples)[-1].theta_hat
-    reduced = identify(reduced_law, samples)[-1].theta_hat
+    full = estimates(nullspace_law, samples)[1][-1]
+    reduced = estimates(reduced_law, samples)[1][-1]
     assert reduced[0] == 1.0
     assert np.abs(reduced[1:] / (truth[1:] / truth[0]) - 1).max() < 1e-2
     assert np.abs(full / full[0] / reduced - 1).max() < 2e-2

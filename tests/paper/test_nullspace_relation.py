@@ -8,7 +8,7 @@ import pytest
 
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.nullspace import structural
-from tests.support.bench import Bench, TwoVehicles, bench, estimates, identify, random_states
+from tests.support.bench import Bench, TwoVehicles, bench, estimates, random_states
 from tests.support.vehicles import coordinate_map
 
 
@@ -53,7 +53,7 @@ def test_14_scaled_estimates_stay_scaled(name: str):
 
     def run(alpha: float) -> tuple[np.ndarray, np.ndarray]:
         law = paper_identifier(system, K, alpha * Gamma, alpha * prior, table.dt)
-        return estimates(identify(law, samples))
+        return estimates(law, samples)
 
     (v_hat, theta_hat), (v_scaled, theta_scaled) = run(1.0), run(alpha)
     assert np.abs(theta_hat[-1] - prior).max() > 0

@@ -15,7 +15,6 @@ from tests.support.bench import (
     bench,
     columns,
     estimates,
-    identify,
     simulate,
 )
 
@@ -76,9 +75,8 @@ def test_proposition_1_the_estimate_need_not_converge_for_it():
     prior = truth * np.tile([1.4, 0.6], 4)
     samples = simulate(system, truth, lambda t: truth[[2, 6]] / truth[[3, 7]], dt, 3000)
     law = paper_identifier(system, np.full(2, 2.0), np.full(8, 1.0), prior, dt)
-    states = identify(law, samples)
     t, x, _, u = columns(samples)
-    v_hat, theta_hat = estimates(states)
+    v_hat, theta_hat = estimates(law, samples)
     levels = []
     for start in range(0, len(t) - rows, rows):
         k = slice(start, start + rows)

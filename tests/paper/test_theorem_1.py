@@ -14,7 +14,6 @@ from tests.support.bench import (
     bench,
     columns,
     estimates,
-    identify,
     lyapunov,
     order,
     simulate,
@@ -42,9 +41,9 @@ def test_69_V_never_rises(name: str, seconds: float):
     system, prior = table.system, table.prior(0.3)
     samples = table.drive(seconds, prior=prior)
     law = table.law.build(system, prior, table.dt)
-    states = identify(law, samples)
-    V = lyapunov(system, table.truth, law.metric.Gamma, samples, states)
-    conserved = law.conserved(estimates(states)[1])
+    found = estimates(law, samples)
+    V = lyapunov(system, table.truth, law.metric.Gamma, samples, found)
+    conserved = law.conserved(found[1])
     bound = np.abs(np.diff(conserved)).max() + 8 * np.finfo(float).eps * conserved[0]
     assert np.diff(V).max() <= bound
     assert V[0] - V[-1] > 1e3 * bound
@@ -93,10 +92,10 @@ def test_69_rate_of_V():
     for count in counts:
         dt, samples = motion.seconds / count, motion.samples(count)
         law = table.law.build(system, prior, dt)
-        states = identify(law, samples)
-        V = lyapunov(system, table.truth, law.metric.Gamma, samples, states)
+        found = estimates(law, samples)
+        V = lyapunov(system, table.truth, law.metric.Gamma, samples, found)
         t, x, v, _ = columns(samples)
-        dv = estimates(states)[0] - v
+        dv = found[0] - v
         loss = np.einsum("ki,kij,kj->k", dv, system.mass_matrix(x, table.truth) * 20.0, dv)
         lost = cumulative_simpson(loss, x=t, initial=0.0)
         errors.append(np.abs(V - V[0] + lost)[:: count // 50].max() / lost[-1])
@@ -116,12 +115,12 @@ def test_69_holds_for_every_member_of_P_s():
     Gamma, K = np.linspace(0.5, 1.5, 8), 2.0
     samples = simulate(system, truth, lambda t: np.array([0.9, -0.2]), dt, 400)
     law = paper_identifier(system, np.full(2, K), Gamma, truth * np.tile([1.4, 0.6], 4), dt)
-    states = identify(law, samples)
+    found = estimates(law, samples)
     t, x, v, _ = columns(samples)
-    dv = estimates(states)[0] - v
+    dv = found[0] - v
 
     def defect(theta: np.ndarray) -> float:
-        V = lyapunov(system, theta, Gamma, samples, states)
+        V = lyapunov(system, theta, Gamma, samples, found)
         loss = K * np.einsum("ki,kij,kj->k", dv, system.mass_matrix(x, theta), dv)
         lost = cumulative_simpson(loss, x=t, initial=0.0)
         return np.abs(V - V[0] + lost).max() / (K * np.sum(dv**2) * dt)
@@ -137,8 +136,8 @@ def rise(K: np.ndarray, dv: np.ndarray, dt: float) -> tuple[float, float]:
     system = table.system
     samples = [Measurement(t, *system.split(motion.x(t)), motion.u) for t in (0.0, dt)]
     law = paper_identifier(system, K, 1e-6 * system.space.scale**2, table.truth, dt)
-    states = identify(law, samples, lambda s: s._replace(v_hat=s.v_hat + dv))
-    V = lyapunov(system, table.truth, law.metric.Gamma, samples, states)
+    found = estimates(law, samples, lambda s: s._replace(v_hat=s.v_hat + dv))
+    V = lyapunov(system, table.truth, law.metric.Gamma, samples, found)
     M = system.mass_matrix(motion.x(0), table.truth)
     return (V[1] - V[0]) / dt, float(-dv @ M @ K @ dv)
 
@@ -181,7 +180,7 @@ def test_70_velocity_error_vanishes_and_estimates_settle():
     table = bench("scalar_rov")
     prior = table.prior(0.5)
     samples = table.drive(100.0)
-    v_hat, theta_hat = estimates(identify(table.law.build(table.system, prior, table.dt), samples))
+    v_hat, theta_hat = estimates(table.law.build(table.system, prior, table.dt), samples)
     dv = np.abs(v_hat - columns(samples)[2]).max(axis=1)
     rate = np.abs(np.diff(theta_hat, axis=0) / table.system.space.scale).max(axis=1) / table.dt
     tenth = len(dv) // 10

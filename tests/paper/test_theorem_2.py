@@ -11,7 +11,7 @@ from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.log import Measurement
 from nsaid_mj.nullspace import level, structural
 from nsaid_mj.parameters import Array
-from tests.support.bench import TwoVehicles, bench, columns, estimates, identify, simulate
+from tests.support.bench import TwoVehicles, bench, columns, estimates, simulate
 
 TWO = np.array([2.0, 1.5, 1.0, 3.0, 1.0, 0.8, -1.2, 2.0])  # the true θ of both vehicles
 
@@ -47,7 +47,7 @@ def two_vehicles(command, seconds: float) -> tuple[list[Measurement], Array, Arr
     signs = np.array([1, -1, -1, 1, -1, 1, -1, -1])
     samples = simulate(system, TWO, command, dt, round(seconds / dt))
     law = paper_identifier(system, np.full(2, 2.0), np.full(8, 1.0), TWO * (1 + 0.4 * signs), dt)
-    return samples, *estimates(identify(law, samples))
+    return samples, *estimates(law, samples)
 
 
 def rich(t: float) -> Array:
@@ -112,7 +112,7 @@ def test_theorem_2_fails_at_rest():
     W = system.regressor(t, x, v, 0 * v, u) * system.space.scale
     assert level(W, table.dt, table.nullspace.P_perp) < 1e-9 * np.linalg.norm(W)
     law = table.law.build(system, table.truth * [1.4, 0.6, 1.4, 0.8], table.dt)
-    v_hat, theta_hat = estimates(identify(law, samples))
+    v_hat, theta_hat = estimates(law, samples)
     ratio = table.nullspace.ratio(theta_hat / system.space.scale)
     assert np.abs(v_hat - v)[-100:].max() < 1e-6
     assert ratio[-1] > 0.5 * ratio[0]

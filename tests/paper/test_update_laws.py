@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.identifiers.nullspace_aid import paper_identifier
 from nsaid_mj.parameters import Array
-from tests.support.bench import bench, estimates, identify, order, swing
+from tests.support.bench import bench, estimates, followed, order, swing
 
 
 def positive_definite(diagonal: Array, rng: np.random.Generator) -> Array:
@@ -46,7 +46,7 @@ def test_44_45_converge_with_order_4():
     counts, errors = np.array([100, 200, 400, 800]), []
     for count in counts:
         identifier = paper_identifier(system, K, Gamma, prior, motion.seconds / count)
-        last = identify(identifier, motion.samples(count))[-1]
+        last, _ = followed(identifier, motion.samples(count))
         end = np.concatenate([last.v_hat, last.theta_hat])
         errors.append(
             np.abs((end - exact) / np.concatenate([np.ones(n), system.space.scale])).max()
@@ -63,7 +63,7 @@ def test_44_45_a_diagonal_gain_is_a_matrix(name: str):
     system, samples = table.system, table.drive(1.0)
     K, Gamma = np.full(system.n, 5.0), 0.1 * system.space.scale**2
     ends = [
-        identify(paper_identifier(system, k, g, table.prior(0.3), table.dt), samples)[-1]
+        followed(paper_identifier(system, k, g, table.prior(0.3), table.dt), samples)[0]
         for k, g in ((K, Gamma), (np.diag(K), Gamma), (K, np.diag(Gamma)))
     ]
     for other in ends[1:]:
@@ -77,7 +77,7 @@ def test_30_45_conserve_the_length_of_the_estimate(name: str):
     table = bench(name)
     prior = table.prior(0.3)
     law = table.law.build(table.system, prior, table.dt)
-    _, theta_hat = estimates(identify(law, table.drive(2.0, prior=prior)))
+    _, theta_hat = estimates(law, table.drive(2.0, prior=prior))
     length, error = law.conserved(theta_hat), law.conserved(theta_hat - table.truth)
     assert np.abs(length / length[0] - 1).max() < 1e-8
     assert abs(error[-1] / error[0] - 1) > 1e-3
@@ -91,7 +91,7 @@ def test_45_conserved_quantity_drifts_with_order_4_or_5():
     Gamma = positive_definite(10.0 * table.system.space.scale**2, np.random.default_rng(20))
     for count in counts:
         law = paper_identifier(table.system, np.full(2, 20.0), Gamma, prior, motion.seconds / count)
-        _, theta_hat = estimates(identify(law, motion.samples(count)))
+        _, theta_hat = estimates(law, motion.samples(count))
         length = law.conserved(theta_hat)
         drifts.append(np.abs(length / length[0] - 1).max())
     assert 3.5 < order(1 / counts, np.array(drifts)) < 5.5

@@ -380,7 +380,7 @@ def airborne(model, way, q, u) -> None:
 
 
 @models
-@pytest.mark.parametrize("seed", [0, 3, 4, 10])  # of the first 24 the hardest are among them
+@pytest.mark.parametrize("seed", [3, 4])  # of the first 24 the hardest are among them
 def test_the_controller_stays_airborne_with_every_gain_wrong(model, seed):
     way, q, v, u = flight(model, seed)
     airborne(model, way, q, u)

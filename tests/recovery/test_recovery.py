@@ -37,7 +37,7 @@ BARS = {
 }
 
 
-LONG = {"uvms", "borinot", "panda", "crazyflie", "hummingbird", "kinova", "z1"}
+LONG = {"uvms", "borinot", "panda", "crazyflie", "hummingbird", "kinova", "z1", "bmw320i"}
 
 
 @pytest.fixture(

@@ -19,7 +19,7 @@ def free_port() -> int:
 
 
 def test_a_robot_learns_its_gains_over_udp(tmp_path: Path):
-    more = {"NSAID_EXAMPLE_SECONDS": "6", "NSAID_EXAMPLE_PORT": str(free_port())}
+    more = {"NSAID_EXAMPLE_SECONDS": "3", "NSAID_EXAMPLE_PORT": str(free_port())}
     done = subprocess.run(
         [sys.executable, str(CHECKOUT / "examples" / "live" / "robot.py")],
         cwd=tmp_path,

@@ -438,14 +438,16 @@ def test_a_run_that_dies_or_hangs_does_not_affect_the_others(fates: Path, tmp_pa
     named = ("dies", "kills", "hangs", "errs", "lives")
     scenario = load(str(fates))
     alone = Plan(str(fates), scenario, {"excitation.fate": ("lives",)}, seeds=1)
+    begin = time.monotonic()
     assert not run(alone, tmp_path / "compiled", Engine(jobs=1), quiet=True).lost
+    timeout = 2.0 + round(3 * (time.monotonic() - begin))  # a run alone, child and all, thrice
     plan = Plan(str(fates), scenario, {"excitation.fate": named}, seeds=1)
-    found = run(plan, tmp_path / "out", Engine(jobs=2, timeout=30.0), quiet=True)
+    found = run(plan, tmp_path / "out", Engine(jobs=2, timeout=timeout), quiet=True)
     why = {
         "lives": None,
         "dies": "its process died: exit code 3",
         "kills": "its worker died",
-        "hangs": "not finished within 30 s",
+        "hangs": f"not finished within {timeout:g} s",
         "errs": "ZeroDivisionError: by nought",
     }
     assert [row["run"] for row in found.rows] == list(range(len(plan)))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -12,7 +13,8 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.control import DriverConfig, FourierTracking, MultisineCommand, PoseHold
 from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.identifiers import Identifier, IdentifierConfig, NullspaceAID, State, Status
-from nsaid_mj.log import Measurement
+from nsaid_mj.identifiers.base import Estimates
+from nsaid_mj.log import Log, Measurement
 from nsaid_mj.nullspace import Nullspace, structural
 from nsaid_mj.parameters import Array, Block, ParameterSpace
 from nsaid_mj.plants import ArmPlant, AstrobeePlant, BlueROV2Plant, PlantConfig, ScalarRovPlant
@@ -117,29 +119,38 @@ def random_states(
     return rng.uniform(0, 1, count), np.hstack([q, v]), v, u
 
 
-def identify(
-    law: Identifier, samples: Iterable[Measurement], start: Callable[[State], State] = lambda s: s
-) -> list[State]:
-    """The states of an identifier along measurements; `start` may alter the first."""
-    previous, states = None, []
-    for now in samples:
-        states.append(
-            start(law.init(now)) if previous is None else law.step(states[-1], previous, now)
-        )
+def identify(law: Identifier, samples: list[Measurement]) -> list[State]:
+    """The states of an identifier along measurements, step by step."""
+    states = [law.init(samples[0])]
+    for previous, now in pairwise(samples):
+        states.append(law.step(states[-1], previous, now))
         assert states[-1].status is Status.completed, f"{states[-1].status.words} at {now.t} s"
-        previous = now
     return states
+
+
+def followed(
+    law: Identifier, samples: list[Measurement], start: Callable[[State], State] = lambda s: s
+) -> tuple[State, Estimates]:
+    """The last state and all estimates along measurements, in the law's own loop.
+
+    `start` may alter the first state.
+    """
+    state, found = law.follow(start(law.init(samples[0])), Log.of(samples))
+    assert state.status is Status.completed, f"{state.status.words} after {len(found.pivot)} steps"
+    return state, found
+
+
+def estimates(
+    law: Identifier, samples: list[Measurement], start: Callable[[State], State] = lambda s: s
+) -> tuple[Array, Array]:
+    """(N, n) v̂ and (N, p) θ̂ along measurements."""
+    return followed(law, samples, start)[1][:2]
 
 
 def columns(samples: list[Measurement]) -> tuple[Array, Array, Array, Array]:
     """(t, x, v, u) of measurements, stacked."""
     t, q, v, u = (np.array(part) for part in zip(*samples, strict=True))
     return t, np.hstack([q, v]), v, u
-
-
-def estimates(states: list[State]) -> tuple[Array, Array]:
-    """(N, n) v̂ and (N, p) θ̂."""
-    return np.array([s.v_hat for s in states]), np.array([s.theta_hat for s in states])
 
 
 def accelerations(
@@ -156,11 +167,11 @@ def lyapunov(
     truth: Array,
     Gamma: Array,
     samples: list[Measurement],
-    states: list[State],
+    found: tuple[Array, Array],
 ) -> Array:
-    """(N,) V of (66), with a diagonal Γ given by its diagonal."""
+    """(N,) V of (66) from v̂ and θ̂, with a diagonal Γ given by its diagonal."""
     _, x, v, _ = columns(samples)
-    v_hat, theta_hat = estimates(states)
+    v_hat, theta_hat = found
     dv = v_hat - v
     M = system.mass_matrix(x, truth)
     return 0.5 * np.einsum("ki,kij,kj->k", dv, M, dv) + 0.5 * np.sum(
