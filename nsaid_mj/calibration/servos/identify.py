@@ -180,7 +180,7 @@ def identify_servos(
         robot=given.robot,
         servos=servos,
         scale=masses(found.scale),
-        masked=float(1 - used.mean()),
+        used=used,
         seconds=time.perf_counter() - begin,
     )
 

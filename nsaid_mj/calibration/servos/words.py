@@ -50,7 +50,7 @@ def parameters(
         about = f"{label} of {name}"
         found.append(
             Parameter(
-                f"{short}_{k}", about, "servo", unit, value, low, high, value, status, combination
+                f"{short}_{k}", about, "servo", unit, value, low, high, np.nan, status, combination
             )
         )
     return tuple(found)
