@@ -7,15 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from ...errors import InvalidInput
 from ...numerics.threads import single_threaded
 from ...parameters import Array
 from ...resources import asset
-from ...robot.mjcf_file import compile_file
-from ...robot.tree import actuators_of, joint_names
 from ..data import RobotModel
 from ..findings import Finding
 from ..logs import Map, Table, read_map, read_tables
@@ -106,9 +103,7 @@ def read_servos(
         InvalidInput: a column or joint of the map does not exist, or loads differ.
         UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
-    found = None
-    if robot.kind == "mjcf" and robot.source is not None:
-        found = servos_in(robot.source, robot.joints)
+    found = None if robot.source is None or robot.passive else robot.servos
     columns = servo_map(tables, mapping, robot.joints) if found is not None else None
     if found is None or columns is None:
         return None
@@ -117,27 +112,10 @@ def read_servos(
     if len(kinds) > 1:
         remedy = "Give logs of one load, in one place."
         raise InvalidInput("--load", "one load of a servo arm", f"{len(kinds)} of them", remedy)
-    read, findings = read_servo_logs(robot, tables, columns, mapping, found[1], carrying)
+    read, findings = read_servo_logs(robot, tables, columns, mapping, found.range, carrying)
     own = [f for f in robot.findings if f.code != "servo"]
     in_order = tuple(sorted(read, key=lambda log: log.loaded))  # free ones first
-    return ServoLogs(robot, in_order, found[0], (*own, *findings), next(iter(kinds), None))
-
-
-def servos_in(path: Path, joints: Sequence[str]) -> tuple[Array, Array] | None:
-    """(n,) kp and (n, 2) limits of the targets; None unless every joint has one position servo."""
-    mj = compile_file(path)[1]
-    names, kp, limits = joint_names(mj), [], []
-    for joint in joints:
-        own = actuators_of(mj, names.index(joint))
-        if len(own) != 1 or mj.actuator_biastype[own[0]] != mujoco.mjtBias.mjBIAS_AFFINE:
-            return None
-        gain, bias = mj.actuator_gainprm[own[0], 0], mj.actuator_biasprm[own[0]]
-        if gain <= 0 or not np.isclose(bias[1], -gain) or mj.actuator_gear[own[0], 0] != 1:
-            return None
-        kp.append(gain)
-        limited = mj.actuator_ctrllimited[own[0]]
-        limits.append(mj.actuator_ctrlrange[own[0]] if limited else [-np.inf, np.inf])
-    return np.array(kp), np.array(limits, dtype=np.float64)
+    return ServoLogs(robot, in_order, found.kp, (*own, *findings), next(iter(kinds), None))
 
 
 @single_threaded
