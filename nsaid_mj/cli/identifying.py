@@ -187,7 +187,7 @@ def _numbers(flag: str, text: str) -> Sequence[float]:
 
 _NO_TORQUE = (
     "The other laws identify a motion from forces; a servo's log has none, and its velocity is too "
-    "coarse between two rows. "
+    "coarse between two rows."
 )
 
 
@@ -212,14 +212,16 @@ def identify_given(
     from ..calibration.servos import identify_servos, write_servo_mjcf
 
     plain = Identify()
-    for name in ("known", "columns", "delay", "cutoff", "law"):
+    for name in ("known", "columns", "delay", "cutoff"):
         if getattr(chosen, name) != getattr(plain, name):
             expected = "no such option with logs of targets and positions"
-            why = _NO_TORQUE if name == "law" else ""
-            raise InvalidInput(f"--{name}", expected, getattr(chosen, name), f"{why}Leave it out.")
+            raise InvalidInput(f"--{name}", expected, getattr(chosen, name), "Leave it out.")
+    if chosen.law not in ("batch", "efficient"):
+        expected = "batch or efficient with logs of targets and positions"
+        raise InvalidInput("--law", expected, chosen.law, _NO_TORQUE)
     own = replace(chosen, map=chosen.validate_map or chosen.map)
     others = servos_of(model, chosen.validate, own) if chosen.validate else None
-    result = identify_servos(given, progress.say)
+    result = identify_servos(given, progress.say, chosen.law)
     progress.say("writing and trying the calibrated model")
     path.parent.mkdir(parents=True, exist_ok=True)
     model_file = path.with_name(f"{result.robot.name}.xml")

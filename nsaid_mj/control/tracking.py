@@ -102,7 +102,8 @@ def follow(
         InvalidInput: some joints are passive.
     """
     if system.n_u < system.n:
-        expected, got = "an actuator on every joint", f"{system.n_u} of them on {system.n} joints"
+        kind = f"{system.scales.actuator}s"
+        expected, got = f"{kind} on every joint", f"{system.n_u} {kind} on {system.n} joints"
         raise InvalidInput("excitation", expected, got, "Use MultisineCommand: efforts.")
     if system.scales.actuator == "servo":
         return Targets(series)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InvalidInput
+from ...evaluation.result import Parameter
 from ...numerics.threads import single_threaded
 from ...parameters import Array
 from ...resources import asset
@@ -18,10 +19,13 @@ from ..findings import Finding
 from ..logs import Map, Table, read_map, read_tables
 from ..models import load_robot_model
 from ..payloads import Load, carrier, check_loads
-from .estimate import estimate
+from .estimate import Estimate, estimate
+from .follow import follow
 from .logs import ServoLog, read_servo_logs, servo_map
 from .result import ServoIdentification
 from .words import (
+    apart,
+    by_filter,
     gravity_notes,
     masses,
     parameters,
@@ -120,13 +124,14 @@ def read_servos(
 
 @single_threaded
 def identify_servos(
-    given: ServoLogs, told: Callable[[str], None] = lambda _: None
+    given: ServoLogs, told: Callable[[str], None] = lambda _: None, law: str = "batch"
 ) -> ServoIdentification:
     """Identifies stiffness, damping, friction, armature and delay of every servo by output error.
 
     Args:
         given: an arm and its logs, see `servo_logs`.
         told: called with the name of every stage, for progress.
+        law: `batch`, or `efficient` for a filter that follows the logs besides, sample by sample.
 
     Raises:
         InvalidInput: the logs without a load are shorter than ten seconds together.
@@ -141,25 +146,47 @@ def identify_servos(
     names, joints, used = given.robot.joints, found.joints, found.used
     pairs = list(zip(names, joints, strict=True))
     servos = tuple(servo(name, joint, found.scale) for name, joint in pairs)
+    own = tuple(
+        p
+        for k, (name, joint) in enumerate(pairs, 1)
+        for p in parameters(name, k, joint, found.scale)
+    )
     explains, sentence, doubts = verdict(servos, joints)
     notes = [*_masked(given.logs, used), *gravity_notes(servos, joints), *saturation_notes(servos)]
     if given.load is not None and found.scale is not None:
         carrying = names[carrier(given.robot.model, given.load)[0] - 1]
         notes.append(weighed(given.load, carrying, found.scale))
+    along: tuple[Parameter, ...] = ()
+    if law == "efficient":
+        told("following the logs by law efficient")
+        along = _along(given, found)
+        notes += apart(along, own)
     return ServoIdentification(
         explains=explains,
         verdict=sentence,
-        parameters=tuple(
-            p
-            for k, (name, joint) in enumerate(pairs, 1)
-            for p in parameters(name, k, joint, found.scale)
-        ),
+        parameters=own,
+        law=along,
         findings=(*doubts, *found.findings, *notes, *given.findings),
         robot=given.robot,
         servos=servos,
         scale=masses(found.scale),
         used=used,
         seconds=time.perf_counter() - begin,
+    )
+
+
+def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:
+    """T, f/kp and kp of every joint by the filter, at the end of the free logs."""
+    free = [log for log in given.logs if not log.loaded]
+    used = found.used[: sum(len(log.t) for log in free)]
+    n = len(given.robot.joints)
+    filters = follow([[log.joint(j) for log in free] for j in range(n)], found.joints, used)
+    return tuple(
+        p
+        for k, (name, fit, one) in enumerate(
+            zip(given.robot.joints, found.joints, filters, strict=True), 1
+        )
+        for p in by_filter(name, k, fit, one, found.scale)
     )
 
 

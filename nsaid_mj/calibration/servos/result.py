@@ -49,6 +49,7 @@ class ServoIdentification(Result):
     Attributes:
         robot: the model.
         servos: of every joint, in the order of `robot.joints`.
+        law: T, f/kp and kp of every joint by the filter at the end of the logs; empty without it.
         scale: the true masses over those of the model file, if a load was weighed; kp, kv, armature
             and friction are those under the true masses.
         used: (N,) 1 of samples in use, 0 of those left out because of foreign forces, of the logs
@@ -58,6 +59,7 @@ class ServoIdentification(Result):
 
     robot: RobotModel
     servos: tuple[Servo, ...]
+    law: tuple[Parameter, ...] = ()
     scale: tuple[Parameter, ...]
     used: Array
     seconds: float
@@ -76,6 +78,7 @@ class ServoIdentification(Result):
             "verdict": self.verdict,
             "servos": [asdict(servo) for servo in self.servos],
             "parameters": [parameter.document() for parameter in (*self.parameters, *self.scale)],
+            "efficient": [parameter.document() for parameter in self.law],
             "masked": self.masked,
             "findings": [asdict(finding) for finding in self.findings],
             "seconds": self.seconds,

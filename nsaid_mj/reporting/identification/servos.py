@@ -97,6 +97,11 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
     if any(parameter.combination for parameter in result.parameters):
         panels.append(Text("~ only in combination with others; identification.json says which.",
                            note=True))  # fmt: skip
+    if result.law:
+        found = [[s.name, *(_cell(p) for p in result.law[3 * k : 3 * k + 3])]
+                 for k, s in enumerate(result.servos)]  # fmt: skip
+        panels += [Text("Law efficient, a filter from positions alone, at the end of the logs:"),
+                   Table(_HEADS[:4], found)]  # fmt: skip
     panels.append(Text("± in %; error: of the open-loop simulation; simple: of the late target "
                        "or a constant.", note=True))  # fmt: skip
     return Page(
