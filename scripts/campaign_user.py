@@ -25,7 +25,7 @@ from tests.support.faulty import shell
 
 _SHORT = ("--duration", "0.1", "--held-out", "0.05", "--pe-window", "0.05")
 _OWN = ("report.html", "map.toml", "map-new.toml", "inspection.png", "run.rrd", "two.xml")
-_OWN += ("two-calibrated.urdf", "calibrated.yaml", "identification.rrd", "summary.txt", "rows.txt")
+_OWN += ("two-calibrated.urdf", "calibrated.yaml", "summary.txt", "rows.txt")
 _OWN += ("motion.csv", "compare.csv", "scenario.py", "montecarlo.parquet", "sysid.yaml")
 _COMMANDS = (
     ("inspect", "log.csv"),

@@ -144,7 +144,7 @@ def test_the_newcomers_path_leads_to_a_calibrated_robot(
             code, said = shell(*shlex.split(line)[1:])
             assert code == 0, said.err
     assert (workplace / "map.toml").is_file() and (workplace / "inspection.png").is_file()
-    for name in ("report.html", "identification.rrd", "my_arm.urdf", "my_arm.xml",
+    for name in ("report.html", "run.rrd", "my_arm.urdf", "my_arm.xml",
                  "calibrated.yaml", "identification.json", "sysid.yaml"):  # fmt: skip
         assert (workplace / "calibrated" / name).is_file()
     for code in blocks(page, "python"):

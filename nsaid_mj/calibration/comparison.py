@@ -15,7 +15,7 @@ from ..errors import BadRobot, InvalidInput
 from ..parameters import Array
 from ..robot.identified import Identified
 from ..robot.mjcf_file import compile_file
-from ..robot.tree import joint_names
+from ..robot.tree import joint_names, position_servos
 from .calibrate import calibrate
 from .data import Recordings, RobotModel, Segment
 from .export import identified
@@ -23,7 +23,7 @@ from .models import load_robot_model
 from .replay import departures
 from .servos.estimate import DELAYS, late
 from .servos.export import rollout, write_servo_mjcf
-from .servos.identify import ServoLogs, identify_servos, servos_in
+from .servos.identify import ServoLogs, identify_servos
 from .servos.logs import ServoLog
 from .structure import Options
 
@@ -129,9 +129,10 @@ def _scored(model: str, parts: Callable[[str], list[_Part]], told: Told) -> Scor
 
 def _check(path: Path, joints: Sequence[str]) -> None:
     """Checks that a file has a position servo on every joint."""
-    names = joint_names(compile_file(path)[1])
+    mj = compile_file(path)[1]
+    names = joint_names(mj)
     missing = [joint for joint in joints if joint not in names]
-    if missing or servos_in(path, joints) is None:
+    if missing or position_servos(mj, names, joints) is None:
         remedy = f"All models need a position servo on each of {', '.join(joints)}."
         raise BadRobot(str(path), ", ".join(missing), "a joint or its servo is missing", remedy)
 

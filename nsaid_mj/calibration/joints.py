@@ -222,14 +222,15 @@ class JointRows:
             blocks.append(_joint_block(column, joints, robot.joints, slides, guess))
             Y.append(entries)
             prior.append(start)
-            spread.append(guess if column.geometry == "free" else np.full(len(joints), _WIDE))
+            free = column.geometry == "free"
+            spread.append(_FREE * guess if free else np.full(len(joints), _WIDE))
         for i, j, sign in choice.coupled:
             entries, block, size = self._coupling(i, j, sign, choice)
             guess = 0.1 * np.sqrt(force[i] * force[j]) / np.maximum(size, 1e-9)
             blocks.append(replace(block, scale=guess))
             Y.append(entries)
             prior.append(np.zeros(3))
-            spread.append(10 * guess)
+            spread.append(_FREE * guess)
         for payload in payloads(model, self.loads):
             carried = [s.source in payload.sources for s in self.recordings.segments]
             blocks.append(payload.block)
@@ -306,6 +307,7 @@ def nearest_friction(problem: Problem, theta: Array) -> tuple[Array, Array]:
 
 
 _WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
+_FREE = 10.0  # of what may have either sign, over its scale: the rows asked for it
 _SHARES = {
     "rotor": 0.1,
     "viscous": 0.2,

@@ -21,8 +21,7 @@ from .process import code_of
 if TYPE_CHECKING:
     from ..calibration.findings import Finding, UnusableLog
     from ..calibration.result import Identification
-    from ..calibration.servos import ServoIdentification, ServoLog, ServoLogs
-    from ..parameters import Array
+    from ..calibration.servos import Replayed, ServoIdentification, ServoLogs
     from ..reporting.progress import Progress
 
 
@@ -133,8 +132,7 @@ def write(
 
     if recording.available():
         told("writing the recording")
-        files.append(folder / "identification.rrd")
-        recording.record(result, files[-1])
+        files.append(recording.record(result, folder / recording.FILE))
     if result.law is not None:
         from ..recording.postprocessing import finish
 
@@ -189,7 +187,7 @@ def _numbers(flag: str, text: str) -> Sequence[float]:
 
 _NO_TORQUE = (
     "The other laws identify a motion from forces; a servo's log has none, and its velocity is too "
-    "coarse between two rows. "
+    "coarse between two rows."
 )
 
 
@@ -214,40 +212,52 @@ def identify_given(
     from ..calibration.servos import identify_servos, write_servo_mjcf
 
     plain = Identify()
-    for name in ("known", "columns", "delay", "cutoff", "law"):
+    for name in ("known", "columns", "delay", "cutoff"):
         if getattr(chosen, name) != getattr(plain, name):
             expected = "no such option with logs of targets and positions"
-            why = _NO_TORQUE if name == "law" else ""
-            raise InvalidInput(f"--{name}", expected, getattr(chosen, name), f"{why}Leave it out.")
+            raise InvalidInput(f"--{name}", expected, getattr(chosen, name), "Leave it out.")
+    if chosen.law not in ("batch", "efficient"):
+        expected = "batch or efficient with logs of targets and positions"
+        raise InvalidInput("--law", expected, chosen.law, _NO_TORQUE)
     own = replace(chosen, map=chosen.validate_map or chosen.map)
     others = servos_of(model, chosen.validate, own) if chosen.validate else None
-    result = identify_servos(given, progress.say)
+    result = identify_servos(given, progress.say, chosen.law)
     progress.say("writing and trying the calibrated model")
     path.parent.mkdir(parents=True, exist_ok=True)
     model_file = path.with_name(f"{result.robot.name}.xml")
     write_servo_mjcf(result, model_file)
-    told, replay = _followed(others or given, result, model_file)
+    told, replay = _followed(others, given, result, model_file)
     result = replace(result, findings=(*result.findings, told))
-    write_json(path, result.summary())
+    write_json(path, without_nonfinite(result.summary()))
+    from .. import recording
     from ..reporting.identification.servos import write_servos
 
     again = ["nsaid", "identify", *(["--model"] if chosen.log else []), model]
     again += ["--log", *map(str, chosen.log)] if chosen.log else []
-    return result, [path, model_file, write_servos(result, path.parent, shlex.join(again), replay)]
+    commands, folder, files = [shlex.join(again)], path.parent, [path, model_file]
+    if recording.available():
+        progress.say("writing the recording")
+        files.append(recording.record_servos(result, replay, folder / recording.FILE))
+        commands.append(shlex.join(["nsaid", "view", str(folder)]))
+    return result, [*files, write_servos(result, folder, commands, replay)]
 
 
 def _followed(
-    given: ServoLogs, result: ServoIdentification, path: Path
-) -> tuple[Finding, tuple[ServoLog, Array]]:
-    """How far MuJoCo departs from logs with the exported file, and with the user's own, in words.
+    others: ServoLogs | None, given: ServoLogs, result: ServoIdentification, path: Path
+) -> tuple[Finding, Replayed]:
+    """How far MuJoCo departs from logs with the exported file, and with the user's own.
 
-    The first log follows, with its positions (N, n) by the exported file.
+    Args:
+        others: logs that took no part in the fit, which are followed if there are any.
+        given: those of the fit.
+        result: of the fit.
+        path: of the exported file.
     """
     from ..calibration.findings import Finding
-    from ..calibration.servos import rollout
+    from ..calibration.servos import Replayed, rollout
 
     source, joints = result.robot.source, result.robot.joints
-    logs = [log for log in given.logs if not log.loaded]  # of the model file's own links
+    logs = [log for log in (others or given).logs if not log.loaded]  # of the file's own links
     assert source is not None  # a model with servos comes from a file
     delays = [servo.delay for servo in result.servos]
     simulated = [rollout(path, joints, log, delays) for log in logs]
@@ -263,4 +273,8 @@ def _followed(
     )
     data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
     level = "note" if own.mean() < before.mean() else "warning"
-    return Finding(level, "replay", "", text, "", data), (logs[0], simulated[0])
+    rows = sum(len(log.t) for log in logs)
+    used = result.used[:rows] if others is None else np.ones(rows)  # logs with a load are the last
+    return Finding(level, "replay", "", text, "", data), Replayed(
+        tuple(logs), tuple(simulated), used
+    )

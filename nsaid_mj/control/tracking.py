@@ -1,4 +1,6 @@
-"""Arms follow Fourier series, random or designed, by computed torque based on the prior.
+"""Arms follow Fourier series, random or designed: by computed torque based on the prior.
+
+Position servos get the series as their targets.
 
 The results of `nsaid_mj.design` are data: series, or the draws of any other driver.
 """
@@ -66,9 +68,7 @@ class FourierTracking(DriverConfig):
             rng,
         )
         trajectory.series.coefficients[~moving] = 0.0
-        limit = self.limit * system.scales.command
-        omega = 2 * np.pi * self.bandwidth
-        return ComputedTorque(system, prior, trajectory.series, omega, limit)
+        return follow(system, prior, trajectory.series, self.bandwidth, self.limit)
 
 
 def fixed_arm(system: SecondOrderSystem, wanted: str, remedy: str) -> JointTree:
@@ -82,7 +82,62 @@ def fixed_arm(system: SecondOrderSystem, wanted: str, remedy: str) -> JointTree:
     return system
 
 
-class ComputedTorque(Driver):
+def follow(
+    system: JointTree, prior: Array, series: Series, bandwidth: float, limit: float
+) -> Driver:
+    """The driver of a series, with a tracking loop for motors.
+
+    Args:
+        system: an arm on a fixed base.
+        prior: (p,) θ̂₀.
+        series: the desired motion.
+        bandwidth: of the loop [Hz].
+        limit: largest commands of motors over those of operation.
+
+    Raises:
+        InvalidInput: some joints are passive.
+    """
+    if system.n_u < system.n:
+        kind = f"{system.scales.actuator}s"
+        expected, got = f"{kind} on every joint", f"{system.n_u} {kind} on {system.n} joints"
+        raise InvalidInput("excitation", expected, got, "Use MultisineCommand: efforts.")
+    if system.scales.actuator == "servo":
+        return Targets(series)
+    omega = 2 * np.pi * bandwidth
+    return ComputedTorque(system, prior, series, omega, limit * system.scales.command)
+
+
+class Follower(Driver):
+    """A driver that begins where a series does."""
+
+    def __init__(self, series: Series):
+        self._series = series
+
+    def desired(self, t: float) -> Array:
+        """(3, n) desired position, velocity and acceleration at time t [s]."""
+        motion = np.empty((len(self._series.centre), 3))
+        fourier(self._series, t, motion)
+        return motion.T
+
+    def start(self) -> tuple[Array, Array]:
+        """(n,) position and (n,) velocity at which the series begins."""
+        position, velocity, _ = self.desired(0.0)
+        return position, velocity
+
+
+class Targets(Follower):
+    """The desired motion itself, as targets of position servos."""
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        """(n,) targets."""
+        return self.desired(t)[0]
+
+    def compiled(self, t: Array) -> Array:
+        """(k, n) targets at t (k,)."""
+        return np.array([self.desired(each)[0] for each in t])
+
+
+class ComputedTorque(Follower):
     """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e, limited.
 
     Args:
@@ -91,34 +146,12 @@ class ComputedTorque(Driver):
         series: the desired motion.
         omega: bandwidth ω of the tracking loop [rad/s].
         limit: (n,) largest commands, > 0.
-
-    Raises:
-        InvalidInput: the joints have servos, or some are passive.
     """
 
     def __init__(self, system: JointTree, prior: Array, series: Series, omega: float, limit: Array):
-        if system.scales.actuator != "motor":
-            expected, remedy = (
-                "motors, whose commands are torques",
-                "Use MultisineCommand: targets.",
-            )
-            raise InvalidInput("excitation", expected, "position servos", remedy)
-        if system.n_u < system.n:
-            expected, got = "a motor on every joint", f"{system.n_u} motors on {system.n} joints"
-            raise InvalidInput("excitation", expected, got, "Use MultisineCommand: efforts.")
+        super().__init__(series)
         self._tracking = Tracking(system.structure.arrays, np.array(prior), series, omega, limit)
         self._workspace = tracking_workspace(self._tracking)
-
-    def desired(self, t: float) -> Array:
-        """(3, n) desired position, velocity and acceleration at time t [s]."""
-        motion = np.empty((len(self._tracking.series.centre), 3))
-        fourier(self._tracking.series, t, motion)
-        return motion.T
-
-    def start(self) -> tuple[Array, Array]:
-        """(n,) position and (n,) velocity at which the series begins."""
-        position, velocity, _ = self.desired(0.0)
-        return position, velocity
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(n,) command u."""
@@ -194,8 +227,7 @@ class DesignedTracking(DriverConfig):
         system = fixed_arm(system, wanted, _REMEDY)
         if system.n != len(self.centre):
             raise InvalidInput("excitation", wanted, f"{system.n} joints", _REMEDY)
-        limit = LIMIT * system.scales.command
-        return ComputedTorque(system, prior, self.series, 2 * np.pi * self.bandwidth, limit)
+        return follow(system, prior, self.series, self.bandwidth, LIMIT)
 
 
 @config

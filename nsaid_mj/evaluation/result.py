@@ -77,7 +77,7 @@ class Parameter:
         value: estimate.
         low: lower end of the 95 % interval; both ends are the estimate where none is stated.
         high: upper end of the 95 % interval.
-        prior: value before the motion.
+        prior: value before the motion; NaN where the fit needs none.
         status: what the motion reveals of it: `identified`; `only in combination` with others;
             `not excited`: the motion does not depend on it; `below the noise`: its effect is not
             distinguishable from 0; `known`: given by the user; empty if the law does not say.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from operator import attrgetter
 from typing import Any, ClassVar, Literal
@@ -34,33 +35,36 @@ AGREEMENT = 1e-10  # largest relative difference of M and bias between the engin
 class ArmPlant(ParametricPlantConfig):
     """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 
-    Joints without an actuator in the robot's file are passive. Friction, rotor inertia and motor
-    gain have one nominal value for all joints, as in a data sheet; None takes the medians of an
-    MJCF's, or else values that suit the robot's size. The hidden true values, drawn from the seed,
-    deviate from the nominal ones joint by joint, by up to `spread`.
+    Joints without an actuator in the robot's file are passive. Friction, rotor inertia and gain
+    have one nominal value for all joints, as in a data sheet; None takes an MJCF's own (their
+    median where a joint has none), or else values that suit the robot's size. The hidden true
+    values, drawn from the seed, deviate from these joint by joint, by up to `spread`.
 
     Attributes:
         robot: a name of example-robot-data, or the path of a URDF or MJCF file.
         damping: nominal viscous friction [N·m·s/rad or N·s/m].
         friction: nominal Coulomb friction [N·m or N].
         armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
-        gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m].
+        gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m];
+            None for the file's kp of a servo, and 1 of a motor.
         spread: largest relative deviation of the true values from the nominal ones.
         friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
         backend: implementation of the identifier's regressors: `compiled`, checked against
             Pinocchio at every start, or `pinocchio`, several times slower.
-        actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position).
+        actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position),
+            at most the file's `forcerange`; None for servos where the file has position servos on
+            all joints, whose kv is part of the damping, else motors.
     """
 
     robot: Name = "ur5"
     damping: Positive | None = None
     friction: Positive | None = None
     armature: NonNegative | None = None
-    gain: Positive = 1.0
+    gain: Positive | None = None
     spread: Share = 0.2
     friction_speed: Positive = 0.05
     backend: Backend = "compiled"
-    actuator: Actuator = "motor"
+    actuator: Actuator | None = None
     _base: ClassVar[Base] = "held"
     _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
 
@@ -89,12 +93,22 @@ class ArmPlant(ParametricPlantConfig):
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
             raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
+        driven = [k for k, name in enumerate(robot.joints) if name not in robot.passive]
+        servos = None if self.actuator == "motor" else robot.servos
         own = {"damping": robot.damping, "friction": robot.friction, "armature": robot.rotor}
-        medians = {name: float(np.median(x)) for name, x in own.items() if robot.kind == "mjcf"}
-        stated = {n: x for n, x in medians.items() if x > 0 and getattr(self, n) is None}
-        nominal = nominal_scales(robot.model, replace(self, **stated))
+        if servos is not None:
+            own["damping"] = robot.damping.copy()
+            own["damping"][driven] += servos.kv
+        middle = {name: float(np.median(x)) for name, x in own.items() if robot.kind == "mjcf"}
+        stated = {n: np.where(own[n] > 0, own[n], x) for n, x in middle.items() if x > 0}
+        chosen = self.actuator or ("motor" if servos is None else "servo")
+        nominal = nominal_scales(robot.model, replace(self, actuator=chosen), stated)
+        if servos is not None and self.gain is None:
+            nominal.gain[driven] = servos.kp
+            nominal.command[driven] /= servos.kp
+            limit = robot.limits[driven] / servos.kp
+            nominal = replace(nominal, saturation=limit if np.isfinite(limit).any() else None)
         if robot.passive:
-            driven = [k for k, name in enumerate(robot.joints) if name not in robot.passive]
             gain, command = nominal.gain[driven], nominal.command[driven]
             nominal = replace(nominal, gain=gain, command=command, driven=tuple(driven))
         structure = CompiledMultibody if self.backend == "compiled" else Multibody
@@ -106,7 +120,7 @@ class ArmPlant(ParametricPlantConfig):
         acting[space["Coulomb friction"]] = theta[
             space["Coulomb friction"]
         ]  # `frictionloss` creeps
-        if self.actuator == "servo":
+        if system.scales.actuator == "servo":
             acting[space["servo gain"]] = theta[space["servo gain"]]
         spec = arm_spec(model, system, theta, dt)
         names, looks = list(model.names)[1:], robot.visuals
@@ -237,11 +251,19 @@ def check_stiffness(plant: SimulatedRobot, name: str) -> None:
         )
 
 
-def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
+def nominal_scales(
+    model: pin.Model, config: ArmPlant, stated: Mapping[str, Array] | None = None
+) -> JointScales:
     """An engineer's guess: sizes to within a factor of two, and the data sheet's values.
 
     Masses and lengths are rounded to powers of two, so that the scale of θ does not reveal the true
     inertias.
+
+    Args:
+        model: of the robot.
+        config: the data sheet.
+        stated: (k,) `damping`, `friction` and `armature` that its file states, where `config` does
+            not.
     """
     inertias = list(model.inertias)[1:]
     mass, length = (
@@ -249,9 +271,10 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
     )
     size, weight = joint_sizes(model)
     k = len(size)
-    damping = 0.5 * size if config.damping is None else np.full(k, config.damping)
-    friction = 0.5 * size if config.friction is None else np.full(k, config.friction)
-    armature = 0.1 * size if config.armature is None else np.full(k, config.armature)
+    guesses = {"damping": 0.5 * size, "friction": 0.5 * size, "armature": 0.1 * size}
+    sheet = {n: np.full(k, x) for n in guesses if (x := getattr(config, n)) is not None}
+    damping, friction, armature = (guesses | dict(stated or {}) | sheet).values()
+    gain = 1.0 if config.gain is None else config.gain
     limit = model.velocityLimit[model.nv - k :]
     speed = np.where(limit > 0.1, np.minimum(limit, 2.0), 2.0)
     speed = np.where(np.isfinite(speed), speed, 2.0)
@@ -261,11 +284,11 @@ def nominal_scales(model: pin.Model, config: ArmPlant) -> JointScales:
         length=length,
         viscous=damping,
         coulomb=friction,
-        gain=np.full(k, config.gain),
+        gain=np.full(k, gain),
         speed=speed,
-        command=torque / config.gain,
+        command=torque / gain,
         rotor=armature if armature.any() else None,
-        actuator=config.actuator,
+        actuator=config.actuator or "motor",
     )
 
 

@@ -13,12 +13,14 @@ from ..resources import RECORDING
 from ..structure.optional import installed, require
 
 FILE = RECORDING
-_HOMES = {"write": "file", "Live": "live", "viewer_command": "viewer", "record": "identification"}
+_HOMES = {"write": "file", "Live": "live", "viewer_command": "viewer", "record": "identification",
+          "record_servos": "servos"}  # fmt: skip
 
 if TYPE_CHECKING:
     from .file import write as write
     from .identification import record as record
     from .live import Live as Live
+    from .servos import record_servos as record_servos
     from .viewer import viewer_command as viewer_command
 
 

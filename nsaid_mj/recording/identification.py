@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 
+from ..calibration.data import RobotModel
 from ..calibration.links import positions
 from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification
 from ..calibration.timeline import own_shifts, recording_shifts
 from ..evaluation.confidence import INTERVAL
-from ..parameters import Array
+from ..parameters import Array, Indices
 from ..reporting.identification import brief
 from ..reporting.markdown import markdown
 from ..reporting.pages import Page, Section
@@ -22,7 +24,7 @@ from ..structure.multibody import Multibody
 from ..system import SecondOrderSystem
 from .identification_layout import blueprint
 from .plots import Plots
-from .scene import Scene
+from .scene import Camera, Scene
 from .series import Curves, path
 from .stream import Content, write
 
@@ -39,14 +41,11 @@ def record(result: Identification, file: Path) -> Path:
         result: of an identification.
         file: path of the recording, ending in .rrd.
     """
-    scene = _scene(result)
-    t, q, v = _motion(result)
-    camera = None
-    if scene is not None and not scene.empty and len(t):
-        some = np.unique(np.linspace(0, len(t) - 1, min(len(t), 500)).astype(int))
-        camera = scene.camera(q[some], v[some])
+    shifts = recording_shifts(result.recordings)
+    moving = zip(shifts, (segment.log for segment in result.recordings.segments), strict=True)
+    camera, draw = moving_robot(result.robot, [(log.t + s, log.q, log.v) for s, log in moving])
     history = _history(result)
-    commands = [_commands(result, result.curves, recording_shifts(result.recordings), "")]
+    commands = [_commands(result, result.curves, shifts, "")]
     if result.validation is not None:
         checked = result.validation
         commands.append(_commands(result, checked, own_shifts(checked), "validation/"))
@@ -55,48 +54,56 @@ def record(result: Identification, file: Path) -> Path:
     plots = Plots(curves, max(ends) if ends else None)
     layout = blueprint(result, camera, sorted({p for p, _ in history}), plots)
 
-    def draw(rec: rr.RecordingStream) -> None:
-        if scene is not None and camera is not None:
-            scene.log_shapes(rec, camera)
-            scene.log_poses(rec, t, q)
-
     every = Page("", None, sections=[Section("", folds(result))])
     documents = {"result": markdown(brief(result)), "parameters": markdown(every)}
     series = [*commands, (result.law.t, [c for _, c in history])] if result.law else commands
     return write(Content(result.robot.name, layout, documents, series, draw), file)
 
 
-def _scene(result: Identification) -> Scene | None:
+def moving_robot(
+    robot: RobotModel, motion: Sequence[tuple[Array, Array, Array]]
+) -> tuple[Camera | None, Callable[[rr.RecordingStream], None]]:
+    """The camera, and what draws a robot as it moves in logs, at some frames of them.
+
+    Args:
+        robot: the model.
+        motion: for every log its times (N,) [s], positions (N, n) or a vehicle's (N, m), and
+            velocities (N, n).
+
+    Returns:
+        The camera, None if nothing is known of the robot's shape, and a function of a recording.
+    """
+    scene = _scene(robot)
+    total = sum(float(t[-1] - t[0]) for t, _, _ in motion)
+    rate, parts = min(_RATE, _FRAMES / max(total, 1e-9)), []
+    for t, q, v in motion:
+        stride = max(1, round(1 / (float(np.median(np.diff(t))) * rate)))
+        rows = np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))
+        parts.append((t[rows], q[rows], v[rows]))
+    t, q, v = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if robot.model is not None:
+        q = positions(robot.model, q)
+    t[:1] = np.minimum(t[:1], 0.0)  # where the plots begin, the robot is there already
+    if scene is None or scene.empty:
+        return None, lambda _: None
+    some = np.unique(np.linspace(0, len(t) - 1, min(len(t), 500)).astype(int))
+    camera = scene.camera(q[some], v[some])
+
+    def draw(rec: rr.RecordingStream) -> None:
+        scene.log_shapes(rec, camera)
+        scene.log_poses(rec, t, q)
+
+    return camera, draw
+
+
+def _scene(robot: RobotModel) -> Scene | None:
     """The robot's meshes or joints; None if nothing is known of its shape."""
-    robot, n = result.robot, len(result.robot.joints)
     system: SecondOrderSystem | None = robot.system
     if system is None and robot.model is not None and robot.model.njoints > 1:
-        unit = np.ones(max(n, robot.model.nv))  # scales do not matter: nothing is estimated here
+        unit = np.ones(max(len(robot.joints), robot.model.nv))  # scales do not matter here
         scales = JointScales(unit, unit, unit, unit, unit, unit, unit)
         system = Multibody(robot.model, scales, unit)
     return None if system is None else Scene(system, robot.visuals)
-
-
-def _motion(result: Identification) -> tuple[Array, Array, Array]:
-    """Times, positions and velocities of all segments, at the frames that are drawn."""
-    shifts = recording_shifts(result.recordings)
-    segments = result.recordings.segments
-    total = sum(float(s.log.t[-1] - s.log.t[0]) for s in segments)
-    rate = min(_RATE, _FRAMES / max(total, 1e-9))
-    t, q, v = [], [], []
-    for shift, segment in zip(shifts, segments, strict=True):
-        log = segment.log
-        stride = max(1, round(result.recordings.rate / rate))
-        rows = np.unique(np.append(np.arange(0, len(log.t), stride), len(log.t) - 1))
-        t.append(log.t[rows] + shift)
-        q.append(log.q[rows])
-        v.append(log.v[rows])
-    joined = np.concatenate(q)
-    if result.robot.model is not None:
-        joined = positions(result.robot.model, joined)
-    times = np.concatenate(t)
-    times[:1] = np.minimum(times[:1], 0.0)  # where the plots begin, the robot is there already
-    return times, joined, np.concatenate(v)
 
 
 def _commands(
@@ -110,18 +117,12 @@ def _commands(
     segment = commands.segment
     if not len(segment):
         return np.zeros(0), []
-    stride = max(1, -(-len(segment) // _POINTS))
-    last = np.append(np.flatnonzero(np.diff(segment)), len(segment) - 1)
-    rows = np.unique(np.concatenate([np.arange(0, len(segment), stride), last]))
-    t = commands.t[rows] + shifts[segment[rows]]
-    gaps = np.flatnonzero(np.diff(segment[rows])) + 1  # a NaN after each segment ends its line
-    t = np.insert(t, gaps, t[gaps - 1] + 1e-6)
+    t, (left, right) = lines(
+        commands.t + shifts[segment], segment, [commands.measured, commands.predicted]
+    )
     found = []
     for j, fit in enumerate(result.joints):
-        measured, predicted = (
-            np.insert(side[rows, j], gaps, np.nan)[:, None]
-            for side in (commands.measured, commands.predicted)
-        )
+        measured, predicted = left[:, j : j + 1], right[:, j : j + 1]
         for name, label, values, color, pale in (
             ("measured", "measured", measured, 1, True),
             ("predicted", "predicted", predicted, 0, False),
@@ -131,6 +132,25 @@ def _commands(
             entity = f"{prefix}{kind}/{path(fit.name)}" + ("" if name == "residual" else f"/{name}")
             found.append(Curves(entity, [label], values, pale=pale, color=color))
     return t, found
+
+
+def lines(t: Array, segment: Indices, sides: Sequence[Array]) -> tuple[Array, list[Array]]:
+    """Points of curves over several logs, thinned, with gaps between these.
+
+    Args:
+        t: (N,) times on the common axis [s].
+        segment: (N,) number of the log.
+        sides: (N, n) values each.
+
+    Returns:
+        (M,) times [s], and (M, n) values each, NaN after every log but the last.
+    """
+    stride = max(1, -(-len(segment) // _POINTS))
+    last = np.append(np.flatnonzero(np.diff(segment)), len(segment) - 1)
+    rows = np.unique(np.concatenate([np.arange(0, len(segment), stride), last]))
+    gaps = np.flatnonzero(np.diff(segment[rows])) + 1  # a NaN after each log ends its line
+    shown = np.insert(t[rows], gaps, t[rows][gaps - 1] + 1e-6)
+    return shown, [np.insert(side[rows], gaps, np.nan, axis=0) for side in sides]
 
 
 def _history(result: Identification) -> list[tuple[str, Curves]]:

@@ -14,7 +14,9 @@ from .plots import Plots
 from .scene import Camera
 from .series import path
 
-_FIRST, _PAGE = 6, 12  # joints on the first page, and on any other
+FIRST = 6
+"""Joints on the first page, at most."""
+_PAGE = 12  # and on any other
 
 
 def blueprint(
@@ -32,45 +34,46 @@ def blueprint(
     if camera is not None:
         left.append(robot(camera, "Robot, as logged"))
     worst = sorted(range(len(found.joints)), key=lambda j: -_error(found.joints[j].held_out))[
-        :_FIRST
+        :FIRST
     ]
     columns = 1 if len(worst) < 4 else 2
     first = [_command(found, j, plots, RIGHT / columns) for j in sorted(worst)]
     joints = range(len(found.joints))
-    width = 1 / _columns(len(joints))
+    width = 1 / columns_of(len(joints))
     grid = rrb.Grid(*first, grid_columns=columns)
     overview = beside(left, grid, "Overview", [1, 1])
     pages: list[rrb.Container] = [overview]
-    if len(found.joints) > _FIRST:
-        pages += _pages("Commands", [_command(found, j, plots, width) for j in joints])
-    pages += _pages("Residuals", [_residual(found, j, plots) for j in joints])
+    if len(found.joints) > FIRST:
+        pages += paged("Commands", [_command(found, j, plots, width) for j in joints])
+    pages += paged("Residuals", [_residual(found, j, plots) for j in joints])
     if found.validation is not None:
         checked = [_command(found, j, plots, width, "validation/") for j in joints]
-        pages += _pages("Validation", checked)
+        pages += paged("Validation", checked)
     gains = [p for p in found.gains if p.block in blocks]
-    pages += _pages(
+    pages += paged(
         "Gains along the log",
         [
             plots(
                 path("estimate", p.block, p.label),
                 _title(f"{p.label}", p.unit),
-                1 / _columns(len(gains)),
+                1 / columns_of(len(gains)),
             )
             for p in gains
         ],
     )
     rest = [b for b in blocks if b not in {p.block for p in gains}]
-    width = 1 / _columns(len(rest))
+    width = 1 / columns_of(len(rest))
     units = {b: {p.unit for p in found.parameters if p.block == b} for b in rest}
     titles = {b: f"{b} [{min(units[b])}]" if len(units[b]) == 1 else b for b in rest}
     frictions = [plots(path("estimate", b), titles[b], width) for b in rest]
-    pages += _pages("Friction along the log", frictions)
-    pages.append(
-        rrb.Horizontal(
-            rrb.TextDocumentView(origin="/parameters", name="All parameters"), name="Parameters"
-        )
-    )
-    return whole(*pages)
+    pages += paged("Friction along the log", frictions)
+    return whole(*pages, parameters())
+
+
+def parameters() -> rrb.Horizontal:
+    """The page with all parameters as text."""
+    view = rrb.TextDocumentView(origin="/parameters", name="All parameters")
+    return rrb.Horizontal(view, name="Parameters")
 
 
 def _command(
@@ -90,17 +93,17 @@ def _residual(found: Identification, j: int, plots: Plots) -> rrb.TimeSeriesView
     return plots(f"residual/{path(name)}", title, legend=False)
 
 
-def _pages(name: str, views: Sequence[rrb.View]) -> list[rrb.Container]:
+def paged(name: str, views: Sequence[rrb.View]) -> list[rrb.Container]:
     """Views on pages of at most a dozen each."""
     pages: list[rrb.Container] = []
     for start in range(0, len(views), _PAGE):
         some = views[start : start + _PAGE]
         title = name if len(views) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
-        pages.append(rrb.Grid(*some, grid_columns=_columns(len(some)), name=title))
+        pages.append(rrb.Grid(*some, grid_columns=columns_of(len(some)), name=title))
     return pages
 
 
-def _columns(views: int) -> int:
+def columns_of(views: int) -> int:
     """Columns of a page of so many views."""
     return 1 if views < 3 else 2 if views <= 6 else 3
 

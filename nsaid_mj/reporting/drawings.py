@@ -131,7 +131,7 @@ def heat_map(panel: HeatMap) -> str:
         colours = [
             to_rgba(BAD if share > 0 else COLOURS[0], min(1.0, abs(share))) for share in shares
         ]
-        axis.add_collection(PolyCollection(cells, facecolors=colours, linewidths=0))
+        axis.add_collection(PolyCollection(list(cells), facecolors=colours, linewidths=0))
         for i, j, share in zip(rows.tolist(), columns.tolist(), shares, strict=True):
             words = f"{share:.2f}".replace("-", "−")
             tell(axis, j, i, f"{names[i]}, {names[j]}: {words}")

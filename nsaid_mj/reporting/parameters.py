@@ -35,16 +35,17 @@ def table(parameters: Sequence[Parameter], numbers: Mapping[str, int] | None = N
     """
     judged = any(p.status for p in parameters)
     known = any(p.true is not None for p in parameters)
+    before = np.isfinite([p.prior for p in parameters]).any()
     lines: list[list[Cell]] = []
     for p in parameters:
         value, interval = estimate(p.value, p.low, p.high)
         line: list[Cell] = [p.label, value, p.unit]
         line += [ABSENT if p.status == "known" else interval] if judged else []
-        line.append(number(p.prior))
+        line += [number(p.prior)] if before else []
         line += [ABSENT if p.true is None else number(p.true)] if known else []
         lines.append([*line, _status(p, (numbers or {}).get(p.combination, 0))] if judged else line)
-    heads = ["parameter", "estimate", "unit", *["95 % interval"] * judged, "prior"]
-    heads += [*["true"] * known, *["status"] * judged]
+    heads = ["parameter", "estimate", "unit", *["95 % interval"] * judged]
+    heads += [*["prior"] * bool(before), *["true"] * known, *["status"] * judged]
     return Table(heads, lines, (0, 2, len(heads) - 1) if judged else (0, 2))
 
 

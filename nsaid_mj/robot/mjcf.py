@@ -20,7 +20,7 @@ from .inertias import make_physical
 from .mjcf_file import compile_file
 from .model import RobotModel, check_tree, home, locked_joints, reduced
 from .shapes import Shapes, shapes_of_geoms
-from .tree import joint_names, motors, rigid_tree
+from .tree import joint_names, motors, position_servos, rigid_tree
 
 _NAMELESS = "MuJoCo Model"  # MuJoCo's name of a model without one
 
@@ -62,6 +62,7 @@ def load_mjcf(
     dof = [mj.jnt_dofadr[names.index(joint)] for joint in found.joints]
     first = model.nv - len(dof)  # 6 if the base is free
     model.effortLimit[first:] = np.abs(found.gain) * found.limits
+    servos = position_servos(mj, names, [j for j in found.joints if j not in found.passive])
     robot = RobotModel(
         name=name,
         source=path,
@@ -77,8 +78,10 @@ def load_mjcf(
         visuals=Shapes(model, lambda: shapes_of_geoms(mj, model)),
         file=path,
         passive=found.passive,
+        servos=servos,
     )
-    warned = [str(f) for f in findings if f.level == "warning"]
+    mixed = [] if servos is not None else [f for f in found.findings if f.code == "servo"]
+    warned = [str(f) for f in [*findings, *mixed] if f.level == "warning"]
     if base is not None and warned:
         warnings.warn(RobotChanged(str(path), warned), stacklevel=2)
     return robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,20 @@ from ..errors import BadRobot, InvalidInput, UnknownName
 from ..parameters import Array
 from ..structure.optional import pin
 from .findings import Finding
+
+
+class Servos(NamedTuple):
+    """Position servos on k joints: force = kp (u − q) − kv q̇.
+
+    Attributes:
+        kp: (k,) stiffness [N·m/rad or N/m].
+        kv: (k,) damping [N·m·s/rad or N·s/m].
+        range: (k, 2) least and largest target [rad or m]; ±inf without limit.
+    """
+
+    kp: Array
+    kv: Array
+    range: Array
 
 
 @dataclass(frozen=True)
@@ -36,6 +50,8 @@ class RobotModel:
         visuals: data for drawing the robot, for `recording`.
         file: the file that describes a tree of joints, also of packed robots.
         passive: names of the joints without an actuator in a file that has some.
+        servos: of the joints that are not passive; None unless each has a position servo. Their
+            `limits` are forces.
     """
 
     name: str
@@ -54,6 +70,7 @@ class RobotModel:
     visuals: Any = None
     file: Path | None = None
     passive: tuple[str, ...] = ()
+    servos: Servos | None = None
 
     @property
     def weightless(self) -> bool:

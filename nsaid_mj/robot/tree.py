@@ -17,6 +17,7 @@ from ..parameters import Array
 from ..structure.joints import bodies_of
 from ..structure.optional import pin
 from .findings import Finding, Level
+from .model import Servos
 
 
 def tree_spec(model: pin.Model, dt: float) -> Any:
@@ -277,6 +278,23 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
         )
         findings.append(Finding("note", "command", ", ".join(driven), text))
     return Motors(joints, gain, limits, damping, findings, tuple(bare) if mj.nu else ())
+
+
+def position_servos(mj: Any, names: Sequence[str], joints: Sequence[str]) -> Servos | None:
+    """The servos of k joints of a MuJoCo model; None unless each has one, and no other actuator."""
+    found = []
+    for joint in joints:
+        own = actuators_of(mj, names.index(joint))
+        if len(own) != 1 or mj.actuator_biastype[own[0]] != mujoco.mjtBias.mjBIAS_AFFINE:
+            return None
+        gain, bias = mj.actuator_gainprm[own[0], 0], mj.actuator_biasprm[own[0]]
+        if gain <= 0 or not np.isclose(bias[1], -gain) or mj.actuator_gear[own[0], 0] != 1:
+            return None
+        limited = mj.actuator_ctrllimited[own[0]]
+        limits = mj.actuator_ctrlrange[own[0]] if limited else [-np.inf, np.inf]
+        found.append((gain, -bias[2], *limits))
+    kp, kv, low, high = np.array(found, dtype=np.float64).reshape(-1, 4).T
+    return Servos(kp, kv, np.column_stack([low, high])) if found else None
 
 
 def is_motor(mj: Any, actuator: int) -> bool:

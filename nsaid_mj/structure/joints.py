@@ -54,6 +54,8 @@ class JointScales:
         rotor: (k,) reflected rotor inertias [kg·m² or kg]; None omits them from θ.
         actuator: whether a command is a motor's, or the position target of a servo.
         driven: (d,) numbers of the joints that have an actuator; None for all.
+        saturation: (d,) error u − q at which a servo exerts its largest force [rad or m]; None
+            where it is not limited.
     """
 
     mass: Array
@@ -66,6 +68,7 @@ class JointScales:
     rotor: Array | None = None
     actuator: Actuator = "motor"
     driven: tuple[int, ...] | None = None
+    saturation: Array | None = None
 
 
 class Carrier(NamedTuple):
@@ -145,7 +148,7 @@ class JointTree(StructuredKinematics):
         start = sum(map(len, carrier.bodies))
         first, rotating = start + sum(map(len, blocks)), scales.rotor is not None
         self.driven = np.array(range(len(speed)) if scales.driven is None else scales.driven, int)
-        rotors, columns = joint_parts(model, start, rotating, speed, self.driven, scales.actuator)
+        rotors, columns = joint_parts(model, start, rotating, speed, self.driven, scales)
         columns += [column.shifted(first, len(self.driven)) for column in carrier.columns]
         low, high = carrier.commands
         self.command_limits = np.r_[-scales.command, low], np.r_[scales.command, high]
@@ -250,7 +253,7 @@ def joint_parts(
     rotors: bool,
     friction_speed: Array,
     driven: Indices,
-    actuator: Actuator,
+    scales: JointScales,
 ) -> tuple[list[Rotor], list[Column]]:
     """The terms that friction, and motors or servos, on joints add to a structure.
 
@@ -261,7 +264,7 @@ def joint_parts(
         rotors: whether rotor inertias are modelled.
         friction_speed: (k,) speeds at which Coulomb friction saturates [rad/s or m/s].
         driven: (d,) numbers of the joints that have an actuator.
-        actuator: kind of all actuators.
+        scales: has the kind of all actuators, and where servos saturate.
     """
     k = len(friction_speed)
     first = model.nv - k
@@ -274,9 +277,10 @@ def joint_parts(
         for i, speed in enumerate(friction_speed)
     ]
     start += k
-    columns += [
-        Column(actuator, start + i, dof=first + joint, input=i) for i, joint in enumerate(driven)
-    ]
+    ends = None if scales.saturation is None else scales.saturation.tolist()
+    for i, joint in enumerate(driven):
+        limit = {} if ends is None else {"limit": ends[i]}
+        columns.append(Column(scales.actuator, start + i, dof=first + joint, input=i, **limit))
     return rotating, columns
 
 

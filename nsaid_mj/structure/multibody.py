@@ -135,6 +135,8 @@ class Multibody(JointTree, SampledSystem):
         F[self.group + joint, coulomb + joint] = -np.tanh(rate / self.friction_speed)
         servos = self.scales.actuator == "servo"
         pushes = u - self.angles(q)[self.driven] if servos else u
+        if self.scales.saturation is not None:
+            pushes = np.clip(pushes, -self.scales.saturation, self.scales.saturation)
         F[self.group + self.driven, gain + np.arange(self.n_u)] = pushes
         return F
 

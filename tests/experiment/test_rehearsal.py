@@ -38,7 +38,7 @@ THETA = np.array([2.0, 1.5, 0.3, 3.0, 1.0, 0.8, -0.2, 2.0])
 
 
 @dataclass
-class Waves:
+class Waves(Driver):
     """A driver that starts anywhere and pushes in sines, of no system in particular."""
 
     n: int
@@ -50,6 +50,9 @@ class Waves:
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         return 0.4 + self.size * np.sin((1 + 0.3 * np.arange(self.n_u)) * t)
+
+    def compiled(self, t: Array) -> None:
+        """Only `command` computes it."""
 
 
 # -- the Gramian ---------------------------------------------------------------------------------

@@ -177,7 +177,9 @@ def changed(value: Any, name: str) -> Iterator[Any]:
         yield float(np.nextafter(value, 0.4))
 
 
-WHOLE = Scenario(rivals={"known": ConventionalAID()}, plant=ArmPlant(damping=2.0))
+WHOLE = Scenario(
+    rivals={"known": ConventionalAID()}, plant=ArmPlant(damping=2.0, gain=1.5, actuator="motor")
+)
 SCALAR = Scenario(plant=ScalarRovPlant(), excitation=MultisineCommand(), identifier=NullspaceAID())
 
 

@@ -1,6 +1,7 @@
 """The cone of physical parameters: its barrier, its chart, and the law in its metric."""
 
 from functools import partial
+from typing import Any
 from itertools import pairwise
 
 import numpy as np
@@ -42,6 +43,12 @@ def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> N
     return cone_identifier(
         system, np.full(system.n, 6.0), gain * system.space.scale**2, prior, dt, mu
     )
+
+
+def generic_motion(law: NullspaceIdentifier) -> partial:
+    """The law's motion, computed by the generic system from sampled regressors."""
+    motion: Any = GeneralSystem.motion
+    return partial(motion, law.system, hermite=True)
 
 
 def to_chart(cone, theta):
@@ -442,7 +449,7 @@ def test_the_compiled_body_step_equals_the_general_one(monkeypatch):
         build("bluerov2", inside("bluerov2", 2)),
     )
     fast = identify(law, measured)[-1]
-    monkeypatch.setattr(law, "motion", partial(GeneralSystem.motion, law.system, hermite=True))
+    monkeypatch.setattr(law, "motion", generic_motion(law))
     slow = identify(law, measured)[-1]
     scale = law.system.space.scale
     np.testing.assert_allclose(fast.theta_hat / scale, slow.theta_hat / scale, rtol=0, atol=1e-11)
@@ -514,9 +521,7 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
         gain = 10.0 ** (3 + seed)
         law = build("bluerov2", inside("bluerov2", seed), gain=gain, mu=1 / gain)
         if not compiled:
-            monkeypatch.setattr(
-                law, "motion", partial(GeneralSystem.motion, law.system, hermite=True)
-            )
+            monkeypatch.setattr(law, "motion", generic_motion(law))
         state = law.init(measured[0])
         for before, after in pairwise(measured):
             state = law.step(state, before, after)
@@ -537,9 +542,7 @@ def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch,
     for seed in range(2):
         law = build("remus100", inside("remus100", seed, 1.0), gain=700.0, mu=1e-4)
         if not compiled:
-            monkeypatch.setattr(
-                law, "motion", partial(GeneralSystem.motion, law.system, hermite=True)
-            )
+            monkeypatch.setattr(law, "motion", generic_motion(law))
         state = law.init(measured[0])
         for before, after in pairwise(measured[:100]):
             following = law.step(state, before, after)

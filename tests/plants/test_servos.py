@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj import FourierTracking
-from nsaid_mj.errors import InvalidInput
+from nsaid_mj.errors import RobotChanged
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.plants import ArmPlant, Loss
@@ -62,12 +61,66 @@ def test_a_servos_loss_weakens_its_stiffness():
     assert missing == pytest.approx([0, 0.4 * kp[1] * (u - q)[1], 0], abs=1e-9)
 
 
-def test_a_driver_that_computes_torques_refuses_servos():
+@pytest.fixture
+def file(tmp_path):
+    """An arm as `nsaid identify` exports it, whose servos differ and one of which saturates."""
+    path = tmp_path / "calibrated.xml"
+    path.write_text("""<mujoco><worldbody>
+<body><joint name="lift" axis="0 1 0" armature=".02" frictionloss=".1"/>
+<geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/>
+<body pos=".3 0 0"><joint name="elbow" axis="0 1 0" armature=".01" frictionloss=".05"/>
+<geom type="capsule" size=".02" fromto="0 0 0 .2 0 0"/></body></body></worldbody><actuator>
+<position joint="lift" kp="12" kv=".6"/>
+<position joint="elbow" kp="8" kv=".3" forcerange="-2 2"/></actuator></mujoco>""")
+    return path
+
+
+def test_servos_are_those_of_the_file(file):
+    plant = ArmPlant(str(file), spread=0.0).build(1e-3, 0)
+    theta, space = plant.truth, plant.system.space
+    for block, numbers in {
+        "servo gain": [12, 8], "viscous friction": [0.6, 0.3],
+        "Coulomb friction": [0.1, 0.05], "rotor inertia": [0.02, 0.01],
+    }.items():  # fmt: skip
+        assert theta[space[block]] == pytest.approx(numbers)
+    q, still = np.zeros(2), np.zeros(2)
+    near, limit, beyond = (
+        acceleration(plant, q, still, np.array([0, u])) for u in (0.2, 0.25, 1.0)
+    )
+    assert beyond == pytest.approx(limit, rel=1e-12) and np.abs(beyond - near).max() > 1
+    motors = ArmPlant(str(file), actuator="motor").build(1e-3, 0)
+    assert "motor gain" in {block.name for block, _ in motors.system.space}
+
+
+@pytest.mark.parametrize("backend", ["compiled", "pinocchio"])
+def test_w_theta_is_zero_where_a_servo_saturates(file, backend):
+    plant = ArmPlant(str(file), backend=backend).build(1e-3, 0)
+    q, v, u = np.array([0.3, 0.2]), np.array([0.5, -1.0]), np.array([0.1, 2.0])
+    a = acceleration(plant, q, v, u)
+    W = plant.system.regressor(0.0, np.r_[q, v], v, a, u)
+    assert np.abs(W @ plant.truth).max() <= 1e-12 * np.abs(W * plant.truth).max()
+
+
+def test_tracking_gives_servos_the_series_as_targets(file):
+    """`nsaid run arm --robot calibrated.xml --law efficient`."""
     from dataclasses import replace
 
-    scenario = replace(load("servo_arm"), excitation=FourierTracking())
-    with pytest.raises(InvalidInput, match="MultisineCommand"):
-        Setup.of(scenario).driver()
+    scenario = replace(load("arm"), plant=ArmPlant(str(file)))
+    driver = Setup.of(scenario).driver()
+    t = np.linspace(0, 3, 7)
+    targets = np.array(driver.compiled(t))
+    q, v = driver.start()
+    np.testing.assert_array_equal(targets[0], q)
+    np.testing.assert_array_equal(targets[4], driver.command(t[4], q + 1, v))
+    assert np.ptp(targets, axis=0).min() > 0.1
+
+
+def test_an_arm_with_servos_on_some_joints_says_that_it_gets_motors(file):
+    file.write_text(file.read_text().replace('<position joint="lift" kp="12" kv=".6"/>',
+                                             '<motor joint="lift"/>'))  # fmt: skip
+    with pytest.warns(RobotChanged, match="position or velocity servos"):
+        plant = ArmPlant(str(file)).build(1e-3, 0)
+    assert "motor gain" in {block.name for block, _ in plant.system.space}
 
 
 def test_stiffnesses_are_found_from_targets_and_encoders(tmp_path):

@@ -16,7 +16,7 @@ from rich.console import Console
 from nsaid_mj.calibration import words
 from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.result import Identification
-from nsaid_mj.evaluation.result import EXPLAINS
+from nsaid_mj.evaluation.result import EXPLAINS, Explains
 from nsaid_mj.evaluation.words import estimate
 from nsaid_mj.reporting import identification as reporting
 from nsaid_mj.reporting.drawings import extremes
@@ -67,7 +67,7 @@ def test_the_verdict_stands_before_any_figure_and_findings_follow_it(text: str) 
 @pytest.mark.parametrize(
     ("explains", "kind"), [("yes", "good"), ("partly", "fair"), ("no", "poor")]
 )
-def test_the_verdict_has_colour_and_glyph(explains: str, kind: str) -> None:
+def test_the_verdict_has_colour_and_glyph(explains: Explains, kind: str) -> None:
     text = page(identification(("only",), explains=explains))
     assert f'class="banner verdict {kind}"' in text
     assert EXPLAINS[explains].glyph in text

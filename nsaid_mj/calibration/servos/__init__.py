@@ -12,4 +12,5 @@ from .identify import identify_servos as identify_servos
 from .identify import read_servos as read_servos
 from .identify import servo_logs as servo_logs
 from .logs import ServoLog as ServoLog
+from .result import Replayed as Replayed
 from .result import ServoIdentification as ServoIdentification

@@ -7,24 +7,25 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from ...errors import InvalidInput
+from ...evaluation.result import Parameter
 from ...numerics.threads import single_threaded
 from ...parameters import Array
 from ...resources import asset
-from ...robot.mjcf_file import compile_file
-from ...robot.tree import actuators_of, joint_names
 from ..data import RobotModel
 from ..findings import Finding
 from ..logs import Map, Table, read_map, read_tables
 from ..models import load_robot_model
 from ..payloads import Load, carrier, check_loads
-from .estimate import estimate
+from .estimate import Estimate, estimate
+from .follow import follow
 from .logs import ServoLog, read_servo_logs, servo_map
 from .result import ServoIdentification
 from .words import (
+    apart,
+    by_filter,
     gravity_notes,
     masses,
     parameters,
@@ -106,9 +107,7 @@ def read_servos(
         InvalidInput: a column or joint of the map does not exist, or loads differ.
         UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
-    found = None
-    if robot.kind == "mjcf" and robot.source is not None:
-        found = servos_in(robot.source, robot.joints)
+    found = None if robot.source is None or robot.passive else robot.servos
     columns = servo_map(tables, mapping, robot.joints) if found is not None else None
     if found is None or columns is None:
         return None
@@ -117,38 +116,22 @@ def read_servos(
     if len(kinds) > 1:
         remedy = "Give logs of one load, in one place."
         raise InvalidInput("--load", "one load of a servo arm", f"{len(kinds)} of them", remedy)
-    read, findings = read_servo_logs(robot, tables, columns, mapping, found[1], carrying)
+    read, findings = read_servo_logs(robot, tables, columns, mapping, found.range, carrying)
     own = [f for f in robot.findings if f.code != "servo"]
     in_order = tuple(sorted(read, key=lambda log: log.loaded))  # free ones first
-    return ServoLogs(robot, in_order, found[0], (*own, *findings), next(iter(kinds), None))
-
-
-def servos_in(path: Path, joints: Sequence[str]) -> tuple[Array, Array] | None:
-    """(n,) kp and (n, 2) limits of the targets; None unless every joint has one position servo."""
-    mj = compile_file(path)[1]
-    names, kp, limits = joint_names(mj), [], []
-    for joint in joints:
-        own = actuators_of(mj, names.index(joint))
-        if len(own) != 1 or mj.actuator_biastype[own[0]] != mujoco.mjtBias.mjBIAS_AFFINE:
-            return None
-        gain, bias = mj.actuator_gainprm[own[0], 0], mj.actuator_biasprm[own[0]]
-        if gain <= 0 or not np.isclose(bias[1], -gain) or mj.actuator_gear[own[0], 0] != 1:
-            return None
-        kp.append(gain)
-        limited = mj.actuator_ctrllimited[own[0]]
-        limits.append(mj.actuator_ctrlrange[own[0]] if limited else [-np.inf, np.inf])
-    return np.array(kp), np.array(limits, dtype=np.float64)
+    return ServoLogs(robot, in_order, found.kp, (*own, *findings), next(iter(kinds), None))
 
 
 @single_threaded
 def identify_servos(
-    given: ServoLogs, told: Callable[[str], None] = lambda _: None
+    given: ServoLogs, told: Callable[[str], None] = lambda _: None, law: str = "batch"
 ) -> ServoIdentification:
     """Identifies stiffness, damping, friction, armature and delay of every servo by output error.
 
     Args:
         given: an arm and its logs, see `servo_logs`.
         told: called with the name of every stage, for progress.
+        law: `batch`, or `efficient` for a filter that follows the logs besides, sample by sample.
 
     Raises:
         InvalidInput: the logs without a load are shorter than ten seconds together.
@@ -163,25 +146,47 @@ def identify_servos(
     names, joints, used = given.robot.joints, found.joints, found.used
     pairs = list(zip(names, joints, strict=True))
     servos = tuple(servo(name, joint, found.scale) for name, joint in pairs)
+    own = tuple(
+        p
+        for k, (name, joint) in enumerate(pairs, 1)
+        for p in parameters(name, k, joint, found.scale)
+    )
     explains, sentence, doubts = verdict(servos, joints)
     notes = [*_masked(given.logs, used), *gravity_notes(servos, joints), *saturation_notes(servos)]
     if given.load is not None and found.scale is not None:
         carrying = names[carrier(given.robot.model, given.load)[0] - 1]
         notes.append(weighed(given.load, carrying, found.scale))
+    along: tuple[Parameter, ...] = ()
+    if law == "efficient":
+        told("following the logs by law efficient")
+        along = _along(given, found)
+        notes += apart(along, own)
     return ServoIdentification(
         explains=explains,
         verdict=sentence,
-        parameters=tuple(
-            p
-            for k, (name, joint) in enumerate(pairs, 1)
-            for p in parameters(name, k, joint, found.scale)
-        ),
+        parameters=own,
+        law=along,
         findings=(*doubts, *found.findings, *notes, *given.findings),
         robot=given.robot,
         servos=servos,
         scale=masses(found.scale),
-        masked=float(1 - used.mean()),
+        used=used,
         seconds=time.perf_counter() - begin,
+    )
+
+
+def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:
+    """T, f/kp and kp of every joint by the filter, at the end of the free logs."""
+    free = [log for log in given.logs if not log.loaded]
+    used = found.used[: sum(len(log.t) for log in free)]
+    n = len(given.robot.joints)
+    filters = follow([[log.joint(j) for log in free] for j in range(n)], found.joints, used)
+    return tuple(
+        p
+        for k, (name, fit, one) in enumerate(
+            zip(given.robot.joints, found.joints, filters, strict=True), 1
+        )
+        for p in by_filter(name, k, fit, one, found.scale)
     )
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...evaluation.result import Parameter, Result
+from ...parameters import Array
 from ..data import RobotModel
+from .logs import ServoLog
 
 
 @dataclass(frozen=True)
@@ -47,17 +49,25 @@ class ServoIdentification(Result):
     Attributes:
         robot: the model.
         servos: of every joint, in the order of `robot.joints`.
+        law: T, f/kp and kp of every joint by the filter at the end of the logs; empty without it.
         scale: the true masses over those of the model file, if a load was weighed; kp, kv, armature
             and friction are those under the true masses.
-        masked: share of the samples left out because of foreign forces.
+        used: (N,) 1 of samples in use, 0 of those left out because of foreign forces, of the logs
+            in their order.
         seconds: what the identification took [s].
     """
 
     robot: RobotModel
     servos: tuple[Servo, ...]
+    law: tuple[Parameter, ...] = ()
     scale: tuple[Parameter, ...]
-    masked: float
+    used: Array
     seconds: float
+
+    @property
+    def masked(self) -> float:
+        """Share of the samples left out."""
+        return float(1 - self.used.mean())
 
     def summary(self) -> dict[str, Any]:
         """Everything, for JSON."""
@@ -68,7 +78,22 @@ class ServoIdentification(Result):
             "verdict": self.verdict,
             "servos": [asdict(servo) for servo in self.servos],
             "parameters": [parameter.document() for parameter in (*self.parameters, *self.scale)],
+            "efficient": [parameter.document() for parameter in self.law],
             "masked": self.masked,
             "findings": [asdict(finding) for finding in self.findings],
             "seconds": self.seconds,
         }
+
+
+class Replayed(NamedTuple):
+    """Logs, and how the exported file follows them, driven by their targets alone.
+
+    Attributes:
+        logs: without loads.
+        simulated: of every log (N, n) positions [rad or m].
+        used: (N,) 1 of samples in use, 0 of those that the fit left out, of all logs in a row.
+    """
+
+    logs: tuple[ServoLog, ...]
+    simulated: tuple[Array, ...]
+    used: Array

@@ -75,44 +75,53 @@ def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
 
 @njit(cache=True)
 def _simulate(t, target, q, load, inertia, limit, theta, effects, longest, out):
-    """Steps of the θ-method; the joint sticks where friction can hold what drives it.
+    """Positions at all samples."""
+    held, v = 0, 0.0
+    out[0] = q
+    for i in range(len(t) - 1):
+        q, v, held = row(t, target, load, inertia, limit, theta, effects, longest, i, held, q, v)
+        out[i + 1] = q
 
-    θ between 1/2 and 1 makes the decay of a speed by damping alone, exp(−h T/J), exact, so that
-    steps may be longer than J/T. The target is averaged over each step after its delay, so that
-    positions are continuous in it. A servo that saturates exerts its largest force over a step.
+
+@njit(cache=True)
+def row(t, target, load, inertia, limit, theta, effects, longest, i, held, q, v):
+    """Position, velocity and number of the target in force at sample i + 1, from those at i.
+
+    Steps of the θ-method; the joint sticks where friction can hold what drives it. θ between 1/2
+    and 1 makes the decay of a speed by damping alone, exp(−h T/J), exact, so that steps may be
+    longer than J/T. The target is averaged over each step after its delay, so that positions are
+    continuous in it. A servo that saturates exerts its largest force over a step.
     """
     T, f, g, a, d = theta
     stribeck, rising = effects
-    last, held, v = len(t) - 1, 0, 0.0
-    out[0] = q
-    for i in range(last):
-        steps = int(np.ceil((t[i + 1] - t[i]) / longest))
-        h = (t[i + 1] - t[i]) / steps
-        J = a + g * (inertia[i] + inertia[i + 1]) / 2
-        decay, resisted = h * T / J, h * T + h * h / 2
-        part = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
-        for s in range(steps):
-            begin = t[i] + s * h - d
-            while held < last and t[held + 1] <= begin:
-                held += 1
-            at, k, area = begin, held, 0.0
-            while k < last and t[k + 1] < begin + h:
-                area += target[k] * (t[k + 1] - at)
-                at = t[k + 1]
-                k += 1
-            area += target[k] * (begin + h - at)
-            w = (s + 0.5) / steps
-            hold = g * ((1 - w) * load[i] + w * load[i + 1])
-            error, grip = area - h * q, h * (f + rising * abs(hold))
-            if stribeck > 0:
-                grip += h * stribeck * np.exp(-((v / FALL) ** 2))
-            drive = (J - (1 - part) * resisted) * v + error - h * hold
-            before, v = v, 0.0
-            if abs(drive) > grip:
-                v = (drive - np.sign(drive) * grip) / (J + part * resisted)
-            servo = error - resisted * ((1 - part) * before + part * v)
-            if abs(servo) > h * g * limit:
-                drive = J * before + np.sign(servo) * h * g * limit - h * hold
-                v = np.sign(drive) * max(abs(drive) - grip, 0.0) / J
-            q += h * ((1 - part) * before + part * v)
-        out[i + 1] = q
+    last = len(t) - 1
+    steps = int(np.ceil((t[i + 1] - t[i]) / longest))
+    h = (t[i + 1] - t[i]) / steps
+    J = a + g * (inertia[i] + inertia[i + 1]) / 2
+    decay, resisted = h * T / J, h * T + h * h / 2
+    part = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
+    for s in range(steps):
+        begin = t[i] + s * h - d
+        while held < last and t[held + 1] <= begin:
+            held += 1
+        at, k, area = begin, held, 0.0
+        while k < last and t[k + 1] < begin + h:
+            area += target[k] * (t[k + 1] - at)
+            at = t[k + 1]
+            k += 1
+        area += target[k] * (begin + h - at)
+        w = (s + 0.5) / steps
+        hold = g * ((1 - w) * load[i] + w * load[i + 1])
+        error, grip = area - h * q, h * (f + rising * abs(hold))
+        if stribeck > 0:
+            grip += h * stribeck * np.exp(-((v / FALL) ** 2))
+        drive = (J - (1 - part) * resisted) * v + error - h * hold
+        before, v = v, 0.0
+        if abs(drive) > grip:
+            v = (drive - np.sign(drive) * grip) / (J + part * resisted)
+        servo = error - resisted * ((1 - part) * before + part * v)
+        if abs(servo) > h * g * limit:
+            drive = J * before + np.sign(servo) * h * g * limit - h * hold
+            v = np.sign(drive) * max(abs(drive) - grip, 0.0) / J
+        q += h * ((1 - part) * before + part * v)
+    return q, v, held

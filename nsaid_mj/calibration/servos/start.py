@@ -16,7 +16,8 @@ _MOVING = 0.05  # slower samples stick, where friction has no sign [rad/s]
 _SMOOTH = 0.02  # s of tanh(v/s) [rad/s]
 _DELAYS = np.arange(0.005, 0.125, 0.01)  # tried [s]
 _ROUNDS = 5  # of reweighting
-_LEAST = (1e-3, 1e-5, 1e-6, 1e-6)  # T, f, g, a: a logarithm needs more than 0
+LEAST = (1e-3, 1e-5, 1e-6, 1e-6)
+"""Of T, f, g, a: a logarithm needs more than 0."""
 
 
 def start(logs: Sequence[JointLog]) -> Array:
@@ -35,7 +36,7 @@ def start(logs: Sequence[JointLog]) -> Array:
             continue
         theta, error = _robust(A, y)
         if error < best:
-            best, found = error, np.r_[np.maximum(theta, _LEAST), delay]
+            best, found = error, np.r_[np.maximum(theta, LEAST), delay]
     return found
 
 

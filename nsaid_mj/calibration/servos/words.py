@@ -6,11 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ...evaluation.confidence import INTERVAL
 from ...evaluation.result import Explains, Parameter, Status
 from ..findings import Finding
 from ..payloads import Load
 from .estimate import JointEstimate, MassScale
 from .fit import GRAVITY, NAMES
+from .follow import Followed
 from .result import Servo
 
 _NEARLY = 0.8  # error over that of a simple prediction above which the model explains nothing
@@ -50,10 +52,34 @@ def parameters(
         about = f"{label} of {name}"
         found.append(
             Parameter(
-                f"{short}_{k}", about, "servo", unit, value, low, high, value, status, combination
+                f"{short}_{k}", about, "servo", unit, value, low, high, np.nan, status, combination
             )
         )
     return tuple(found)
+
+
+def by_filter(
+    name: str, k: int, fit: JointEstimate, filtered: Followed, scale: MassScale | None
+) -> tuple[Parameter, ...]:
+    """T, f/kp and kp of a joint, numbered k, at a filter's end, under the true masses."""
+    x, variance = fit.x.copy(), np.zeros(len(fit.x))
+    x[:3], variance[:3] = filtered.x[-1], filtered.deviation[-1] ** 2
+    kp = variance[GRAVITY] + fit.offset**2 + (0.0 if scale is None else scale.deviation**2)
+    own = fit._replace(
+        x=x, covariance=np.diag(variance), quantile=INTERVAL, scaled=float(np.sqrt(kp))
+    )
+    return tuple(p for p in parameters(name, k, own, scale) if p.name[:1] in "Tfk")
+
+
+def apart(along: Sequence[Parameter], fitted: Sequence[Parameter]) -> list[Finding]:
+    """Where a filter and the batch fit differ by more than both intervals."""
+    own = {p.name: p for p in fitted}
+    names = [p.label for p in along if p.low > own[p.name].high or p.high < own[p.name].low]
+    if not names:
+        return []
+    text = "it differs from the batch fit by more than both intervals in " + ", ".join(names)
+    remedy = "Trust neither interval there; the batch fit uses all rows at once."
+    return [Finding("warning", "law", "law efficient", text, remedy)]
 
 
 def _lag(joint: JointEstimate) -> str:

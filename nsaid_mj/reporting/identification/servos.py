@@ -11,9 +11,8 @@ from rich.console import Console
 
 from ... import __version__
 from ...calibration.comparison import Score
-from ...calibration.servos import ServoIdentification, ServoLog
+from ...calibration.servos import Replayed, ServoIdentification
 from ...evaluation.result import Parameter
-from ...parameters import Array
 from .. import pages
 from ..drawings import figures_of
 from ..pages import Cell, Figures, Page, Panel, Section, Table, Text
@@ -31,44 +30,51 @@ _PER_SERVO = 6  # parameters
 def write_servos(
     result: ServoIdentification,
     folder: Path,
-    command: str = "",
-    replay: tuple[ServoLog, Array] | None = None,
+    commands: Sequence[str] = (),
+    replay: Replayed | None = None,
 ) -> Path:
     """Writes report.html into a folder, atomically, and returns its path.
 
-    `command` repeats the identification; `replay` is a log, and its positions (N, n) as simulated
-    with the exported file.
+    `commands` repeat the identification and show its recording; the first log of `replay` is drawn.
     """
-    page = _page(result, [command] if command else [])
+    page = _page(result, commands)
     if replay is not None:
-        page = dataclasses.replace(page, sections=[*page.sections, _replay(result, *replay)])
+        page = dataclasses.replace(page, sections=[*page.sections, _replay(result, replay)])
     return pages.write(page, folder)
 
 
-def _replay(result: ServoIdentification, log: ServoLog, simulated: Array) -> Section:
-    """Positions of every joint, measured and simulated."""
+def _replay(result: ServoIdentification, replay: Replayed) -> Section:
+    """Positions of every joint, measured and simulated; windows left out of the fit are shaded."""
+    log = replay.logs[0]
     t = log.t[log.t <= log.t[0] + _REPLAYED] - log.t[0]
+    used = replay.used[: len(t)] > 0
     panels = [
         Comparison(servo.name, "q", "rad or m", t, log.position[: len(t), j],
-                   simulated[: len(t), j])
+                   replay.simulated[0][: len(t), j], used=used)
         for j, servo in enumerate(result.servos)
     ]  # fmt: skip
     note = "MuJoCo with the exported file, driven by the targets alone from the first position on"
     note += f"; the first {t[-1]:.0f} s." if len(t) < len(log.t) else "."
+    note += "" if used.all() else " Shaded: left out of the fit, because of foreign forces."
     return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
 
 
 def print_servos(result: ServoIdentification, console: Console, files: Sequence[Path] = ()) -> None:
     """Prints the verdict, findings, every servo with its 95 % intervals, and the written files."""
-    page = _page(result, list(map(str, files)))
-    narrow = [Table([head.replace(" [", "\n[") for head in panel.heads], panel.lines)
+    page = brief(result, files)
+    narrow = [Table([head.replace(" [", "\n[") for head in panel.heads], panel.lines, spare=(7,))
               if isinstance(panel, Table) else panel
               for panel in page.sections[0].panels]  # fmt: skip
-    brief = Page(
-        "", page.verdict, findings=page.findings, sections=[Section("", narrow)],
-        commands=page.commands,
+    print_page(dataclasses.replace(page, heading="", sections=[Section("", narrow)]), console)
+
+
+def brief(result: ServoIdentification, files: Sequence[Path] = ()) -> Page:
+    """What the terminal and the recording tell of servos; the files are listed last."""
+    page = _page(result, list(map(str, files)))
+    return Page(
+        page.heading, page.verdict, findings=page.findings,
+        sections=[Section("", page.sections[0].panels)], commands=page.commands,
     )  # fmt: skip
-    print_page(brief, console)
 
 
 def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
@@ -81,6 +87,11 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
     if any(parameter.combination for parameter in result.parameters):
         panels.append(Text("~ only in combination with others; identification.json says which.",
                            note=True))  # fmt: skip
+    if result.law:
+        found = [[s.name, *(_cell(p) for p in result.law[3 * k : 3 * k + 3])]
+                 for k, s in enumerate(result.servos)]  # fmt: skip
+        panels += [Text("Law efficient, a filter from positions alone, at the end of the logs:"),
+                   Table(_HEADS[:4], found)]  # fmt: skip
     panels.append(Text("± in %; error: of the open-loop simulation; simple: of the late target "
                        "or a constant.", note=True))  # fmt: skip
     return Page(

@@ -6,7 +6,10 @@ import pytest
 from nsaid_mj.calibration.payloads import Load
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
 from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale, _moderated
+from nsaid_mj.calibration.servos.follow import Followed
 from nsaid_mj.calibration.servos.words import (
+    apart,
+    by_filter,
     gravity_notes,
     masses,
     parameters,
@@ -32,6 +35,16 @@ def joint(deviations=(0.05,) * 5, *, gravity=True, offset=0.0, error=2e-3, simpl
 def status(joint, name, scale=None):
     (found,) = [p for p in parameters("elbow", 1, joint, scale) if p.name == f"{name}_1"]
     return found.status
+
+
+def test_a_filter_that_excludes_the_fit_is_told_and_no_other():
+    fitted = parameters("elbow", 1, joint(), None)
+    for change, told in ((0.05, False), (0.5, True)):
+        at = Followed(np.log(THETA[None, :3]) + change, np.full((1, 3), 0.05))
+        along = by_filter("elbow", 1, joint(), at, None)
+        assert [p.name for p in along] == ["T_1", "f_1", "kp_1"]
+        assert along[2].value == pytest.approx(np.exp(-change) / THETA[2])
+        assert [f.code for f in apart(along, fitted)] == ["law"] * told
 
 
 def test_kp_is_a_convention_where_no_gravity_acts_and_only_there():

@@ -1,0 +1,121 @@
+"""The law `efficient` of a servo: an extended filter of T, f and g from targets and positions.
+
+It needs no velocity. Predictions are those of `simulation`, with exact stick–slip, differentiated
+numerically. What the structure does not explain is a noise of the command as large as what the
+batch fit leaves, of which as few samples are independent as in that fit. Armature and delay are the
+fit's; where gravity does not tell kp, so is kp.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ...parameters import Array
+from .estimate import JointEstimate
+from .fit import EFFECTIVE, GRAVITY
+from .simulation import NONE, STEP, JointLog, row
+from .start import LEAST, start
+
+_BEGIN = 10.0  # of the first log, whose regression is the filter's start [s]
+_SPREAD = np.array([1.0, 2.0, 2.0])  # standard deviations of ln T, ln f, ln g there
+_CHANGES = np.array([1e-4, 1e-3, 0.02, 0.02, 0.02])  # of numerical derivatives: q, v, ln θ
+
+
+class Followed(NamedTuple):
+    """A filter along all logs of a joint, in a row.
+
+    Attributes:
+        x: (N, 3) ln T, ln f, ln g.
+        deviation: (N, 3) their standard deviations; 0 of what is the batch fit's.
+    """
+
+    x: Array
+    deviation: Array
+
+
+def follow(
+    logs: Sequence[Sequence[JointLog]], fits: Sequence[JointEstimate], used: Array
+) -> tuple[Followed, ...]:
+    """The filters of all joints.
+
+    Args:
+        logs: of every joint.
+        fits: the batch fit of every joint.
+        used: (N,) 1 of samples that count, 0 of windows with foreign forces.
+    """
+    starts = np.array([np.log(start([_begin(own[0])])[:3]) for own in logs])
+    told = starts[:, GRAVITY] > np.log(2 * LEAST[GRAVITY])
+    if told.any():  # servos of an arm are alike
+        starts[~told, GRAVITY] = starts[told, GRAVITY].mean()
+    return tuple(
+        _followed(own, fit, x, used) for own, fit, x in zip(logs, fits, starts, strict=True)
+    )
+
+
+def _begin(log: JointLog) -> JointLog:
+    count = int(np.searchsorted(log.t, log.t[0] + _BEGIN))
+    return JointLog(*(part[:count] for part in log[:5]), limit=log.limit)
+
+
+def _followed(logs: Sequence[JointLog], fit: JointEstimate, x: Array, used: Array) -> Followed:
+    """The filter of one joint, from ln T, ln f, ln g (3,)."""
+    theta, inertia = fit.theta.copy(), np.concatenate([log.inertia for log in logs])
+    J = theta[3] + theta[GRAVITY] * float(inertia.mean())
+    power = np.pi / 2 * fit.error**2 / EFFECTIVE  # density of the residual [rad²·s]
+    x, P = np.r_[0.0, 0.0, x], np.diag(np.r_[0.0, 0.0, _SPREAD**2])
+    if not fit.gravity:
+        x[2 + GRAVITY], P[2 + GRAVITY] = fit.x[GRAVITY], 0.0
+    found, begin = [], 0
+    for log in logs:
+        counts, h = used[begin : begin + len(log.t)], float(np.median(np.diff(log.t)))
+        begin += len(log.t)
+        noise, out = power / h, np.empty((len(log.t), 6))
+        x[:2], P[:2], P[:, :2] = (log.position[0], 0.0), 0.0, 0.0
+        P[0, 0] = noise
+        _follow(*log, theta, x, P, counts, noise, power / (EFFECTIVE * h) / J**2, out)
+        found.append(out)
+    rows = np.concatenate(found)
+    return Followed(rows[:, :3], rows[:, 3:])
+
+
+@njit(cache=True)
+def _follow(t, target, position, load, inertia, limit, theta, x, P, used, noise, power, out):
+    """Predicts and corrects at every sample; x (5,) is q, v, ln T, ln f, ln g, P (5, 5) is of it.
+
+    `noise` is the variance of a position [rad²], `power` the density of accelerations [rad²/s³].
+    """
+    held, ends, F, eye = 0, np.empty((2, 2)), np.eye(5), np.eye(5)
+    last = theta.copy()
+    for i in range(len(t)):
+        if i:
+            for k in range(5):
+                for side in range(2):
+                    y = x.copy()
+                    y[k] += _CHANGES[k] * (1 - 2 * side)
+                    last[:3] = np.exp(y[2:])
+                    ends[side, 0], ends[side, 1], _ = row(
+                        t, target, load, inertia, limit, last, NONE, STEP, i - 1, held, y[0], y[1]
+                    )
+                F[:2, k] = (ends[0] - ends[1]) / (2 * _CHANGES[k])
+            last[:3] = np.exp(x[2:])
+            x[0], x[1], held = row(
+                t, target, load, inertia, limit, last, NONE, STEP, i - 1, held, x[0], x[1]
+            )
+            P[:] = F @ P @ F.T
+            h = t[i] - t[i - 1]
+            P[0, 0] += power * h**3 / 3
+            P[0, 1] += power * h * h / 2
+            P[1, 0] += power * h * h / 2
+            P[1, 1] += power * h
+            if used[i] > 0:
+                K = P[:, 0] / (P[0, 0] + noise)
+                x += K * (position[i] - x[0])
+                rest = eye.copy()
+                rest[:, 0] -= K
+                P[:] = rest @ P @ rest.T + np.outer(K, K) * noise
+        out[i, :3] = x[2:]
+        out[i, 3:] = np.sqrt(np.diag(P)[2:])

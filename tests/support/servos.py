@@ -1,0 +1,38 @@
+"""An identification of servos made up: two joints that lift an arm, one of them loaded."""
+
+import numpy as np
+
+from nsaid_mj.calibration.payloads import Load
+from nsaid_mj.calibration.servos import ServoIdentification
+from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale
+from nsaid_mj.calibration.servos.words import masses, parameters, servo, weighed
+from nsaid_mj.robot.loading import load_tree
+from nsaid_mj.robot.model import RobotModel
+
+NAMES = ("lift", "elbow")
+
+
+def identified_servos(used, file=None):
+    """The result.
+
+    Args:
+        used: (N,) 1 of samples in use.
+        file: of the model, with two joints; None without one.
+    """
+    none = np.zeros(2)
+    robot = RobotModel("arm", None, "mjcf", None, NAMES, none, none, none, none + 1, none + np.inf)
+    if file is not None:
+        robot = load_tree(str(file))
+    joint = JointEstimate(
+        np.log([0.06, 0.02, 0.08, 2e-3, 0.015]), 0.01 * np.eye(5), 2.0, True, 0.0, 2e-3, 2e-2, 0.1
+    )
+    scale = MassScale(np.log(1.3), 0.03, 2.0, np.zeros(3), np.full(3, 0.01))
+    return ServoIdentification(
+        explains="yes", verdict="The servo model explains the motion.", robot=robot,
+        servos=tuple(servo(name, joint, scale) for name in NAMES),
+        parameters=tuple(
+            p for k, name in enumerate(NAMES, 1) for p in parameters(name, k, joint, scale)
+        ),
+        scale=masses(scale), used=used,
+        findings=(weighed(Load("b.csv", 0.2), "elbow", scale),), seconds=1.0,
+    )  # fmt: skip
