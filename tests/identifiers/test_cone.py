@@ -1,8 +1,8 @@
 """The cone of physical parameters: its barrier, its chart, and the law in its metric."""
 
 from functools import partial
-from typing import Any
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
