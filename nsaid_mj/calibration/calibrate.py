@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from .residuals import doubts, followed, widened, with_doubts
 from .result import Curves, Identification, JointFit
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
-from .structure import Options
+from .structure import Options, Structured
 from .vehicles import structured_vehicle
 
 _FOLDS = 5
@@ -76,7 +76,6 @@ def calibrate(
         problems = [rescaled(each, known) for each in problems]
     problem, *others = (with_known(each, known) for each in problems)
     fit, share = tempered_fit(problem)
-    at = problem.space.actuators
     told("estimating intervals")
     exact = precision(problem, fit, share)
     if others:
@@ -85,17 +84,13 @@ def calibrate(
     stated = bool((made.spread < TRUSTED).all())
     left = followed(problem, fit.theta, exact.covariance, share, made.suspects(fit.theta))
     told("predicting held-out parts")
-    held_out, plain = _held_out(problem, share)
-    names = tuple(velocity.name for velocity in made.velocities)
-    checked = made.checked
-    judged = None if checked is None else checked.nrmse(fit.theta)
+    joints = _joints(made, problem, fit.theta, share, robot)
+    held_out = np.array([joint.held_out for joint in joints])
     if robot.system is not None:
-        idle = problem.hardly_moved(fit.theta, robot.system.velocity_units)
-        held_out[idle] = np.nan
-        found += [_not_judged(name) for name, still in zip(names, idle, strict=True) if still]
+        found += [_not_judged(joint.name) for joint in joints if np.isnan(joint.held_out)]
     found += doubts(problem, exact, left, held_out)
     exact = widened(exact, left)
-    unexplained = structure_checks(names, _worse(held_out, judged))
+    unexplained = structure_checks(tuple(joint.name for joint in joints), _worse(joints))
     found += unexplained
     if unexplained:
         doubted = _doubted(problem, [f.where for f in unexplained], robot.system is None)
@@ -104,21 +99,6 @@ def calibrate(
         )
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
     found += idle_values(problem, scale, known)
-    ls, nrmse = least_squares(problem, fit.theta[at]), problem.nrmse(fit.theta)
-    joints = tuple(
-        JointFit(
-            velocity.name,
-            float(nrmse[j]),
-            float(held_out[j]),
-            float(plain[j]),
-            None if judged is None else float(judged[j]),
-            None if checked is None else float(checked.nrmse(ls)[j]),
-            velocity.columns,
-            velocity.friction_speed,
-            velocity.delay,
-        )
-        for j, velocity in enumerate(made.velocities)
-    )
     explains, sentence = scale.judged(*with_doubts(*verdict(joints, robot.system is None), found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
@@ -138,7 +118,7 @@ def calibrate(
         covariance=exact.covariance,
         friction=nearest_friction(problem, fit.theta),
         curves=_curves(problem, fit.theta),
-        validation=None if checked is None else _curves(checked, fit.theta),
+        validation=None if made.checked is None else _curves(made.checked, fit.theta),
         law=None,
         cutoff=made.cutoff,
         seconds=time.perf_counter() - begin,
@@ -146,11 +126,46 @@ def calibrate(
     )
 
 
-def _worse(held_out: Array, validation: Array | None) -> Array:
-    """(n,) the larger NRMSE of the two, NaN for velocities that are not judged."""
-    if validation is None:
-        return held_out
-    return np.where(np.isfinite(held_out), np.fmax(held_out, validation), np.nan)
+def _joints(
+    made: Structured, problem: Problem, theta: Array, share: Array, robot: RobotModel
+) -> tuple[JointFit, ...]:
+    """How well every velocity is predicted, also by least squares with the gains of θ (p,).
+
+    The held-out error is NaN for velocities of a vehicle that hardly moves in them.
+    """
+    held_out, plain = _held_out(problem, share)
+    if robot.system is not None:
+        held_out[problem.hardly_moved(theta, robot.system.velocity_units)] = np.nan
+    nrmse, judged, bested = problem.nrmse(theta), None, None
+    if made.checked is not None:
+        least = least_squares(problem, theta[problem.space.actuators])
+        judged, bested = made.checked.nrmse(theta), made.checked.nrmse(least)
+    return tuple(
+        JointFit(
+            velocity.name,
+            float(nrmse[j]),
+            float(held_out[j]),
+            float(plain[j]),
+            None if judged is None else float(judged[j]),
+            None if bested is None else float(bested[j]),
+            velocity.columns,
+            velocity.friction_speed,
+            velocity.delay,
+        )
+        for j, velocity in enumerate(made.velocities)
+    )
+
+
+def _worse(joints: Sequence[JointFit]) -> Array:
+    """(n,) the larger NRMSE of held-out parts and validation; NaN where none is judged."""
+    return np.array(
+        [
+            joint.held_out
+            if joint.validation is None or np.isnan(joint.held_out)
+            else np.fmax(joint.held_out, joint.validation)
+            for joint in joints
+        ]
+    )
 
 
 def _not_judged(name: str) -> Finding:

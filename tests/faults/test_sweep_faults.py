@@ -176,7 +176,7 @@ def test_rows_without_manifest_and_table_are_kept_and_told(made: list[int], tmp_
     rows = (tmp_path / ROWS).read_bytes()
     (tmp_path / MANIFEST).unlink()
     (tmp_path / TABLE).unlink()
-    with pytest.raises(BadRun, match="nobody knows which sweep its rows belong to"):
+    with pytest.raises(BadRun, match="the sweep of its rows is unknown"):
         sweep(tmp_path)
     assert (tmp_path / ROWS).read_bytes() == rows
 

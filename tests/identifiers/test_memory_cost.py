@@ -121,7 +121,7 @@ def test_every_plants_truth_sees_the_cost_fall(name, seed):
     theta = truth * np.exp(rng.uniform(-1, 1, len(truth)))
     cost = weighted(name, "ideal", theta)
     measures = cost.effort.any(axis=0)  # of the actuators, and of what stands in for them in a row
-    share = (truth / theta)[measures].min()
+    share = (truth[measures] / theta[measures]).min()
     assert truth @ cost.gradient(theta) <= -2 * share * cost.value(theta) * (1 - 1e-3)
 
 
