@@ -201,23 +201,30 @@ def with_constants(
 ) -> tuple[Choice, list[Finding]]:
     """The choice with offsets and springs where they help the physical fit, which shares links.
 
-    Joint by joint, with the links' columns free for each, weight would replace both. `problem_of`
-    makes the fit of a choice.
+    Joint by joint, with the links' columns free for each, weight would replace both. A stiffness
+    below 0 is no spring but an error that grows with the position, such as a wrong gear ratio; it
+    is left to the residuals. `problem_of` makes the fit of a choice.
     """
-    best, findings = _shared_errors(problem_of(choice)), []
+    (best, _), findings = _shared_errors(problem_of(choice)), []
     for j, name in enumerate(names):
         for column, words in (("offset", "a constant offset"), ("spring", "a spring")):
             trial = choice.at(j, add="offset").at(j, add=column)
-            errors = _shared_errors(problem_of(trial))
-            if np.isfinite([errors, best]).all() and worthwhile(best, errors, _WORTH):
-                text = f"{words}; held-out NRMSE {_rms(best):.4f} → {_rms(errors):.4f}"
+            errors, found = _shared_errors(problem_of(trial))
+            if found.get(f"stiffness_{j + 1}", 0.0) < 0 or not np.isfinite([errors, best]).all():
+                continue
+            if worthwhile(best, errors, _WORTH):
+                fall = 1 - np.exp(np.log(errors / best).mean())
+                text = f"{words}; held-out errors, all joints multiplied, fall by {fall:.0%}"
                 findings.append(Finding("note", "columns", name, text, data={"columns": [column]}))
                 choice, best = trial, errors
     return choice, findings
 
 
-def _shared_errors(problem: Problem) -> Array:
-    """(5,) held-out errors of the physical fit: product of the joints' rms over the effort."""
+def _shared_errors(problem: Problem) -> tuple[Array, dict[str, float]]:
+    """(5,) held-out errors of the physical fit, and its parameters by name.
+
+    The errors are products of the joints' rms over the effort.
+    """
     whole = gramians(problem)
     start, found = minimise(problem, whole).theta, []
     for _, part in folds(problem, _FOLDS):
@@ -226,7 +233,7 @@ def _shared_errors(problem: Problem) -> Array:
         level = cost_of(own, problem.space).levels(theta)
         used = (own.counts > 0) & (level > 0)
         found.append(np.exp(0.5 * np.sum(np.log(level[used]))))
-    return np.array(found)
+    return np.array(found), dict(zip(problem.space.names, start.tolist(), strict=True))
 
 
 def _insists(shared: Array, own: Array) -> bool:

@@ -32,6 +32,7 @@ def check(line: dict) -> None:
 
 
 SHORT = [drawn(seed, number, [law]) for (seed, law), runs in FEW.items() for number in runs]
+SHORT += [drawn(4, 4, LAWS)]  # a wrong gear ratio, once taken for a spring of negative stiffness
 
 
 @pytest.mark.parametrize("case", SHORT, ids=[case.words for case in SHORT])
