@@ -130,9 +130,10 @@ def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
 
 
 def packed_folders() -> dict[str, Path]:
-    """The robots in assets, each described by a URDF of its folder's name."""
+    """The robots in assets, each described by a URDF or MJCF of its folder's name."""
     names = sorted(path.name for path in folder("assets").iterdir())
-    return {n: asset(n, f"{n}.urdf") for n in names if asset(n, f"{n}.urdf").is_file()}
+    files = [(name, asset(name, name + end)) for name in names for end in (".urdf", ".xml")]
+    return {name: file for name, file in files if file.is_file()}
 
 
 def _read(

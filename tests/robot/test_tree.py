@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.plants.world.coordinates import JointMap
 from nsaid_mj.plants.world.quiet import quiet
-from nsaid_mj.robot.loading import load_robot
+from nsaid_mj.robot.loading import load_robot, robot_file
 from nsaid_mj.robot.tree import rigid_tree, tree_spec
 
 TURNED = """
@@ -134,3 +134,9 @@ def test_any_tree_is_the_same_in_both_engines(body, seed):
     text = f'<mujoco><compiler angle="radian"/><worldbody>{body}</worldbody></mujoco>'
     with quiet():  # light bodies: no MUJOCO_LOG.TXT
         assert difference(mujoco.MjModel.from_xml_string(text), seed) < 1e-10
+
+
+@pytest.mark.parametrize(("name", "end"), [("so101", ".xml"), ("tx40", ".urdf"), ("ur5", ".urdf")])
+def test_a_packed_robot_is_found_without_example_robot_data(name, end, monkeypatch):
+    monkeypatch.setattr("nsaid_mj.robot.loading.example_robots", dict)
+    assert robot_file(name).path.suffix == end
