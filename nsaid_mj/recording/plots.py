@@ -36,10 +36,16 @@ class Plots:
     Args:
         curves: of the recording, whose names are in the legends.
         end: of the run [s]; None if unknown, as in a running one.
+        window: time that a plot shows, most of it after the cursor [s]; None for the whole run.
     """
 
-    def __init__(self, curves: Sequence[Curves] = (), end: float | None = None):
-        self._curves, self._end = curves, end
+    def __init__(
+        self,
+        curves: Sequence[Curves] = (),
+        end: float | None = None,
+        window: float | None = None,
+    ):
+        self._curves, self._end, self._window = curves, end, window
         self._entries: dict[Any, int] = {}  # in the legend of a view
 
     def __call__(
@@ -54,7 +60,7 @@ class Plots:
             share = (_LETTER * longest + _MARGIN) / (_WINDOW * width - _AXIS)
             until = self._end / (1 - min(share, _WIDEST))
         decades = self._decades(entity) if entity.startswith(LOGARITHM) else None
-        view = plot(entity, title, legend, until, decades)
+        view = plot(entity, title, legend, until, decades, self._window)
         self._entries[view.id] = len(set(names)) if legend else 0
         return view
 
@@ -100,10 +106,16 @@ def plot(
     legend: bool = True,
     until: float | None = None,
     between: tuple[float, float] | None = None,
+    window: float | None = None,
 ) -> rrb.TimeSeriesView:
-    """One plot over the whole run; its time axis ends at `until` [s] if that is given."""
+    """One plot over the whole run, to `until` [s] if that is given, or over a `window` [s]."""
     span = _WHOLE_RUN
-    if until is not None:
+    if window is not None:
+        span = rr.TimeRange(
+            start=rr.TimeRangeBoundary.cursor_relative(seconds=-0.2 * window),
+            end=rr.TimeRangeBoundary.cursor_relative(seconds=0.8 * window),
+        )
+    elif until is not None:
         span = rr.TimeRange(
             start=rr.TimeRangeBoundary.absolute(seconds=0.0),
             end=rr.TimeRangeBoundary.absolute(seconds=until),

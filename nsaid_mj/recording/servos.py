@@ -24,6 +24,7 @@ from .series import Curves, path
 from .stream import Content, write
 
 _FAILED = 10  # red: windows that the fit left out
+_SHOWN = 20.0  # of a long log, around the cursor [s]: in minutes no motion can be seen
 
 
 def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) -> Path:
@@ -43,7 +44,8 @@ def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) ->
     ]
     camera, draw = moving_robot(found.robot, motion)
     t, curves = _curves(found, replayed, np.concatenate(times))
-    layout = _blueprint(found, camera, Plots(curves, float(t[-1])))
+    end = float(t[-1])
+    layout = _blueprint(found, camera, Plots(curves, end, _SHOWN if end > 2 * _SHOWN else None))
     by_joint = [
         Section(name, [table([p for p in found.parameters if p.label.endswith(f" of {name}")])])
         for name in found.robot.joints

@@ -250,3 +250,28 @@ def test_time_to_recognise_a_dialect_is_linear_in_columns(tmp_path):
 
     taken(100)
     assert taken(20_000) < 40 * max(taken(2_000), 0.01)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {},
+        {1500: "1,2", 1700: "1,2,3,4"},
+        {1500: "15.0,1,2.5"},
+        {1500: "15.0,1,abc"},
+        {k: f"{k / 100},1," for k in range(1000)},
+    ],
+    ids=["sound", "malformed rows", "whole numbers, then not", "a word", "empty, then numbers"],
+)
+def test_a_large_text_is_read_block_by_block_as_in_one(tmp_path, monkeypatch, changed):
+    rows = [changed.get(k, f"{k / 100},{np.sin(k):.4f},{k}") for k in range(2000)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,q,n", *rows]))
+    (whole,) = text.read(path)
+    monkeypatch.setattr(text, "_PARSED", 3000)
+    (parts,) = text.read(path)
+    assert (parts.problems, parts.skipped) == (whole.problems, whole.skipped)
+    assert len(whole.problems) == sum(row.count(",") != 2 for row in rows)
+    for name, values in whole.values.items():
+        assert values.dtype == parts.values[name].dtype
+        np.testing.assert_array_equal(parts.values[name], values)

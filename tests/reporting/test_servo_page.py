@@ -21,6 +21,7 @@ def test_it_has_a_line_and_a_replay_for_every_servo(tmp_path):
     assert text.count("<svg") >= len(NAMES)
     assert re.search(r"16\.[23]\s±20", text)  # kp = 1.3 / 0.08
     assert "the load of 0.2 kg" in text
+    assert "q [rad]" in text and "rad or m" not in text
     assert "Shaded: left out of the fit" in text
     without = write_servos(result, tmp_path).read_text(encoding="utf-8")
     assert "Replay" not in without

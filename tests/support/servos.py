@@ -1,6 +1,7 @@
 """An identification of servos made up: two joints that lift an arm, one of them loaded."""
 
 import numpy as np
+import pinocchio as pin
 
 from nsaid_mj.calibration.payloads import Load
 from nsaid_mj.calibration.servos import ServoIdentification
@@ -17,10 +18,12 @@ def identified_servos(used, file=None):
 
     Args:
         used: (N,) 1 of samples in use.
-        file: of the model, with two joints; None without one.
+        file: of the model, with two joints; None for one made up.
     """
-    none = np.zeros(2)
-    robot = RobotModel("arm", None, "mjcf", None, NAMES, none, none, none, none + 1, none + np.inf)
+    none, model, last = np.zeros(2), pin.Model(), 0
+    for name in NAMES:
+        last = model.addJoint(last, pin.JointModelRX(), pin.SE3.Identity(), name)
+    robot = RobotModel("arm", None, "mjcf", model, NAMES, none, none, none, none + 1, none + np.inf)
     if file is not None:
         robot = load_tree(str(file))
     joint = JointEstimate(

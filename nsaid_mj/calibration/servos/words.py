@@ -180,7 +180,7 @@ def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> t
                 "note",
                 "kp_convention",
                 ", ".join(others),
-                f"gravity does not tell kp, which is {source}; the motion depends on kv/kp, f/kp "
+                f"gravity does not reveal kp, which is {source}; the motion depends on kv/kp, f/kp "
                 "and armature/kp alone",
             )
         )
@@ -193,7 +193,7 @@ def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> t
                     s.name,
                     "kp and an offset between the zeros of target and position trade: "
                     f"{1e3 * joint.zero:.2g} mrad would change kp by "
-                    f"{100 * abs(joint.offset):.0f} %; the interval has that",
+                    f"{100 * abs(joint.offset):.0f} %; the interval includes this",
                     data={"relative": abs(joint.offset)},
                 )
             )

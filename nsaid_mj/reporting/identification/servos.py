@@ -13,6 +13,7 @@ from ... import __version__
 from ...calibration.comparison import Score
 from ...calibration.servos import Replayed, ServoIdentification
 from ...evaluation.result import Parameter
+from ...structure.joints import moving_joints, slides
 from .. import pages
 from ..drawings import figures_of
 from ..pages import Cell, Figures, Page, Panel, Section, Table, Text
@@ -47,11 +48,11 @@ def _replay(result: ServoIdentification, replay: Replayed) -> Section:
     """Positions of every joint, measured and simulated; windows left out of the fit are shaded."""
     log = replay.logs[0]
     t = log.t[log.t <= log.t[0] + _REPLAYED] - log.t[0]
-    used = replay.used[: len(t)] > 0
+    used, joints = replay.used[: len(t)] > 0, moving_joints(result.robot.model)
     panels = [
-        Comparison(servo.name, "q", "rad or m", t, log.position[: len(t), j],
+        Comparison(servo.name, "q", "m" if slides(joint) else "rad", t, log.position[: len(t), j],
                    replay.simulated[0][: len(t), j], used=used)
-        for j, servo in enumerate(result.servos)
+        for j, (servo, joint) in enumerate(zip(result.servos, joints, strict=True))
     ]  # fmt: skip
     note = "MuJoCo with the exported file, driven by the targets alone from the first position on"
     note += f"; the first {t[-1]:.0f} s." if len(t) < len(log.t) else "."
