@@ -17,8 +17,9 @@ from .fit import minimise
 from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
 from .links import file_links
 from .problem import Problem
+from .residuals import Suspect
 from .selection import choose, refined, with_constants
-from .smoothing import Filter, filter_for
+from .smoothing import Filter, filter_for, twice_as_noisy
 from .smoothing import refined as finer
 from .structure import Options, Structured, Velocity
 from .suspects import arm_suspects
@@ -45,7 +46,7 @@ def structured_arm(
     is a log that takes no part in the fit, or None; `told` is called with the name of every stage.
     """
     told("filtering")
-    slow, recordings = rate_checks(recordings.rate), finer(recordings)
+    slow, measured, recordings = rate_checks(recordings.rate), recordings, finer(recordings)
     validation = None if validation is None else finer(validation)
     chosen = filter_for(recordings, options.cutoff)
     rows = JointRows(robot, recordings, chosen, np.ones(len(robot.joints)), options.loads)
@@ -60,11 +61,15 @@ def structured_arm(
     def problem_of(choice: Choice) -> Problem:
         return rows.problem(choice, gain, spread)
 
-    def alike(logs: Recordings, filters: Filter) -> Problem:
-        """The chosen structure, and the weight for load friction, for the rows of another log."""
+    def alike(logs: Recordings, filters: Filter) -> tuple[JointRows, Problem]:
+        """Another log's rows, with the same structure and weight for load friction."""
         other = JointRows(robot, logs, filters, gain, options.loads)
         other.reweigh(links)
-        return other.problem(choice, gain, spread)
+        return other, other.problem(choice, gain, spread)
+
+    def noisier(theta: Array) -> tuple[Problem, list[Suspect]]:
+        other, again = alike(finer(twice_as_noisy(measured)), chosen)
+        return again, arm_suspects(other, choice, again, theta)
 
     links = file_links(rows.robot.model)
     problem, faults = problem_of(choice), fit_checks(rows, choice)
@@ -89,10 +94,10 @@ def structured_arm(
         problem = problem_of(choice)
         others += [problem_of(other) for other in _others(choice)]
         narrow = filter_for(recordings, _NARROWER * chosen.cutoff)
-        others.append(alike(recordings, narrow))
+        others.append(alike(recordings, narrow)[1])
     checked = None
     if validation is not None:
-        checked = alike(validation, filter_for(validation, chosen.cutoff))
+        checked = alike(validation, filter_for(validation, chosen.cutoff))[1]
     return Structured(
         problem,
         gain,
@@ -113,6 +118,7 @@ def structured_arm(
         links,
         choice.delay,
         lambda theta: arm_suspects(rows, choice, problem, theta),
+        noisier,
     )
 
 

@@ -82,7 +82,9 @@ def calibrate(
         changes = np.array([_change(problem, fit, other, share) for other in others])
         exact = exact._replace(structure=changes)
     stated = bool((made.spread < TRUSTED).all())
-    left = followed(problem, fit.theta, exact.covariance, share, made.suspects(fit.theta))
+    left = followed(
+        problem, fit.theta, exact.covariance, share, made.suspects(fit.theta), made.noisier
+    )
     told("predicting held-out parts")
     joints = _joints(made, problem, fit.theta, share, robot)
     held_out = np.array([joint.held_out for joint in joints])

@@ -10,6 +10,11 @@ the influence of a specification error (Newey, Maximum likelihood specification 
 conditional moment tests, Econometrica 53(5), 1985). Whether γ exceeds chance is judged by the
 variance of the scores' sums over blocks in time, as residuals are correlated. Suspects enter one
 after another, the one that explains most first, until none that is left exceeds chance.
+
+The sensors' noise is in the residuals and in Z, which therefore correlate without any effect. With
+independent noise of the same variance added to both, that part of the score s doubles: 2 s − s' is
+free of it (simulation extrapolation; Cook and Stefanski, Journal of the American Statistical
+Association 89(428), 1994).
 """
 
 from __future__ import annotations
@@ -78,7 +83,12 @@ class Followed(NamedTuple):
 
 
 def followed(
-    problem: Problem, theta: Array, covariance: Array, share: Array, suspects: list[Suspect]
+    problem: Problem,
+    theta: Array,
+    covariance: Array,
+    share: Array,
+    suspects: list[Suspect],
+    noisier: Callable[[Array], tuple[Problem, list[Suspect]]] | None = None,
 ) -> tuple[Followed, ...]:
     """The suspects that the residuals of a fit follow, in the order in which they enter.
 
@@ -88,29 +98,39 @@ def followed(
         covariance: (p, p) of θ̂ under the fit's own structure: H⁻¹.
         share: (n,) rows per effectively independent row, as in the fit.
         suspects: to be tried.
+        noisier: gives rows and suspects at θ (p,) of the same motion with twice the variance of the
+            sensors' noise, to subtract what noise alone makes the residuals follow; None if the
+            noise is unknown.
     """
     every = -(-len(problem.t) // _MANY)
-    if every > 1:
-        problem, share = problem.select(np.arange(0, len(problem.t), every)), share / every
-        suspects = [s._replace(columns=s.columns[::every]) for s in suspects]
-    rows = _Rows(problem, theta, share)
+    thin, share = np.arange(0, len(problem.t), every), share / every
+    rows = _Rows(problem.select(thin), theta, share)
     level = _CHANCE / max(len(suspects), 1)
-    left, entered = list(suspects), []
+    left = [(s, s.columns[thin], np.zeros(0)) for s in suspects]
+    entered: list[tuple[Suspect, float, Array]] = []
     for _ in range(_MOST):
-        trials = [rows.trial(suspect.columns, suspect.size is not None) for suspect in left]
+        trials = [rows.trial(columns, noisy, s.size is not None) for s, columns, noisy in left]
+        if any(trial.beyond(level) for trial in trials) and noisier and rows.noisy is None:
+            other, again = noisier(theta)
+            rows.noisy = rows.alike(other.select(thin), theta)
+            left = [(s, c, n.columns[thin]) for (s, c, _), n in zip(left, again, strict=True)]
+            trials = [rows.trial(columns, noisy, s.size is not None) for s, columns, noisy in left]
         beyond = [trial.beyond(level) for trial in trials]
         if not any(beyond):
             break
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
-        entered.append((left[best], beyond[best], rows.add(trials[best])))
-        name = left[best][:2]  # other sizes, or places of the encoder, of the same effect are tried
-        left = [suspect for suspect in left if suspect[:2] != name]
+        entered.append((left[best][0], beyond[best], rows.add(trials[best])))
+        name = left[best][0][:2]  # other sizes, or places of the encoder, of the same effect
+        left = [each for each in left if each[0][:2] != name]
     found = []
     if not entered:
         return ()
-    coefficients = rows.coefficients([suspect for suspect, _, _ in entered])
+    coefficients = rows.coefficients([suspect.columns[thin] for suspect, _, _ in entered])
     for (suspect, certain, explained), gamma in zip(entered, coefficients, strict=True):
-        pull = rows.X_T @ rows.weighed(suspect.columns).reshape(-1, suspect.columns.shape[2])
+        if suspect.size is not None and gamma[0] <= 0:  # only others make it look possible
+            continue
+        columns = suspect.columns[thin]
+        pull = rows.X_T @ rows.weighed(columns).reshape(-1, columns.shape[2])
         shift = -covariance @ (pull @ gamma)
         found.append(Followed(suspect, explained, certain * shift, gamma))
     return tuple(found)
@@ -196,6 +216,7 @@ class _Trial(NamedTuple):
 
     Attributes:
         basis: (N n, c) orthonormal basis of its columns outside the span of the fit's.
+        noisy: (N n, c) the same with noise twice; (N n, 0) where the noise is unknown.
         combine: (c', c) combinations of its columns of which that is the part outside.
         gained: fall of the weighted sum of squares.
         F: Hotelling's statistic.
@@ -203,6 +224,7 @@ class _Trial(NamedTuple):
     """
 
     basis: Array
+    noisy: Array
     combine: Array
     gained: float
     F: float
@@ -227,11 +249,13 @@ class _Rows:
         X_T: (p, N n) transposed columns of the fit: changes of the residuals over the effort.
     """
 
-    def __init__(self, problem: Problem, theta: Array, share: Array):
+    def __init__(self, problem: Problem, theta: Array, share: Array, weight: Array | None = None):
         used = problem.usable
         residual = np.where(used, problem.residual(theta), 0.0)
         power = np.sum(residual**2, axis=0) / np.maximum(used.sum(axis=0), 1)
-        self._weight = used / np.sqrt(np.where(power > 0, power, np.inf) * share)
+        if weight is None:
+            weight = used / np.sqrt(np.where(power > 0, power, np.inf) * share)
+        self._weight, self.noisy = weight, None
         effort = cost_of(gramians(problem), problem.space).effort
         scaled = effort * theta / (effort @ theta**2)[:, None]  # as residuals are relative to u
         X = (problem.Y - residual[:, :, None] * scaled) * self._weight[:, :, None]
@@ -243,6 +267,10 @@ class _Rows:
         own = (residual * self._weight).reshape(-1, 1)
         self._first = self._residual = self._outside(own, self._own)[:, 0]
         self._n = used.shape[1]
+
+    def alike(self, problem: Problem, theta: Array) -> _Rows:
+        """The rows of another problem, with the weights of this one."""
+        return _Rows(problem, theta, np.ones(self._n), self._weight)
 
     @staticmethod
     def _outside(Z: Array, basis: Array) -> Array:
@@ -258,25 +286,36 @@ class _Rows:
         """Columns (N, n, c) times the rows' weights."""
         return columns * self._weight[:, :, None]
 
-    def trial(self, columns: Array, positive: bool = False) -> _Trial:
-        """The effect of further columns (N, n, c), or of one with a positive coefficient."""
+    def trial(self, columns: Array, noisy: Array, positive: bool = False) -> _Trial:
+        """The effect of further columns (N, n, c), or of one with a positive coefficient.
+
+        `noisy` (N, n, c) are those with noise twice, if that is known.
+        """
         Z = self.weighed(columns).reshape(-1, columns.shape[2])
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
         rest = self._outside(Z / size, self._basis)
         values, vectors = scipy.linalg.eigh(rest.T @ rest)
         kept = values > _OUTSIDE
-        if not kept.any() or (positive and rest[:, 0] @ self._residual > 0):
-            return _Trial(rest[:, :0], vectors[:, :0], 0.0, 0.0, (1, 1))
         combine = vectors[:, kept] / np.sqrt(values[kept])
         basis = rest @ combine
-        own = basis * self._residual[:, None]
+        own, other = basis * self._residual[:, None], basis[:, :0]
+        if self.noisy is not None:
+            Z = self.weighed(noisy).reshape(-1, columns.shape[2])
+            other = self.noisy._outside(Z / size, self.noisy._basis) @ combine
+            own = 2 * own - other * self.noisy._residual[:, None]  # noise adds its variance to both
         own = own.reshape(len(own) // self._n, self._n, -1).sum(axis=1)
+        gained = own.sum(axis=0)
+        if not kept.any() or (positive and gained[0] * combine[0, 0] > 0):
+            return _Trial(basis[:, :0], other[:, :0], combine[:, :0], 0.0, 0.0, (1, 1))
         F, degrees = _hotelling(own)
-        gained = float(np.sum(own.sum(axis=0) ** 2))
-        return _Trial(basis, combine / size[:, None], gained, F, degrees)
+        return _Trial(basis, other, combine / size[:, None], float(np.sum(gained**2)), F, degrees)
 
     def add(self, trial: _Trial) -> Array:
         """Adds a suspect; returns (n,) the share of the residuals' variance it explains."""
+        if self.noisy is not None:
+            other = np.linalg.qr(trial.noisy)[0]
+            self.noisy._residual = self.noisy._residual - other @ (other.T @ self.noisy._residual)
+            self.noisy._basis = np.hstack([self.noisy._basis, other])
         before = self._power()
         self._residual = self._residual - trial.basis @ (trial.basis.T @ self._residual)
         self._basis = np.hstack([self._basis, trial.basis])
@@ -285,13 +324,13 @@ class _Rows:
     def _power(self) -> Array:
         return np.sum(self._residual.reshape(-1, self._n) ** 2, axis=0)
 
-    def coefficients(self, suspects: list[Suspect]) -> list[Array]:
-        """γ of suspects, all of them together in the fit."""
-        Z = np.hstack([self.weighed(s.columns).reshape(len(self._first), -1) for s in suspects])
+    def coefficients(self, suspects: list[Array]) -> list[Array]:
+        """γ of suspects (N, n, c), all of them together in the fit."""
+        Z = np.hstack([self.weighed(columns).reshape(len(self._first), -1) for columns in suspects])
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
         rest = self._outside(Z / size, self._own)
         gamma = -np.linalg.lstsq(rest, self._first, rcond=_OUTSIDE)[0] / size
-        return np.split(gamma, np.cumsum([s.columns.shape[2] for s in suspects])[:-1])
+        return np.split(gamma, np.cumsum([columns.shape[2] for columns in suspects])[:-1])
 
 
 def _hotelling(scores: Array) -> tuple[float, tuple[int, int]]:

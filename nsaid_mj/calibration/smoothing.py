@@ -17,6 +17,7 @@ from ..log import Log
 from ..numerics.low_pass import decimated, symmetric, zero_phase
 from ..parameters import Array, Indices
 from .data import Recordings, Segment
+from .logs.signals import noise
 from .problem import Mask
 
 if TYPE_CHECKING:
@@ -131,6 +132,19 @@ def refined(recordings: Recordings) -> Recordings:
         q, v, u = (spline(log.t, x, 5)(t) for x in (log.q, log.v, log.u))
         segments.append(segment._replace(log=Log(t, q, v, u), usable=segment.usable[near]))
     return replace(recordings, segments=tuple(segments), rate=times * recordings.rate)
+
+
+def twice_as_noisy(recordings: Recordings) -> Recordings:
+    """The recordings with the noise of positions and velocities once more, independent of it."""
+    rng, segments = np.random.default_rng(0), []
+    for segment in recordings.segments:
+        log = segment.log
+        q, v = (
+            x + [noise(column) for column in x.T] * rng.standard_normal(x.shape)
+            for x in (log.q, log.v)
+        )
+        segments.append(segment._replace(log=Log(log.t, q, v, log.u)))
+    return replace(recordings, segments=tuple(segments))
 
 
 def _bandwidth(recordings: Recordings) -> float:

@@ -64,6 +64,8 @@ class Structured(NamedTuple):
         links: (10 k,) parameters of the links whose weight loads the friction of an arm's joints.
         delays: (k,) of the commands [s].
         suspects: effects outside the structure, for a (p,) θ̂, that the residuals may follow.
+        noisier: the problem and the suspects with twice the variance of the sensors' noise, for a
+            (p,) θ̂; None where suspects do not depend on the measured motion.
     """
 
     problem: Problem
@@ -77,3 +79,4 @@ class Structured(NamedTuple):
     links: Array
     delays: Array
     suspects: Callable[[Array], list[Suspect]] = lambda _: []
+    noisier: Callable[[Array], tuple[Problem, list[Suspect]]] | None = None

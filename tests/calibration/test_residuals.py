@@ -83,6 +83,30 @@ def test_a_single_burst_is_no_structure():
     assert not left_in(replace(problem, Y=Y), true, idle)[2]
 
 
+@pytest.mark.parametrize("size", [0.0, 0.8])
+def test_noise_that_a_suspect_shares_with_the_residuals_is_no_effect(size: float):
+    """Of the sensors' noise, which is in both; a true effect is still found beneath it."""
+    quiet, true, _ = bent(size)
+    rng = np.random.default_rng(7)
+
+    def with_noise(problem: Problem, columns: np.ndarray) -> tuple[Problem, Suspect]:
+        noise, Y, columns = 0.3 * rng.standard_normal(len(problem.t)), problem.Y.copy(), +columns
+        Y[:, 0, 0] += noise
+        columns[:, 0, 0] += noise
+        return replace(problem, Y=Y), true._replace(columns=columns)
+
+    problem, suspect = with_noise(quiet, true.columns)
+    fit, exact, blamed = left_in(problem, suspect)
+
+    def noisier(theta: np.ndarray) -> tuple[Problem, list[Suspect]]:
+        assert (theta == fit.theta).all()
+        other, again = with_noise(problem, suspect.columns)
+        return other, [again]
+
+    left = followed(problem, fit.theta, exact.covariance, np.ones(2), [suspect], noisier)
+    assert blamed and len(left) == (size > 0)
+
+
 def test_a_column_of_the_fit_is_no_suspect():
     problem, *_ = bent(0.0)
     columns = np.zeros((len(problem.t), 2, 2))

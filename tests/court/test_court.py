@@ -42,6 +42,13 @@ def test_a_run_is_not_wrong_and_confident(case: Case):
     assert kind_of(line) != "wrong, confident", line["wrong"]
 
 
+def test_noise_of_a_small_motion_is_not_taken_for_an_effect():
+    """Encoder steps on a UR5 that hardly moves were once an elastic joint and a lag."""
+    line = line_of(drawn(77, 54, ["identify"]), _LIMIT, verbose=True)
+    check(line)
+    assert not line["wrong"] and not line["flagged"]
+
+
 @pytest.mark.slow
 def test_hardly_any_of_a_hundred_runs_is_wrong_and_confident():
     lines = [line_of(case, _LIMIT) for case in islice(cases(MANY, LAWS, ""), 100)]
