@@ -109,7 +109,7 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
 
 def print_scores(scores: Sequence[Score], console: Console) -> None:
     """Prints how far models depart from logs, as means over all joints."""
-    heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "time\n[s]")
+    heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "CPU\n[s]")
     lines: list[list[Cell]] = []
     for score in scores:
         numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
@@ -118,7 +118,7 @@ def print_scores(scores: Sequence[Score], console: Console) -> None:
     print_panels([Table(heads, lines)], console)
     console.print()
     note = "Mean absolute errors of open-loop simulations that start again after this time; "
-    note += "identified: each half of the logs is predicted from the other."
+    note += "identified, sysid: each half of the logs is predicted from the other."
     print_panels([Text(note)], console)
 
 
