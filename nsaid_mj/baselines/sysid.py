@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import time
+from collections.abc import Sequence
 from contextlib import redirect_stdout
 from functools import cache
 from itertools import pairwise
@@ -28,10 +29,11 @@ from ..structure.joints import JointTree
 from ..structure.optional import pin
 
 if TYPE_CHECKING:
+    from ..log import Log
     from . import Problem
 
 BUDGET = 120.0
-"""Default time limit of the search [s]."""
+"""Default limit of the CPU time of the search [s]."""
 
 _CHUNK = 0.5  # length of a simulated stretch [s]
 _SMOOTHING = 0.16  # width of the cubic fit for the initial states of noisy logs [s]
@@ -41,7 +43,9 @@ _FRICTION = "coulomb friction"  # name of MuJoCo's custom numeric field
 _MODEL_WORDS = 1 << 10  # how many 8-byte words of mjModel are searched; its pointers come early
 
 
-def sysid(problem: Problem, budget: float = BUDGET) -> tuple[Array, str]:
+def sysid(
+    problem: Problem, budget: float = BUDGET, further: Sequence[Log] = ()
+) -> tuple[Array, str]:
     """`mujoco.sysid` with a parallel finite-difference Jacobian, all parameters free.
 
     Chunks of 0.5 s start at the measured state or, if noise is stated, at that of a cubic fitted to
@@ -51,27 +55,27 @@ def sysid(problem: Problem, budget: float = BUDGET) -> tuple[Array, str]:
 
     Args:
         problem: of an arm; its prior must be physical.
-        budget: time limit of the search, which then returns its best candidate [s].
+        budget: CPU time of the search, which then returns its best candidate [s].
+        further: logs of the same arm, at the same rate.
 
     Returns:
         (p,) θ̂, and how the search ended, in words.
 
     Raises:
         NoEstimate: the system is not an arm, the toolbox is not installed, MuJoCo rejects the
-            prior, or the log is shorter than a chunk.
+            prior, or all logs are shorter than a chunk.
     """
-    system, log, prior, _ = problem
+    system, log, prior, noise = problem
     if not isinstance(system, JointTree) or system.group or system.n_u < system.n:
         reason = "mujoco.sysid is set up for fixed-base arms with a motor on every joint only"
         raise NoEstimate(reason, "Leave it out.")
-    toolbox = _toolbox()
-    model, step = _Model(toolbox, system, prior, log.step), log.step
-    samples = round(_CHUNK / step)
-    if len(log.t) <= samples:
+    own = toolbox()
+    model = _Model(own, system, prior, log.step)
+    chunks = [c for each in (log, *further) for c in model.chunks(each, noise.exact)]
+    if not chunks:
         raise NoEstimate(f"the log is shorter than a chunk of {_CHUNK:g} s", "Record longer.")
-    chunks = model.chunks(problem, samples)
-    search = _Search(toolbox, model, chunks, time.perf_counter() + budget)
-    with quiet(), installed(_friction()):
+    search = _Search(own, model, chunks, time.process_time() + budget)
+    with quiet(), installed(_friction().ctypes):
         ending = search()
     evaluations = f"{search.evaluations} models, {len(chunks)} chunks"
     return model.theta(search.best), f"{ending}, {evaluations}"
@@ -81,8 +85,8 @@ class _OutOfTime(Exception):
     """Ends a search at its time limit; not an error."""
 
 
-def _toolbox() -> Any:
-    """The module `mujoco.sysid`."""
+def toolbox() -> Any:
+    """The module `mujoco.sysid`; raises `NoEstimate` without its dependencies."""
     import mujoco.sysid
 
     if not hasattr(mujoco.sysid, "optimize"):  # MuJoCo suppresses the ImportError
@@ -117,7 +121,7 @@ class _Search:
 
     def _residual(self, x: Array, parameters: Any, **_: Any) -> Any:
         """Residuals of all chunks for one candidate x (p,), or for each column of x (p, k)."""
-        if time.perf_counter() > self._deadline:
+        if time.process_time() > self._deadline:
             raise _OutOfTime
         found, predicted, measured = self._toolbox.model_residual(
             x, parameters, self._model.build, self._chunks, n_threads=_THREADS, resample_true=False
@@ -213,12 +217,14 @@ class _Model:
         """MuJoCo's model of a candidate."""
         return self._toolbox.apply_param_modifiers(parameters, self._spec)
 
-    def chunks(self, problem: Problem, samples: int) -> list[Any]:
-        """The log in chunks of `samples` time steps, each with its initial state."""
-        toolbox, log = self._toolbox, problem.log
+    def chunks(self, log: Log, exact: bool) -> list[Any]:
+        """A log in chunks, each with its initial state, which is measured if that is exact."""
+        toolbox, samples = self._toolbox, round(_CHUNK / log.step)
+        if len(log.t) <= samples:
+            return []
         angles = self._angles(log.q)
         q, v = angles, log.v
-        if not problem.noise.exact:
+        if not exact:
             width = 2 * round(0.5 * _SMOOTHING / log.step) + 1
             q, v = (signal.savgol_filter(x, max(width, 5), 3, axis=0) for x in (q, v))
         qpos, qvel, _, control = toolbox.TimeSeries.compute_all_state_mappings(self.compiled)

@@ -87,7 +87,7 @@ def structured_arm(
             choice, doubt, note = refined(choice, problem_of, robot.joints)
             notes.append(note)
         if options.columns is None:
-            choice, said = with_constants(choice, problem_of, robot.joints)
+            choice, said = with_constants(choice, problem_of, robot.joints, options.level)
             notes += said
         if options.delay is None:
             others.append(problem_of(replace(choice, delay=choice.delay + _DOUBT * doubt)))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..evaluation.result import gravest_first
+from ..evaluation.result import Parameter, gravest_first
 from ..parameters import Array
 from .arms import structured_arm
 from .checks import structure_checks
@@ -104,6 +105,13 @@ def calibrate(
     explains, sentence = scale.judged(*with_doubts(*verdict(joints, robot.system is None), found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, made.spread, common)
+    level = options.level | _without_offset(joints, parameters)
+    if options.columns is None and level != options.level:
+        told("fitting without an offset whose interval holds 0")
+        options = replace(options, level=level)
+        return calibrate(
+            robot, recordings, validation, options, known=known, findings=findings, told=told
+        )
     return Identification(
         explains=explains,
         verdict=sentence,
@@ -155,6 +163,19 @@ def _joints(
             velocity.delay,
         )
         for j, velocity in enumerate(made.velocities)
+    )
+
+
+def _without_offset(joints: Sequence[JointFit], parameters: Sequence[Parameter]) -> frozenset[str]:
+    """Joints with an offset whose interval holds 0 and that is not needed for a spring's rest.
+
+    Held-out parts of one log may ask for an offset where gears twist; another log does not.
+    """
+    vain = {p.label for p in parameters if p.low <= 0 <= p.high}
+    return frozenset(
+        joint.name
+        for joint in joints
+        if "spring" not in joint.columns and f"offset of {joint.name}" in vain
     )
 
 

@@ -11,13 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..baselines.sysid import toolbox
 from ..errors import BadRobot, InvalidInput
 from ..parameters import Array
 from ..robot.identified import Identified
 from ..robot.mjcf_file import compile_file
 from ..robot.tree import joint_names, position_servos
 from .calibrate import calibrate
-from .data import Recordings, RobotModel, Segment
+from .data import Recordings, RobotModel
 from .export import identified
 from .models import load_robot_model
 from .replay import departures
@@ -25,13 +26,16 @@ from .servos.estimate import DELAYS, late
 from .servos.export import rollout, write_servo_mjcf
 from .servos.identify import ServoLogs, identify_servos
 from .servos.logs import ServoLog
+from .servos.sysid import write_by_toolbox
 from .structure import Options
+from .sysid import by_toolbox, delayed
 
 HORIZONS = (0.2, 2.0, np.inf)
 """Times after which a simulation restarts from the measured state [s]."""
 
-IDENTIFIED = "identified"
-"""Name of the model that is fitted to the logs: one half of them predicts the other."""
+IDENTIFIED, SYSID, STOCK = FITTED = "identified", "sysid", "sysid-stock"
+"""Names of models that are fitted to the logs, one half of which predicts the other: ours, and
+`mujoco.sysid` with its best and its stock options, from the values of the first file."""
 
 _DEFAULT = Options()
 Told = Callable[[str], None]
@@ -47,7 +51,7 @@ class Score(NamedTuple):
             m]; NaN where it is not defined.
         one_step: (n,) rms error of the position one row ahead over the rms change from row to row:
             predicting no change gives 1.
-        seconds: duration of fit and simulation [s].
+        seconds: CPU time of fit and simulation [s].
     """
 
     model: str
@@ -63,17 +67,20 @@ def compare_servos(
 
     Args:
         given: the arm and its logs, without loads.
-        models: MJCF files with a position servo on every joint of the arm, and `IDENTIFIED`.
+        models: MJCF files with a position servo on every joint of the arm, and names of `FITTED`.
         told: called with the name of every stage.
 
     Raises:
         BadRobot: a file lacks a joint or its servo.
         InvalidInput: a half of the logs is too short for a fit.
+        NoEstimate: `mujoco.sysid` lacks its own dependencies.
     """
+    if {SYSID, STOCK} & {str(model) for model in models}:
+        toolbox()
 
     def parts(model: str) -> list[_Part]:
-        if model == IDENTIFIED:
-            return _identified_servos(given, told)
+        if model in FITTED:
+            return _fitted_servos(given, model, told)
         _check(Path(model), given.robot.joints)
         return [_apart(Path(model), given, log, None) for log in given.logs]
 
@@ -94,7 +101,7 @@ def compare_arms(
     Args:
         robot: the arm for which its recordings were prepared.
         recordings: its logs.
-        models: files or names of models with the same joints, and `IDENTIFIED`.
+        models: files or names of models with the same joints, `IDENTIFIED` and `SYSID`.
         options: of the identified model's structure.
         told: called with the name of every stage.
 
@@ -102,11 +109,14 @@ def compare_arms(
         BadRobot: a file has other joints.
         InvalidInput: no segment lasts as long as the second horizon.
         UnusableLog: a half of the logs cannot be used.
+        NoEstimate: `mujoco.sysid` finds none, or lacks its own dependencies.
     """
+    if SYSID in map(str, models):
+        toolbox()
 
     def parts(model: str) -> list[_Part]:
-        if model == IDENTIFIED:
-            return _identified_arm(robot, recordings, options, told)
+        if model in (IDENTIFIED, SYSID):
+            return _fitted_arm(robot, recordings, options, model, told)
         own = load_robot_model(model)
         if set(robot.joints) - set(own.joints):
             expected = f"All models need the joints {', '.join(robot.joints)}."
@@ -122,9 +132,9 @@ def compare_arms(
 def _scored(model: str, parts: Callable[[str], list[_Part]], told: Told) -> Score:
     """A model's score."""
     told(f"simulating {model}")
-    begin = time.perf_counter()
+    begin = time.process_time()
     errors, one_step = _score(parts(model))
-    return Score(model, errors, one_step, time.perf_counter() - begin)
+    return Score(model, errors, one_step, time.process_time() - begin)
 
 
 def _check(path: Path, joints: Sequence[str]) -> None:
@@ -155,20 +165,25 @@ def _score(parts: Sequence[_Part]) -> tuple[Array, Array]:
     return np.array([np.abs(error).mean(axis=0) for error in errors]), ratio
 
 
-def _identified_servos(given: ServoLogs, told: Told) -> list[_Part]:
-    """Errors of every log with the servos identified from the other half of the logs."""
+def _fitted_servos(given: ServoLogs, model: str, told: Told) -> list[_Part]:
+    """Errors of every log with the servos that a method finds from the other half of the logs."""
     logs = list(given.logs)
     if len(logs) == 1:
         half = len(logs[0].t) // 2
         logs = [_part(logs[0], slice(None, half)), _part(logs[0], slice(half, None))]
     found = []
     for own, rest in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):
-        result = identify_servos(given._replace(logs=tuple(rest)), told)
-        delays = np.array([servo.delay for servo in result.servos])
+        part = given._replace(logs=tuple(rest))
         with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "identified.xml")
-            write_servo_mjcf(result, path)
-            found += [_apart(path, given, log, delays) for log in own]
+            path = Path(folder, "fitted.xml")
+            if model == IDENTIFIED:
+                result = identify_servos(part, told)
+                delay = np.array([servo.delay for servo in result.servos])
+                write_servo_mjcf(result, path)
+            else:
+                told(f"fitting by {model}, which takes minutes")
+                delay = np.asarray(write_by_toolbox(part, path, model == SYSID))
+            found += [_apart(path, given, log, delay) for log in own]
     return found
 
 
@@ -203,10 +218,10 @@ def _changes(recordings: Recordings) -> Array:
     return np.concatenate([np.diff(segment.log.q, axis=0) for segment in recordings.segments])
 
 
-def _identified_arm(
-    robot: RobotModel, recordings: Recordings, options: Options, told: Told
+def _fitted_arm(
+    robot: RobotModel, recordings: Recordings, options: Options, model: str, told: Told
 ) -> list[_Part]:
-    """Errors on every half of the logs, with values identified from the other half."""
+    """Errors on every half of the logs, with the values a method finds from the other half."""
     segments = list(recordings.segments)
     if len(segments) == 1:
         (one,), half = segments, len(segments[0].log.t) // 2
@@ -216,21 +231,16 @@ def _identified_arm(
         ]
     found = []
     for own, rest in ((segments[::2], segments[1::2]), (segments[1::2], segments[::2])):
-        fitted = calibrate(
-            robot, replace(recordings, segments=tuple(rest)), options=options, told=told
-        )
-        delays = [joint.delay for joint in fitted.joints]
-        late = tuple(_shifted(segment, delays) for segment in own)
-        values = identified(fitted)
+        part = replace(recordings, segments=tuple(rest))
+        if model == IDENTIFIED:
+            fitted = calibrate(robot, part, options=options, told=told)
+            values, delays = identified(fitted), [joint.delay for joint in fitted.joints]
+        else:
+            told("fitting by sysid, which takes minutes")
+            values, delays = by_toolbox(robot, part)
+        late = tuple(delayed(segment, delays) for segment in own)
         found.append(_departed(robot, values, replace(recordings, segments=late)))
     return found
-
-
-def _shifted(segment: Segment, delays: Sequence[float]) -> Segment:
-    """A segment whose commands arrive late."""
-    log = segment.log
-    late = [np.interp(log.t - d, log.t, u) for d, u in zip(delays, log.u.T, strict=True)]
-    return segment._replace(log=log._replace(u=np.column_stack(late)))
 
 
 def _constant_velocity(recordings: Recordings) -> Score:

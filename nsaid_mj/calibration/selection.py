@@ -197,17 +197,23 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
 
 
 def with_constants(
-    choice: Choice, problem_of: Callable[[Choice], Problem], names: tuple[str, ...]
+    choice: Choice,
+    problem_of: Callable[[Choice], Problem],
+    names: tuple[str, ...],
+    level: frozenset[str],
 ) -> tuple[Choice, list[Finding]]:
     """The choice with offsets and springs where they help the physical fit, which shares links.
 
     Joint by joint, with the links' columns free for each, weight would replace both. A stiffness
     below 0 is no spring but an error that grows with the position, such as a wrong gear ratio; it
-    is left to the residuals. `problem_of` makes the fit of a choice.
+    is left to the residuals. `problem_of` makes the fit of a choice, `level` are names of joints
+    without an offset of their own.
     """
     (best, _), findings = _shared_errors(problem_of(choice)), []
     for j, name in enumerate(names):
         for column, words in (("offset", "a constant offset"), ("spring", "a spring")):
+            if column == "offset" and name in level:
+                continue
             trial = choice.at(j, add="offset").at(j, add=column)
             errors, found = _shared_errors(problem_of(trial))
             if found.get(f"stiffness_{j + 1}", 0.0) < 0 or not np.isfinite([errors, best]).all():

@@ -24,6 +24,7 @@ class Options:
         delay: (k,) delays of the commands [s]; None to search for them.
         cutoff: of the rows' filter [Hz]; None for the bandwidth of the motion.
         loads: of known mass, carried in some of the logs.
+        level: names of joints for which no constant offset is tried.
     """
 
     columns: frozenset[str] | None = None
@@ -31,6 +32,7 @@ class Options:
     delay: Array | None = None
     cutoff: float | None = None
     loads: tuple[Load, ...] = ()
+    level: frozenset[str] = frozenset()
 
 
 class Velocity(NamedTuple):

@@ -24,7 +24,7 @@ class Comparison:
         durations: comma-separated lengths of log [s]; by default half the duration, and all of it.
         sensors: ideal, noisy or ideal,noisy; by default those of the scenario.
         noise_scales: comma-separated multiples of the scenario's noise.
-        budget: time limit of the search by sysid [s].
+        budget: CPU time of the search by sysid [s].
         bound: also compute the Cramér–Rao bound of the noisy logs, and compare with it.
         out: folder of the results; by default runs/NAME-compare.
         quiet: print only errors.

@@ -181,8 +181,9 @@ class CompareModels:
 
     Attributes:
         log: log files or folders of them.
-        models: files with the same joints; `identified` is fitted to the logs, and each half of
-            them is predicted from the other.
+        models: files with the same joints; `identified` and `sysid` (MuJoCo's own toolbox, which
+            takes minutes and starts at the first file) are fitted to the logs, of which each half
+            is predicted from the other.
         map: TOML file with the meaning of columns.
         json: print only the scores of every joint, as JSON, to the standard output.
         quiet: print only errors.
@@ -198,9 +199,9 @@ class CompareModels:
 def compare_on_logs(arguments: Sequence[str]) -> int:
     """Executes what follows `nsaid compare` where it begins with a flag; returns the exit code."""
     chosen = tyro.cli(CompareModels, prog="nsaid compare", args=list(arguments))
-    from ..calibration.comparison import IDENTIFIED
+    from ..calibration.comparison import FITTED
 
-    files = [model for model in chosen.models if model != IDENTIFIED]
+    files = [model for model in chosen.models if model not in FITTED]
     if not files or not chosen.log:
         expected = "a model file and a log, or more of them"
         raise InvalidInput("--models", expected, " ".join(chosen.models) or "none", _SUCH)

@@ -47,7 +47,7 @@ class Plan(Study):
         seeds: of truth, prior, excitation and sensors.
         durations: lengths of log for the methods [s].
         noises: multiples of the scenario's sensor noise; 0 for exact sensors.
-        budget: time limit of the search by `sysid` [s].
+        budget: CPU time of the search by `sysid` [s].
         bound: whether the Cramér–Rao bound of every noisy log is computed.
 
     Raises:

@@ -119,12 +119,10 @@ CASES = [
     for case in ("rigid", "spring", "stiction", "play", "twist")
     for seed in range(10, 14)
 ]
-WORSE = pytest.mark.xfail(strict=True, reason="every fifth of its log asks for an offset")
-MARKED = [pytest.param(*c, marks=[WORSE] if c == ("twist", 12) else []) for c in CASES]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("case", "seed"), MARKED)
+@pytest.mark.parametrize(("case", "seed"), CASES)
 def test_chosen_columns_never_predict_worse_than_the_plain_ones(tmp_path, seed, case):
     options = {
         "rigid": {},

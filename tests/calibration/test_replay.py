@@ -1,6 +1,7 @@
 from dataclasses import replace
 
 import mujoco
+import mujoco.sysid
 import numpy as np
 import pytest
 
@@ -8,6 +9,7 @@ from nsaid_mj.calibration.comparison import compare_arms
 from nsaid_mj.calibration.data import Recordings, Segment
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.replay import replay
+from nsaid_mj.calibration.sysid import by_toolbox
 from nsaid_mj.errors import BadRobot, InvalidInput
 from nsaid_mj.log import Log
 from nsaid_mj.robot.mjcf_export import write_mjcf
@@ -56,6 +58,17 @@ def test_a_log_without_a_long_enough_segment_is_refused(tmp_path):
     short = recorded(robot, values, tmp_path / "calibrated.xml", seconds=0.1)
     with pytest.raises(InvalidInput, match=r"0\.2 s"):
         replay(robot, values, short)
+
+
+@pytest.mark.skipif(not hasattr(mujoco.sysid, "optimize"), reason="needs mujoco[sysid]")
+def test_mujocos_toolbox_fits_an_arm_by_force(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(arm())
+    robot = load_robot_model(str(path))
+    recordings = recorded(robot, identified(robot), tmp_path / "true.xml", seconds=3.0)
+    values, delays = by_toolbox(robot, recordings, budget=3.0)
+    found = replay(robot, values, recordings)
+    assert (found.exported < 0.5 * found.nominal).all() and np.abs(delays).max() < 0.01
 
 
 def test_models_by_force_are_compared(tmp_path):

@@ -23,7 +23,7 @@ _STEPS = 2  # from the fit to all samples
 _LONGEST = 1.0  # step of ln θ
 _WORDS = {
     "stribeck": (
-        "friction falls with speed: at rest it is larger by {:.2g} mrad of the servo's error",
+        "friction falls with speed: at rest it is larger by {:.2g} {} of the servo's error",
         1e3,
         "It will start to move later than the exported model.",
     ),
@@ -36,12 +36,13 @@ _WORDS = {
 
 
 def effects_of(
-    name: str, own: JointFit, fit: OutputError, prior: Prior, cluster: Indices
+    name: str, unit: str, own: JointFit, fit: OutputError, prior: Prior, cluster: Indices
 ) -> list[Finding]:
     """The effects by which both halves are predicted better.
 
     Args:
         name: of the joint.
+        unit: of a thousandth of its position.
         own: its simulation.
         fit: of its five parameters.
         prior: of them.
@@ -61,13 +62,14 @@ def effects_of(
         ], [getattr(moved.effects, effect) if effect else 0.0 for _, moved in pairs]
 
     (before, _), found = errors(None), []
-    for effect, (words, unit, remedy) in _WORDS.items():
+    for effect, (words, factor, remedy) in _WORDS.items():
         after, sizes = errors(effect)
         if all(b < (1 - _WORTH) * a for a, b in zip(before, after, strict=True)):
             middle = float(np.mean(sizes))
             text = (
-                f"{words.format(unit * middle)}; halves of the logs that took no part in the fit "
-                f"depart by {1e3 * np.mean(after):.2g} mrad instead of {1e3 * np.mean(before):.2g}"
+                f"{words.format(factor * middle, unit)}; halves of the logs that took no part in "
+                f"the fit depart by {1e3 * np.mean(after):.2g} {unit} instead of "
+                f"{1e3 * np.mean(before):.2g}"
             )
             data = {"effect": effect, "size": middle}
             found.append(Finding("note", "beyond_the_equation", name, text, remedy, data))

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import stats
 
 from ...parameters import Array, Indices
+from ...structure.joints import moving_joints, slides
 from ..data import RobotModel
 from ..findings import Finding
 from ..payloads import Load
@@ -31,6 +32,7 @@ _KNOWN = 0.25  # relative deviation of g below which gravity tells kp
 _PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances are worth
 _UNTOLD = 2.0  # standard deviation of ln θ above which a joint tells nothing of the others
 _SATURATES = 0.97  # robust residual with a limit of force over that without, from which it is true
+UNITS = ("mrad", "mm")  # of a thousandth of a hinge's and a slide's position
 DELAYS = np.arange(0.0, 0.31, 0.01)  # of a target that follows perfectly [s]
 
 
@@ -52,6 +54,7 @@ class JointEstimate(NamedTuple):
         zero: the offset [rad or m].
         limit: force or torque at which the servo saturated in the logs [N·m or N]; inf if it did
             not.
+        slides: whether the joint is a slide, whose f is in m and whose g is in m/N.
     """
 
     x: Array
@@ -64,11 +67,17 @@ class JointEstimate(NamedTuple):
     scaled: float
     zero: float = OFFSET
     limit: float = np.inf
+    slides: bool = False
 
     @property
     def theta(self) -> Array:
         """(5,) θ̂."""
         return np.exp(self.x)
+
+    @property
+    def unit(self) -> str:
+        """Unit of a thousandth of its position."""
+        return UNITS[self.slides]
 
 
 class MassScale(NamedTuple):
@@ -130,6 +139,7 @@ def estimate(
     free = [log for log in logs if not log.loaded]
     loaded = [log for log in logs if log.loaded]
     limits = np.full(len(kp), np.inf) if limits is None else limits
+    slide = [slides(joint) for joint in moving_joints(robot.model)]
     fitted = _free_of_loads(robot, free, limits, told)
     free, fits, priors, used = fitted
     if load is not None:
@@ -137,7 +147,7 @@ def estimate(
         loaded = [log._replace(limit=free[0].limit) for log in loaded]
         rest = np.ones(sum(len(log.t) for log in loaded))
         found = weigh(robot, [*free, *loaded], load, fits, priors, np.append(used, rest))
-        return _with_load(found, [*free, *loaded], kp)
+        return _with_load(found, [*free, *loaded], kp, slide)
     cluster, zero = clusters(logs), zeros(logs)
     simulated = [fitted.simulated(j) for j in range(len(kp))]
     spread = [
@@ -156,8 +166,8 @@ def estimate(
         covariance, offset = covariance_of(own, fit, prior, cluster, zero[[j]])
         change, sure = float(offset[GRAVITY, 0]), bool(known[j])
         one = _judged(own.logs, fit, sure, used, cluster, covariance, change)
-        judged.append(one._replace(zero=float(zero[j])))
-        effects += effects_of(robot.joints[j], own, fit, prior, cluster)
+        judged.append(one._replace(zero=float(zero[j]), slides=slide[j]))
+        effects += effects_of(robot.joints[j], UNITS[slide[j]], own, fit, prior, cluster)
     return Estimate(_moderated(judged, cluster), used, None, tuple(effects))
 
 
@@ -258,7 +268,9 @@ def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
     return np.full(len(kp), float(np.mean(g))) if g else np.asarray(-np.log(kp), np.float64)
 
 
-def _with_load(found: Weighed, logs: Sequence[ServoLog], kp: Array) -> Estimate:
+def _with_load(
+    found: Weighed, logs: Sequence[ServoLog], kp: Array, slide: Sequence[bool]
+) -> Estimate:
     """The estimate of all joints and of the scale, from their common fit."""
     n, fit, own = len(kp), found.fit, found.arm.logs(found.fit.x)
     cluster = clusters(logs)
@@ -279,7 +291,7 @@ def _with_load(found: Weighed, logs: Sequence[ServoLog], kp: Array) -> Estimate:
             logs_of, one, bool(known[j]), found.used, cluster, whole[place, place], offset
         )
         scaled = float(np.sqrt(apart @ whole @ apart))
-        joints.append(made._replace(scaled=scaled, zero=float(zero[j])))
+        joints.append(made._replace(scaled=scaled, zero=float(zero[j]), slides=slide[j]))
     deviation = np.sqrt(np.diag(whole)[scale:])
     return Estimate(
         _moderated(joints, cluster),

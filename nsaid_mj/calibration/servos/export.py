@@ -25,8 +25,9 @@ from ...robot.xml import numbers
 from .logs import ServoLog
 from .result import Servo, ServoIdentification
 
-_HARD = "0.9999 0.9999 0.001 0.5 2"
-# solimpfriction: MuJoCo's default is so soft that a joint creeps under its load instead of sticking
+HARD = "0.9999 0.9999 0.001 0.5 2"
+"""solimpfriction: MuJoCo's default is so soft that a joint creeps under its load."""
+
 _QUICK = "0.002 1"
 # solreffriction: MuJoCo takes twice its time step if that is longer; the default lets a joint slide
 # for 20 ms before it sticks
@@ -65,7 +66,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
             "armature": numbers(servo.armature),
             "damping": "0",
             "frictionloss": numbers(servo.friction),
-            "solimpfriction": _HARD,
+            "solimpfriction": HARD,
             "solreffriction": _QUICK,
         }
         _set_actuator(actuators[index], servo)
@@ -142,7 +143,7 @@ def rollout(
         mj = spec.compile()
     mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     data, where = mujoco.MjData(mj), JointMap(mj, joints)
-    _hold_others(mj, data, where)
+    hold_others(mj, data, where)
     where.write(data, log.position[0], np.zeros(len(joints)))
     for u, i in zip(log.target[0], servos, strict=True):
         if mj.actuator_history[i, 0]:
@@ -163,7 +164,7 @@ def rollout(
     return out
 
 
-def _hold_others(mj: Any, data: Any, where: JointMap) -> None:
+def hold_others(mj: Any, data: Any, where: JointMap) -> None:
     """Holds all joints that are not simulated, at 0 or at the limit nearest to it.
 
     Inertia of their own that is far above that of any robot keeps them there.

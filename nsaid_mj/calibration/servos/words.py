@@ -19,13 +19,13 @@ _NEARLY = 0.8  # error over that of a simple prediction above which the model ex
 _TOLD = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
 _STILL = 1e-3  # error of a simple prediction of a joint that hardly moves [rad or m]
 _LABELS = (
-    ("T", "damping over kp", "s"),
-    ("f", "friction over kp", "rad"),
-    ("kp", "stiffness kp", "N·m/rad"),
-    ("a", "armature over kp", "s²"),
-    ("d", "delay of the target", "s"),
-    ("armature", "armature", "kg·m²"),
-)
+    ("T", "damping over kp", ("s", "s")),
+    ("f", "friction over kp", ("rad", "m")),
+    ("kp", "stiffness kp", ("N·m/rad", "N/m")),
+    ("a", "armature over kp", ("s²", "s²")),
+    ("d", "delay of the target", ("s", "s")),
+    ("armature", "armature", ("kg·m²", "kg")),
+)  # units of hinges and slides
 _ARMATURE = NAMES.index("a")
 _WIDEST = 3.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 20
 _HEAVIER = "Take a heavier load, or more motions with the arm stretched out."
@@ -42,7 +42,7 @@ def parameters(
     values = np.r_[joint.x, joint.x[_ARMATURE] + ln_kp]
     deviations = np.sqrt(np.r_[np.diag(C), max(rotor, 0.0)])
     values[GRAVITY], deviations[GRAVITY] = ln_kp, joint.scaled
-    for (short, label, unit), x, deviation in zip(_LABELS, values, deviations, strict=True):
+    for (short, label, units), x, deviation in zip(_LABELS, values, deviations, strict=True):
         half = min(joint.quantile * float(deviation), _WIDEST)
         status: Status = "identified" if half < _TOLD else "only in combination"
         combination = "" if half < _TOLD or short in {"f", "kp"} else _lag(joint)
@@ -52,7 +52,16 @@ def parameters(
         about = f"{label} of {name}"
         found.append(
             Parameter(
-                f"{short}_{k}", about, "servo", unit, value, low, high, np.nan, status, combination
+                f"{short}_{k}",
+                about,
+                "servo",
+                units[joint.slides],
+                value,
+                low,
+                high,
+                np.nan,
+                status,
+                combination,
             )
         )
     return tuple(found)
@@ -141,9 +150,9 @@ def verdict(
             "warning",
             "no_better_than_simple",
             servos[k].name,
-            "the target itself, late, or a constant position predicts the motion nearly as well "
-            f"({joints[k].simple * 1e3:.1f} mrad) as the servo's model "
-            f"({joints[k].error * 1e3:.1f} mrad); its numbers mean nothing",
+            "the delayed target itself or a constant position predicts the motion nearly as well "
+            f"({joints[k].simple * 1e3:.1f} {joints[k].unit}) as the servo's model "
+            f"({joints[k].error * 1e3:.1f} {joints[k].unit}); its numbers mean nothing",
             "Record faster motions, stops and reversals; check that targets and positions have "
             "the same zero, unit and sign.",
         )
@@ -160,10 +169,12 @@ def verdict(
         1e3 * float(np.mean([part for part in parts]))
         for parts in ([j.error for j in joints], [j.simple for j in joints])
     )
+    unit = " or ".join(sorted({joint.unit for joint in joints}, reverse=True))
     words = {"yes": "explains", "partly": "partly explains", "no": "does not explain"}[explains]
     sentence = (
         f"The servo model {words} the motion: driven by the targets alone it departs by "
-        f"{ours:.1f} mrad in the mean; the target itself, late, or a constant by {late:.1f} mrad."
+        f"{ours:.1f} {unit} in the mean; the delayed target itself, or a constant, by {late:.1f} "
+        f"{unit}."
     )
     return explains, sentence, tuple(findings)
 
@@ -192,7 +203,7 @@ def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> t
                     "offset_trade",
                     s.name,
                     "kp and an offset between the zeros of target and position trade: "
-                    f"{1e3 * joint.zero:.2g} mrad would change kp by "
+                    f"{1e3 * joint.zero:.2g} {joint.unit} would change kp by "
                     f"{100 * abs(joint.offset):.0f} %; the interval includes this",
                     data={"relative": abs(joint.offset)},
                 )

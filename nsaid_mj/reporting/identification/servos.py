@@ -22,8 +22,10 @@ from ..terminal import print_page, print_panels
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
 # factor to the unit in the head
-_HEADS = ("servo", "kv/kp [ms]", "f/kp [mrad]", "kp [N·m/rad]", "delay [ms]", "armature [kg·m²]",
-          "error [mrad]", "simple [mrad]")  # fmt: skip
+_HEADS = ("servo", "kv/kp [ms]", "f/kp [{rad}]", "kp [{kp}]", "delay [ms]", "armature [{armature}]",
+          "error [{rad}]", "simple [{rad}]")  # fmt: skip
+_UNITS = {"kp": ("N·m/rad", "N/m"), "armature": ("kg·m²", "kg"), "rad": ("mrad", "mm")}
+# of hinges and slides
 _REPLAYED = 30.0  # of a log that are drawn [s]
 _PER_SERVO = 6  # parameters
 
@@ -84,7 +86,10 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
         own = result.parameters[_PER_SERVO * k : _PER_SERVO * (k + 1)]
         cells = [_cell(p) for p in own if p.name.partition("_")[0] in _SHOWN]
         lines.append([servo.name, *cells, f"{servo.error * 1e3:.1f}", f"{servo.simple * 1e3:.1f}"])
-    panels: list[Panel] = [Table(_HEADS, lines)]
+    kinds = sorted({slides(joint) for joint in moving_joints(result.robot.model)})
+    units = {name: ", ".join(own[kind] for kind in kinds) for name, own in _UNITS.items()}
+    heads = [head.format(**units) for head in _HEADS]
+    panels: list[Panel] = [Table(heads, lines)]
     if any(parameter.combination for parameter in result.parameters):
         panels.append(Text("~ only in combination with others; identification.json says which.",
                            note=True))  # fmt: skip
@@ -92,7 +97,7 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
         found = [[s.name, *(_cell(p) for p in result.law[3 * k : 3 * k + 3])]
                  for k, s in enumerate(result.servos)]  # fmt: skip
         panels += [Text("Law efficient, a filter from positions alone, at the end of the logs:"),
-                   Table(_HEADS[:4], found)]  # fmt: skip
+                   Table(heads[:4], found)]  # fmt: skip
     panels.append(Text("± in %; error: of the open-loop simulation; simple: of the late target "
                        "or a constant.", note=True))  # fmt: skip
     return Page(
@@ -109,7 +114,7 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
 
 def print_scores(scores: Sequence[Score], console: Console) -> None:
     """Prints how far models depart from logs, as means over all joints."""
-    heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "time\n[s]")
+    heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "CPU\n[s]")
     lines: list[list[Cell]] = []
     for score in scores:
         numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
@@ -118,7 +123,7 @@ def print_scores(scores: Sequence[Score], console: Console) -> None:
     print_panels([Table(heads, lines)], console)
     console.print()
     note = "Mean absolute errors of open-loop simulations that start again after this time; "
-    note += "identified: each half of the logs is predicted from the other."
+    note += "identified, sysid: each half of the logs is predicted from the other."
     print_panels([Text(note)], console)
 
 

@@ -2,14 +2,15 @@
 
 import json
 
+import mujoco.sysid
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.comparison import IDENTIFIED, compare_servos
+from nsaid_mj.calibration.comparison import IDENTIFIED, STOCK, SYSID, _part, compare_servos
 from nsaid_mj.calibration.servos import rollout, servo_logs
 from nsaid_mj.calibration.servos.estimate import DELAYS, late
 from nsaid_mj.cli.commands import command
-from nsaid_mj.errors import BadRobot, InvalidInput
+from nsaid_mj.errors import BadRobot, InvalidInput, NoEstimate
 
 from .simulated import ARMATURE, DELAY, JOINTS, KP, MODEL, F, T, log, write
 
@@ -56,6 +57,21 @@ def test_the_true_model_is_the_best_and_the_identified_one_is_near(scores):
     assert identified[-1] < 2.0 < damped[-1]
     assert target[-1] > 5 * identified[-1] and np.isnan(target[:2]).all()
     assert scores[0].one_step.mean() < 0.5
+
+
+@pytest.mark.skipif(not hasattr(mujoco.sysid, "optimize"), reason="needs mujoco[sysid]")
+def test_mujocos_toolbox_predicts_better_than_the_file_it_starts_from(folder):
+    given = servo_logs(folder / "damped.xml", sorted(folder.glob("*.csv")))
+    assert given is not None
+    short = given._replace(logs=tuple(_part(one, slice(0, 150)) for one in given.logs))
+    damped, best, _ = compare_servos(short, [folder / "damped.xml", SYSID])
+    assert best.errors[-1].mean() < 0.3 * damped.errors[-1].mean()
+
+
+def test_the_toolbox_without_its_dependencies_says_how_to_install_them(given, folder, monkeypatch):
+    monkeypatch.delattr(mujoco.sysid, "optimize", raising=False)
+    with pytest.raises(NoEstimate, match=r"mujoco\[sysid\]"):
+        compare_servos(given, [folder / "true.xml", STOCK])
 
 
 def test_a_simulation_that_starts_again_departs_less(scores):

@@ -47,6 +47,18 @@ def test_a_filter_that_excludes_the_fit_is_told_and_no_other():
         assert [f.code for f in apart(along, fitted)] == ["law"] * told
 
 
+def test_a_slide_has_units_of_force_and_length():
+    hinge, slide = (
+        {p.name: p.unit for p in parameters("rail", 1, joint()._replace(slides=kind), None)}
+        for kind in (False, True)
+    )
+    assert hinge["kp_1"] == "N·m/rad" and hinge["f_1"] == "rad" and hinge["armature_1"] == "kg·m²"
+    assert slide["kp_1"] == "N/m" and slide["f_1"] == "m" and slide["armature_1"] == "kg"
+    one = joint(error=15e-3)._replace(slides=True)
+    _, sentence, _ = verdict([servo("rail", one, None)], [one])
+    assert " mm in the mean" in sentence
+
+
 def test_kp_is_a_convention_where_no_gravity_acts_and_only_there():
     known, free = joint(), joint(gravity=False)
     assert status(known, "kp") == "identified"
