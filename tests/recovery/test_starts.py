@@ -1,22 +1,41 @@
-"""The law `memory` from starts at e^{±1} on the cone's blocks; scripts/starts.py runs more."""
+"""The law `memory` from starts at e^{±1} on the cone's blocks; `nsaid montecarlo` runs more."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from nsaid_mj import Scenario
+from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import prior_for
 from nsaid_mj.identifiers import Status
 from nsaid_mj.quotient.cone import cone_of, inside
-from nsaid_mj.studies.montecarlo import Course, identify
+from nsaid_mj.studies.montecarlo import Course, identify, simulate
+from nsaid_mj.studies.sweep import seed_of
 from nsaid_mj.studies.sweep_results import Row
-from scripts import starts
+
+VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee",
+            "scalar_rov")  # fmt: skip
 
 
 @cache
 def course(name: str, seconds: float) -> Course:
-    return starts.motion(name, 7, seconds)
+    """A motion whose driver is based on the scenario's own prior."""
+    scenario = load(name)
+    law = replace(scenario.identifier, law="memory", gamma="scale")
+    scenario = replace(scenario, identifier=law, rivals={}, seed=7, duration=seconds)
+    with ThreadPoolExecutor(1) as pool:
+        (found,) = simulate([scenario], pool)
+    return found
+
+
+def start(known: Course, index: int) -> Scenario:
+    """The scenario with its prior drawn within e^{±1} of the truth, by start index."""
+    scenario = known.setup.scenario
+    seed = seed_of(scenario.seed, index)
+    return replace(scenario, seed=seed, initial_error=1.0, gain_error=None)
 
 
 def check(found: Row) -> None:
@@ -28,7 +47,7 @@ def check(found: Row) -> None:
 @pytest.mark.parametrize("name", ["remus100", "f1tenth"])
 def test_a_start_far_off_stays_inside_and_comes_nearer(name, index):
     known = course(name, 5.0)
-    (found,) = identify(known, [(index, starts.start(known.setup.scenario, index, 1.0))])
+    (found,) = identify(known, [(index, start(known, index))])
     check(found)
     assert found["status_time"] == pytest.approx(5.0)
     assert found["theta_perp_ratio"] < 0.1 * found["theta_perp_ratio_initial"]
@@ -39,7 +58,7 @@ def test_starts_are_inside_the_cone_distinct_and_reproducible():
     cone = cone_of(known.setup.plant.system.space)
 
     def draw(index: int) -> np.ndarray:
-        return prior_for(starts.start(known.setup.scenario, index, 1.0), known.setup.plant)
+        return prior_for(start(known, index), known.setup.plant)
 
     drawn = [draw(index) for index in range(50)]
     assert all(inside(cone, theta) for theta in drawn)
@@ -49,25 +68,22 @@ def test_starts_are_inside_the_cone_distinct_and_reproducible():
     assert 0.9 < off.max() <= 1.0 + 1e-12
 
 
-def test_the_study_counts_a_law_that_loses_definiteness(monkeypatch):
+def test_a_law_that_loses_definiteness_is_told():
     """The paper's law with a gain far too large."""
     known = course("remus100", 5.0)
     base = known.setup.scenario
     broken = replace(base, identifier=replace(base.identifier, law="paper", gain=1e4))
-    setup = replace(known.setup, scenario=broken)
-    monkeypatch.setattr(starts, "motion", lambda *_: replace(known, setup=setup))
-    found = starts.study("remus100", 7, 3, 5.0, 1.0)
+    other = replace(known, setup=replace(known.setup, scenario=broken))
+    found = identify(other, [(index, start(other, index)) for index in range(3)])
     words = Status.estimate_not_positive_definite.words
     lost = [one for one in found if one["status"] == words]
     assert lost and all(one["status_time"] < 5.0 for one in lost)
-    gone = sum(one["status"] != Status.completed.words for one in found)
-    assert f"| 3 | {gone} | 3 |" in starts.line("remus100", found)
-    assert len(list(starts.failures(found))) == 3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", starts.VEHICLES)
+@pytest.mark.parametrize("name", VEHICLES)
 def test_vehicles_find_the_true_set_from_any_start(name):
-    for found in starts.study(name, 7, 5, 20.0, 1.0):
+    known = course(name, 20.0)
+    for found in identify(known, [(index, start(known, index)) for index in range(5)]):
         check(found)
-        assert starts.near(found), found
+        assert found["theta_perp_ratio"] <= 0.01, found
