@@ -75,7 +75,7 @@ def heard() -> Iterator[Heard]:
         try:
             with (
                 open(os.dup(1), "w", encoding="utf-8") as python_out,
-                open(os.dup(2), "w", encoding="utf-8", errors="backslashreplace") as python_err,
+                open(os.dup(2), "w", encoding="utf-8") as python_err,
                 contextlib.redirect_stdout(python_out),
                 contextlib.redirect_stderr(python_err),
                 warnings.catch_warnings(record=True) as warned,
