@@ -4,15 +4,17 @@
 
 Blocks of time steps of both sides alternate, and the median and quartiles of the blocks' ratios are
 printed, so that drift of the machine's clock affects both sides. The runs are complete: the
-scenarios' plants, drivers and gains, and `experiment.run` with its record on disk.
+scenarios' plants, drivers and gains, and `experiment.run` with its record on disk. Then the cost of
+256 identifiers along one motion, on two threads.
 """
 
 import json
 import sys
 import tempfile
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +22,6 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 from machine import machine
-from wide import cost
 
 from nsaid_mj import ArmPlant, Scenario
 from nsaid_mj.control import Driver
@@ -30,27 +31,25 @@ from nsaid_mj.experiment.setup import Setup, trajectory
 from nsaid_mj.log import Log
 from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import Backend
+from nsaid_mj.studies.montecarlo import follow, grouped, simulate
+from nsaid_mj.studies.sweep import seed_of
 
 BLOCKS = 15
 STEPS = 4000  # time steps of a closed loop in a block
 LAWS = ("paper", "cone", "memory")
 WITH_FILTER = (*LAWS, "efficient")
 LASTING = 20.0  # time that the law `efficient` runs in a block; its memory pauses ever longer [s]
-VEHICLES = (
-    "scalar_rov",
-    "bluerov2",
-    "remus100",
-    "hummingbird",
-    "crazyflie",
-    "f1tenth",
-    "bmw320i",
-    "astrobee",
-    "borinot",
-    "uvms",
-)
+VEHICLES = ("scalar_rov", "bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i",
+            "astrobee", "borinot", "uvms")  # fmt: skip
+RUNS, THREADS, REPEATS = 256, 2, 5  # of the identifiers along one motion
+
+Block = Callable[[], float]
+"""Runs some time steps; returns the seconds for each."""
+Comparison = tuple[str, Block, Block, float | None]
+"""What is compared, our side, theirs, and the largest acceptable ratio, if there is any."""
 
 
-def seven_joints(backend: Backend) -> Scenario:
+def seven_joints(backend: Backend = "compiled") -> Scenario:
     """An arm of 7 joints and 91 parameters: no rotor inertias, low friction for its light wrist."""
     arm = ArmPlant(
         "xarm7", armature=0.0, damping=3e-3, friction=3e-3, friction_speed=0.3, backend=backend
@@ -58,55 +57,38 @@ def seven_joints(backend: Backend) -> Scenario:
     return replace(load("ur5"), plant=arm, dt=1e-3)
 
 
-def arm_on(name: str, backend: Backend) -> Scenario:
-    """The scenario of an arm, with a backend."""
-    scenario = load(name)
-    assert isinstance(scenario.plant, ArmPlant)
-    return replace(scenario, plant=replace(scenario.plant, backend=backend))
+def ur5(backend: Backend = "compiled") -> Scenario:
+    """The scenario of a UR5, with a backend."""
+    scenario = load("ur5")
+    return replace(scenario, plant=replace(scenario.plant, backend=backend))  # type: ignore[call-arg]
 
 
-@dataclass
-class Row:
-    """A comparison of two costs.
-
-    Attributes:
-        what: the two sides, in words.
-        ours: seconds per step in every block.
-        theirs: seconds per step in every block.
-        bar: largest ratio that is acceptable, or None.
-    """
-
-    what: str
-    ours: list[float]
-    theirs: list[float]
-    bar: float | None = None
-
-    def summary(self) -> dict[str, Any]:
-        """Median ratio, quartiles and costs, as in benchmark.json."""
-        ratios = np.array(self.ours) / np.array(self.theirs)
-        low, median, high = np.percentile(ratios, [25, 50, 75]).tolist()
-        return {
-            "what": self.what,
-            "ratio": median,
-            "quartiles": [low, high],
-            "bar": self.bar,
-            "ours_us": 1e6 * float(np.median(self.ours)),
-            "theirs_us": 1e6 * float(np.median(self.theirs)),
-        }
+def under(scenario: Scenario, law: str, steps: int) -> Scenario:
+    """A scenario with another law and duration; `efficient` under noise, for which it is made."""
+    scenario = replace(scenario, identifier=replace(scenario.identifier, law=law))
+    if law == "efficient":
+        return replace(scenario, sensors="noisy", duration=LASTING)
+    return replace(scenario, duration=steps * scenario.dt)
 
 
-def alternating(
-    what: str, ours: Callable[[], float], theirs: Callable[[], float], bar: float | None = None
-) -> Row:
-    """Times both sides in alternating blocks, after one warm-up block of each."""
+def compared(what: str, ours: Block, theirs: Block, bar: float | None) -> dict[str, Any]:
+    """Times both sides in alternating blocks, after one warm-up block of each, and prints a row."""
     ours()
     theirs()
-    pairs = [(ours(), theirs()) for _ in range(BLOCKS)]
-    return Row(what, [a for a, _ in pairs], [b for _, b in pairs], bar)
+    own, other = np.array([(ours(), theirs()) for _ in range(BLOCKS)]).T
+    low, median, high = np.percentile(own / other, [25, 50, 75]).tolist()
+    costs = 1e6 * float(np.median(own)), 1e6 * float(np.median(other))
+    print(
+        f"{median:6.2f} ({low:.2f} … {high:.2f}){f' (bar {bar:g})' if bar else ''}  {what}  "
+        f"[{costs[0]:.1f} µs / {costs[1]:.2f} µs]",
+        flush=True,
+    )
+    row: dict[str, Any] = {"what": what, "ratio": median, "quartiles": [low, high], "bar": bar}
+    return row | {"ours_us": costs[0], "theirs_us": costs[1]}
 
 
-def seconds(action: Callable[[], object], repeats: int) -> Callable[[], float]:
-    """A block that measures the mean time of an action [s]."""
+def seconds(action: Callable[[], object], repeats: int = 2000) -> Block:
+    """A block that measures the mean time of an action."""
 
     def block() -> float:
         begin = time.perf_counter()
@@ -120,16 +102,8 @@ def seconds(action: Callable[[], object], repeats: int) -> Callable[[], float]:
 # -- the whole loop --------------------------------------------------------------------------------
 
 
-def under(scenario: Scenario, law: str, steps: int) -> Scenario:
-    """A scenario with another law and duration; `efficient` under noise, for which it is made."""
-    scenario = replace(scenario, identifier=replace(scenario.identifier, law=law))
-    if law == "efficient":
-        return replace(scenario, sensors="noisy", duration=LASTING)
-    return replace(scenario, duration=steps * scenario.dt)
-
-
-def closed_loop(scenario: Scenario, law: str) -> Callable[[], float]:
-    """A block that runs the whole loop: plant, driver, identifier, excitation levels, record."""
+def closed_loop(scenario: Scenario, law: str) -> Block:
+    """The whole loop: plant, driver, identifier, excitation levels, record."""
     scenario = under(scenario, law, STEPS)
 
     def block() -> float:
@@ -141,8 +115,16 @@ def closed_loop(scenario: Scenario, law: str) -> Callable[[], float]:
     return block
 
 
-def plant_alone(scenario: Scenario) -> Callable[[], float]:
-    """A block of MuJoCo's RK4 along the scenario's motion, stepped from Python as a user would."""
+def driven(scenario: Scenario) -> tuple[Plant, Driver, Log]:
+    """A scenario's plant, its driver, and the log of its run."""
+    setup = Setup.of(scenario)
+    plant, driver = setup.plant, setup.driver()
+    with plant.running():
+        return plant, driver, trajectory(plant, driver, scenario.steps)
+
+
+def plant_alone(scenario: Scenario) -> Block:
+    """MuJoCo's RK4 along the scenario's motion, stepped from Python as a user would."""
     plant, driver, log = driven(replace(scenario, duration=STEPS * scenario.dt))
 
     def block() -> float:
@@ -158,50 +140,30 @@ def plant_alone(scenario: Scenario) -> Callable[[], float]:
     return block
 
 
-def driven(scenario: Scenario) -> tuple[Plant, Driver, Log]:
-    """A scenario's plant, its driver, and the log of its run."""
-    setup = Setup.of(scenario)
-    plant, driver = setup.plant, setup.driver()
-    with plant.running():
-        return plant, driver, trajectory(plant, driver, scenario.steps)
-
-
-def loops() -> list[Row]:
+def loops() -> Iterator[Comparison]:
     """Closed loops compared with MuJoCo alone, and the law `memory` with the other laws."""
-    rows = []
     for name, scenario, laws, bar in (
-        ("7 joints, 91 parameters, compiled", seven_joints("compiled"), LAWS, 2.0),
+        ("7 joints, 91 parameters, compiled", seven_joints(), LAWS, 2.0),
         ("7 joints, 91 parameters, Pinocchio", seven_joints("pinocchio"), LAWS[:1], 10.0),
         ("bluerov2", load("bluerov2"), WITH_FILTER, 3.0),
-        ("ur5, compiled", arm_on("ur5", "compiled"), WITH_FILTER, None),
+        ("ur5, compiled", ur5(), WITH_FILTER, None),
     ):
         alone = plant_alone(scenario)
         for law in laws:
-            rows.append(
-                alternating(
-                    f"closed loop / MuJoCo RK4 alone: {name}, {law}",
-                    closed_loop(scenario, law),
-                    alone,
-                    {"paper": bar, "efficient": 6.0}.get(law),
-                )
-            )
+            what = f"closed loop / MuJoCo RK4 alone: {name}, {law}"
+            largest = {"paper": bar, "efficient": 6.0}.get(law)
+            yield what, closed_loop(scenario, law), alone, largest
         for other in laws[:2] if "memory" in laws else ():
-            rows.append(
-                alternating(
-                    f"closed loop with memory / with the {other}'s law alone: {name}",
-                    closed_loop(scenario, "memory"),
-                    closed_loop(scenario, other),
-                    1.5 if other == "paper" else None,
-                )
-            )
-    return rows
+            what = f"closed loop with memory / with the {other}'s law alone: {name}"
+            blocks = closed_loop(scenario, "memory"), closed_loop(scenario, other)
+            yield what, *blocks, 1.5 if other == "paper" else None
 
 
 # -- the identifier --------------------------------------------------------------------------------
 
 
-def following(scenario: Scenario, law: str, steps: int = 2000) -> Callable[[], float]:
-    """A block in which an identifier follows a log in stretches of half a second, as in a run."""
+def following(scenario: Scenario, law: str, steps: int = 2000) -> Block:
+    """An identifier follows a log in stretches of half a second, as in a run."""
     scenario = under(scenario, law, steps)
     setup, steps = Setup.of(scenario), scenario.steps
     with setup.plant.running():
@@ -219,13 +181,10 @@ def following(scenario: Scenario, law: str, steps: int = 2000) -> Callable[[], f
     return block
 
 
-def step_by_step(scenario: Scenario, law: str, steps: int = 200) -> Callable[[], float]:
-    """A block in which an identifier is called from Python at every sample, as on a robot."""
-    scenario = replace(
-        scenario, duration=steps * scenario.dt, identifier=replace(scenario.identifier, law=law)
-    )
-    log = driven(scenario)[2]
-    rows, identifier = log.rows, Setup.of(scenario).identifiers()[""]
+def step_by_step(scenario: Scenario, steps: int = 200) -> Block:
+    """An identifier is called from Python at every sample, as on a robot; the paper's law."""
+    scenario = under(scenario, "paper", steps)
+    rows, identifier = driven(scenario)[2].rows, Setup.of(scenario).identifiers()[""]
 
     def block() -> float:
         state = identifier.init(rows[0])
@@ -237,87 +196,78 @@ def step_by_step(scenario: Scenario, law: str, steps: int = 200) -> Callable[[],
     return block
 
 
-def identifiers() -> list[Row]:
+def identifiers() -> Iterator[Comparison]:
     """Identifiers compared with one Pinocchio regressor, or with a MuJoCo step of a UR5."""
-    scenario, rows = seven_joints("compiled"), []
-    robot: Any = scenario.plant.build(scenario.dt, 0)
-    model, zero = robot.system.model, np.zeros(7)
-    data = model.createData()
-    q = pin.neutral(model)
-    regressor = seconds(lambda: pin.computeJointTorqueRegressor(model, data, q, zero, zero), 2000)
+    arm: Any = seven_joints().plant.build(1e-3, 0)
+    model, zero = arm.system.model, np.zeros(7)
+    data, q = model.createData(), pin.neutral(model)
+    regressor = seconds(lambda: pin.computeJointTorqueRegressor(model, data, q, zero, zero))
+    over = "identifier RK4 step / one Pinocchio torque regressor"
+    by_sample = "the same, sample by sample from Python"
     for law in LAWS:
-        what = f"identifier RK4 step / one Pinocchio torque regressor: 91 parameters, {law}"
-        bar = 4.0 if law == "paper" else None
-        rows.append(alternating(what, following(scenario, law), regressor, bar))
-    rows.append(
-        alternating(
-            "the same, sample by sample from Python: paper",
-            step_by_step(scenario, "paper"),
-            regressor,
-        )
-    )
+        block, bar = following(seven_joints(), law), 4.0 if law == "paper" else None
+        yield f"{over}: 91 parameters, {law}", block, regressor, bar
+    yield f"{by_sample}: paper", step_by_step(seven_joints()), regressor, None
     for law in WITH_FILTER:
-        what = f"identifier RK4 step / one Pinocchio torque regressor of 91 parameters: ur5, {law}"
-        rows.append(alternating(what, following(arm_on("ur5", "compiled"), law), regressor))
-    rows += [
-        alternating(
-            "the same, sample by sample from Python: ur5, paper",
-            step_by_step(arm_on("ur5", "compiled"), "paper"),
-            regressor,
-        ),
-        alternating(
-            "the same, along a log on Pinocchio's regressors: ur5, paper",
-            following(arm_on("ur5", "pinocchio"), "paper", 500),
-            regressor,
-        ),
-    ]
-    arm = load("ur5").plant.build(1e-3, 0)
-    arm.model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    arm.reset(np.zeros(6), np.zeros(6))
+        yield f"{over} of 91 parameters: ur5, {law}", following(ur5(), law), regressor, None
+    yield f"{by_sample}: ur5, paper", step_by_step(ur5()), regressor, None
+    on_pinocchio = following(ur5("pinocchio"), "paper", 500)
+    what = "the same, along a log on Pinocchio's regressors: ur5, paper"
+    yield what, on_pinocchio, regressor, None
+
+    robot = load("ur5").plant.build(1e-3, 0)
+    robot.model.opt.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    robot.reset(np.zeros(6), np.zeros(6))
 
     def euler() -> float:
-        with arm.running():
-            return seconds(lambda: mujoco.mj_step(arm.model, arm.data), 2000)()
+        with robot.running():
+            return seconds(lambda: mujoco.mj_step(robot.model, robot.data))()
 
+    several = {"bluerov2": WITH_FILTER, "uvms": LAWS, "borinot": LAWS}
     for name in VEHICLES:
-        several = {"bluerov2": WITH_FILTER, "uvms": LAWS, "borinot": LAWS}
         for law in several.get(name, LAWS[:1]):
             what = f"identifier RK4 step / MuJoCo Euler step of a UR5: {name}, {law}"
             ours = following(load(name), law, 400 if name in ("uvms", "borinot") else 2000)
-            rows.append(alternating(what, ours, euler, 5.0 if law == "paper" else None))
-    return rows
+            yield what, ours, euler, 5.0 if law == "paper" else None
+
+
+def many(name: str, scenario: Scenario) -> dict[str, Any]:
+    """Wall and processor time per run and step of identifiers along one motion; prints a row.
+
+    Simulation is not timed; drawing priors and building identifiers is. Nothing is evaluated.
+    """
+    scenario = replace(under(scenario, "paper", 1000), initial_error=0.1, rivals={})
+    draws = [replace(scenario, seed=seed_of(scenario.seed, k)) for k in range(RUNS)]
+    times = []
+    with ThreadPoolExecutor(THREADS) as pool:
+        (course,) = simulate([scenario], pool)
+        follow(course, grouped(draws, THREADS)[0])  # compiles
+        for _ in range(REPEATS):
+            begin = time.perf_counter(), time.process_time()
+            waiting = [pool.submit(follow, course, group) for group in grouped(draws, THREADS)]
+            ends = [run.following.ended for done in waiting for run in done.result()]
+            assert not any(ends), "a run ended early, which would cost less"
+            times.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
+    wall, processor = (1e6 * np.array(times) / (RUNS * scenario.steps)).T
+    low, median, high = np.percentile(wall, [25, 50, 75]).tolist()
+    p = course.setup.system.p
+    what = f"{RUNS} runs on {THREADS} threads: {name}, {p} parameters, paper"
+    print(f"{median:6.2f} µs per run and step: {what}", flush=True)
+    row = {"what": what, "us_per_run_and_step": median, "quartiles": [low, high]}
+    return row | {"processor_us": float(np.median(processor))}
 
 
 def main() -> None:
     """Prints a table; also writes JSON if a file is named."""
     where = machine()
     print(", ".join(f"{key} {value}" for key, value in where.items()), flush=True)
-    summaries = []
-    for part in (loops, identifiers):
-        for row in part():
-            summaries.append(row.summary())
-            print_summary(summaries[-1])
-    wide = []
-    for name in ("xarm7", "ur5", "bluerov2"):
-        wide.append(cost(name, "paper"))
-        print(
-            f"{wide[-1]['us_per_run_and_step']:6.2f} µs per run and step: {wide[-1]['what']}",
-            flush=True,
-        )
+    rows = [compared(*each) for part in (loops, identifiers) for each in part()]
+    seven = replace(load("xarm7"), plant=seven_joints().plant)
+    scenarios = {"xarm7": seven, "ur5": ur5(), "bluerov2": load("bluerov2")}
+    wide = [many(name, scenario) for name, scenario in scenarios.items()]
     if len(sys.argv) > 1:
-        document = {"machine": where, "blocks": BLOCKS, "rows": summaries, "monte_carlo": wide}
+        document = {"machine": where, "blocks": BLOCKS, "rows": rows, "monte_carlo": wide}
         Path(sys.argv[1]).write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
-
-
-def print_summary(row: dict[str, Any]) -> None:
-    """Prints a comparison in one line."""
-    low, high = row["quartiles"]
-    bar = f" (bar {row['bar']:g})" if row["bar"] else ""
-    print(
-        f"{row['ratio']:6.2f} ({low:.2f} … {high:.2f}){bar}  {row['what']}  "
-        f"[{row['ours_us']:.1f} µs / {row['theirs_us']:.2f} µs]",
-        flush=True,
-    )
 
 
 if __name__ == "__main__":

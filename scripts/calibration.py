@@ -1,161 +1,311 @@
-"""Accuracy of `nsaid identify` on simulated logs that have what real ones have.
+"""Accuracy of `nsaid identify`, on a real arm's log and on simulated ones; of docs/results.md.
 
-    python scripts/calibration.py [--robots ur5,panda] [--seeds 0:5] [--duration 40] [--rate 500]
+    python -m scripts.calibration [arms] [--robots ur5,panda,kinova] [--rate 500] [--duration 40]
+    python -m scripts.calibration scale [--robots ur5,panda,kinova,z1,xarm7] [--seeds 100:110]
+    python -m scripts.calibration payload [--seeds 0:5]
+    python -m scripts.calibration tx40
+    python -m scripts.calibration laws FOLDER [--robots ur5,panda]
 
-MuJoCo moves an arm with hidden gains (± 30 %), frictions and inertias (± 20 %). The commands are
-recorded in A with a quantised current, load-dependent friction and a constant offset are added to
-them, they precede the motion by 15 ms, rows come at 500 Hz, or `--rate`, with jittered times and
-one gap, and positions alone are measured. The model file has the nominal inertias; the scale is
-fixed by one known gain. Prints errors of the gain ratios and whether the stated intervals hold.
+- `arms`: logs `Simulated` of scripts/simulated_logs.py, the scale fixed by one known gain. Errors
+  of the gain ratios, and whether the stated intervals hold.
+- `scale`: logs `HeavyWrist`, without a known number, so that the common scale rests on the file's
+  masses. The scale of the gains whose ratios the log tells over the true one, whether the intervals
+  of these gains hold it, the largest error of their ratios, and how many intervals of ratios hold.
+- `payload`: how well a weighed load tells the scale of masses, gains and friction: 2 kg on the last
+  link of a `HeavyWrist` UR5 in a second log; and 200 g in the gripper of an SO-101 in two of four
+  logs, all of whose masses are the file's times a drawn factor. The load's place is not told.
+- `tx40`: three fifths of the moving part of the Stäubli's log (last, first, middle) are held out in
+  turn: NRMSE of every joint, and its ratio to weighted least squares on the same rows. Then the
+  published essential parameters with the gears given, and the gains where they are free.
+- `laws`: how far the laws that see a log once stay from the batch fit. Every folder below FOLDER
+  with a model (.urdf or .xml) and logs (.csv or .csv.gz) is identified by every law, with its own
+  map.toml or that of the packed robot of its name; then 20 s of simulated robots.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import re
 import tempfile
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
+from nsaid_mj.calibration.arms import structured_arm
+from nsaid_mj.calibration.calibrate import tempered_fit
 from nsaid_mj.calibration.data import RobotModel
+from nsaid_mj.calibration.fit import minimise
 from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.law import LAWS, follow_log
+from nsaid_mj.calibration.law_result import AlongLog
+from nsaid_mj.calibration.least_squares import least_squares
+from nsaid_mj.calibration.logs import prepare, read_map, read_tables
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.plants.arm import true_model
+from nsaid_mj.calibration.payloads import Load
+from nsaid_mj.calibration.precision import tempered
+from nsaid_mj.calibration.servos import identify_servos, servo_logs
+from nsaid_mj.calibration.structure import Options
+from nsaid_mj.errors import NsaidError
+from nsaid_mj.resources import asset
 
-DELAY, JITTER = 0.015, 2e-4
-CONSTANT = 0.1  # nominal torque constant through the gear [N·m/A] over the joint's torque
+from .simulated_logs import HeavyWrist, Simulated, nominal_model
+
+TOLD = 0.2  # relative half-width up to which a ratio is told
 
 
-class Simulated:
-    """A log of an arm with its hidden gains.
+def arms(robots: list[str], seeds: range, duration: float, rate: float) -> None:
+    """Prints the accuracy of gains on logs that have what real ones have."""
+    total = held = 0
+    for name, seed in ((name, seed) for name in robots for seed in seeds):
+        simulated = Simulated(name, seed, duration, rate=rate)
+        with tempfile.TemporaryDirectory() as folder:
+            path = simulated.write(Path(folder) / "log.csv")
+            known = {"gain_1": float(simulated.gain[0])}
+            found = identify(nominal_model(simulated, seed), path, known=known)
+        gains = found.of("motor gain")
+        ratio = np.array([p.value for p in gains]) / simulated.gain
+        inside = [p.low <= k <= p.high for p, k in zip(gains, simulated.gain, strict=True)]
+        sure = [p.status == "identified" for p in gains]
+        total += sum(sure)
+        held += sum(a and b for a, b in zip(inside, sure, strict=True))
+        delay = np.mean([j.delay for j in found.joints]) * 1e3
+        print(f"{name} {seed}: {found.explains}, delay {delay:.1f} ms, {found.seconds:.1f} s")
+        print("   gain/true", np.round(ratio, 3), "inside", np.array(inside, int))
+        halves = np.round([p.high / p.value - 1 for p in gains], 3)
+        print("   half-width", halves, "".join("i" if s else "-" for s in sure))
+        rms = np.round([[j.held_out, j.least_squares] for j in found.joints], 3).T
+        print("   NRMSE", *rms, flush=True)
+    print(f"intervals of identified gains hold: {held} of {total}")
 
-    Args:
-        name: of the scenario.
-        seed: of plant, motion and noise.
-        duration: [s].
-        plain: leave out everything but noise.
-        rate: rows per second.
+
+def scale(robots: list[str], seeds: range, duration: float) -> None:
+    """Prints the common scale found on logs whose commands have unknown units."""
+    held, ratios, scales = [], [], []
+    for name, seed in ((name, seed) for name in robots for seed in seeds):
+        log = HeavyWrist(name, seed, duration)
+        with tempfile.TemporaryDirectory() as folder:
+            found = identify(log.robot, log.write(Path(folder) / "log.csv"))
+        gains, true = found.of("motor gain"), log.gain
+        off = np.log([p.value for p in gains] / true)
+        half = np.array([np.inf if p.relative is None else p.relative for p in gains])
+        told = half < TOLD if (half < TOLD).any() else half <= half.min()
+        weight = told / np.maximum(half, 0.01) ** 2
+        common = float(np.exp(weight @ off / weight.sum()))
+        inside = np.array([p.low <= k <= p.high for p, k in zip(gains, true, strict=True)])
+        apart = np.abs(np.exp(off) / common - 1)[told]
+        held.append(bool(inside[told].mean() > 0.5))
+        ratios += (apart <= half[told]).tolist()
+        scales.append(common)
+        print(
+            f"{name} {seed}: {found.explains}, scale {common:.2f}, inside {inside.astype(int)}, "
+            f"ratios of {told.sum()} gains off by at most {apart.max():.1%}; all "
+            f"{np.round(np.exp(off), 2)}, {found.seconds:.1f} s",
+            flush=True,
+        )
+    near = np.mean([1 / 1.3 <= common <= 1.3 for common in scales])
+    print(
+        f"common scale {min(scales):.2f} to {max(scales):.2f}, within 1.3 × in {near:.0%}, held by "
+        f"the intervals in {np.mean(held):.0%} of {len(held)} logs; "
+        f"{np.mean(ratios):.0%} of {len(ratios)} intervals of ratios hold"
+    )
+
+
+# -- weighed loads ---------------------------------------------------------------------------------
+
+
+def payload(seeds: range) -> None:
+    """Prints the two tables of docs/payload.md."""
+    for name, trial in (("UR5, currents, 2 kg", loaded_arm), ("SO-101, targets, 200 g", servos)):
+        print(f"\n| {name}: seed | found over true | 95 % interval | holds |\n|---|---|---|---|")
+        for seed in seeds:
+            with tempfile.TemporaryDirectory() as folder:
+                value, low, high = trial(seed, Path(folder))
+            held = "yes" if low <= 1 <= high else "no"
+            print(f"| {seed} | {value:.3f} | {low:.3f} to {high:.3f} | {held} |", flush=True)
+
+
+def loaded_arm(seed: int, folder: Path) -> np.ndarray:
+    """The first three gains over the true ones, and the ends of their intervals, in the mean."""
+    free = HeavyWrist("ur5", seed, 15.0)
+    loaded = free.loaded(seed, 2.0, np.array([0.04, -0.02, 0.12]))
+    logs = [free.write(folder / "free.csv"), loaded.write(folder / "loaded.csv")]
+    gains = identify(free.robot, logs, loads=["loaded.csv:2kg"]).of("motor gain")[:3]
+    ratios = np.array([[g.value, g.low, g.high] for g in gains]) / free.gain[:3, None]
+    return np.exp(np.log(ratios).mean(axis=0))
+
+
+def servos(seed: int, folder: Path) -> np.ndarray:
+    """The masses' scale over the true one, and the ends of its interval."""
+    from tests.calibration.servos import simulated
+
+    heavier = float(np.exp(np.random.default_rng([seed, 5]).uniform(-0.5, 0.5)))
+    files, loads = [], []
+    for k, load in enumerate((0.0, 0.0, 0.2, 0.2)):
+        motion = simulated.log(100 * seed + k, heavier=heavier, load=load)
+        files.append(simulated.write(folder / f"log_{k}.csv", *motion))
+        loads += [Load(files[-1].name, load, "gripper")] if load else []
+    given = servo_logs(simulated.MODEL, files, loads=loads)
+    assert given is not None
+    (found,) = identify_servos(given).scale
+    return np.array([found.value, found.low, found.high]) / heavier
+
+
+# -- the Stäubli TX40 ------------------------------------------------------------------------------
+
+OURS = {"mx": "hx", "my": "hy", "mz": "hz", "Ia": "rotor", "fv": "viscous", "fs": "coulomb",
+        "fvm": "coupling_viscous_5", "fsm": "coupling_coulomb_5"}  # fmt: skip
+"""Our names of the published parameters, where they differ."""
+
+
+def essential() -> dict[str, tuple[float, float, bool]]:
+    """Published essential parameters, ours, and whether they agree, with the gears given.
+
+    Both are taken over viscous friction of joint 1 and shown at its published value. They agree
+    within three published deviations or 10 %, whichever is larger.
     """
+    known = {f"gain_{i}": 1.0 for i in range(1, 7)}
+    found = identify("tx40", known=known, columns=["viscous"], delay=0.0)
+    values = {p.name: p.value for p in found.parameters}
 
-    def __init__(
-        self, name: str, seed: int, duration: float, plain: bool = False, rate: float = 500.0
-    ):
-        scenario = load(name)
-        scenario = replace(scenario, duration=duration, seed=seed, sensors="ideal")
-        setup = Setup.of(scenario)
-        with setup.plant.running():
-            log = setup.simulate()
-        rng = np.random.default_rng([seed, 13])
-        true = setup.plant.truth
-        model = true_model(setup.system.model, true)
-        n = model.nv
-        gain = true[setup.system.space["motor gain"]]
-        coordinates = _coordinates(model, log.q)
-        force = gain * log.u  # torque of the motors
-        constant = rng.uniform(0.7, 1.3, n) * _typical(force) / 5.0  # N·m/A: about 5 A
-        if not plain:
-            weight = np.array(
-                [pin.computeGeneralizedGravity(model, model.createData(), q)
-                 for q in log.q]
-            )  # fmt: skip
-            force = force + 0.05 * np.tanh(log.v / 0.02) * np.abs(weight)
-            force = force + 0.02 * _typical(force) * rng.uniform(-1, 1, n)
-        current = force / constant
-        if not plain:
-            current = np.round(current / 0.004) * 0.004
-        t = log.t[0] + np.arange(0, log.t[-1] - log.t[0], 1 / rate)
-        shift = 0.0 if plain else DELAY
-        u = np.column_stack([_held(t + shift, log.t, current[:, j]) for j in range(n)])
-        jitter = 0.0 if plain else JITTER * rng.uniform(-1, 1, len(t))
-        q = np.column_stack([np.interp(t + jitter, log.t, c) for c in coordinates.T])
-        q = q + 1e-4 * rng.standard_normal(q.shape)
-        keep = np.ones(len(t), dtype=bool)
-        if not plain:
-            keep[int(0.4 * len(t)) : int(0.4 * len(t) + 1.5 * rate)] = False
-        self.t, self.q, self.u = (t + jitter)[keep], q[keep], u[keep]
-        names = [str(j) for j in list(model.names)[1:]]
-        arm = [j for j, name in enumerate(names) if "finger" not in name]  # they are locked
-        self.q, self.u = self.q[:, arm], self.u[:, arm]
-        self.gain, self.joints = constant[arm], [names[j] for j in arm]
-        self.setup = setup
+    def combination(words: str) -> float:
+        terms = re.findall(r"(-?)(?:([\d.]+)\*)?([A-Za-z]+)(\d)", words.replace("- ", "-"))
+        return sum(
+            (-1 if sign else 1) * float(weight or 1) * values[f"{OURS.get(kind, kind)}_{joint}"]
+            for sign, weight, kind, joint in terms
+        )
 
-    def write(self, path: Path, **changes: object) -> Path:
-        """Writes the log as CSV; `changes` may replace q or u."""
-        q, u = np.asarray(changes.get("q", self.q)), np.asarray(changes.get("u", self.u))
-        names = [f"{j}_position" for j in self.joints] + [f"{j}_current" for j in self.joints]
-        table = np.column_stack([self.t, q, u])
-        np.savetxt(path, table, delimiter=",", header=",".join(["time", *names]), comments="")
-        return path
+    with asset("tx40", "published_essential_parameters.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.reader(file) if row]
+    viscous = next(float(row[3]) for row in rows if row[0] == "fv1")
+    table = {}
+    for words, _, _, weighted, percent in rows:
+        published, own = float(weighted), combination(words) * viscous / values["viscous_1"]
+        near = max(0.03 * float(percent), 0.1) * abs(published)
+        table[words] = published, own, abs(own - published) <= near
+    return table
 
 
-def _typical(force: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.mean(force**2, axis=0))
+def tx40() -> None:
+    """Prints the tables of a real arm."""
+    robot, mapping = load_robot_model("tx40"), read_map(asset("tx40", "map.toml"))
+    recordings = prepare(read_tables([asset("tx40", "log.csv.gz")], mapping), mapping, robot)
+    made = structured_arm(robot, recordings, None, Options(coupled=((4, 5, 1),)), lambda _: None)
+    problem, at = made.problem, made.problem.space.actuators
+    _, share = tempered_fit(problem)
+    N, ratios = len(problem.t), []
+    for name, begin in (("last", 4 * N // 5), ("first", 0), ("middle", 2 * N // 5)):
+        part = np.arange(begin, {"last": N, "first": N // 5, "middle": 3 * N // 5}[name])
+        rest, own = (problem.select(rows) for rows in (np.delete(np.arange(N), part), part))
+        theta = minimise(rest, tempered(rest, share)).theta
+        ours, plain = own.nrmse(theta), own.nrmse(least_squares(rest, theta[at]))
+        ratios += (ours / plain).tolist()
+        print(f"{name:6} NRMSE {np.round(ours, 3)}, over least squares {np.round(ours / plain, 2)}")
+    below = np.sum(np.array(ratios) <= 1.05)
+    print(f"{below} of {len(ratios)} at most 1.05, the worst {max(ratios):.2f}")
+    table = essential()
+    for words, (published, own, agrees) in table.items():
+        mark = "" if agrees else "off"
+        print(f"{words[:40]:40} published {published:8.4f} ours {own:8.4f} {mark}")
+    print(f"{sum(agrees for *_, agrees in table.values())} of {len(table)} agree")
+    for gain in identify("tx40").of("motor gain"):
+        print(f"{gain.label}: {gain.value:.3f} [{gain.low:.2f}, {gain.high:.2f}] {gain.status}")
 
 
-def _held(at: np.ndarray, t: np.ndarray, u: np.ndarray) -> np.ndarray:
-    index = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 1)
-    return u[index]
+# -- laws that see a log once ----------------------------------------------------------------------
+
+HEADS = ("log", "law", "largest deviation of a gain's ratio", "gains whose interval holds the "
+         "batch fit's", "told apart", "misfit", "NRMSE of the last fifth", "time [s]")  # fmt: skip
 
 
-def _coordinates(model: pin.Model, q: np.ndarray) -> np.ndarray:
-    """(N, n) angles of Pinocchio's q."""
-    found = np.empty((len(q), model.nv))
-    for joint in list(model.joints)[1:]:
-        if joint.nq == 2:
-            angle = np.arctan2(q[:, joint.idx_q + 1], q[:, joint.idx_q])
-            found[:, joint.idx_v] = np.unwrap(angle)
-        else:
-            found[:, joint.idx_v] = q[:, joint.idx_q]
-    return found
+def laws(folder: Path, robots: list[str]) -> None:
+    """Prints the table of the laws along every log, or why one cannot follow it."""
+    rows = ["| " + " | ".join(HEADS) + " |", "|---" * len(HEADS) + "|"]
+    print("\n".join(rows))
+    for place in sorted(path for path in folder.iterdir() if path.is_dir()):
+        models = sorted([*place.glob("*.urdf"), *place.glob("*.xml")])
+        logs = sorted([*place.glob("*.csv"), *place.glob("*.csv.gz")])
+        logs = [log for log in logs if "parameters" not in log.name]
+        maps = [place / "map.toml", asset(place.name, "map.toml")]
+        mapping = next((path for path in maps if path.is_file()), None)
+        if models and logs:
+            along(place.name, str(models[0]), logs, mapping)
+    for name in robots:
+        simulated = Simulated(name, 0, 20.0)
+        with tempfile.TemporaryDirectory() as place:
+            log = simulated.write(Path(place) / "log.csv")
+            along(f"{name}, simulated", nominal_model(simulated, 0), [log], None)
 
 
-def nominal_model(simulated: Simulated, seed: int) -> RobotModel:
-    """The model file's robot, its inertias off by up to 20 % from the plant's."""
-    robot = load_robot_model(simulated.setup.scenario.plant.robot, joints=simulated.joints)
-    rng = np.random.default_rng([seed, 14])
-    for i in range(1, robot.model.njoints):
-        factor = 1 + 0.2 * rng.uniform(-1, 1)
-        phi = factor * robot.model.inertias[i].toDynamicParameters()
-        robot.model.inertias[i] = pin.Inertia.FromDynamicParameters(phi)
-    return robot
+def along(name: str, model: str | RobotModel, logs: list[Path], mapping: Path | None) -> None:
+    """Prints the rows of a robot; of a servo's logs, that only its own fit can use them."""
+    for row in lines(name, model, logs, mapping):
+        print("| " + " | ".join([*row, *[""] * (len(HEADS) - len(row))]) + " |", flush=True)
+
+
+def lines(
+    name: str, model: str | RobotModel, logs: list[Path], mapping: Path | None
+) -> Iterator[list[str]]:
+    """The cells of a robot's rows."""
+    if isinstance(model, str) and servo_logs(model, logs) is not None:
+        yield [name, "all but batch", "its commands are position targets"]
+        return
+    found = identify(model, logs, mapping=mapping)
+    for law in LAWS:
+        if law == "batch":
+            worst = max(joint.held_out for joint in found.joints)
+            yield [name, law, "", "", "", found.explains, f"{worst:.3f}", f"{found.seconds:.0f}"]
+            continue
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                yield [name, law, *figures(follow_log(law, found, Path(folder)))]
+        except NsaidError as error:
+            yield [name, law, str(error)]
+
+
+def figures(followed: AlongLog) -> list[str]:
+    """The cells of a law that has followed a log."""
+    apart = max((abs(g.law / g.batch - 1) for g in followed.gains), default=np.nan)
+    stated = [g for g in followed.gains if np.isfinite(g.half)]
+    covered = f"{sum(g.covers for g in stated)} of {len(stated)}" if stated else "no intervals"
+    halves = f", ± {np.median([g.half for g in stated]):.0%}" if stated else ""
+    last = f"{np.nanmax(followed.last):.3f} (batch {np.nanmax(followed.batch_last):.3f})"
+    status = "" if followed.completed else f", ended at {followed.run.ending.time:.1f} s"
+    told = str(sum(g.apart for g in followed.gains)) if stated else "–"
+    return [f"{apart:.0%}{status}", covered + halves, told, followed.misfit or "–", last,
+            f"{followed.seconds:.1f}"]  # fmt: skip
 
 
 def main() -> None:
-    """Runs the trials."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--robots", default="ur5,panda,kinova")
-    parser.add_argument("--seeds", default="0:5")
-    parser.add_argument("--duration", type=float, default=40.0)
-    parser.add_argument("--plain", action="store_true")
-    parser.add_argument("--rate", type=float, default=500.0)
-    arguments = parser.parse_args()
-    first, last = (int(part) for part in arguments.seeds.split(":"))
-    total, held = 0, 0
-    for name in arguments.robots.split(","):
-        for seed in range(first, last):
-            simulated = Simulated(name, seed, arguments.duration, arguments.plain, arguments.rate)
-            robot = nominal_model(simulated, seed)
-            with tempfile.TemporaryDirectory() as folder:
-                path = simulated.write(Path(folder) / "log.csv")
-                found = identify(robot, path, known={"gain_1": float(simulated.gain[0])})
-            gains = found.of("motor gain")
-            ratio = np.array([p.value for p in gains]) / simulated.gain
-            inside = [p.low <= k <= p.high for p, k in zip(gains, simulated.gain, strict=True)]
-            sure = [p.status == "identified" for p in gains]
-            total += sum(sure)
-            held += sum(a and b for a, b in zip(inside, sure, strict=True))
-            delays = np.mean([j.delay for j in found.joints]) * 1e3
-            print(f"{name} {seed}: {found.explains}, delay {delays:.1f} ms, {found.seconds:.1f} s")
-            print("   gain/true", np.round(ratio, 3), "inside", np.array(inside, int))
-            print("   half-width", np.round([p.high / p.value - 1 for p in gains], 3),
-                  "".join("i" if s else "-" for s in sure))  # fmt: skip
-            held_out = np.round([j.held_out for j in found.joints], 3)
-            print("   NRMSE", held_out, np.round([j.least_squares for j in found.joints], 3))
-    print(f"intervals of identified gains hold: {held} of {total}")
+    """Runs a study."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    studies = ("arms", "scale", "payload", "tx40", "laws")
+    parser.add_argument("study", choices=studies, nargs="?", default="arms")
+    parser.add_argument("folder", type=Path, nargs="?")
+    parser.add_argument("--robots", help="of arms, scale and laws")
+    parser.add_argument("--seeds", help="as 0:5; of arms, scale and payload")
+    parser.add_argument("--duration", type=float, help="of arms (40) and scale (30) [s]")
+    parser.add_argument("--rate", type=float, default=500.0, help="of arms [Hz]")
+    chosen = parser.parse_args()
+    robots = {"arms": "ur5,panda,kinova", "scale": "ur5,panda,kinova,z1,xarm7"}
+    names = (chosen.robots or robots.get(chosen.study, "ur5,panda")).split(",")
+    first, last = (chosen.seeds or ("0:10" if chosen.study == "scale" else "0:5")).split(":")
+    seeds = range(int(first), int(last))
+    if chosen.study == "arms":
+        arms(names, seeds, chosen.duration or 40.0, chosen.rate)
+    elif chosen.study == "scale":
+        scale(names, seeds, chosen.duration or 30.0)
+    elif chosen.study == "payload":
+        payload(seeds)
+    elif chosen.study == "tx40":
+        tx40()
+    elif chosen.folder is None:
+        parser.error("laws: name the folder of the robots' folders")
+    else:
+        laws(chosen.folder, names)
 
 
 if __name__ == "__main__":

@@ -19,8 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.control import DriverConfig
-from nsaid_mj.design import Design, Experiment, design
+from nsaid_mj.design import Experiment, design
 from nsaid_mj.design.harmonics import ranks
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation import truth_of
@@ -34,6 +33,12 @@ from nsaid_mj.numerics.stopwatch import compile_seconds
 ARMS, VEHICLES = ("ur5", "panda", "kinova"), ("bluerov2", "crazyflie", "remus100")
 SEEDS = range(200, 210)  # none was used while the design was developed
 DURATION = 20.0
+LOOKS = {
+    "random": ("random", "#8a97a5", "o"),
+    "condition": ("condition number", "#d98b2b", "v"),
+    "d-optimal": ("D-optimal", "#7b5ea7", "s"),
+    "bound": ("designed (bound)", "#0b6e99", "o"),
+}
 
 
 def experiment_of(name: str) -> Scenario:
@@ -62,60 +67,49 @@ def error_of(scenario: Scenario, folder: Path) -> float:
     return actuator_ratio_error(found.system, theta, truth)
 
 
-def measured(name: str, excitation: DriverConfig | None) -> list[float]:
-    """Errors of all seeds, with the scenario's own excitation if None is given."""
+def measured(scenario: Scenario) -> list[float]:
+    """Errors of all seeds."""
     errors = []
     for seed in SEEDS:
-        scenario = replace(experiment_of(name), seed=seed)
-        if excitation is not None:
-            scenario = replace(scenario, excitation=excitation)
         with tempfile.TemporaryDirectory() as folder:
-            errors.append(error_of(scenario, Path(folder) / "run"))
+            errors.append(error_of(replace(scenario, seed=seed), Path(folder) / "run"))
     return errors
 
 
-def designed(experiment: Experiment, criterion: str, effort: float) -> tuple[Design, float, float]:
-    """A design, and the wall and processor time it took [s], without compilation."""
+def designed(scenario: Scenario, criterion: str, effort: float) -> dict[str, Any]:
+    """A design, the wall and processor time it took [s] without compilation, and its errors."""
+    experiment = Experiment.of(scenario)
     wall, work, compiled = time.perf_counter(), time.process_time(), compile_seconds()
     found = design(experiment, criterion=criterion, effort=effort)
+    wall, work = time.perf_counter() - wall, time.process_time() - work
     compiled = compile_seconds() - compiled
-    return (
-        found,
-        time.perf_counter() - wall - compiled,
-        max(0.0, time.process_time() - work - compiled),
-    )
+    row: dict[str, Any] = {"predicted": found.largest, "wall_s": wall - compiled}
+    row |= {"work_s": max(0.0, work - compiled), "candidates": found.evaluations}
+    if criterion == "bound":
+        counted = ranks(experiment, found.limits)
+        row["ranks"] = [counted.needed, [list(pair) for pair in counted.measured]]
+    errors = measured(replace(scenario, excitation=found.driver))
+    return row | {"uses": found.uses, "errors": errors}
 
 
 def measure(path: Path, names: list[str], effort: float, baselines: bool) -> None:
     """Designs for systems and measures, adding each result to a file as soon as it is there."""
     rows: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
     for name in names:
-        experiment = Experiment.of(experiment_of(name))
-        row: dict[str, Any] = rows.setdefault(name, {})
+        scenario, row = experiment_of(name), rows.setdefault(name, {})
+        if "random" not in row:
+            row["random"] = {"errors": measured(scenario)}
+        print(name, "random", np.median(row["random"]["errors"]), flush=True)
         for criterion in ("bound", *(("condition", "d-optimal") if baselines else ())):
             if criterion in row:
                 continue
             try:
-                found, wall, work = designed(experiment, criterion, effort)
+                row[criterion] = designed(scenario, criterion, effort)
             except NsaidError as error:
                 print(f"{name}, {criterion}: {error}", flush=True)
                 continue
-            row[criterion] = {
-                "predicted": found.largest,
-                "wall_s": wall,
-                "work_s": work,
-                "candidates": found.evaluations,
-                "uses": found.uses,
-                "errors": measured(name, found.driver),
-            }
-            if criterion == "bound":
-                counted = ranks(experiment, found.limits)
-                row["ranks"] = [counted.needed, [list(pair) for pair in counted.measured]]
-            if "random" not in row:
-                row["random"] = {"errors": measured(name, None)}
             path.write_text(json.dumps(rows, indent=1))
             print(name, criterion, json.dumps(row[criterion]), flush=True)
-            print(name, "random", np.median(row["random"]["errors"]), flush=True)
 
 
 def table(path: Path) -> None:
@@ -132,15 +126,12 @@ def table(path: Path) -> None:
         )
     print("\n| system | random | condition | d-optimal | bound |\n|---|---|---|---|---|")
     for name, row in rows.items():
-        kinds = ("random", "condition", "d-optimal", "bound")
         if "condition" in row or "d-optimal" in row:
-            cells = (
-                f"{np.median(row[kind]['errors']):.2g}" if kind in row else "–" for kind in kinds
-            )
+            cells = [f"{np.median(row[k]['errors']):.2g}" if k in row else "–" for k in LOOKS]
             print(f"| `{name}` | {' | '.join(cells)} |")
     print("\n| system | p − r | rank by number of harmonics or tones |\n|---|---|---|")
     for name, row in rows.items():
-        needed, found = row["ranks"]
+        needed, found = row["bound"]["ranks"]
         print(f"| `{name}` | {needed} | {', '.join(f'{h}: {rank}' for h, rank in found)} |")
 
 
@@ -150,14 +141,9 @@ def picture(path: Path, target: Path) -> None:
 
     rows = json.loads(path.read_text())
     figure, axes = plt.subplots(figsize=(8, 4.2), layout="constrained")
-    kinds = {
-        "random": ("random", "#8a97a5", "o"),
-        "condition": ("condition number", "#d98b2b", "v"),
-        "d-optimal": ("D-optimal", "#7b5ea7", "s"),
-        "bound": ("designed (bound)", "#0b6e99", "o"),
-    }
+    kinds = {kind: look for kind, look in LOOKS.items() if any(kind in r for r in rows.values())}
     for place, row in enumerate(rows.values()):
-        for k, (kind, (_, colour, mark)) in enumerate(kinds.items()):
+        for k, (kind, (_, colour, mark)) in enumerate(LOOKS.items()):
             if kind in row:
                 x = place + 0.18 * (k - 1.5)
                 errors = np.array(row[kind]["errors"])
@@ -165,9 +151,8 @@ def picture(path: Path, target: Path) -> None:
                 axes.plot([x - 0.07, x + 0.07], [np.median(errors)] * 2, color=colour, lw=2.5)
         x = place + 0.27
         axes.plot([x - 0.1, x + 0.1], [row["bound"]["predicted"]] * 2, "k", lw=1.2, ls="--")
-    for kind, (label, colour, mark) in kinds.items():
-        if any(kind in row for row in rows.values()):
-            axes.plot([], [], mark, color=colour, label=label)
+    for label, colour, mark in kinds.values():
+        axes.plot([], [], mark, color=colour, label=label)
     axes.plot([], [], "k--", lw=1.2, label="predicted before the run")
     axes.set_yscale("log")
     axes.set_xticks(range(len(rows)), list(rows))

@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -29,8 +29,8 @@ import matplotlib
 import mujoco
 import numpy as np
 import pinocchio as pin
-from calibration import Simulated
 from machine import machine
+from simulated_logs import Simulated
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID, Scenario
 from nsaid_mj.experiment.library import load
@@ -51,20 +51,13 @@ import matplotlib.pyplot as plt
 DT = 1e-3
 JOINTS = (1, 2, 3, 4, 5, 6, 7, 10, 14, 19, 26, 38)
 ROBOTS: tuple[tuple[str, Base], ...] = (
-    ("ur5", "held"),
-    ("solo12", "held"),
-    ("solo12", "free"),
-    ("solo8", "held"),
-    ("panda", "held"),
-    ("g1", "held"),
-    ("talos", "held"),
-    ("talos", "free"),
-)
+    ("ur5", "held"), ("solo12", "held"), ("solo12", "free"), ("solo8", "held"),
+    ("panda", "held"), ("g1", "held"), ("talos", "held"), ("talos", "free"),
+)  # fmt: skip
 VEHICLES = ("scalar_rov", "f1tenth", "astrobee", "hummingbird", "bluerov2", "remus100")
 LEAST = 7  # smallest chain in the fit of exponents: below, the overhead of a call dominates
 ROUNDS = 7  # passes through all sizes, so that load on the machine affects all of them
 BLOCK_SECONDS = 0.03
-PAGE = os.sysconf("SC_PAGE_SIZE") / 1e6  # of memory [MB]
 STYLES = {
     "compiled": ("#0b6e99", "o", "identifier, compiled"),
     "python": ("#5f3dc4", "s", "… called from Python at every step"),
@@ -72,25 +65,18 @@ STYLES = {
     "pinocchio": ("#e8590c", "^", "identifier on Pinocchio"),
     "mujoco": ("#868e96", "v", "MuJoCo's RK4 step"),
 }
+Row = dict[str, Any]
 
 
 def chain(joints: int) -> pin.Model:
     """A serial chain of the joints and links of xarm7s, mounted end to end."""
     arm, model = load_robot("xarm7").model, pin.Model()
+    limits = (arm.upperEffortLimit, arm.upperVelocityLimit, arm.lowerPositionLimit,
+              arm.upperPositionLimit)  # fmt: skip
     for k in range(joints):
         i = 1 + k % arm.nq
-        limits = (
-            [getattr(arm, name)[i - 1]]
-            for name in (
-                "upperEffortLimit",
-                "upperVelocityLimit",
-                "lowerPositionLimit",
-                "upperPositionLimit",
-            )
-        )
-        model.addJoint(
-            k, arm.joints[i], arm.jointPlacements[i], f"joint{k + 1}", *map(np.array, limits)
-        )
+        own = [limit[i - 1 : i] for limit in limits]
+        model.addJoint(k, arm.joints[i], arm.jointPlacements[i], f"joint{k + 1}", *own)
         model.appendBodyToJoint(k + 1, arm.inertias[i], pin.SE3.Identity())
     return model
 
@@ -190,112 +176,71 @@ def vehicle(name: str) -> tuple[SecondOrderSystem, dict[str, Timed]]:
     return plant.system, ours(plant.system, plant.truth)
 
 
-def everything() -> list[tuple[dict[str, Any], dict[str, Timed]]]:
+def everything() -> Iterator[tuple[Row, dict[str, Timed]]]:
     """All systems: the first columns of their rows, and their timers."""
     made = [("chain", f"chain of {k}", tree(chain(k))) for k in JOINTS]
-    made += [
-        ("robot", f"{name}, {base}", tree(load_robot(name, base).model)) for name, base in ROBOTS
-    ]
+    made += [("robot", f"{n}, {base}", tree(load_robot(n, base).model)) for n, base in ROBOTS]
     made += [("vehicle", name, vehicle(name)) for name in VEHICLES]
-    return [
-        ({"kind": kind, "name": name, "n": system.n, "p": system.p}, actions)
-        for kind, name, (system, actions) in made
-    ]
+    for kind, name, (system, timers) in made:
+        yield {"kind": kind, "name": name, "n": system.n, "p": system.p}, timers
 
 
-def exponent(rows: list[dict[str, Any]], of: str, against: str, least: int) -> float:
-    """Exponent of a power law fitted to the medians of chains with n ≥ `least`."""
-    some = [row for row in rows if row["kind"] == "chain" and row["n"] >= least]
-    x, y = (
-        np.log([row[key] if key in "np" else row[key][1] for row in some]) for key in (against, of)
-    )
-    return float(np.polyfit(x, y, 1)[0])
-
-
-def draw_growth(rows: list[dict[str, Any]], path: Path) -> None:
-    """Plots the time per step against degrees of freedom and against parameters."""
-    figure, axes = plt.subplots(1, 2, figsize=(12.5, 7.4), sharey=True, layout="constrained")
-    for axis, against, label in zip(
-        axes, "np", ("degrees of freedom n", "parameters p"), strict=True
-    ):
-        for name, (colour, mark, what) in STYLES.items():
-            power = exponent(rows, name, against, LEAST)
-            for kind, look in (
-                (
-                    "chain",
-                    {"marker": mark, "lw": 1.4, "label": f"{what}: ∝ {against}$^{{{power:.2f}}}$"},
-                ),
-                ("robot", {"marker": mark, "ls": "", "mfc": "white"}),
-                ("vehicle", {"marker": "x", "ls": ""}),
-            ):
-                some = [row for row in rows if row["kind"] == kind and name in row]
-                if some:
-                    low, median, high = np.array([row[name] for row in some]).T
-                    axis.errorbar(
-                        [row[against] for row in some],
-                        median,
-                        yerr=[median - low, high - median],
-                        color=colour,
-                        ms=5.5,
-                        elinewidth=0.8,
-                        capsize=2,
-                        **look,
-                    )
-        axis.set_xscale("log")
-        axis.set_yscale("log")
-        axis.set_xlabel(label, fontsize=11)
-        axis.grid(alpha=0.3, which="both")
-        axis.legend(
-            frameon=False,
-            fontsize=11,
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.1),
-            title=f"exponents of the chains with n ≥ {LEAST}",
-        )
-    axes[0].set_xticks(ticks := [1, 2, 3, 5, 7, 10, 14, 20, 30, 38], map(str, ticks))
-    axes[1].set_xticks(ticks := [5, 10, 20, 50, 100, 200, 500], map(str, ticks))
-    for axis in axes:
-        axis.minorticks_off()
-        axis.yaxis.set_major_formatter("{x:g}")
-    axes[0].set_ylabel("time per step [µs]", fontsize=11)
-    figure.suptitle(
-        "Serial chains, p = 13 n (lines), robots held or floating (open marks), vehicles (crosses)",
-        fontsize=13,
-    )
-    save(figure, path)
-
-
-def save(figure: Any, path: Path) -> None:
-    """Writes a figure and closes it."""
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+def exponent(rows: list[Row], of: str, against: str) -> float:
+    """Exponent of a power law fitted to the medians of chains with n ≥ `LEAST`."""
+    some = [row for row in rows if row["kind"] == "chain" and row["n"] >= LEAST]
+    x, y = ([row[key] if key in "np" else row[key][1] for row in some] for key in (against, of))
+    return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def growth(folder: Path) -> None:
     """Measures and plots the time per step."""
-    here, found, rows = machine(), everything(), []
+    here, found, rows = machine(), list(everything()), []
     for _ in range(ROUNDS):
-        for _, actions in found:
-            for action in actions.values():
-                action.block()
-    for row, actions in found:
-        for name, action in actions.items():
-            row[name] = np.percentile(action.times, [25, 50, 75]).tolist()
+        for _, timers in found:
+            for timer in timers.values():
+                timer.block()
+    for row, timers in found:
+        row |= {name: np.percentile(t.times, [25, 50, 75]).tolist() for name, t in timers.items()}
         rows.append(row)
-        medians = ", ".join(f"{name} {row[name][1]:.1f}" for name in actions)
+        medians = ", ".join(f"{name} {row[name][1]:.1f}" for name in timers)
         print(f"{row['name']}: n {row['n']}, p {row['p']}; µs per step: {medians}")
-    powers = {
-        f"{name} against {x}": exponent(rows, name, x, LEAST) for name in STYLES for x in "np"
-    }
-    document = {
-        "machine": here,
-        "unit": "µs per step: quartile, median, quartile",
-        "exponents": powers,
-        "exponents_from_n": LEAST,
-        "rows": rows,
-    }
+    powers = {f"{name} against {x}": exponent(rows, name, x) for name in STYLES for x in "np"}
+    document = {"machine": here, "unit": "µs per step: quartile, median, quartile",
+                "exponents": powers, "exponents_from_n": LEAST, "rows": rows}  # fmt: skip
     (folder / "growth.json").write_text(json.dumps(document, indent=1) + "\n")
     draw_growth(rows, folder / "growth.png")
+
+
+def draw_growth(rows: list[Row], path: Path) -> None:
+    """Plots the time per step against degrees of freedom and against parameters."""
+    figure, axes = plt.subplots(1, 2, figsize=(12.5, 7.4), sharey=True, layout="constrained")
+    labels = {"n": "degrees of freedom n", "p": "parameters p"}
+    ticks = {"n": (1, 2, 3, 5, 7, 10, 14, 20, 30, 38), "p": (5, 10, 20, 50, 100, 200, 500)}
+    for axis, x in zip(axes, "np", strict=True):
+        for name, (colour, mark, what) in STYLES.items():
+            label = f"{what}: ∝ {x}$^{{{exponent(rows, name, x):.2f}}}$"
+            for kind, look in (
+                ("chain", {"marker": mark, "lw": 1.4, "label": label}),
+                ("robot", {"marker": mark, "ls": "", "mfc": "white"}),
+                ("vehicle", {"marker": "x", "ls": ""}),
+            ):
+                if some := [row for row in rows if row["kind"] == kind and name in row]:
+                    low, median, high = np.array([row[name] for row in some]).T
+                    spread = [median - low, high - median]
+                    look |= {"color": colour, "ms": 5.5, "elinewidth": 0.8, "capsize": 2}
+                    axis.errorbar([row[x] for row in some], median, yerr=spread, **look)
+        axis.set(xscale="log", yscale="log")
+        axis.set_xlabel(labels[x], fontsize=11)
+        axis.set_xticks(ticks[x], map(str, ticks[x]))
+        axis.minorticks_off()
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.grid(alpha=0.3, which="both")
+        axis.legend(frameon=False, fontsize=11, loc="upper center", bbox_to_anchor=(0.5, -0.1),
+                    title=f"exponents of the chains with n ≥ {LEAST}")  # fmt: skip
+    axes[0].set_ylabel("time per step [µs]", fontsize=11)
+    words = "Serial chains, p = 13 n (lines), robots held or floating (open marks), vehicles"
+    figure.suptitle(f"{words} (crosses)", fontsize=13)
+    figure.savefig(path, dpi=110)
 
 
 # -- memory ----------------------------------------------------------------------------------------
@@ -320,80 +265,53 @@ class Watch(Observer):
         """Records the memory if a minute has passed since the last sample."""
         if measurement.t >= 60 * len(self.rows) - DT:
             pages = int(Path("/proc/self/statm").read_text().split()[1])
-            self.rows.append((measurement.t, pages * PAGE))
+            self.rows.append((measurement.t, pages * os.sysconf("SC_PAGE_SIZE") / 1e6))
 
     def stop(self) -> None:
         """Does nothing."""
 
 
-def an_hour(name: str, law: str) -> None:
+def an_hour(name: str) -> None:
     """Runs a scenario for an hour of simulated time; prints its memory over time as JSON."""
     scenario = load(name)
-    identifier = replace(scenario.identifier, law=law)
+    identifier = replace(scenario.identifier, law="memory")
     scenario = replace(scenario, identifier=identifier, duration=3600.0, record_every=100)
     watch = Watch()
     with tempfile.TemporaryDirectory() as folder:
         ended = run(scenario, Path(folder), watch)
         size = (Path(folder) / "record.arrow").stat().st_size
-    print(
-        json.dumps(
-            {
-                "scenario": name,
-                "law": law,
-                "status": ended.ending.status.words,
-                "wall_s": ended.cost.wall,
-                "steps": ended.cost.steps,
-                "record_bytes": size,
-                "rows": watch.rows,
-            }
-        )
-    )
+    words = {"scenario": name, "law": "memory", "status": ended.ending.status.words}
+    costs = {"wall_s": ended.cost.wall, "steps": ended.cost.steps, "record_bytes": size}
+    print(json.dumps(words | costs | {"rows": watch.rows}))
 
 
 def memory(folder: Path, names: list[str]) -> None:
     """Runs scenarios for an hour each, in separate processes, and plots their memory."""
     here, found = machine(), []
-    for name in names:
+    figure, axis = plt.subplots(figsize=(9, 4.4), layout="constrained")
+    for name, (colour, mark, _) in zip(names, STYLES.values(), strict=False):
         words = [sys.executable, __file__, "--one", name]
         done = subprocess.run(words, check=True, capture_output=True, text=True)
-        found.append(json.loads(done.stdout.splitlines()[-1]))
-        t, size = np.array(found[-1]["rows"]).T
+        row = json.loads(done.stdout.splitlines()[-1])
+        t, size = np.array(row["rows"]).T
         later = t >= 600
         slope = float(np.polyfit(t[later] / 3600, size[later], 1)[0])
-        found[-1]["slope_MB_per_hour"] = slope
+        found.append(row | {"slope_MB_per_hour": slope})
         print(
-            f"{name}: {found[-1]['status']}, {slope:+.2f} MB/h after the first ten minutes, "
+            f"{name}: {row['status']}, {slope:+.2f} MB/h after the first ten minutes, "
             f"{size[later].min():.1f} to {size[later].max():.1f} MB",
             flush=True,
         )
+        label = f"{name}, law {row['law']}: {slope:+.2f} MB/h after 10 min"
+        axis.plot(t / 60, size, color=colour, marker=mark, ms=4, lw=1.2, label=label)
     document = {"machine": here, "unit": "s, MB resident", "runs": found}
     (folder / "memory.json").write_text(json.dumps(document, indent=1) + "\n")
-    draw_memory(found, folder / "memory.png")
-
-
-def draw_memory(found: list[dict[str, Any]], path: Path) -> None:
-    """Plots the resident memory against simulated time."""
-    figure, axis = plt.subplots(figsize=(9, 4.4), layout="constrained")
-    for run_, (colour, mark, _) in zip(found, STYLES.values(), strict=False):
-        t, size = np.array(run_["rows"]).T
-        axis.plot(
-            t / 60,
-            size,
-            color=colour,
-            marker=mark,
-            ms=4,
-            lw=1.2,
-            label=f"{run_['scenario']}, law {run_['law']}: "
-            f"{run_['slope_MB_per_hour']:+.2f} MB/h after 10 min",
-        )
-    axis.set_ylim(0, 1.25 * max(size for run_ in found for _, size in run_["rows"]))
-    axis.set_xlim(0, 60)
-    axis.set_xlabel("simulated time [min]")
-    axis.set_ylabel("resident memory of the process [MB]")
-    axis.set_title("A run of an hour, 360 000 steps")
+    most = max(size for row in found for _, size in row["rows"])
+    axis.set(xlim=(0, 60), ylim=(0, 1.25 * most), title="A run of an hour, 360 000 steps")
+    axis.set(xlabel="simulated time [min]", ylabel="resident memory of the process [MB]")
     axis.grid(alpha=0.3)
     axis.legend(loc="lower right")
-    save(figure, path)
+    figure.savefig(folder / "memory.png", dpi=110)
 
 
 def long_log(seconds: float) -> None:
@@ -418,7 +336,7 @@ def main() -> None:
     parser.add_argument("--one", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
     if chosen.one:
-        an_hour(chosen.one, "memory")
+        an_hour(chosen.one)
     elif chosen.log:
         long_log(chosen.log)
     elif chosen.hour:

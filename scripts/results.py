@@ -1,101 +1,135 @@
 """Generates the tables of docs/results.md: the worst of seeds 0 to 2 of every scenario.
 
-`python scripts/results.py [--law efficient --duration 30] [--sensors noisy] [--gamma simulated]
-[--seeds 10,11] [NAME …]`; takes some minutes.
+    python scripts/results.py [NAME …] [--law efficient --duration 30] [--sensors noisy]
+                              [--gamma simulated] [--seeds 10,11] [--median]
+    python scripts/results.py [NAME …] --law memory --starts 25 --seeds 100:105 --duration 20
+
+With `--starts`, the motion of every seed is simulated once, with a driver based on the scenario's
+own prior; then identification starts from that many priors, drawn within e^{±1} on every block.
 """
 
 import argparse
-import dataclasses
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from nsaid_mj import NullspaceAID, Scenario, Status
 from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
-from nsaid_mj.identifiers import NullspaceAID
 from nsaid_mj.resources import scenarios
+from nsaid_mj.studies.montecarlo import Course, identify, simulate
+from nsaid_mj.studies.sweep import seed_of
 
-WORST = (
-    "theta_perp_ratio_initial",
-    "theta_perp_ratio",
-    "force_residual_ratio",
-    "actuator_ratio_error",
-    "conserved_drift",
-    "lyapunov_violations",
-)
+VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee",
+            "scalar_rov")  # fmt: skip
+WORST = ("theta_perp_ratio_initial", "theta_perp_ratio", "force_residual_ratio",
+         "actuator_ratio_error", "conserved_drift", "lyapunov_violations")  # fmt: skip
+HEADS = ("scenario", "n, p, r", "run", "‖θ̄_P⊥‖/‖θ̂‖ at first", "at the end", "force residual",
+         "gains' shares", "conserved drift", "V rises", "95 % covers", "real time")  # fmt: skip
+ENOUGH = 0.01  # theta_perp_ratio
+STARTS = ("scenario", "starts", "lost", f"> {ENOUGH}", "ratio at first, median",
+          "at the end, median", "… worst", "conserved drift, worst")  # fmt: skip
+Cells = list[str | int]
 
 
-def worst(name: str, changes: dict[str, Any], seeds: tuple[int, ...], typical: bool) -> str:
-    """One row: worst or median figures of the seeds, and the fastest run's real-time factor."""
+def changed(name: str, chosen: argparse.Namespace) -> Scenario:
+    """A scenario as the flags say."""
     scenario = load(name)
     law = scenario.identifier
     if isinstance(law, NullspaceAID):
-        own = {key: changes[key] for key in ("gamma", "law")}
-        law = dataclasses.replace(law, **own)
-    duration = changes["duration"] or scenario.duration
-    scenario = dataclasses.replace(
-        scenario, identifier=law, duration=duration, sensors=changes["sensors"]
-    )
+        law = replace(law, law=chosen.law, gamma=chosen.gamma)
+    duration = chosen.duration or scenario.duration
+    return replace(scenario, identifier=law, duration=duration, sensors=chosen.sensors)
+
+
+def worst(name: str, scenario: Scenario, seeds: range | list[int], typical: bool) -> Cells:
+    """Worst or median figures of the seeds, and the fastest run's real-time factor."""
     summaries = []
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
-            result = run(dataclasses.replace(scenario, seed=seed), Path(folder))
+            result = run(replace(scenario, seed=seed), Path(folder))
             summaries.append(summarize(result, truth_of(result)))
         print(f"  {name} seed {seed}: {result.ending.status.words}", file=sys.stderr)
-    of = np.median if typical else np.max
-    figures = []
+    of, figures = np.median if typical else np.max, []
     for key in WORST:
         values = [s[key] for s in summaries if s[key] is not None]
         figures.append(f"{of(values):.2g}" if values else "–")
     covered = [s["confidence"]["covered"] for s in summaries if s["confidence"]]
-    first = summaries[0]
+    sizes = ", ".join(str(summaries[0][key]) for key in "npr")
     speed = max(s["real_time_factor"] for s in summaries)
-    cells = [f"`{name}`", f"{first['n']}, {first['p']}, {first['r']}", f"{scenario.duration:g} s"]
-    coverage = [f"{np.mean(covered):.2f}"] if covered else ["–"]
-    return "| " + " | ".join([*cells, *figures, *coverage, f"{speed:.0f} ×"]) + " |"
+    coverage = f"{np.mean(covered):.2f}" if covered else "–"
+    return [f"`{name}`", sizes, f"{scenario.duration:g} s", *figures, coverage, f"{speed:.0f} ×"]
+
+
+def course(scenario: Scenario) -> Course:
+    """A scenario's motion, with a driver based on its own prior."""
+    with ThreadPoolExecutor(1) as pool:
+        (found,) = simulate([scenario], pool)
+    return found
+
+
+def start(scenario: Scenario, index: int) -> Scenario:
+    """The scenario with its prior drawn within e^{±1} of the truth, by start index."""
+    seed = seed_of(scenario.seed, index)
+    return replace(scenario, seed=seed, initial_error=1.0, gain_error=None)
+
+
+def from_starts(name: str, scenario: Scenario, seeds: range | list[int], starts: int) -> Cells:
+    """Figures of identification from many priors; prints the starts that end far off."""
+    found: list[dict[str, Any]] = []
+    for seed in seeds:
+        known = course(replace(scenario, seed=seed, rivals={}))
+        draws = [(k, start(known.setup.scenario, k)) for k in range(starts)]
+        rows = identify(known, draws)
+        found += rows
+        for row in rows:
+            if row["status"] != Status.completed.words or row["theta_perp_ratio"] > ENOUGH:
+                print(f"  {name} seed {seed} start {row['run']}: {row['status']} at "
+                      f"{row['status_time']:.2f} s, ratio {row['theta_perp_ratio_initial']:.2g} -> "
+                      f"{row['theta_perp_ratio']:.2g}", file=sys.stderr)  # fmt: skip
+    first, last = (
+        np.array([row[key] for row in found])
+        for key in ("theta_perp_ratio_initial", "theta_perp_ratio")
+    )
+    lost = np.array([row["status"] != Status.completed.words for row in found])
+    last[lost] = np.inf
+    drifts = [row["conserved_drift"] for row in found if row["conserved_drift"] is not None]
+    figures = [np.median(first), np.median(last), last.max(), *([max(drifts)] if drifts else [])]
+    words = [f"{value:.2g}" for value in figures] + ([] if drifts else ["–"])
+    return [f"`{name}`", len(found), int(lost.sum()), int((last > ENOUGH).sum()), *words]
 
 
 def main() -> None:
     """Runs all scenarios and prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("names", nargs="*")
     parser.add_argument("--gamma", choices=("scale", "simulated"), default="scale")
     parser.add_argument("--law", choices=("paper", "cone", "memory", "efficient"), default="paper")
     parser.add_argument("--sensors", choices=("ideal", "noisy"), default="ideal")
-    parser.add_argument(
-        "--duration", type=float, help="of every run [s] (default: the scenario's own)"
-    )
-    parser.add_argument(
-        "--median", action="store_true", help="print medians of the seeds instead of the worst"
-    )
+    parser.add_argument("--duration", type=float, help="of every run [s]; the scenario's own")
+    parser.add_argument("--median", action="store_true", help="medians of the seeds, not the worst")
     parser.add_argument("--seeds", default="0,1,2", help="as 0,1,2 or 0:10")
+    parser.add_argument("--starts", type=int, help="number for every seed")
     chosen = parser.parse_args()
     first, _, end = chosen.seeds.partition(":")
-    seeds = (
-        tuple(range(int(first), int(end)))
-        if end
-        else tuple(int(seed) for seed in chosen.seeds.split(","))
-    )
-    heads = [
-        "scenario",
-        "n, p, r",
-        "run",
-        "‖θ̄_P⊥‖/‖θ̂‖ at first",
-        "at the end",
-        "force residual",
-        "gains' shares",
-        "conserved drift",
-        "V rises",
-        "95 % covers",
-        "real time",
-    ]
+    seeds = range(int(first), int(end)) if end else [int(s) for s in chosen.seeds.split(",")]
+    heads = STARTS if chosen.starts else HEADS
     print("| " + " | ".join(heads) + " |\n|" + "---|" * len(heads))
-    for name in chosen.names or scenarios():
-        print(worst(name, vars(chosen), seeds, chosen.median), flush=True)
+    for name in chosen.names or (VEHICLES if chosen.starts else scenarios()):
+        scenario = changed(name, chosen)
+        if chosen.starts:
+            cells = from_starts(name, scenario, seeds, chosen.starts)
+        else:
+            cells = worst(name, scenario, seeds, chosen.median)
+        print("| " + " | ".join(map(str, cells)) + " |", flush=True)
 
 
 if __name__ == "__main__":

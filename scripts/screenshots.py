@@ -20,7 +20,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -36,22 +38,9 @@ from nsaid_mj.recording.scene import EYE, base_poses
 from nsaid_mj.recording.viewer import LOCAL, free_port, listening, program
 from nsaid_mj.resources import scenarios
 
-SCENARIOS = (
-    "ur5",
-    "double_pendulum",
-    "wrong_gains",
-    "scalar_rov",
-    "bluerov2",
-    "remus100",
-    "uvms",
-    "hummingbird",
-    "crazyflie",
-    "borinot",
-    "f1tenth",
-    "bmw320i",
-    "rover",
-    "astrobee",
-)
+SCENARIOS = ("ur5", "double_pendulum", "wrong_gains", "scalar_rov", "bluerov2", "remus100", "uvms",
+             "hummingbird", "crazyflie", "borinot", "f1tenth", "bmw320i", "rover",
+             "astrobee")  # fmt: skip
 PAPER = ("double_pendulum", "wrong_gains")  # the paper's law, and no picture of the robot alone
 DURATION = 30.0  # of the others, under the law `efficient` and noisy sensors [s]
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -71,6 +60,10 @@ class PhotographError(NsaidError):
     """No screenshot of the viewer could be taken."""
 
 
+class Ended(Exception):
+    """Waiting longer does not help."""
+
+
 def photograph(recording: Path, picture: Path, at: float, page: str = "", close: bool = False):
     """Opens a recording in a headless viewer and saves a screenshot.
 
@@ -86,26 +79,17 @@ def photograph(recording: Path, picture: Path, at: float, page: str = "", close:
     """
     port = free_port(19876)
     with tempfile.TemporaryDirectory() as folder:
-        log = Path(folder) / "log"
-        shot = Path(folder) / "shot.png"
+        log, shot = Path(folder) / "log", Path(folder) / "shot.png"
+        words = [*program(), "--headless", *listening(port), "--hide-welcome-screen"]
+        words += ["--window-size", "{}x{}".format(*SIZE), str(recording.resolve())]
         with log.open("wb") as stream:
-            viewer = subprocess.Popen(
-                [
-                    *program(),
-                    "--headless",
-                    *listening(port),
-                    "--window-size",
-                    "{}x{}".format(*SIZE),
-                    "--hide-welcome-screen",
-                    str(recording.resolve()),
-                ],
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=stream,
-            )
+            viewer = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream)
         try:
             client = connect(viewer, port)
-            show(client, at, page)
+            patiently(lambda: client.set_time("sim_time", duration=at, play_state="paused"))
+            if page:
+                open_page(client, page)
+            time.sleep(TOASTS)
             client.save_screenshot(str(shot))
             reduce(shot, picture, (0, MENU, *SIZE), SIZE)
             if close:
@@ -124,48 +108,48 @@ def photograph(recording: Path, picture: Path, at: float, page: str = "", close:
             viewer.wait()
 
 
+def patiently(action: Callable[[], Any]) -> Any:
+    """What an action returns that fails until the viewer is ready, or the recording loaded."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return action()
+        except Ended:
+            raise
+        except Exception:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.2)
+
+
 def connect(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
-    """Connects to a starting viewer; retries until it answers or times out."""
-    end = time.monotonic() + PATIENCE
-    while True:
+    """Connects to a starting viewer."""
+
+    def action() -> ViewerClient:
         if viewer.poll() is not None:
-            raise RuntimeError(f"it ended with code {viewer.returncode}")
-        try:
-            client = ViewerClient.connect(f"rerun+http://{LOCAL}:{port}/proxy")
-            client.get_state()
-            return client
-        except Exception:  # not ready yet
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.2)
+            raise Ended(f"it ended with code {viewer.returncode}")
+        client = ViewerClient.connect(f"rerun+http://{LOCAL}:{port}/proxy")
+        client.get_state()
+        return client
+
+    return patiently(action)
 
 
-def show(client: ViewerClient, at: float, page: str) -> None:
-    """Waits until the recording is loaded, sets the time cursor and opens a page."""
-    end = time.monotonic() + PATIENCE
-    while True:
-        try:
-            client.set_time("sim_time", duration=at, play_state="paused")
-            break
-        except Exception:  # still loading
-            if time.monotonic() > end:
-                raise
-            time.sleep(0.2)
-    if page:
-        parts = client.get_blueprint().blueprint
-        containers = {
-            path.removeprefix("/"): part["ContainerBlueprint"]
-            for path, part in parts.items()
-            if "ContainerBlueprint" in part
-        }
-        named = {c.get("display_name"): path for path, c in containers.items()}
-        if page not in named:
-            raise ValueError(f"no page {page!r} among {sorted(filter(None, named))}")
-        for container in containers.values():
-            if container["container_kind"] == "Tabs":
-                container["active_tab"] = named[page]
-        client.set_blueprint(parts, of="recording")
-    time.sleep(TOASTS)
+def open_page(client: ViewerClient, page: str) -> None:
+    """Opens a tab by its name."""
+    parts = client.get_blueprint().blueprint
+    containers = {
+        path.removeprefix("/"): part["ContainerBlueprint"]
+        for path, part in parts.items()
+        if "ContainerBlueprint" in part
+    }
+    named = {c.get("display_name"): path for path, c in containers.items()}
+    if page not in named:
+        raise Ended(f"no page {page!r} among {sorted(filter(None, named))}")
+    for container in containers.values():
+        if container["container_kind"] == "Tabs":
+            container["active_tab"] = named[page]
+    client.set_blueprint(parts, of="recording")
 
 
 def maximize(client: ViewerClient) -> None:
@@ -213,14 +197,7 @@ def close_up(picture: Path) -> Path:
 def reduce(
     shot: Path, picture: Path, part: tuple[int, int, int, int], size: tuple[int, int]
 ) -> None:
-    """Crops and scales a screenshot, and reduces its colours until the file is below LARGEST.
-
-    Args:
-        shot: the screenshot.
-        picture: the PNG to write.
-        part: left, top, right and bottom of the crop, in pixels of a window of SIZE.
-        size: to which a whole window would be scaled.
-    """
+    """Crops a screenshot to a part of a window of SIZE, and scales it as a window to a size."""
     image = Image.open(shot).convert("RGB")
     image = image.resize(SIZE, Image.Resampling.LANCZOS).crop(part)
     share = size[0] / SIZE[0]
@@ -251,24 +228,22 @@ def photograph_report(page: Path, out: Path) -> list[Path]:
         raise PhotographError("it needs Chromium and Poppler (Debian: chromium, poppler-utils)")
     pictures = [out / f"report{suffix}.png" for suffix in ("", "_phone", "_dark", "_print")]
     with tempfile.TemporaryDirectory() as folder:
-        shot, frame = Path(folder) / "shot.png", Path(folder) / "frame.html"
+        shot, frame, paper = (Path(folder) / name for name in ("shot.png", "frame.html", "paper"))
         url = page.resolve().as_uri()
         width, height = PHONE  # a window of Chromium is wider than a phone: take a frame in it
         frame.write_text(
             f'<body style="margin:0"><iframe src="{url}" width="{width}" height="{height}" '
             'style="border:0" scrolling="no"></iframe>'
         )
-        for source, size, flags, picture in (
-            (url, DESKTOP, (), pictures[0]),
-            (frame.as_uri(), (800, height), (), pictures[1]),
-            (url, DESKTOP, ("--blink-settings=preferredColorScheme=0",), pictures[2]),
+        desktop, dark = "--window-size={},{}".format(*DESKTOP), "preferredColorScheme=0"
+        for flags, picture in (
+            ((desktop, url), pictures[0]),
+            ((f"--window-size=800,{height}", frame.as_uri()), pictures[1]),
+            ((desktop, f"--blink-settings={dark}", url), pictures[2]),
         ):
-            chromium(program, f"--screenshot={shot}", "--window-size={},{}".format(*size), *flags,
-                     source)  # fmt: skip
+            chromium(program, f"--screenshot={shot}", *flags)
             image = Image.open(shot).convert("RGB")
-            image = image.crop((0, 0, width, height)) if picture == pictures[1] else image
-            save(image, picture)
-        paper = Path(folder) / "paper"
+            save(image.crop((0, 0, width, height)) if picture == pictures[1] else image, picture)
         chromium(program, f"--print-to-pdf={paper}.pdf", "--no-pdf-header-footer", url)
         subprocess.run([poppler, "-r", "50", "-png", f"{paper}.pdf", str(paper)], check=True)
         sheets = [Image.open(sheet) for sheet in sorted(Path(folder).glob("paper*.png"))[:SHEETS]]
@@ -293,6 +268,22 @@ def chromium(program: str, *flags: str) -> None:
         raise PhotographError(f"Chromium failed: {error}") from error
 
 
+def photograph_run(name: str, out: Path, duration: float | None, at: float | None) -> list[Path]:
+    """Runs a scenario and saves its pictures."""
+    scenario, close = cli.load(name), name not in PAPER
+    if close:
+        law = dataclasses.replace(scenario.identifier, law="efficient")
+        scenario = dataclasses.replace(scenario, identifier=law, sensors="noisy", duration=DURATION)
+    scenario = dataclasses.replace(scenario, duration=duration or scenario.duration)
+    picture = out / f"{name}.png"
+    with tempfile.TemporaryDirectory() as folder:
+        result = run(scenario, Path(folder) / name)
+        postprocessing.finish(result)
+        moment = best_moment(result) if at is None else at
+        photograph(result.folder / FILE, picture, moment, close=close)
+    return [picture, close_up(picture)] if close else [picture]
+
+
 def main() -> int:
     """Takes the screenshots; returns the exit code."""
     parser = argparse.ArgumentParser(
@@ -300,11 +291,9 @@ def main() -> int:
     )
     parser.add_argument("names", nargs="*", help=f"scenarios (default: {' '.join(SCENARIOS)})")
     parser.add_argument(
-        "--duration", type=float, help="of every run [s] (default: 30, or the paper's)"
+        "--duration", type=float, help="of every run [s] (default: 30, the paper's)"
     )
-    parser.add_argument(
-        "--at", type=float, help="time of the cursor [s] (default: chosen automatically)"
-    )
+    parser.add_argument("--at", type=float, help="time of the cursor [s] (default: a good one)")
     parser.add_argument("--page", default="", help="the tab to open, of a --file")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the pictures")
     parser.add_argument("--file", type=Path, help="take a screenshot of this recording instead")
@@ -313,31 +302,17 @@ def main() -> int:
     chosen.out.mkdir(parents=True, exist_ok=True)
     try:
         if chosen.report:
-            for file in photograph_report(chosen.report, chosen.out):
-                print(f"{file}  {file.stat().st_size // 1000} kB")
-            return 0
-        if chosen.file:
+            made = [photograph_report(chosen.report, chosen.out)]
+        elif chosen.file:
             picture = chosen.out / f"{chosen.file.resolve().parent.name}.png"
             photograph(chosen.file, picture, chosen.at or 0.0, chosen.page, close=not chosen.page)
-            print(f"{picture}  {picture.stat().st_size // 1000} kB")
-            return 0
-        for name in chosen.names or [n for n in SCENARIOS if n in scenarios()]:
-            scenario = cli.load(name)
-            if name not in PAPER:
-                law = dataclasses.replace(scenario.identifier, law="efficient")
-                scenario = dataclasses.replace(
-                    scenario, identifier=law, sensors="noisy", duration=DURATION
-                )
-            if chosen.duration:
-                scenario = dataclasses.replace(scenario, duration=chosen.duration)
-            with tempfile.TemporaryDirectory() as folder:
-                result = run(scenario, Path(folder) / name)
-                postprocessing.finish(result)
-                picture = chosen.out / f"{name}.png"
-                at = best_moment(result) if chosen.at is None else chosen.at
-                photograph(result.folder / FILE, picture, at, close=name not in PAPER)
-            for file in [picture, close_up(picture)][: 1 if name in PAPER else 2]:
-                print(f"{file}  {file.stat().st_size // 1000} kB")
+            made = [[picture]]
+        else:
+            names = chosen.names or [name for name in SCENARIOS if name in scenarios()]
+            made = (photograph_run(n, chosen.out, chosen.duration, chosen.at) for n in names)
+        for pictures in made:
+            for file in pictures:
+                print(f"{file}  {file.stat().st_size // 1000} kB", flush=True)
     except NsaidError as error:
         print(f"screenshots: {error}", file=sys.stderr)
         return 1

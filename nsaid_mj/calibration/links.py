@@ -31,11 +31,11 @@ def weight_columns(model: pin.Model, coordinates: Array) -> Array:
     """(K n, 10 b) columns of the links' weight at up to 300 of the coordinates (N, n)."""
     data, rest = model.createData(), np.zeros(model.nv)
     some = coordinates[:: -(-len(coordinates) // _POSES) or 1]
-    columns = [
-        pin.computeJointTorqueRegressor(model, data, q, rest, rest).copy()
-        for q in positions(model, some)
-    ]
-    return np.concatenate(columns) if columns else np.zeros((0, 10 * (model.njoints - 1)))
+    found = np.empty((len(some), model.nv, 10 * (model.njoints - 1)))
+    for k, q in enumerate(positions(model, some)):
+        regressor = pin.computeJointTorqueRegressor(model, data, q, rest, rest)
+        found[k] = regressor.reshape(model.nv, -1)  # of one joint it is a vector
+    return found.reshape(-1, found.shape[2])
 
 
 def size_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:

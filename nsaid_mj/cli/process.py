@@ -12,6 +12,7 @@ A command's exit code follows from the verdict that it prints and puts on its pa
 
 from __future__ import annotations
 
+import io
 import os
 import signal
 import sys
@@ -56,9 +57,10 @@ def ending_like_ctrl_c() -> Iterator[None]:
 
 
 def open_streams() -> None:
-    """Opens the null device in place of closed standard streams.
+    """Opens the null device in place of closed standard streams, and lets them take any name.
 
-    Otherwise the next opened file would get the number of a standard stream.
+    Otherwise the next opened file would get the number of a standard stream, and a path that is not
+    in the stream's encoding would end the program when it is told.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:
@@ -68,6 +70,9 @@ def open_streams() -> None:
         if getattr(sys, name) is None:
             stream = open(number, mode, encoding="utf-8", closefd=False)  # noqa: SIM115 (it stays)
             setattr(sys, name, stream)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def silence() -> None:

@@ -113,16 +113,13 @@ def drawn(seed: int, number: int, laws: Sequence[str] = LAWS) -> Case:
 
 def _robot(rng: np.random.Generator, law: str) -> tuple[str, str, float]:
     """Name, kind and duration of the run [s]."""
-    chance = rng.random()
-    duration = 30.0 if law == "identify" else float(rng.choice([10.0, 15.0, 20.0]))
-    joints, arm, vehicle = (
-        int(rng.integers(2, 10)),
-        str(rng.choice(_PACKED)),
-        str(rng.choice(list(_VEHICLES))),
-    )
-    if chance < 0.45 or (law == "identify" and chance < 0.4):
+    chance, offline = rng.random(), law == "identify"
+    duration = 30.0 if offline else float(rng.choice([10.0, 15.0, 20.0]))
+    joints, arm = int(rng.integers(2, 10)), str(rng.choice(_PACKED))
+    vehicle = str(rng.choice(list(_VEHICLES)))
+    if chance < 0.45:
         return f"tree of {joints}", "arm", duration
-    if chance < 0.7 or (law == "identify" and chance < 0.9):
+    if chance < (0.9 if offline else 0.7):
         return arm, "arm", duration
-    kind, seconds = _VEHICLES["bluerov2" if law == "identify" else vehicle]
-    return ("bluerov2" if law == "identify" else vehicle), kind, seconds
+    vehicle = "bluerov2" if offline else vehicle
+    return vehicle, *_VEHICLES[vehicle]

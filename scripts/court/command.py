@@ -87,14 +87,6 @@ def cases(seed: int, laws: Sequence[str], only: str) -> Iterator[Case]:
             yield case
 
 
-def _known(path: Path | None, laws: Sequence[str]) -> dict[int, Line]:
-    """Lines of an interrupted study, by the number of their run."""
-    if path is None or not path.is_file():
-        return {}
-    lines = read(path)
-    return {line["case"]["number"]: line for line in lines if line["laws"] == list(laws)}
-
-
 def read(path: Path) -> list[Line]:
     """The lines of a study's file; of a run that was repeated, the last."""
     lines = [json.loads(text) for text in path.read_text("utf-8").splitlines() if text.strip()]
@@ -110,10 +102,10 @@ def _shown(line: Line) -> str:
 def study(arguments: argparse.Namespace) -> list[Line]:
     """Runs the cases that are not in the file yet, and appends them to it."""
     laws, path = list(arguments.law), arguments.json
-    wanted = islice(cases(arguments.seed, laws, arguments.only), arguments.runs)
-    known = _known(path, laws)
-    chosen = list(wanted)
-    lines = [known[c.number] for c in chosen if known.get(c.number, {}).get("case") == asdict(c)]
+    chosen = list(islice(cases(arguments.seed, laws, arguments.only), arguments.runs))
+    known = read(path) if path is not None and path.is_file() else []
+    wanted = [asdict(case) for case in chosen]
+    lines = [line for line in known if line["laws"] == laws and line["case"] in wanted]
     done = {line["case"]["number"] for line in lines}
     left = [case for case in chosen if case.number not in done]
     for line in _run(left, partial(line_of, limit=arguments.limit), arguments.jobs):

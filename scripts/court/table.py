@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from .cases import LAWS, TOGETHER
 from .effects import EFFECTS, FAULTS
-from .judging import COVERED, CRASH, FLAGGED, NOT_RUN, RIGHT, WRONG
+from .judging import COVERED, CRASH, FLAGGED, NOT_RUN, RIGHT
 
 Line = dict[str, Any]
 _MOVED = 3.0  # stated standard deviations from which an effect has moved a gain
@@ -61,23 +62,18 @@ def overall(lines: Sequence[Line]) -> str:
         "| wrong, unsure | WRONG, CONFIDENT | crash | not run |",
         "|" + "---|" * 9,
     ]
+    kinds = ("wrong, flagged", "wrong, unsure", "wrong, confident", CRASH, NOT_RUN)
     for law in (*LAWS, "all"):
-        own = [kind_of(line) for line in lines if law in (line["case"]["law"], "all")]
-        count = {kind: own.count(kind) for kind in own}
-        hedged = count.get("right, unsure", 0) + count.get("right, flagged", 0)
-        cells = [
-            len(own) - count.get(NOT_RUN, 0),
-            count.get("right, confident", 0),
-            hedged,
-            count.get("wrong, flagged", 0),
-            count.get("wrong, unsure", 0),
-            count.get("wrong, confident", 0),
-            count.get(CRASH, 0),
-            count.get(NOT_RUN, 0),
-        ]
+        own = Counter(kind_of(line) for line in lines if law in (line["case"]["law"], "all"))
+        hedged = own["right, unsure"] + own["right, flagged"]
+        ran = own.total() - own[NOT_RUN]
         if own:
-            rows.append(f"| {law} | " + " | ".join(map(str, cells)) + " |")
+            rows.append(_row(law, ran, own["right, confident"], hedged, *(own[k] for k in kinds)))
     return "\n".join(rows)
+
+
+def _row(*cells: object) -> str:
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 def bars(lines: Sequence[Line]) -> str:
@@ -92,6 +88,8 @@ def bars(lines: Sequence[Line]) -> str:
     judged = [line for line in lines if line["outcome"] == "judged"]
     for law in LAWS:
         own = [line for line in judged if line["case"]["law"] == law]
+        if not own:
+            continue
         exact = [line for line in own if line["case"]["effect"] == "none"]
         covered = [line["coverage"] >= 0.9 for line in exact if line["coverage"] is not None]
         false = sum(line["figures"].get("false_faults", 0) for line in exact)
@@ -103,14 +101,11 @@ def bars(lines: Sequence[Line]) -> str:
             if line["case"]["effect"] not in ("none", *FAULTS)
             and moved(line, by_number.get(_control(line)))
         ]
-        looking = [line for line in own if law == "efficient"]  # the others name none
-        faulty = [bool(line["named"]) for line in looking if line["case"]["effect"] in FAULTS]
-        if own:
-            rows.append(
-                f"| {law} | {_share(covered)} | {_share(confident)} | {per} "
-                f"| {_share(line['manner'] == FLAGGED for line in exact)} "
-                f"| {_share(admitted(line) for line in hit)} | {_share(faulty)} |"
-            )
+        faulty = [bool(line["named"]) for line in own if line["case"]["effect"] in FAULTS]
+        faulty = faulty if law == "efficient" else []  # the others name none
+        flagged = [line["manner"] == FLAGGED for line in exact]
+        shares = _share(covered), _share(confident), per, _share(flagged)
+        rows.append(_row(law, *shares, _share(admitted(line) for line in hit), _share(faulty)))
     return "\n".join(rows)
 
 
@@ -137,19 +132,16 @@ def by_effect(lines: Sequence[Line]) -> str:
                 continue
             judged = [line for line in own if line["outcome"] == "judged"]
             kinds = [kind_of(line) for line in own]
-            cells = [
-                len(own),
-                sum(kind.startswith(RIGHT) for kind in kinds),
-                sum(kind in (f"{WRONG}, flagged", f"{WRONG}, unsure") for kind in kinds),
-                kinds.count("wrong, confident"),
-                sum(kind.endswith("flagged") for kind in kinds),
-                sum(kind.endswith("unsure") for kind in kinds),
-                sum(line["coverage"] is not None and line["coverage"] < COVERED for line in judged),
-                sum(line["figures"].get("false_faults", 0) for line in judged),
-                kinds.count(CRASH),
-            ]
+            hedged = kinds.count("wrong, flagged") + kinds.count("wrong, unsure")
+            covered = [line["coverage"] for line in judged if line["coverage"] is not None]
+            false = sum(line["figures"].get("false_faults", 0) for line in judged)
             unit = EFFECTS[name].unit if name in EFFECTS else ""
-            rows.append(f"| {name} | {size:g} {unit} | " + " | ".join(map(str, cells)) + " |")
+            rows.append(_row(
+                name, f"{size:g} {unit}", len(own), sum(k.startswith(RIGHT) for k in kinds), hedged,
+                kinds.count("wrong, confident"), sum(k.endswith("flagged") for k in kinds),
+                sum(k.endswith("unsure") for k in kinds), sum(c < COVERED for c in covered), false,
+                kinds.count(CRASH),
+            ))  # fmt: skip
     return "\n".join(rows)
 
 

@@ -81,3 +81,10 @@ def test_columns_that_only_look_like_a_stamp_in_two_parts_stay(tmp_path):
     rows = [f"{0.01 * k:.2f},{k * 7_000_000_000},{k}" for k in range(20)]
     path.write_text("\n".join(["t_s,t_ns,q1", *rows]), encoding="utf-8")
     assert set(read_table(path).channels) == {"t_ns", "q1"}
+
+
+def test_times_that_no_clock_reaches_are_missing():
+    assert clocks.read(np.full(3, 1e300), "t", None) is None
+    clock = clocks.read(np.array([1e300, 0.5, 0.6, 0.7]), "t", None)
+    assert clock is not None
+    np.testing.assert_allclose(clock.t, [np.nan, 0.0, 0.1, 0.2])

@@ -20,8 +20,8 @@ from nsaid_mj.calibration.result import Identification
 from nsaid_mj.calibration.structure import Options
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
-from scripts.calibration import Simulated, nominal_model
-from scripts.tx40 import essential
+from scripts.calibration import essential
+from scripts.simulated_logs import Simulated, nominal_model
 from tests.support.robot_logs import columns, two_joints, write_csv
 
 
@@ -185,6 +185,19 @@ def test_a_joint_at_rest_throughout_is_told_and_the_others_are_identified(tmp_pa
     found = identify(two_joints(), write_csv(tmp_path / "log.csv", values))
     assert ("at_rest", "elbow") in [(f.code, f.where) for f in found.findings]
     assert np.isfinite(found.deviation).all()
+
+
+def test_an_arm_with_one_joint_is_identified(tmp_path):
+    robot, values = two_joints(("shoulder",)), columns(duration=20, n=1)
+    q, v = values["q1"][:, None], values["dq1"][:, None]
+    a, data = np.gradient(v, values["t"], axis=0), robot.model.createData()
+    rows = zip(q, v, a, strict=True)
+    force = np.array([pin.rnea(robot.model, data, *row) for row in rows]) + v
+    values["tau1"] = force[:, 0] / 2
+    found = identify(robot, write_csv(tmp_path / "log.csv", values))
+    (gain,), (viscous,) = found.of("motor gain"), found.of("viscous friction")
+    assert found.explains != "no"
+    assert gain.low < 2 < gain.high and viscous.low < 1 < viscous.high
 
 
 def test_noise_is_no_reversed_command(tmp_path):

@@ -23,7 +23,7 @@ from nsaid_mj.calibration.smoothing import filter_for
 from nsaid_mj.calibration.statements import verdict
 from nsaid_mj.calibration.structure import Options
 from nsaid_mj.parameters import Block, ParameterSpace
-from scripts.scale import HeavyWrist
+from scripts.simulated_logs import HeavyWrist
 from tests.support.robot_logs import two_joints
 
 

@@ -22,7 +22,7 @@ from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identi
 from nsaid_mj.log import Measurement
 from nsaid_mj.recording.postprocessing import rebuild
 from nsaid_mj.resources import scenarios
-from scripts import field_values
+from scripts.campaign import fields
 from tests.support.faulty import PENDULUM, ROV, flat, shell
 
 # -- on the command line -------------------------------------------------------------------------
@@ -330,22 +330,22 @@ ANYTHING = st.recursive(
 )
 
 
-@pytest.mark.parametrize("way", field_values.WAYS)
+@pytest.mark.parametrize("way", fields.WAYS)
 @settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_any_value_in_any_field_gives_a_scenario_or_a_typed_error(
     way: str, data: st.DataObject
 ) -> None:
     name = data.draw(st.sampled_from(sorted(scenarios())))
-    path = data.draw(st.sampled_from(field_values.places(name)))
-    place = data.draw(st.none() | st.integers(0, len(field_values.VALUES) - 1))
-    value = data.draw(ANYTHING) if place is None else field_values.VALUES[place]
-    assert field_values.outcome(way, name, {path: value}) in ("valid", "refused")
+    path = data.draw(st.sampled_from(fields.places(name)))
+    place = data.draw(st.none() | st.integers(0, len(fields.VALUES) - 1))
+    value = data.draw(ANYTHING) if place is None else fields.VALUES[place]
+    assert fields.outcome(way, name, {path: value}) in ("valid", "refused")
 
 
 def test_the_check_detects_an_untyped_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(scenario: Scenario, values: dict[str, object]) -> Scenario:
         raise TypeError("unorderable")
 
-    monkeypatch.setitem(field_values.WAYS, "broken", broken)
-    assert field_values.outcome("broken", "ur5", {"dt": 1}) == "TypeError: unorderable"
+    monkeypatch.setitem(fields.WAYS, "broken", broken)
+    assert fields.outcome("broken", "ur5", {"dt": 1}) == "TypeError: unorderable"

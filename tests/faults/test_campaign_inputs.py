@@ -1,19 +1,21 @@
-"""A few tries of every family of bad input; `python -m scripts.campaign_inputs` makes thousands."""
+"""A few tries of the campaign's families that need one process; `python -m scripts.campaign`."""
 
 import sys
 
 import pytest
 
-from scripts import campaign_inputs, campaign_models, campaign_user
+from scripts import campaign
+from scripts.campaign import commands, files, tries
 from tests.support.faulty import shell
 
-FEW = {"urdfs": 80, "commands": 12, "scripts": 8, "logs": 6, "fields": 40}
+FEW = {"urdfs": 80, "commands": 12, "scripts": 8, "logs": 6, "fields": 40, "MJCF files": 40}
+FEW |= {"vehicles' sheets": 40}
 
 
-def failed(family: str, tries: int, seed: int) -> list[campaign_inputs.Try]:
-    made = list(campaign_inputs.carry_out(family, tries, seed))
-    assert len(made) == tries
-    return [found for found in made if found.outcome not in campaign_inputs.TYPED]
+def failed(family: str, count: int, seed: int) -> list[tries.Try]:
+    made = list(campaign.carry_out(family, count, seed))
+    assert len(made) == count
+    return [found for found in made if found.wrong]
 
 
 @pytest.mark.parametrize("family", FEW)
@@ -22,12 +24,12 @@ def test_bad_input_never_ends_in_an_untyped_error(family):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("family", campaign_inputs.FAMILIES)
+@pytest.mark.parametrize("family", [*commands.FAMILIES, *files.FAMILIES])
 def test_much_bad_input_never_ends_in_an_untyped_error(family):
-    assert failed(family, 200, seed=2) == []
+    assert failed(family, 200 if family in FEW else 20, seed=2) == []
 
 
-def test_the_campaign_notices_untyped_errors_hangs_and_silence(monkeypatch):
+def test_the_campaign_notices_untyped_errors_hangs_and_silence(monkeypatch, tmp_path):
     def crash() -> str:
         raise TypeError("unorderable")
 
@@ -35,11 +37,11 @@ def test_the_campaign_notices_untyped_errors_hangs_and_silence(monkeypatch):
         while True:
             pass
 
-    monkeypatch.setattr(campaign_inputs, "LIMIT", 1)
-    assert campaign_inputs.judged(crash) == ("untyped", "TypeError: unorderable (crash)")
-    assert campaign_inputs.judged(stay)[0] == "hang"
-    monkeypatch.setattr(campaign_inputs.cli, "run_from_shell", lambda: sys.exit(2))
-    assert campaign_inputs.shell("run") == "untyped"  # refused without a word
+    monkeypatch.setattr(tries, "LIMIT", 1)
+    assert tries.wrong_with(crash) == "TypeError: unorderable (crash)"
+    assert tries.wrong_with(stay) == "longer than 1 s"
+    monkeypatch.setattr("nsaid_mj.cli.commands.run_from_shell", lambda: sys.exit(2))
+    assert tries.nsaid(["run"], tmp_path).wrong == "refused without a word"
 
 
 def test_a_folder_whose_name_looks_like_markup_is_a_folder(tmp_path, monkeypatch):
@@ -74,16 +76,3 @@ def test_numbers_beyond_memory_are_refused_before_anything_is_written(words, tmp
     monkeypatch.chdir(tmp_path)
     code, said = shell(*words)
     assert code == 2 and "expected" in said.err and not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("family", campaign_models.FAMILIES)
-def test_damaged_models_never_end_in_an_untyped_error(family):
-    made = list(campaign_models.carry_out(family, 40, seed=1))
-    assert len(made) == 40 and [found for found in made if found.outcome != "ok"] == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("family", campaign_user.FAMILIES)
-def test_odd_files_names_options_and_samples_end_well_or_typed(family):
-    made = list(campaign_user.carry_out(family, 20, seed=1))
-    assert len(made) == 20 and [found for found in made if found.outcome != "ok"] == []

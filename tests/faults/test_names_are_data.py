@@ -78,6 +78,15 @@ def test_a_name_that_is_no_utf_8_does_not_keep_a_page_from_being_written(tmp_pat
     assert (tmp_path / "page.html").read_text(encoding="utf-8") == "of ?.urdf"
 
 
+def test_a_folders_name_that_is_no_utf_8_can_be_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{0.01 * k:.2f},{k % 7}\n" for k in range(100))
+    Path("log.csv").write_text(f"t,q\n{rows}", encoding="utf-8")
+    code, said = shell("inspect", "log.csv", "--out", "\udcff")
+    assert code in (0, 1) and "\\udcff" in said.out
+    assert Path("\udcff").is_dir()
+
+
 def test_printable_keeps_letters_of_all_scripts_lines_and_tabs():
     assert printable("Größe 名 q̇ [N·m]\n\t✔") == "Größe 名 q̇ [N·m]\n\t✔"
 

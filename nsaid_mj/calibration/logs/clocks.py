@@ -74,7 +74,7 @@ def read(column: np.ndarray, name: str, unit: str | None) -> Clock | None:
 
     The column holds numbers, `datetime64` or date strings. `unit` is `s`, `ms`, `us`, `ns` or
     `date`; None detects it from the name, such as `t_ms`, the size of the numbers (times since
-    1970) and the interval between rows.
+    1970) and the interval between rows. A float beyond 2⁶³ is no time.
     """
     if column.dtype.kind == "O":
         dates = _dates(column)
@@ -89,6 +89,9 @@ def read(column: np.ndarray, name: str, unit: str | None) -> Clock | None:
         t[absent] = np.nan
         return Clock(t, origin, "date", False)
     finite = np.isfinite(column)
+    if column.dtype.kind == "f":  # no clock counts further than 2⁶³
+        finite &= np.abs(column) < 2.0**63
+        column = np.where(finite, column, np.nan)
     if not finite.any() or unit == "date":
         return None
     stated = unit or of_name(name, TIME)[1]

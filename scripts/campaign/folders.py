@@ -1,14 +1,12 @@
-"""Damaged files, planted links and foreign files in the folders of runs and sweeps."""
+"""Damaged files and planted links in the folders of runs and sweeps."""
 
 from __future__ import annotations
 
 import contextlib
 import json
-import os
 import random
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -21,13 +19,16 @@ from nsaid_mj.identifiers.faults import FaultEvent
 from nsaid_mj.recording import postprocessing
 from nsaid_mj.studies import sweep, sweep_report, sweep_results
 from nsaid_mj.studies.sweep_engine import Engine
-from scripts.campaign_tries import Draw, Kind, Try, carried_out
+from tests.support import damaged
+
+from .tries import Draw, Kind
 
 SCENARIO = replace(load("scalar_rov"), duration=2.0, held_out=0.5, pe_window=0.5)
 PLAN = sweep.Plan("scalar_rov", SCENARIO, {"identifier.gain": (0.5, 1.0)}, seeds=2)
 RUN = ("record.arrow", "summary.json", "scenario.json", "run.rrd", "report.html")
 FAULT = FaultEvent(1.0, 1.2, "loss", "thrust", ("thrust",), 0.4, 0.3, 0.5, "1", 0.99)
 SWEEP = ("manifest.json", "rows.jsonl", "results.parquet")
+_OTHER = (b"[]", b"{}", b"null", b"3", b"[3]", b"[{}]", b"[" * 100_000, b"NaN", b"")
 
 
 @cache
@@ -43,27 +44,21 @@ def packed(kind: str) -> Path:
 
 def damage(path: Path, rng: random.Random) -> str:
     """Damages a file in one of several ways; returns which."""
-    data = path.read_bytes()
-    at = rng.randrange(len(data))
-    junk = rng.randbytes(rng.choice((1, 8, 200)))
-    others = (b"[]", b"{}", b"null", b"3", b"[3]", b"[{}]", b"[" * 100_000, b"NaN")
-    other = rng.choice(others)
-    ways: dict[str, Callable[[], object]] = {
-        "of other JSON": lambda: path.write_bytes(other),
-        "cut short": lambda: path.write_bytes(data[:at]),
-        "overwritten inside": lambda: path.write_bytes(data[:at] + junk + data[at + len(junk) :]),
-        "emptied": lambda: path.write_bytes(b""),
-        "missing": path.unlink,
-        "zeros at the end": lambda: path.write_bytes(data[:at] + bytes(len(data) - at)),
-    }
-    way = rng.choice(list(ways))
-    ways[way]()
-    return way
+    way = rng.random()
+    if way < 0.15:
+        path.unlink()
+        return "missing"
+    if way < 0.3:
+        path.write_bytes(rng.choice(_OTHER))
+        return f"is {path.read_bytes()[:9]!r}"
+    edits = damaged.drawn(rng)
+    path.write_bytes(damaged.damage(path.read_bytes(), edits))
+    return ", ".join(edit[0] for edit in edits)
 
 
-def damaged_run(rng: random.Random, folder: Path) -> Kind:
+def damaged_run(rng: random.Random, here: Path) -> Kind:
     """A run's folder with a damaged file is read, rebuilt and overwritten."""
-    out = Path(shutil.copytree(packed("run"), folder / "out"))
+    out = Path(shutil.copytree(packed("run"), here / "out"))
     (out / FAULTS).write_text(json.dumps([FAULT.keys()]), encoding="utf-8")
     name = rng.choice((RUN[0], RUN[0], RUN[1], RUN[2], FAULTS))
     way = damage(out / name, rng)
@@ -72,48 +67,46 @@ def damaged_run(rng: random.Random, folder: Path) -> Kind:
         with contextlib.suppress(NsaidError):
             Record.read(out)
         with contextlib.suppress(NsaidError):
-            found = postprocessing.rebuild(out)
-            json.dumps(found, allow_nan=False)
+            json.dumps(postprocessing.rebuild(out), allow_nan=False)
         run(SCENARIO, out)
         return "" if Record.read(out).complete else "the record is not complete"
 
     return Kind(f"run, {name} {way}", check)
 
 
-def damaged_sweep(rng: random.Random, folder: Path) -> Kind:
+def damaged_sweep(rng: random.Random, here: Path) -> Kind:
     """A sweep's folder with a damaged file is read, reported and resumed."""
-    out = Path(shutil.copytree(packed("sweep"), folder / "out"))
+    out = Path(shutil.copytree(packed("sweep"), here / "out"))
     name = rng.choice(SWEEP)
     way = damage(out / name, rng)
 
+    def rows() -> bytes:
+        return (out / SWEEP[1]).read_bytes() if (out / SWEEP[1]).exists() else b""
+
     def check() -> str:
-        before = (out / SWEEP[1]).read_bytes() if (out / SWEEP[1]).exists() else b""
+        before = rows()
         with contextlib.suppress(NsaidError):
             sweep_report.write(sweep_results.read(out))
         found = None
         with contextlib.suppress(NsaidError):
             found = sweep.run(PLAN, out, Engine(jobs=1), quiet=True)
         if found is None:
-            kept = (out / SWEEP[1]).read_bytes() if (out / SWEEP[1]).exists() else b""
-            return "" if kept == before else "rows were lost"
+            return "" if rows() == before else "rows were lost"
         if [row["run"] for row in found.rows] != list(range(len(PLAN))):
             return "rows are missing"
-        if name == SWEEP[0] and (out / SWEEP[1]).read_bytes() != before:
-            return "rows were made again without need"
-        return ""
+        again = name == SWEEP[0] and rows() != before
+        return "rows were made again without need" if again else ""
 
     return Kind(f"sweep, {name} {way}", check)
 
 
-def planted(rng: random.Random, folder: Path) -> Kind:
+def planted(rng: random.Random, here: Path) -> Kind:
     """Links in the place of files to be written do not lead to other files."""
-    out, victim = folder / "out", folder / "victim"
-    of_run = rng.random() < 0.5
-    names = RUN if of_run else SWEEP
+    out, victim, of_run = here / "out", here / "victim", rng.random() < 0.5
     out.mkdir()
     victim.write_text("dear")
-    name = rng.choice([f".{name}.part" for name in names])
-    os.symlink(victim, out / name)
+    name = f".{rng.choice(RUN if of_run else SWEEP)}.part"
+    (out / name).symlink_to(victim)
 
     def check() -> str:
         with contextlib.suppress(NsaidError):
@@ -131,8 +124,3 @@ FAMILIES: dict[str, Draw] = {
     "damaged sweeps": damaged_sweep,
     "planted links": planted,
 }
-
-
-def carry_out(family: str, tries: int, seed: int) -> Iterator[Try]:
-    """The first tries of a family."""
-    return carried_out(family, FAMILIES[family], tries, seed)

@@ -1,0 +1,25 @@
+"""The fault campaign: tries of many kinds, each of which must end well or in a typed error.
+
+    python -m scripts.campaign [FAMILY …] [--tries 100] [--seed 0]
+
+Prints the tries that went wrong, and a table of tried and failed per family.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from . import commands, files, folders, processes
+from .tries import Draw, Try, carried_out
+
+FAMILIES: dict[str, Draw] = {
+    **commands.FAMILIES,
+    **files.FAMILIES,
+    **folders.FAMILIES,
+    **processes.FAMILIES,
+}
+
+
+def carry_out(family: str, tries: int, seed: int) -> Iterator[Try]:
+    """The first tries of a family."""
+    return carried_out(family, FAMILIES[family], tries, seed)
