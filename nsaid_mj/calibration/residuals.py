@@ -95,16 +95,20 @@ def followed(
         suspects = [s._replace(columns=s.columns[::every]) for s in suspects]
     rows = _Rows(problem, theta, share)
     level = _CHANCE / max(len(suspects), 1)
-    left, entered = list(suspects), []
+    left, entered = [(suspect, rows.outside(suspect.columns)) for suspect in suspects], []
     for _ in range(_MOST):
-        trials = [rows.trial(suspect.columns, suspect.size is not None) for suspect in left]
+        trials = [rows.trial(rest, suspect.size is not None) for suspect, rest in left]
         beyond = [trial.beyond(level) for trial in trials]
         if not any(beyond):
             break
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
-        entered.append((left[best], beyond[best], rows.add(trials[best])))
-        name = left[best][:2]  # other sizes, or places of the encoder, of the same effect are tried
-        left = [suspect for suspect in left if suspect[:2] != name]
+        entered.append((left[best][0], beyond[best], rows.add(trials[best])))
+        name = left[best][0][:2]  # of an effect, other sizes or places of the encoder are tried
+        left = [
+            (suspect, _outside(rest, trials[best].basis))
+            for suspect, rest in left
+            if suspect[:2] != name
+        ]
     found = []
     if not entered:
         return ()
@@ -196,14 +200,12 @@ class _Trial(NamedTuple):
 
     Attributes:
         basis: (N n, c) orthonormal basis of its columns outside the span of the fit's.
-        combine: (c', c) combinations of its columns of which that is the part outside.
         gained: fall of the weighted sum of squares.
         F: Hotelling's statistic.
         degrees: of freedom of F.
     """
 
     basis: Array
-    combine: Array
     gained: float
     F: float
     degrees: tuple[int, int]
@@ -239,47 +241,39 @@ class _Rows:
         unit = self.X_T * problem.space.scale[:, None]
         values, vectors = scipy.linalg.eigh(unit @ unit.T)
         kept = values > _SPAN * values[-1]
-        self._own = self._basis = unit.T @ (vectors[:, kept] / np.sqrt(values[kept]))
+        self._own = unit.T @ (vectors[:, kept] / np.sqrt(values[kept]))
         own = (residual * self._weight).reshape(-1, 1)
-        self._first = self._residual = self._outside(own, self._own)[:, 0]
+        self._first = self._residual = _outside(own, self._own)[:, 0]
         self._n = used.shape[1]
-
-    @staticmethod
-    def _outside(Z: Array, basis: Array) -> Array:
-        """Z (N n, c) less its projection on a basis; twice where little is left, for rounding."""
-        rest = Z - basis @ (basis.T @ Z)
-        little = np.linalg.norm(rest, axis=0) < _LITTLE * np.linalg.norm(Z, axis=0)
-        if little.any():
-            some = rest[:, little]
-            rest[:, little] = some - basis @ (basis.T @ some)
-        return rest
 
     def weighed(self, columns: Array) -> Array:
         """Columns (N, n, c) times the rows' weights."""
         return columns * self._weight[:, :, None]
 
-    def trial(self, columns: Array, positive: bool = False) -> _Trial:
-        """The effect of further columns (N, n, c), or of one with a positive coefficient."""
+    def outside(self, columns: Array) -> Array:
+        """(N n, c) the part outside the span of the fit's of columns (N, n, c) of unit length."""
         Z = self.weighed(columns).reshape(-1, columns.shape[2])
-        size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
-        rest = self._outside(Z / size, self._basis)
+        return _outside(Z / np.maximum(np.linalg.norm(Z, axis=0), 1e-300), self._own)
+
+    def trial(self, rest: Array, positive: bool = False) -> _Trial:
+        """The effect of further columns, or of one with a positive coefficient.
+
+        `rest` (N n, c) are their parts `outside`, and outside all suspects that have entered.
+        """
         values, vectors = scipy.linalg.eigh(rest.T @ rest)
         kept = values > _OUTSIDE
         if not kept.any() or (positive and rest[:, 0] @ self._residual > 0):
-            return _Trial(rest[:, :0], vectors[:, :0], 0.0, 0.0, (1, 1))
-        combine = vectors[:, kept] / np.sqrt(values[kept])
-        basis = rest @ combine
+            return _Trial(rest[:, :0], 0.0, 0.0, (1, 1))
+        basis = rest @ (vectors[:, kept] / np.sqrt(values[kept]))
         own = basis * self._residual[:, None]
         own = own.reshape(len(own) // self._n, self._n, -1).sum(axis=1)
         F, degrees = _hotelling(own)
-        gained = float(np.sum(own.sum(axis=0) ** 2))
-        return _Trial(basis, combine / size[:, None], gained, F, degrees)
+        return _Trial(basis, float(np.sum(own.sum(axis=0) ** 2)), F, degrees)
 
     def add(self, trial: _Trial) -> Array:
         """Adds a suspect; returns (n,) the share of the residuals' variance it explains."""
         before = self._power()
         self._residual = self._residual - trial.basis @ (trial.basis.T @ self._residual)
-        self._basis = np.hstack([self._basis, trial.basis])
         return np.where(before > 0, 1 - self._power() / np.where(before > 0, before, 1.0), 0.0)
 
     def _power(self) -> Array:
@@ -289,9 +283,19 @@ class _Rows:
         """γ of suspects, all of them together in the fit."""
         Z = np.hstack([self.weighed(s.columns).reshape(len(self._first), -1) for s in suspects])
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
-        rest = self._outside(Z / size, self._own)
+        rest = _outside(Z / size, self._own)
         gamma = -np.linalg.lstsq(rest, self._first, rcond=_OUTSIDE)[0] / size
         return np.split(gamma, np.cumsum([s.columns.shape[2] for s in suspects])[:-1])
+
+
+def _outside(Z: Array, basis: Array) -> Array:
+    """Z (N n, c) less its projection on a basis; twice where little is left, for rounding."""
+    rest = Z - basis @ (basis.T @ Z)
+    little = np.linalg.norm(rest, axis=0) < _LITTLE * np.linalg.norm(Z, axis=0)
+    if little.any():
+        some = rest[:, little]
+        rest[:, little] = some - basis @ (basis.T @ some)
+    return rest
 
 
 def _hotelling(scores: Array) -> tuple[float, tuple[int, int]]:
