@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import NsaidError
+from ..evaluation.words import number
 from ..parameters import Array
 from ..robot.identified import Coupling, Identified, Parameter, Spring, with_inertias
 from ..robot.mjcf_export import write_mjcf
@@ -117,4 +118,4 @@ def _followed(result: Identification, values: Identified) -> Finding:
 
 
 def _figure(value: float) -> str:
-    return f"{value:.2g}" if math.isfinite(value) else "diverges"
+    return number(value, significant=2) if math.isfinite(value) else "diverges"

@@ -19,6 +19,7 @@ from .data import Recordings, RobotModel, Segment
 
 _WINDOW = 0.2  # length of a simulation [s]
 _LONGEST_STEP = 2e-3  # of the simulation [s]
+_MOST = 1000  # windows, at most, of a long log: their rms is known to a few percent
 
 
 class Replay(NamedTuple):
@@ -47,7 +48,9 @@ def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Rep
 
 def _error(robot: RobotModel, values: Identified, recordings: Recordings) -> Array:
     """(n,) rms error of each joint's position [rad or m]; inf where the simulation diverges."""
-    found = departures(robot, values, recordings, _WINDOW)
+    rows = sum(len(segment.log.t) for segment in recordings.segments)
+    every = max(1, int(rows / (recordings.rate * _WINDOW * _MOST)))
+    found = departures(robot, values, recordings, _WINDOW, every)
     if not len(found):
         remedy = "Use a log without so many gaps."
         raise InvalidInput("recordings", f"a segment of {_WINDOW:g} s", "shorter ones", remedy)
@@ -56,12 +59,12 @@ def _error(robot: RobotModel, values: Identified, recordings: Recordings) -> Arr
 
 
 def departures(
-    robot: RobotModel, values: Identified, recordings: Recordings, horizon: float
+    robot: RobotModel, values: Identified, recordings: Recordings, horizon: float, every: int = 1
 ) -> Array:
     """(N, n) simulated minus measured positions, driven by a log's commands [rad or m].
 
     After `horizon` [s], at least one sample, the simulation restarts from the measured position and
-    velocity; inf for once per segment.
+    velocity; inf for once per segment. Of these windows, only one of `every` so many is simulated.
     """
     assert robot.file is not None  # a tree of joints comes from a file
     folder = robot.file.resolve().parent
@@ -74,21 +77,27 @@ def departures(
     for segment in recordings.segments:
         length = len(segment.log.t) - 1
         samples = max(1, length if np.isinf(horizon) else round(horizon * recordings.rate))
-        windows = _simulate(mj, joints, command, segment, samples, substeps)
+        windows = _simulate(mj, joints, command, segment, samples, substeps, every)
         found.append(windows.reshape(-1, len(robot.joints)))
     return np.concatenate(found)
 
 
 def _simulate(
-    mj: Any, joints: JointMap, command: list[int], segment: Segment, samples: int, substeps: int
+    mj: Any,
+    joints: JointMap,
+    command: list[int],
+    segment: Segment,
+    samples: int,
+    substeps: int,
+    every: int,
 ) -> Array:
-    """(windows, samples, n) errors of position in the windows of a segment.
+    """(windows, samples, n) errors of position in one of `every` so many windows of a segment.
 
     `mj` is MuJoCo's model, `command` (n,) the index of each joint's motor; each of the `samples`
     time steps of a window takes `substeps` steps of the simulation.
     """
     log = segment.log
-    starts = np.arange(0, len(log.t) - samples, samples)
+    starts = np.arange(0, len(log.t) - samples, samples * every)
     if not len(starts):
         return np.zeros((0, samples, len(command)))
     data, kind = mujoco.MjData(mj), mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -101,11 +110,7 @@ def _simulate(
     control[:, :, command] = np.repeat(log.u[within], substeps, axis=1)
     with quiet():  # a simulation that diverges has a large error
         found: Any = rollout.rollout(mj, data, state, control)[0]
-    position = np.zeros((len(starts), samples, len(command)))
-    for window, rows in zip(position, found[:, substeps - 1 :: substeps], strict=True):
-        for sample, row in zip(window, rows, strict=True):
-            mujoco.mj_setState(mj, data, row, kind)
-            sample[:] = joints.read(data)[0]
+    position = joints.angles(found[:, substeps - 1 :: substeps])
     with np.errstate(invalid="ignore", over="ignore"):
         return position - log.q[within + 1]
 

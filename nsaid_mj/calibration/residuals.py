@@ -99,38 +99,42 @@ def followed(
         share: (n,) rows per effectively independent row, as in the fit.
         suspects: to be tried.
         noisier: gives rows and suspects at θ (p,) of the same motion with twice the variance of the
-            sensors' noise, to subtract what noise alone makes the residuals follow; None if the
-            noise is unknown.
+            sensors' noise; None if suspects do not depend on the measured motion.
     """
     every = -(-len(problem.t) // _MANY)
     thin, share = np.arange(0, len(problem.t), every), share / every
-    rows = _Rows(problem.select(thin), theta, share)
+    rows = _Rows(problem.select(thin) if every > 1 else problem, theta, share)
     level = _CHANCE / max(len(suspects), 1)
-    left = [(s, s.columns[thin], np.zeros(0)) for s in suspects]
+    left = [_Candidate(s, rows.outside(s.columns[thin], s.columns[thin])) for s in suspects]
     entered: list[tuple[Suspect, float, Array]] = []
-    for _ in range(_MOST):
-        trials = [rows.trial(columns, noisy, s.size is not None) for s, columns, noisy in left]
-        if any(trial.beyond(level) for trial in trials) and noisier and rows.noisy is None:
-            other, again = noisier(theta)
-            rows.noisy = rows.alike(other.select(thin), theta)
-            left = [(s, c, n.columns[thin]) for (s, c, _), n in zip(left, again, strict=True)]
-            trials = [rows.trial(columns, noisy, s.size is not None) for s, columns, noisy in left]
+    while left and len(entered) < _MOST:
+        trials = [rows.trial(each) for each in left]
         beyond = [trial.beyond(level) for trial in trials]
         if not any(beyond):
             break
+        if noisier and rows.noisy is None:
+            other, again = noisier(theta)
+            rows.noisy = _Rows(other.select(thin), theta, share, rows.weight)
+            left = [
+                own._replace(noisy=rows.noisy.outside(s.columns[thin], own.suspect.columns[thin]))
+                for own, s in zip(left, again, strict=True)
+            ]
+            continue
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
-        entered.append((left[best][0], beyond[best], rows.add(trials[best])))
-        name = left[best][0][:2]  # other sizes, or places of the encoder, of the same effect
-        left = [each for each in left if each[0][:2] != name]
+        suspect = left[best].suspect
+        entered.append((suspect, beyond[best], rows.add(trials[best])))
+        left = [  # other sizes or places of the encoder of the same effect are not tried
+            each.beside(trials[best]) for each in left if each.suspect[:2] != suspect[:2]
+        ]
     found = []
     if not entered:
         return ()
-    coefficients = rows.coefficients([suspect.columns[thin] for suspect, _, _ in entered])
-    for (suspect, certain, explained), gamma in zip(entered, coefficients, strict=True):
-        if suspect.size is not None and gamma[0] <= 0:  # only others make it look possible
+    columns = [suspect.columns[thin] for suspect, _, _ in entered]
+    coefficients = rows.coefficients(columns)
+    for (suspect, certain, explained), Z, gamma in zip(entered, columns, coefficients, strict=True):
+        if suspect.size is not None and gamma[0] <= 0:  # with the others it is not possible
             continue
-        columns = suspect.columns[thin]
-        pull = rows.X_T @ rows.weighed(columns).reshape(-1, columns.shape[2])
+        pull = rows.X_T @ rows.weighed(Z)
         shift = -covariance @ (pull @ gamma)
         found.append(Followed(suspect, explained, certain * shift, gamma))
     return tuple(found)
@@ -211,13 +215,31 @@ def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> t
     )
 
 
+class _Candidate(NamedTuple):
+    """A suspect that has not entered.
+
+    Attributes:
+        suspect: the effect.
+        rest: (N n, c) its columns outside the span of the fit's and of those that have entered.
+        noisy: (N n, c) the same with noise twice; None as long as that is unknown.
+    """
+
+    suspect: Suspect
+    rest: Array
+    noisy: Array | None = None
+
+    def beside(self, entered: _Trial) -> _Candidate:
+        """The candidate once another has entered."""
+        noisy = None if self.noisy is None else _outside(self.noisy, entered.noisy)
+        return self._replace(rest=_outside(self.rest, entered.basis), noisy=noisy)
+
+
 class _Trial(NamedTuple):
     """The effect of adding a suspect.
 
     Attributes:
         basis: (N n, c) orthonormal basis of its columns outside the span of the fit's.
-        noisy: (N n, c) the same with noise twice; (N n, 0) where the noise is unknown.
-        combine: (c', c) combinations of its columns of which that is the part outside.
+        noisy: (N n, c) the same with noise twice; (N n, 0) as long as that is unknown.
         gained: fall of the weighted sum of squares.
         F: Hotelling's statistic.
         degrees: of freedom of F.
@@ -225,7 +247,6 @@ class _Trial(NamedTuple):
 
     basis: Array
     noisy: Array
-    combine: Array
     gained: float
     F: float
     degrees: tuple[int, int]
@@ -247,90 +268,89 @@ class _Rows:
 
     Attributes:
         X_T: (p, N n) transposed columns of the fit: changes of the residuals over the effort.
+        weight: (N, n) of the rows.
+        noisy: the same rows with noise twice; None as long as that is unknown.
     """
+
+    noisy: _Rows | None = None
 
     def __init__(self, problem: Problem, theta: Array, share: Array, weight: Array | None = None):
         used = problem.usable
         residual = np.where(used, problem.residual(theta), 0.0)
         power = np.sum(residual**2, axis=0) / np.maximum(used.sum(axis=0), 1)
-        if weight is None:
-            weight = used / np.sqrt(np.where(power > 0, power, np.inf) * share)
-        self._weight, self.noisy = weight, None
+        own = used / np.sqrt(np.where(power > 0, power, np.inf) * share)
+        self.weight = own if weight is None else weight
         effort = cost_of(gramians(problem), problem.space).effort
         scaled = effort * theta / (effort @ theta**2)[:, None]  # as residuals are relative to u
-        X = (problem.Y - residual[:, :, None] * scaled) * self._weight[:, :, None]
+        X = (problem.Y - residual[:, :, None] * scaled) * self.weight[:, :, None]
         self.X_T = X.reshape(-1, len(theta)).T
         unit = self.X_T * problem.space.scale[:, None]
         values, vectors = scipy.linalg.eigh(unit @ unit.T)
         kept = values > _SPAN * values[-1]
-        self._own = self._basis = unit.T @ (vectors[:, kept] / np.sqrt(values[kept]))
-        own = (residual * self._weight).reshape(-1, 1)
-        self._first = self._residual = self._outside(own, self._own)[:, 0]
+        self._own = unit.T @ (vectors[:, kept] / np.sqrt(values[kept]))
+        own = (residual * self.weight).reshape(-1, 1)
+        self._first = self._residual = _outside(own, self._own)[:, 0]
         self._n = used.shape[1]
 
-    def alike(self, problem: Problem, theta: Array) -> _Rows:
-        """The rows of another problem, with the weights of this one."""
-        return _Rows(problem, theta, np.ones(self._n), self._weight)
-
-    @staticmethod
-    def _outside(Z: Array, basis: Array) -> Array:
-        """Z (N n, c) less its projection on a basis; twice where little is left, for rounding."""
-        rest = Z - basis @ (basis.T @ Z)
-        little = np.linalg.norm(rest, axis=0) < _LITTLE * np.linalg.norm(Z, axis=0)
-        if little.any():
-            some = rest[:, little]
-            rest[:, little] = some - basis @ (basis.T @ some)
-        return rest
-
     def weighed(self, columns: Array) -> Array:
-        """Columns (N, n, c) times the rows' weights."""
-        return columns * self._weight[:, :, None]
+        """(N n, c) columns (N, n, c) times the rows' weights."""
+        return (columns * self.weight[:, :, None]).reshape(-1, columns.shape[2])
 
-    def trial(self, columns: Array, noisy: Array, positive: bool = False) -> _Trial:
-        """The effect of further columns (N, n, c), or of one with a positive coefficient.
+    def outside(self, columns: Array, unit: Array) -> Array:
+        """(N n, c) what is outside the span of the fit's columns, over the lengths of `unit`.
 
-        `noisy` (N, n, c) are those with noise twice, if that is known.
+        Columns and `unit` are (N, n, c).
         """
-        Z = self.weighed(columns).reshape(-1, columns.shape[2])
-        size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
-        rest = self._outside(Z / size, self._basis)
+        length = np.maximum(np.linalg.norm(self.weighed(unit), axis=0), 1e-300)
+        return _outside(self.weighed(columns) / length, self._own)
+
+    def trial(self, candidate: _Candidate) -> _Trial:
+        """The effect of a candidate."""
+        rest = candidate.rest
         values, vectors = scipy.linalg.eigh(rest.T @ rest)
         kept = values > _OUTSIDE
         combine = vectors[:, kept] / np.sqrt(values[kept])
-        basis = rest @ combine
-        own, other = basis * self._residual[:, None], basis[:, :0]
-        if self.noisy is not None:
-            Z = self.weighed(noisy).reshape(-1, columns.shape[2])
-            other = self.noisy._outside(Z / size, self.noisy._basis) @ combine
-            own = 2 * own - other * self.noisy._residual[:, None]  # noise adds its variance to both
-        own = own.reshape(len(own) // self._n, self._n, -1).sum(axis=1)
+        basis, noisy = rest @ combine, rest[:, :0]
+        own = basis * self._residual[:, None]
+        if self.noisy is not None and candidate.noisy is not None:
+            noisy = candidate.noisy @ combine
+            own = 2 * own - noisy * self.noisy._residual[:, None]
         gained = own.sum(axis=0)
-        if not kept.any() or (positive and gained[0] * combine[0, 0] > 0):
-            return _Trial(basis[:, :0], other[:, :0], combine[:, :0], 0.0, 0.0, (1, 1))
-        F, degrees = _hotelling(own)
-        return _Trial(basis, other, combine / size[:, None], float(np.sum(gained**2)), F, degrees)
+        impossible = candidate.suspect.size is not None and (combine @ gained > 0).any()
+        if not kept.any() or impossible:
+            return _Trial(rest[:, :0], rest[:, :0], 0.0, 0.0, (1, 1))
+        F, degrees = _hotelling(own.reshape(-1, self._n, own.shape[1]).sum(axis=1))
+        return _Trial(basis, np.linalg.qr(noisy)[0], float(np.sum(gained**2)), F, degrees)
 
     def add(self, trial: _Trial) -> Array:
         """Adds a suspect; returns (n,) the share of the residuals' variance it explains."""
-        if self.noisy is not None:
-            other = np.linalg.qr(trial.noisy)[0]
-            self.noisy._residual = self.noisy._residual - other @ (other.T @ self.noisy._residual)
-            self.noisy._basis = np.hstack([self.noisy._basis, other])
         before = self._power()
         self._residual = self._residual - trial.basis @ (trial.basis.T @ self._residual)
-        self._basis = np.hstack([self._basis, trial.basis])
+        if self.noisy is not None:
+            own = self.noisy._residual
+            self.noisy._residual = own - trial.noisy @ (trial.noisy.T @ own)
         return np.where(before > 0, 1 - self._power() / np.where(before > 0, before, 1.0), 0.0)
 
     def _power(self) -> Array:
         return np.sum(self._residual.reshape(-1, self._n) ** 2, axis=0)
 
     def coefficients(self, suspects: list[Array]) -> list[Array]:
-        """γ of suspects (N, n, c), all of them together in the fit."""
-        Z = np.hstack([self.weighed(columns).reshape(len(self._first), -1) for columns in suspects])
+        """γ of the columns (N, n, c) of suspects, all of them together in the fit."""
+        Z = np.hstack([self.weighed(columns) for columns in suspects])
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
-        rest = self._outside(Z / size, self._own)
+        rest = _outside(Z / size, self._own)
         gamma = -np.linalg.lstsq(rest, self._first, rcond=_OUTSIDE)[0] / size
         return np.split(gamma, np.cumsum([columns.shape[2] for columns in suspects])[:-1])
+
+
+def _outside(Z: Array, basis: Array) -> Array:
+    """Z (N n, c) less its projection on a basis; twice where little is left, for rounding."""
+    rest = Z - basis @ (basis.T @ Z)
+    little = np.linalg.norm(rest, axis=0) < _LITTLE * np.linalg.norm(Z, axis=0)
+    if little.any():
+        some = rest[:, little]
+        rest[:, little] = some - basis @ (basis.T @ some)
+    return rest
 
 
 def _hotelling(scores: Array) -> tuple[float, tuple[int, int]]:

@@ -36,13 +36,13 @@ def force_units(system: SecondOrderSystem) -> list[str]:
     return [_FORCE_UNITS.get(unit, "SI") for unit in system.velocity_units]
 
 
-def number(value: float, quantum: float | None = None) -> str:
-    """A number with four digits, or rounded to a quantum: 0.031, −12.5, 3.2·10⁻⁵."""
+def number(value: float, quantum: float | None = None, significant: int = 4) -> str:
+    """A number with so many digits, or rounded to a quantum: 0.031, −12.5, 3.2·10⁻⁵."""
     if not math.isfinite(value):
         return ABSENT if math.isnan(value) else ("∞" if value > 0 else "−∞")
     size = abs(value)
     if quantum is None or not 0 < quantum < math.inf:
-        quantum = 10.0 ** (math.floor(math.log10(size)) - 3) if size > 0 else 1.0
+        quantum = 10.0 ** (math.floor(math.log10(size)) + 1 - significant) if size else 1.0
         trim = True
     else:
         quantum, trim = 10.0 ** math.floor(math.log10(quantum) + 1e-9), False

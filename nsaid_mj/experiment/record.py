@@ -20,7 +20,7 @@ import pyarrow as pa
 from ..errors import BadRun, NotWritten
 from ..log import Log
 from ..parameters import Array
-from ..resources import create, json_of, writing
+from ..resources import create, json_of, path_of, writing
 
 BATCH_SECONDS = 0.9
 FILE = "record.arrow"
@@ -176,6 +176,7 @@ class Record:
 
         Raises:
             BadRun: there is no record, or it is unreadable.
+            InvalidInput: the operating system does not accept such a path.
         """
         file = _file_of(path)
         with _typed(file):
@@ -210,7 +211,7 @@ class Record:
 
 
 def _file_of(path: Path) -> Path:
-    file = path / FILE if path.is_dir() else path
+    file = path / FILE if path_of(path).is_dir() else path
     if not file.is_file():
         raise BadRun(path, "there is no record.arrow", "Give the folder that a run has written")
     return file

@@ -33,9 +33,8 @@ def decimated(x: _Array, weights: _Array, every: int) -> _Array:
 
     Values at which the filter would extend beyond the data are dropped.
     """
-    flat, size = x.reshape(len(x), -1), len(weights)
-    starts = range(0, len(x) - size + 1, every)
-    found = np.empty((len(starts), flat.shape[1]))
-    for row, k in enumerate(starts):
-        np.dot(weights, flat[k : k + size], out=found[row])
-    return found.reshape(len(starts), *x.shape[1:])
+    if len(x) < len(weights):
+        return np.empty((0, *x.shape[1:]))
+    flat = x.reshape(len(x), -1)
+    windows = np.lib.stride_tricks.sliding_window_view(flat, len(weights), axis=0)[::every]
+    return (windows @ weights).reshape(len(windows), *x.shape[1:])

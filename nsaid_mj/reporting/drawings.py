@@ -169,11 +169,9 @@ def comparison(panel: Comparison) -> str:
         ):
             times, drawn = _thinned(t, values, parts)
             line(upper, times, drawn, name, color=colour, linewidth=width, alpha=alpha)
+        unused = _stretches(~used, parts)
         for axis in (upper, lower):
-            for rows in _stretches(~used, parts):
-                axis.axvspan(
-                    float(t[rows[0]]), float(t[rows[-1]]), color=GRID, alpha=0.9, lw=0, zorder=0
-                )
+            _shade(axis, [(t[rows[0]], t[rows[-1]]) for rows in unused])
             axis.grid(False, axis="x")
         errors = [
             local_rms(t[rows], error[rows])
@@ -193,6 +191,15 @@ def comparison(panel: Comparison) -> str:
         logarithmic(lower, most=4)
         figure.align_ylabels([upper, lower])
         return svg(figure, panel.title)
+
+
+def _shade(axis: Axes, spans: Sequence[tuple[float, float]]) -> None:
+    """Shades intervals of x over all of an axis' height: one artist, as there may be thousands."""
+    boxes = [[(a, 0), (a, 1), (b, 1), (b, 0)] for a, b in spans]
+    shading = PolyCollection(
+        boxes, transform=axis.get_xaxis_transform(), color=GRID, alpha=0.9, lw=0, zorder=0
+    )
+    axis.add_collection(shading, autolim=False)
 
 
 def _stretches(chosen: np.ndarray, parts: Sequence[Indices]) -> list[Indices]:

@@ -10,6 +10,7 @@ import pytest
 from nsaid_mj.calibration.logs import checked, map_of, prepare, read_map, read_tables
 from nsaid_mj.calibration.logs.first_map import first_map
 from nsaid_mj.calibration.logs.inspection import Inspection, figures_of, inspect
+from nsaid_mj.calibration.logs.signals import quantum
 from nsaid_mj.calibration.logs.tables import Channel, Table
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.cli.commands import command
@@ -40,6 +41,20 @@ def test_figures_of_faulty_channels():
     assert found.gaps == 1 and found.longest == pytest.approx(2.002)
     rng = np.random.default_rng(0)
     assert figures(x, np.arange(5000) / 500 + rng.uniform(-5e-4, 5e-4, 5000)).jitter > 0.2
+
+
+@pytest.mark.parametrize(
+    "counts",
+    [
+        np.random.default_rng(0).integers(0, 400_000, 1_000_000),
+        np.repeat(np.arange(500_000), 2),
+        np.random.default_rng(1).integers(0, 5, 1_000_000),
+    ],
+    ids=["half as many levels as rows", "a slow ramp", "five levels"],
+)
+def test_the_step_of_a_long_channel_is_found(counts):
+    assert quantum(0.001 * counts) == pytest.approx(0.001)
+    assert quantum(0.001 * counts + np.linspace(0, 1, len(counts))) == 0
 
 
 def test_a_channel_of_few_rows_has_no_figures():

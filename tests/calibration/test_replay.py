@@ -50,6 +50,19 @@ def test_the_model_that_made_a_log_follows_it(tmp_path, name):
     assert (found.nominal > 5 * found.exported).all()
 
 
+def test_a_part_of_a_long_logs_windows_has_the_error_of_all(tmp_path, monkeypatch):
+    path = tmp_path / "arm.urdf"
+    path.write_text(chain())
+    robot = load_robot_model(str(path))
+    values = identified(robot)
+    log = recorded(robot, values, tmp_path / "calibrated.xml", seconds=20.0)
+    all_of_them = replay(robot, values, log)
+    monkeypatch.setattr("nsaid_mj.calibration.replay._MOST", 25)
+    some = replay(robot, values, log)
+    assert not np.array_equal(some.nominal, all_of_them.nominal)
+    assert some.nominal == pytest.approx(all_of_them.nominal, rel=0.3)
+
+
 def test_a_log_without_a_long_enough_segment_is_refused(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(chain())

@@ -13,6 +13,7 @@ import nsaid_mj
 from nsaid_mj.calibration.logs import tables
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import InvalidInput, printable
+from nsaid_mj.experiment.record import Record
 from nsaid_mj.resources import folder, print_json, write_text
 from nsaid_mj.robot.loading import load_robot
 from tests.support.faulty import shell
@@ -51,7 +52,11 @@ def test_a_name_that_begins_with_a_tilde_is_that_of_no_user(name, tmp_path, monk
     assert code == 2 and "no such file" in said.err
 
 
-@pytest.mark.parametrize("read", [load_robot, load_robot_model, tables.read])
+def of_run(name):
+    return Record.read(Path(name))
+
+
+@pytest.mark.parametrize("read", [load_robot, load_robot_model, tables.read, of_run])
 @pytest.mark.parametrize("end", ["", ".xml", ".toml"])
 def test_a_name_that_is_too_long_for_the_system_is_refused(read, end):
     with pytest.raises(InvalidInput, match="too long"):

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...evaluation.words import number
 from ...parameters import Array
 from ...structure.optional import pin
 from ..data import Recordings, RobotModel
@@ -99,7 +100,7 @@ def _dead_commands(motion: Motion, robot: RobotModel) -> list[Finding]:
             "refusal",
             "dead_channel",
             joint,
-            f"the command is {motion.u[0, j]:g} in all rows",
+            f"the command is {number(motion.u[0, j])} in all rows",
             "Map the column of its torque or current, or leave the joint out with --lock.",
         )
         for j, joint in enumerate(robot.joints)
@@ -111,7 +112,7 @@ def _dead_positions(motion: Motion, robot: RobotModel) -> list[Finding]:
     found = []
     for j, joint in enumerate(robot.joints):
         if np.ptp(motion.q[:, j]) < 1e-9:
-            text = f"the position is {motion.q[0, j]:g} in all rows"
+            text = f"the position is {number(motion.q[0, j])} in all rows"
             remedy = "Map the column of its position, or leave the joint out with --lock."
             found.append(Finding("refusal", "dead_channel", joint, text, remedy))
     return found
@@ -198,14 +199,14 @@ def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | Non
         (1 / DEGREES, "the velocity is in deg/s and the position in rad"),
     ):
         if abs(factor / ratio - 1) < _FACTOR:
-            text = f"{units}: dq/dt is {factor:.3g} times the velocity"
+            text = f"{units}: dq/dt is {number(factor, significant=3)} times the velocity"
             remedy = "State the unit in map.toml."
             return Finding("refusal", "degrees", joint, text, remedy, data)
     if abs(factor - 1) > _FACTOR:
         sign = abs(factor + 1) < _FACTOR
         text = "the velocity has the opposite sign of dq/dt"
         if not sign:
-            text = f"dq/dt is {factor:.3g} times the velocity"
+            text = f"dq/dt is {number(factor, significant=3)} times the velocity"
         remedy = f"Set {'sign' if sign else 'unit or ratio'} of the velocity or position in "
         remedy += "map.toml."
         return Finding("refusal", "velocity_mismatch", joint, text, remedy, data)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...evaluation.words import number
 from ...parameters import Array
 from ..findings import Finding, Level
 from . import signals
@@ -96,7 +97,8 @@ def _clean_one(
         good = np.setdiff1d(np.arange(len(x)), bad)
         away = float(np.max(np.abs(x[bad] - np.interp(t[bad], t[good], x[good]))))
         x[bad] = np.interp(t[bad], t[good], x[good])
-        text = f"outliers (up to {away:.3g} from their neighbours) were interpolated"
+        text = f"outliers (up to {number(away, significant=3)} from their neighbours) were "
+        text += "interpolated"
         findings.append(about_rows("note", "outliers", where, row[bad], text))
     last = len(t) - 1
     doubtful = np.column_stack([t[np.maximum(bad - 1, 0)], t[np.minimum(bad + 1, last)]])

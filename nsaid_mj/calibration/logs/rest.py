@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...evaluation.words import number
 from ...log import Log
 from ...parameters import Array
 from ..data import RobotModel, Segment
@@ -149,7 +150,7 @@ def limits_stated(
     """Reports the speeds below which rows are not used, and the share of rows above."""
     usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)
     each = ", ".join(
-        f"{joint} {limit:.2g} ({share:.0%})"
+        f"{joint} {number(limit, significant=2)} ({share:.0%})"
         for joint, limit, share in zip(joints, limits, usable, strict=True)
     )
     text = f"rows below these speeds are not used (in brackets: share of rows used): {each}"

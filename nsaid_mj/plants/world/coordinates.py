@@ -134,6 +134,10 @@ class JointMap:
         read_coordinates(self.reading, data.qpos, data.qvel, numbers, velocity)
         return numbers, velocity
 
+    def angles(self, states: Array) -> Array:
+        """(..., k) position numbers of the 1-DOF joints in full physics states (..., s)."""
+        return states[..., 1 + self.qpos]  # after the time
+
     def write(self, data: Any, numbers: Array, velocity: Array) -> None:
         """Sets qpos and qvel from position numbers (n,) and velocities (n,)."""
         at, rates = self.reading.free[0], np.array(velocity, dtype=np.float64)
