@@ -70,7 +70,7 @@ class _Watch(Observer):
 
 
 def with_law(
-    found: Identification, law: str, folder: Path | None, told: Callable[[str], None]
+    found: Identification, law: str, folder: str | Path | None, told: Callable[[str], None]
 ) -> Identification:
     """An identification to which a law's run along the log, and findings about it, are added.
 

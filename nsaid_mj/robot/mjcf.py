@@ -35,10 +35,8 @@ def load_mjcf(
     """Reads an MJCF or .mjb file.
 
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
-    bias forces.
-
-    `base` is None for a robot to identify, on a stand; the other arguments are those of
-    `load_tree`.
+    bias forces. `base` is None for a robot to identify, on a stand; the other arguments are those
+    of `load_tree`.
 
     Raises:
         BadRobot: MuJoCo rejects the file, or it is not a tree of hinges and slides: it has ball
@@ -50,28 +48,27 @@ def load_mjcf(
     name = mj.names.partition(b"\0")[0].decode().replace(_NAMELESS, "") or path.stem
     whole, names = rigid_tree(mj, name), joint_names(mj)
     free = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6]
-    kept = free[:1] if base == "free" else []
+    held = free[1:] if base == "free" else free
     movable = [n for n in names if n not in free]
     locked = locked_joints(movable, [n for n in lock if n not in free], joints)
-    locked |= set(free) - set(kept)
+    locked |= set(held)
     model = reduced(whole, pin.GeometryModel(), locked, initial_pose(mj, whole, free))[0]
     check_tree(str(path), model, base)
     findings += check_couplings(str(path), mj, names, locked)
-    found = motors(mj, names, tuple(system_joints(model)))
-    held = [f"joint {name}" for name in free if name not in kept]
-    findings += [Finding("warning", "base_held", joint, *_HELD) for joint in held]
-    findings += _ignored_forces(mj, names, locked)
-    findings += make_physical(model, body_names(model))
-    dof = [mj.jnt_dofadr[names.index(joint)] for joint in found.joints]
+    moving = tuple(system_joints(model))
+    found = motors(mj, names, moving)
+    findings += [Finding("warning", "base_held", f"joint {n}", *_HELD) for n in held]
+    findings += [*_ignored_forces(mj, names, locked), *make_physical(model, body_names(model))]
+    dof = [mj.jnt_dofadr[names.index(joint)] for joint in moving]
     first = model.nv - len(dof)  # 6 if the base is free
     model.effortLimit[first:] = np.abs(found.gain) * found.limits
-    servos = position_servos(mj, names, [j for j in found.joints if j not in found.passive])
+    servos = position_servos(mj, names, [j for j in moving if j not in found.passive])
     robot = RobotModel(
         name=name,
         source=path,
         kind="mjcf",
         model=model,
-        joints=found.joints,
+        joints=moving,
         damping=mj.dof_damping[dof] + found.damping,
         friction=mj.dof_frictionloss[dof],
         rotor=model.armature[first:].copy(),

@@ -211,7 +211,6 @@ class Motors(NamedTuple):
     """The motors of some joints.
 
     Attributes:
-        joints: (k,) their names.
         gain: (k,) force per unit of command [N·m or N].
         limits: (k,) largest absolute commands; inf where there is none.
         damping: (k,) damping of the actuators [N·m·s/rad or N·s/m].
@@ -219,7 +218,6 @@ class Motors(NamedTuple):
         passive: names of the joints without an actuator in a file that has some.
     """
 
-    joints: tuple[str, ...]
     gain: Array
     limits: Array
     damping: Array
@@ -271,7 +269,7 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
             f"{gain[joints.index(joint)]:g}" for joint in driven
         )
         findings.append(Finding("note", "command", ", ".join(driven), text))
-    return Motors(joints, gain, limits, damping, findings, tuple(bare) if mj.nu else ())
+    return Motors(gain, limits, damping, findings, tuple(bare) if mj.nu else ())
 
 
 def position_servos(mj: Any, names: Sequence[str], joints: Sequence[str]) -> Servos | None:
