@@ -187,6 +187,11 @@ class ParameterSpace:
         return scale
 
     @cached_property
+    def geometries(self) -> NDArray[np.str_]:
+        """(p,) the geometry of every parameter's block."""
+        return np.repeat([block.geometry for block in self.blocks], [*map(len, self.blocks)])
+
+    @cached_property
     def actuators(self) -> Indices:
         """The indices of all actuator parameters."""
         parts = [np.arange(s.start, s.stop) for block, s in self if block.actuator]

@@ -9,17 +9,17 @@ import numpy as np
 import scipy
 
 from ..parameters import Array
-from ..structure.optional import pin
+from ..robot.identified import with_inertias
 from .checks import fit_checks, rate_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
 from .findings import Finding
 from .fit import minimise
 from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
 from .links import file_links
-from .problem import Problem
+from .problem import Problem, mean_squares
 from .residuals import Suspect
 from .selection import choose, refined, with_constants
-from .smoothing import Filter, filter_for, twice_as_noisy
+from .smoothing import filter_for, twice_as_noisy
 from .smoothing import refined as finer
 from .structure import Options, Structured, Velocity
 from .suspects import arm_suspects
@@ -47,75 +47,42 @@ def structured_arm(
     """
     told("filtering")
     slow, measured, recordings = rate_checks(recordings.rate), recordings, finer(recordings)
-    validation = None if validation is None else finer(validation)
-    chosen = filter_for(recordings, options.cutoff)
-    rows = JointRows(robot, recordings, chosen, np.ones(len(robot.joints)), options.loads)
+    chosen, unknown = filter_for(recordings, options.cutoff), np.ones(len(robot.joints))
+    rows = JointRows(robot, recordings, chosen, unknown, loads=options.loads)
     if robot.weightless:
-        rows.robot = robot = _weighed(robot, rows, recordings.command_units)
-    gain, spread, doubts = expected_gains(robot, rows, recordings.command_units)
-    rows.gain = gain
+        rows.robot = robot = _weighed(rows)
+        rows.loading = file_links(robot.model)
+    rows.gain, rows.spread, faults = expected_gains(rows)
     told("choosing columns and delays")
     choice, notes = choose(rows, options.coupled, options.delay, options.columns)
-    rows.gain = gain = expected_gains(robot, rows, recordings.command_units, choice)[0]
-
-    def problem_of(choice: Choice) -> Problem:
-        return rows.problem(choice, gain, spread)
-
-    def alike(logs: Recordings, filters: Filter) -> tuple[JointRows, Problem]:
-        """Another log's rows, with the same structure and weight for load friction."""
-        other = JointRows(robot, logs, filters, gain, options.loads)
-        other.reweigh(links)
-        return other, other.problem(choice, gain, spread)
-
-    def noisier(theta: Array) -> tuple[Problem, list[Suspect]]:
-        other, again = alike(finer(twice_as_noisy(measured)), chosen)
-        return again, arm_suspects(other, choice, again, theta)
-
-    links = file_links(rows.robot.model)
-    problem, faults = problem_of(choice), fit_checks(rows, choice)
-    faults = [*doubts, *faults]
+    rows.gain = expected_gains(rows, choice)[0]
+    problem, others = rows.problem(choice), []
+    faults += fit_checks(rows, choice)
     if not _refused(faults):
         faults += reversed_commands(rows, choice, problem)
-    others: list[Problem] = []
     if not _refused(faults):
         told("fitting delays")
-        if any("load" in columns for columns in choice.columns):
-            links = minimise(problem).theta[: 10 * (robot.model.njoints - 1)]
-            rows.reweigh(links)
-        doubt = 0.0
-        if options.delay is None:
-            choice, doubt, note = refined(choice, problem_of, robot.joints)
-            notes.append(note)
-        if options.columns is None:
-            choice, said = with_constants(choice, problem_of, robot.joints, options.level)
-            notes += said
-        if options.delay is None:
-            others.append(problem_of(replace(choice, delay=choice.delay + _DOUBT * doubt)))
-        problem = problem_of(choice)
-        others += [problem_of(other) for other in _others(choice)]
-        narrow = filter_for(recordings, _NARROWER * chosen.cutoff)
-        others.append(alike(recordings, narrow)[1])
+        choice, others, said = _finished(rows, choice, problem, options)
+        notes, problem = [*notes, *said], rows.problem(choice)
     checked = None
     if validation is not None:
-        checked = alike(validation, filter_for(validation, chosen.cutoff))[1]
+        validation = finer(validation)
+        checked = rows.like(validation, filter_for(validation, chosen.cutoff)).problem(choice)
+
+    def noisier(theta: Array) -> tuple[Problem, list[Suspect]]:
+        other = rows.like(finer(twice_as_noisy(measured)), chosen)
+        again = other.problem(choice)
+        return again, arm_suspects(other, choice, again, theta)
+
+    parts = zip(robot.joints, choice.columns, choice.speed, choice.delay.tolist(), strict=True)
     return Structured(
         problem,
-        gain,
-        spread,
         tuple(others),
         checked,
-        tuple(
-            Velocity(
-                name,
-                tuple(sorted(choice.columns[j])),
-                SPEEDS[choice.speed[j]],
-                float(choice.delay[j]),
-            )
-            for j, name in enumerate(robot.joints)
-        ),
+        tuple(Velocity(name, tuple(sorted(own)), SPEEDS[s], d) for name, own, s, d in parts),
         (*notes, *slow, *faults),
         chosen.cutoff,
-        links,
+        rows.loading,
         choice.delay,
         lambda theta: arm_suspects(rows, choice, problem, theta),
         noisier,
@@ -126,46 +93,56 @@ def _refused(findings: list[Finding]) -> bool:
     return any(finding.level == "refusal" for finding in findings)
 
 
-def _others(choice: Choice) -> list[Choice]:
-    """Other plausible structures: without further columns, and with other friction speeds."""
-    found, last = [], len(SPEEDS) - 1
+def _finished(
+    rows: JointRows, choice: Choice, problem: Problem, options: Options
+) -> tuple[Choice, list[Problem], list[Finding]]:
+    """The choice completed by fits of the whole structure, other plausible problems, and notes.
+
+    `problem` is that of the choice so far.
+    """
+    notes, doubt = [], None
+    if any("load" in columns for columns in choice.columns):
+        rows.reweigh(minimise(problem).theta[: rows.links.shape[2]])
+    if options.delay is None:
+        choice, doubt, note = refined(rows, choice)
+        notes.append(note)
+    if options.columns is None:
+        choice, said = with_constants(rows, choice, options.level)
+        notes += said
+    trials, last = [], len(SPEEDS) - 1
+    if doubt is not None:
+        trials.append(replace(choice, delay=choice.delay + _DOUBT * doubt))
     if any(columns != BASIC for columns in choice.columns):
-        found.append(replace(choice, columns=(BASIC,) * len(choice.columns)))
+        trials.append(replace(choice, columns=(BASIC,) * len(choice.columns)))
     for step in (-1, 1):
         speeds = tuple(min(max(s + step, 0), last) for s in choice.speed)
-        found.append(replace(choice, speed=speeds))
-    return found
+        trials.append(replace(choice, speed=speeds))
+    narrow = filter_for(rows.recordings, _NARROWER * rows.chosen.cutoff)
+    others = [*map(rows.problem, trials), rows.like(rows.recordings, narrow).problem(choice)]
+    return choice, others, notes
 
 
-def _weighed(robot: RobotModel, rows: JointRows, units: tuple[str, ...]) -> RobotModel:
+def _weighed(rows: JointRows) -> RobotModel:
     """A robot without masses, its guessed inertias scaled to the forces that the log states."""
-    torque, u = _sizes(robot, rows)
-    stated = np.array([unit in ("N·m", "N") for unit in units])
+    robot, (torque, u) = rows.robot, _sizes(rows)
+    stated = np.array([unit in ("N·m", "N") for unit in rows.recordings.command_units])
     if not (stated & (torque > 0)).any():
         return robot
     needed = np.abs(robot.gain[stated]) * u[stated]
     ratio = float(np.linalg.norm(needed) / np.linalg.norm(torque[stated]))
-    model = pin.Model(robot.model)
-    for i in range(1, model.njoints):
-        own = model.inertias[i]
-        model.inertias[i] = pin.Inertia(ratio * own.mass, own.lever, ratio * own.inertia)
-    return replace(robot, model=model)
+    model = robot.model
+    return replace(robot, model=with_inertias(model, ratio * file_links(model), model.armature))
 
 
-def _sizes(robot: RobotModel, rows: JointRows) -> tuple[Array, Array]:
+def _sizes(rows: JointRows) -> tuple[Array, Array]:
     """(k,) rms of the forces of the model's inertias and weight, and (k,) of the commands."""
-    counts = np.maximum(rows.usable.sum(axis=0), 1)
-
-    def rms(x: Array) -> Array:
-        return np.sqrt(np.sum((x * rows.usable) ** 2, axis=0) / counts)
-
-    return rms(rows.links @ file_links(robot.model)), rms(
-        rows.commands(np.zeros(len(robot.joints)))
-    )
+    own = rows.links @ file_links(rows.robot.model), rows.commands(np.zeros(len(rows.gain)))
+    torque, command = (np.sqrt(mean_squares(x, rows.usable)) for x in own)
+    return torque, command
 
 
 def expected_gains(
-    robot: RobotModel, rows: JointRows, units: tuple[str, ...], choice: Choice | None = None
+    rows: JointRows, choice: Choice | None = None
 ) -> tuple[Array, Array, list[Finding]]:
     """(k,) expected gains, (k,) deviations of their logarithms, and doubts about the units.
 
@@ -173,26 +150,26 @@ def expected_gains(
     guessed: the motor carries the model's links, its own rotor and friction, of which a wrist's may
     be ten times what its link needs; see `_guessed`. The commands' delays are those of `choice`.
     """
-    torque, u = _sizes(robot, rows)
-    delay = np.zeros(len(robot.joints)) if choice is None else choice.delay
-    guess = _guessed(robot, rows, rows.commands(delay))
+    own, units = np.abs(rows.robot.gain), rows.recordings.command_units
+    torque, u = _sizes(rows)
+    guess = _guessed(rows, rows.commands(np.zeros(len(own)) if choice is None else choice.delay))
     stated = np.array([unit in ("N·m", "N") for unit in units])
-    nominal = ~stated & (np.abs(robot.gain) != 1)
-    gain = np.where(stated | nominal, np.abs(robot.gain), guess)
+    nominal = ~stated & (own != 1)
+    gain = np.where(stated | nominal, own, guess)
     spread = np.where(stated, STATED, np.where(nominal, _NOMINAL, _GUESSED))
     return gain, spread, unit_checks(torque, gain * u, units)
 
 
-def _guessed(robot: RobotModel, rows: JointRows, commands: Array) -> Array:
+def _guessed(rows: JointRows, commands: Array) -> Array:
     """(k,) gains of commands (N, k), from the share of the model's link torques in them.
 
     A command is regressed on this torque, acceleration, viscous and Coulomb friction, and a
     constant of either sign, none of them negative. A joint whose command does not show its links
     counts them as a twentieth of it, and its gain as at least a tenth of the largest.
     """
-    force = rows.links @ file_links(robot.model)
-    found, unseen = np.full(len(robot.joints), 1e-12), np.zeros(len(robot.joints), dtype=bool)
-    for j in range(len(robot.joints)):
+    force, k = rows.links @ file_links(rows.robot.model), commands.shape[1]
+    found, unseen = np.full(k, 1e-12), np.zeros(k, dtype=bool)
+    for j in range(k):
         use, one = rows.usable[:, j], np.ones(len(commands))
         columns = [force[:, j], rows.diagonal["rotor"][:, j], rows.diagonal["viscous"][:, j],
                    rows.diagonal["coulomb"][BROAD][:, j], one, -one]  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..evaluation.result import Parameter, gravest_first
+from ..evaluation.result import gravest_first
 from ..parameters import Array
 from .arms import structured_arm
 from .checks import structure_checks
@@ -19,9 +19,9 @@ from .joints import TRUSTED, nearest_friction
 from .law_result import Fitted
 from .least_squares import least_squares
 from .payloads import check_loads, payloads
-from .precision import inflation, precision, tempered
+from .precision import Precision, inflation, precision, tempered
 from .problem import Problem, folds
-from .residuals import doubts, followed, widened, with_doubts
+from .residuals import Followed, doubts, followed, widened, with_doubts
 from .result import Curves, Identification, JointFit
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
@@ -58,7 +58,7 @@ def calibrate(
         UnknownName: a known parameter does not exist.
         InvalidInput: a known value is not physical.
     """
-    begin, known = time.perf_counter(), dict(known or {})
+    begin, arm, known = time.perf_counter(), robot.system is None, dict(known or {})
     if options.loads:
         check_loads(options.loads, [segment.source for segment in recordings.segments])
         for payload in payloads(robot.model, options.loads):
@@ -67,7 +67,7 @@ def calibrate(
     if validation is not None:
         found += [f for f in validation.findings if f not in found]
     _refuse(found)
-    build = structured_arm if robot.system is None else structured_vehicle
+    build = structured_arm if arm else structured_vehicle
     made = build(robot, recordings, validation, options, told)
     found += made.findings
     _refuse(found)
@@ -82,36 +82,85 @@ def calibrate(
     if others:
         changes = np.array([_change(problem, fit, other, share) for other in others])
         exact = exact._replace(structure=changes)
-    stated = bool((made.spread < TRUSTED).all())
     left = followed(
         problem, fit.theta, exact.covariance, share, made.suspects(fit.theta), made.noisier
     )
     told("predicting held-out parts")
     joints = _joints(made, problem, fit.theta, share, robot)
-    held_out = np.array([joint.held_out for joint in joints])
-    if robot.system is not None:
-        found += [_not_judged(joint.name) for joint in joints if np.isnan(joint.held_out)]
+    doubted, exact = _judged(problem, exact, left, joints, arm)
+    fitted = Fitted(made, problem, fit, exact, share, options.coupled)
+    result = _identification(robot, recordings, fitted, joints, [*found, *doubted], known, begin)
+    level = options.level | _without_offset(result)
+    if options.columns is not None or level == options.level:
+        return result
+    told("fitting without an offset whose interval holds 0")
+    options = replace(options, level=level)
+    return calibrate(
+        robot, recordings, validation, options, known=known, findings=findings, told=told
+    )
+
+
+def _without_offset(result: Identification) -> frozenset[str]:
+    """Joints with an offset whose interval holds 0 and that is not needed for a spring's rest.
+
+    Held-out parts of one log may ask for an offset where gears twist; another log does not.
+    """
+    vain = {p.label for p in result.parameters if p.low <= 0 <= p.high}
+    return frozenset(
+        joint.name
+        for joint in result.joints
+        if "spring" not in joint.columns and f"offset of {joint.name}" in vain
+    )
+
+
+def _judged(
+    problem: Problem,
+    exact: Precision,
+    left: Sequence[Followed],
+    joints: Sequence[JointFit],
+    arm: bool,
+) -> tuple[list[Finding], Precision]:
+    """Doubts about the structure, and the precision widened by them.
+
+    `left` is what the residuals follow. With `arm` the parts are joints; a vehicle has velocities.
+    """
+    held_out, found = np.array([joint.held_out for joint in joints]), []
+    for joint in joints:
+        if not arm and np.isnan(joint.held_out):
+            text = "no actuator drives it and it hardly moves, so its prediction is not judged"
+            remedy = "Record a motion that accelerates it."
+            found.append(Finding("note", "hardly_moved", joint.name, text, remedy))
     found += doubts(problem, exact, left, held_out)
     exact = widened(exact, left)
-    unexplained = structure_checks(tuple(joint.name for joint in joints), _worse(joints))
-    found += unexplained
+    checked = [np.nan if joint.validation is None else joint.validation for joint in joints]
+    worse = np.where(np.isnan(held_out), np.nan, np.fmax(held_out, checked))
+    unexplained = structure_checks(tuple(joint.name for joint in joints), worse)
     if unexplained:
-        doubted = _doubted(problem, [f.where for f in unexplained], robot.system is None)
-        exact = exact._replace(
-            structure=np.vstack([exact.structure, np.diag(exact.theta * doubted)])
-        )
+        share = _doubted(problem, [f.where for f in unexplained], arm)
+        structure = np.vstack([exact.structure, np.diag(exact.theta * share)])
+        exact = exact._replace(structure=structure)
+    return [*found, *unexplained], exact
+
+
+def _identification(
+    robot: RobotModel,
+    recordings: Recordings,
+    fitted: Fitted,
+    joints: tuple[JointFit, ...],
+    found: list[Finding],
+    known: Mapping[str, float],
+    begin: float,
+) -> Identification:
+    """The result of a fit that began at a time [s], with what was found, in words."""
+    made, problem, fit, exact = fitted[:4]
+    gain_spread = problem.spread[problem.space.actuators]
+    stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
-    found += idle_values(problem, scale, known)
-    explains, sentence = scale.judged(*with_doubts(*verdict(joints, robot.system is None), found))
+    found = [*found, *idle_values(problem, scale, known)]
+    judged = verdict(joints, robot.system is None)
+    explains, sentence = scale.judged(*with_doubts(*judged, found))
     common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
-    parameters = parameters_in_words(problem, fit, exact, made.spread, common)
-    level = options.level | _without_offset(joints, parameters)
-    if options.columns is None and level != options.level:
-        told("fitting without an offset whose interval holds 0")
-        options = replace(options, level=level)
-        return calibrate(
-            robot, recordings, validation, options, known=known, findings=findings, told=told
-        )
+    parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
     return Identification(
         explains=explains,
         verdict=sentence,
@@ -132,7 +181,7 @@ def calibrate(
         law=None,
         cutoff=made.cutoff,
         seconds=time.perf_counter() - begin,
-        fitted=Fitted(made, problem, exact, share, options.coupled),
+        fitted=fitted,
     )
 
 
@@ -146,58 +195,14 @@ def _joints(
     held_out, plain = _held_out(problem, share)
     if robot.system is not None:
         held_out[problem.hardly_moved(theta, robot.system.velocity_units)] = np.nan
-    nrmse, judged, bested = problem.nrmse(theta), None, None
+    errors = [x.tolist() for x in (problem.nrmse(theta), held_out, plain)]
+    errors += [[None] * len(held_out)] * 2
     if made.checked is not None:
         least = least_squares(problem, theta[problem.space.actuators])
-        judged, bested = made.checked.nrmse(theta), made.checked.nrmse(least)
+        errors[3:] = (made.checked.nrmse(x).tolist() for x in (theta, least))
     return tuple(
-        JointFit(
-            velocity.name,
-            float(nrmse[j]),
-            float(held_out[j]),
-            float(plain[j]),
-            None if judged is None else float(judged[j]),
-            None if bested is None else float(bested[j]),
-            velocity.columns,
-            velocity.friction_speed,
-            velocity.delay,
-        )
-        for j, velocity in enumerate(made.velocities)
-    )
-
-
-def _without_offset(joints: Sequence[JointFit], parameters: Sequence[Parameter]) -> frozenset[str]:
-    """Joints with an offset whose interval holds 0 and that is not needed for a spring's rest.
-
-    Held-out parts of one log may ask for an offset where gears twist; another log does not.
-    """
-    vain = {p.label for p in parameters if p.low <= 0 <= p.high}
-    return frozenset(
-        joint.name
-        for joint in joints
-        if "spring" not in joint.columns and f"offset of {joint.name}" in vain
-    )
-
-
-def _worse(joints: Sequence[JointFit]) -> Array:
-    """(n,) the larger NRMSE of held-out parts and validation; NaN where none is judged."""
-    return np.array(
-        [
-            joint.held_out
-            if joint.validation is None or np.isnan(joint.held_out)
-            else np.fmax(joint.held_out, joint.validation)
-            for joint in joints
-        ]
-    )
-
-
-def _not_judged(name: str) -> Finding:
-    return Finding(
-        "note",
-        "hardly_moved",
-        name,
-        "no actuator drives it and it hardly moves, so its prediction is not judged",
-        "Record a motion that accelerates it.",
+        JointFit(velocity.name, fit, own, least, judged, bested, *velocity[1:])
+        for velocity, fit, own, least, judged, bested in zip(made.velocities, *errors, strict=True)
     )
 
 
@@ -245,36 +250,25 @@ def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     It is the whole change, times the ratio of the residuals' variances where the other structure
     explains the log less well; 0 for parameters that the other lacks.
     """
-    found = minimise(other, tempered(other, share), _start(problem, fit, other))
+    _, own, theirs = np.intersect1d(problem.space.names, other.space.names, return_indices=True)
+    start, change = other.prior.copy(), np.zeros(len(problem.space))
+    start[theirs] = fit.theta[own]
+    found = minimise(other, tempered(other, share), start)
     both = (fit.levels > 0) & (found.levels > 0)  # 0 for joints that are at rest throughout
     plausible = np.exp(np.mean(np.log(fit.levels[both] / found.levels[both])))
-    index = {name: i for i, name in enumerate(other.space.names)}
-    change = np.zeros(len(problem.space))
-    for i, name in enumerate(problem.space.names):
-        if name in index:
-            change[i] = min(1.0, plausible) * (found.theta[index[name]] - fit.theta[i])
+    change[own] = min(1.0, plausible) * (found.theta[theirs] - fit.theta[own])
     return change
-
-
-def _start(problem: Problem, fit: Fit, other: Problem) -> Array:
-    """The other structure's prior, with the estimate in place of the parameters of both."""
-    start, index = other.prior.copy(), {n: i for i, n in enumerate(problem.space.names)}
-    for i, name in enumerate(other.space.names):
-        if name in index:
-            start[i] = fit.theta[index[name]]
-    return start
 
 
 def _curves(problem: Problem, theta: Array) -> Curves:
     """Measured and predicted commands where every velocity has an actuator, else forces."""
     at, n = problem.space.actuators, problem.Y.shape[1]
-    own = problem.Y[:, np.arange(n), at] if len(at) == n else np.zeros((0, n))
-    if len(at) == n and np.count_nonzero(problem.Y[:, :, at]) <= np.count_nonzero(own):
-        measured = -own
-        predicted = measured + problem.residual(theta) / theta[at]
-    else:
-        measured = -problem.actuation(theta)
-        predicted = measured + problem.residual(theta)
+    measured, unit = -problem.actuation(theta), 1.0
+    if len(at) == n:
+        own = problem.Y[:, np.arange(n), at]
+        if np.count_nonzero(problem.Y[:, :, at]) <= np.count_nonzero(own):
+            measured, unit = -own, theta[at]
+    predicted = measured + problem.residual(theta) / unit
     return Curves(problem.t, problem.segment, measured, predicted, problem.usable)
 
 

@@ -99,22 +99,17 @@ def _followed(result: Identification, values: Identified) -> Finding:
         found = replay(result.robot, values, result.recordings)
     except NsaidError as error:
         return Finding("note", "replay", "", f"the exported model was not simulated: {error}")
-    names = result.robot.joints
-    figures = ", ".join(
-        f"{name} {_figure(own)} ({_figure(file)})"
-        for name, own, file in zip(names, found.exported, found.nominal, strict=True)
-    )
-    worse = [n for n, a, b in zip(names, found.exported, found.nominal, strict=True) if a > b]
-    return Finding(
-        "warning" if worse else "note",
-        "replay",
-        "",
+    rows = list(zip(result.robot.joints, found.exported, found.nominal, strict=True))
+    figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
+    worse = ", ".join(name for name, own, file in rows if own > file)
+    text = (
         "driven by the log's commands in windows of 0.2 s, MuJoCo departs from the log by "
         "[rad or m], with the exported model (in brackets: with the values of the model file): "
-        f"{figures}",
-        f"The exported model is worse at {', '.join(worse)}." if worse else "",
-        {"exported": found.exported.tolist(), "nominal": found.nominal.tolist()},
+        f"{figures}"
     )
+    remedy = f"The exported model is worse at {worse}." if worse else ""
+    data = {"exported": found.exported.tolist(), "nominal": found.nominal.tolist()}
+    return Finding("warning" if worse else "note", "replay", "", text, remedy, data)
 
 
 def _figure(value: float) -> str:

@@ -63,7 +63,7 @@ class Prior:
 
     def __init__(self, problem: Problem):
         space, size = problem.space, problem.size
-        kinds = np.concatenate([np.full(len(b), b.geometry, dtype=object) for b in space.blocks])
+        kinds, self._cone = space.geometries, None
         self._start = problem.prior
         self._matrix = np.flatnonzero((kinds != "positive") & (kinds != "free"))
         self.positive = np.flatnonzero(kinds == "positive")
@@ -72,8 +72,8 @@ class Prior:
         self._size = size
         self._tied = np.zeros(len(space)) if size is None else 1.0 - size.stated
         blocks = tuple(b for b in space.blocks if b.geometry not in ("positive", "free"))
-        self._cone = cone_of(ParameterSpace(blocks)) if blocks else None
-        if self._cone is not None:
+        if blocks:
+            self._cone = cone_of(ParameterSpace(blocks))
             start = self._start[self._matrix]
             self._slope = gradient_and_hessian(self._cone, start)[0]
             self._level, self._degree = barrier(self._cone, start), float(-self._slope @ start)

@@ -10,7 +10,6 @@ import numpy as np
 
 from ..errors import InvalidInput, UnknownName
 from ..numerics.threads import single_threaded
-from ..parameters import Array
 from ..resources import asset
 from .calibrate import calibrate
 from .data import Recordings, RobotModel
@@ -50,10 +49,9 @@ def identify(
     """Identifies plant and actuator parameters of a robot from logs of its motion.
 
     Args:
-        model: path of a URDF, MJCF or vehicle's TOML file; the name of a packed robot or vehicle,
-            or of one of example-robot-data; or a model already loaded.
-        logs: files of position, velocity (if there is one) and command; none for the log that is
-            packed with the robot `tx40`.
+        model: path of a URDF, MJCF or vehicle's TOML file; the name of a robot or vehicle, packed
+            or of example-robot-data; or a model already loaded.
+        logs: files of position, velocity (if any) and command; none for the packed log of `tx40`.
         validate: files that take no part in the fit; the estimate is judged on them.
         mapping: the meaning of the logs' columns: the path of a map.toml, or None to match columns
             with the model's joints by name.
@@ -82,24 +80,14 @@ def identify(
         raise UnknownName("law", law, LAWS)
     told("reading the model")
     robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
-    logs, mapping = _files(model, _listed(logs), mapping)
-    chosen = _read_map(mapping)
+    logs, chosen = _files(model, _listed(logs), mapping)
     told("reading the log")
     recordings = recordings_of(logs, chosen, robot)
-    others = _listed(validate)
-    own = chosen if validate_mapping is None else _read_map(validate_mapping)
-    validation = _validation(others, own, robot) if others else None
-    options = Options(
-        _columns(columns, robot),
-        coupled(chosen),
-        _delays(delay, len(robot.joints)),
-        _cutoff(cutoff),
-        _loads(loads, robot),
-    )
+    other = chosen if validate_mapping is None else _read_map(validate_mapping)
+    validation = _validation(_listed(validate), other, robot)
+    options = _options(robot, columns, coupled(chosen), delay, cutoff, loads)
     found = calibrate(robot, recordings, validation, options, known=known, told=told)
-    if law == "batch":
-        return found
-    return with_law(found, law, None if folder is None else Path(folder), told)
+    return found if law == "batch" else with_law(found, law, folder, told)
 
 
 def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:
@@ -108,14 +96,14 @@ def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:
 
 def _files(
     model: str | RobotModel, logs: list[Path], mapping: PathLike | Map | None
-) -> tuple[list[Path], PathLike | Map | None]:
+) -> tuple[list[Path], Map | None]:
     """The logs and the map, by default a packed robot's; raises `InvalidInput` without a log."""
     if logs:
-        return logs, mapping
+        return logs, _read_map(mapping)
     if isinstance(model, str) and model == Path(model).name:
         packed = asset(model, "log.csv.gz")
         if packed.is_file():
-            return [packed], asset(model, "map.toml") if mapping is None else mapping
+            return [packed], _read_map(asset(model, "map.toml") if mapping is None else mapping)
     raise InvalidInput("log", "one or more files", "none", "Give `--log FILE`.")
 
 
@@ -123,8 +111,10 @@ def _read_map(mapping: PathLike | Map | None) -> Map | None:
     return read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
 
 
-def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
-    """The recordings of validation logs, whose findings name these files."""
+def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Recordings | None:
+    """The recordings of validation logs, whose findings name these files; None without any."""
+    if not files:
+        return None
     try:
         return recordings_of(files, mapping, robot)
     except UnreadableLog:  # names its file
@@ -156,41 +146,37 @@ def coupled(mapping: Map | None) -> tuple[tuple[int, int, int], ...]:
     return tuple((i, j, side) for (i, j), side in sorted(pairs.items()))
 
 
-def _columns(columns: Sequence[str] | None, robot: RobotModel) -> frozenset[str] | None:
-    """The friction columns that a user named; raises `UnknownName` for others."""
-    if columns is None:
-        return None
-    choices = COLUMNS if robot.system is None else EXTRA
-    for name in columns:
-        if name not in choices:
-            raise UnknownName("column", name, choices)
-    return frozenset(columns) if robot.system is not None else frozenset(columns) | BASIC
-
-
-def _delays(delay: float | Sequence[float] | None, k: int) -> Array | None:
-    """(k,) delays [s] that a user gave: 1 or k finite numbers, else raises `InvalidInput`."""
-    if delay is None:
-        return None
-    given = np.atleast_1d(np.asarray(delay, dtype=np.float64))
-    if given.shape not in ((1,), (k,)) or not (np.abs(given) <= 1.0).all():
-        raise InvalidInput(
-            "delay", f"1 or {k} numbers within ±1 s", given.tolist(), "0.01 is 10 ms."
-        )
-    return np.broadcast_to(given, (k,)).copy()
-
-
-def _loads(loads: Sequence[str | Load], robot: RobotModel) -> tuple[Load, ...]:
-    """The loads that a user stated.
+def _options(
+    robot: RobotModel,
+    columns: Sequence[str] | None,
+    coupled: tuple[tuple[int, int, int], ...],
+    delay: float | Sequence[float] | None,
+    cutoff: float | None,
+    loads: Sequence[str | Load],
+) -> Options:
+    """The options that a user gave.
 
     Raises:
-        InvalidInput: a text has another form, or the robot is not a tree of joints.
+        UnknownName: there is no such friction column.
+        InvalidInput: delays are not 1 or k numbers within ±1 s, the cut-off is out of range, a load
+            is stated in another form, or the robot that carries it is not a tree of joints.
     """
-    if loads and robot.system is not None:
-        raise InvalidInput("--load", "a robot of joints", "a vehicle", "Give --known.")
-    return tuple(load_of(load) if isinstance(load, str) else load for load in loads)
-
-
-def _cutoff(cutoff: float | None) -> float | None:
+    k, arm, names, delays = len(robot.joints), robot.system is None, None, None
+    if columns is not None:
+        choices = COLUMNS if arm else EXTRA
+        for name in columns:
+            if name not in choices:
+                raise UnknownName("column", name, choices)
+        names = frozenset(columns) | (BASIC if arm else frozenset())
+    if delay is not None:
+        given = np.atleast_1d(np.asarray(delay, dtype=np.float64))
+        if given.shape not in ((1,), (k,)) or not (np.abs(given) <= 1.0).all():
+            expected = f"1 or {k} numbers within ±1 s"
+            raise InvalidInput("delay", expected, given.tolist(), "0.01 is 10 ms.")
+        delays = np.broadcast_to(given, (k,)).copy()
     if cutoff is not None and not 0.1 <= cutoff <= 1000.0:
         raise InvalidInput("cutoff", "0.1 to 1000 Hz", cutoff, "Leave it out to have it chosen.")
-    return cutoff
+    if loads and not arm:
+        raise InvalidInput("--load", "a robot of joints", "a vehicle", "Give --known.")
+    carried = tuple(load_of(load) if isinstance(load, str) else load for load in loads)
+    return Options(names, coupled, delays, cutoff, carried)

@@ -25,13 +25,13 @@ from ..parameters import Array
 from .data import Recordings, RobotModel
 from .findings import Finding
 from .fit import minimise
-from .joints import differentiates
 from .law_result import AlongLog, Fitted, Gain
 from .links import positions
 from .log_robot import log_robot
 from .logs.signals import noise
 from .measured import identifiers_of, measured_scenario
 from .precision import tempered
+from .problem import mean_squares
 from .result import Identification
 from .smoothing import delayed, filter_for, refined, smooth, smooth_commands
 from .structure import Structured
@@ -70,7 +70,7 @@ class _Watch(Observer):
 
 
 def with_law(
-    found: Identification, law: str, folder: Path | None, told: Callable[[str], None]
+    found: Identification, law: str, folder: str | Path | None, told: Callable[[str], None]
 ) -> Identification:
     """An identification to which a law's run along the log, and findings about it, are added.
 
@@ -129,7 +129,6 @@ def law_logs(
     """
     recordings = recordings if robot.model is None else refined(recordings)
     chosen = filter_for(recordings, made.cutoff)
-    differentiate = robot.model is not None and differentiates(recordings, chosen.cutoff)
     rate, found, shift = chosen.rate / chosen.every, [], recording_shifts(recordings)
     start = float(recordings.segments[0].log.t[0] + shift[0])
     for own, segment in zip(shift, recordings.segments, strict=True):
@@ -138,7 +137,7 @@ def law_logs(
         if robot.model is None:
             t, q, v = motion_of(robot.system, segment, chosen)[:3]
         else:
-            motion, held = smooth(segment, chosen, differentiate), held * np.sign(robot.gain)
+            motion, held = smooth(segment, chosen), held * np.sign(robot.gain)
             t, q, v = motion.t, positions(robot.model, motion.q), motion.v
         if len(t) > 1:
             found.append(Log(t + (own - start), q, v, held))
@@ -165,11 +164,11 @@ def unexplained_commands(fitted: Fitted) -> Array:
     Residuals of variance σ² at intervals h, of which one in `share` counts as independent, affect
     the motion like a white command of density σ² h share.
     """
-    problem, theta = fitted.problem, fitted.theta
-    used = problem.usable
-    residual = np.where(used, problem.residual(theta), 0.0) / theta[problem.space.actuators]
-    power = np.sum(residual**2, axis=0) / np.maximum(used.sum(axis=0), 1)
-    return power * fitted.share * float(np.median(np.diff(problem.t)))
+    problem, theta = fitted.problem, fitted.fit.theta
+    residual = problem.residual(theta) / theta[problem.space.actuators]
+    return (
+        mean_squares(residual, problem.usable) * fitted.share * float(np.median(np.diff(problem.t)))
+    )
 
 
 def noise_levels(logs: Sequence[Log]) -> tuple[float, float]:
@@ -181,7 +180,7 @@ def noise_levels(logs: Sequence[Log]) -> tuple[float, float]:
 
 def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:
     """Gains of the law, θ̂ (p,) and deviations (a,), beside the batch fit's; none if one is ≤ 0."""
-    space, own = fitted.problem.space, fitted.theta
+    space, own = fitted.problem.space, fitted.fit.theta
     at = space.actuators
     if len(at) < 2 or not ((theta[at] > 0) & (own[at] > 0)).all():
         return ()
@@ -217,12 +216,10 @@ def law_findings(along: AlongLog) -> list[Finding]:
         found.append(Finding("warning", "law", f"law {along.name}", text, status.remedy))
     apart = [gain.label for gain in along.gains if gain.apart]
     if apart:
-        found.append(
-            Finding(
-                "warning", "law", f"law {along.name}",
-                f"it differs from the batch fit by more than both intervals in {', '.join(apart)}",
-                "Trust neither interval there; the batch fit uses all rows at once, and leaves out "
-                "those at rest.",
-            )
-        )  # fmt: skip
+        text = f"it differs from the batch fit by more than both intervals in {', '.join(apart)}"
+        remedy = (
+            "Trust neither interval there; the batch fit uses all rows at once, and leaves out "
+            "those at rest."
+        )
+        found.append(Finding("warning", "law", f"law {along.name}", text, remedy))
     return found

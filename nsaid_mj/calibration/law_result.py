@@ -10,6 +10,7 @@ import numpy as np
 from ..experiment.loop import Run
 from ..identifiers import Status
 from ..parameters import Array, Indices
+from .fit import Fit
 from .precision import Precision
 from .problem import Problem
 from .structure import Structured
@@ -21,6 +22,7 @@ class Fitted(NamedTuple):
     Attributes:
         made: what was chosen.
         problem: rows and prior.
+        fit: the minimum.
         exact: the estimate and its precision.
         share: (n,) rows per effectively independent row.
         coupled: pairs (i, j, ±1) of joints with a common motor.
@@ -28,14 +30,10 @@ class Fitted(NamedTuple):
 
     made: Structured
     problem: Problem
+    fit: Fit
     exact: Precision
     share: Array
     coupled: tuple[tuple[int, int, int], ...]
-
-    @property
-    def theta(self) -> Array:
-        """(p,) θ̂; a precision's θ̂ leaves known values out."""
-        return self.exact.theta + self.problem.prior * self.problem.known
 
 
 class Gain(NamedTuple):

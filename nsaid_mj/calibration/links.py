@@ -12,30 +12,25 @@ from ..structure.blocks import link_block
 from ..structure.joints import body_names
 from ..structure.optional import pin
 from .problem import size_weights
-from .smoothing import Smooth
 
 _POSES = 300  # at which weight is computed
 _LIGHT = 0.1  # share of weight in the links' torques below which inertia reveals their size
 
 
-def link_columns(model: pin.Model, motion: Smooth) -> Array:
-    """(N, n, 10 b) Pinocchio's joint torque regressor along a motion."""
-    data, n = model.createData(), model.nv
-    found = np.empty((len(motion.t), n, 10 * (model.njoints - 1)))
-    for k, (q, v, a) in enumerate(zip(positions(model, motion.q), motion.v, motion.a, strict=True)):
-        found[k] = pin.computeJointTorqueRegressor(model, data, q, v, a).reshape(n, -1)
+def torque_rows(model: pin.Model, coordinates: Array, v: Array, a: Array) -> Array:
+    """(N, n, 10 b) Pinocchio's joint torque regressor at coordinates, v and a (N, n)."""
+    data = model.createData()
+    found = np.empty((len(v), model.nv, 10 * (model.njoints - 1)))
+    for k, q in enumerate(positions(model, coordinates)):
+        found[k] = pin.computeJointTorqueRegressor(model, data, q, v[k], a[k])
     return found
 
 
 def weight_columns(model: pin.Model, coordinates: Array) -> Array:
     """(K n, 10 b) columns of the links' weight at up to 300 of the coordinates (N, n)."""
-    data, rest = model.createData(), np.zeros(model.nv)
     some = coordinates[:: -(-len(coordinates) // _POSES) or 1]
-    found = np.empty((len(some), model.nv, 10 * (model.njoints - 1)))
-    for k, q in enumerate(positions(model, some)):
-        regressor = pin.computeJointTorqueRegressor(model, data, q, rest, rest)
-        found[k] = regressor.reshape(model.nv, -1)  # of one joint it is a vector
-    return found.reshape(-1, found.shape[2])
+    rest = np.zeros((len(some), model.nv))
+    return torque_rows(model, some, rest, rest).reshape(-1, 10 * (model.njoints - 1))
 
 
 def size_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:
@@ -72,19 +67,15 @@ def positions(model: pin.Model, coordinates: Array) -> Array:
     return q
 
 
-def weight_of(model: pin.Model, theta_links: Array | None) -> Callable[[Array], Array]:
+def weight_of(model: pin.Model) -> Callable[[Array], Array]:
     """Function of coordinates (N, n): (N, n) torques of the links' weight."""
-    own = pin.Model(model)
-    if theta_links is not None:
-        for i in range(1, own.njoints):
-            own.inertias[i] = pin.Inertia.FromDynamicParameters(theta_links[10 * i - 10 : 10 * i])
-    data = own.createData()
+    data = model.createData()
 
     def torque(coordinates: Array) -> Array:
-        found = [
-            pin.computeGeneralizedGravity(own, data, q).copy() for q in positions(own, coordinates)
-        ]
-        return np.array(found).reshape(len(coordinates), own.nv)
+        found = np.empty((len(coordinates), model.nv))
+        for k, q in enumerate(positions(model, coordinates)):
+            found[k] = pin.computeGeneralizedGravity(model, data, q)
+        return found
 
     return torque
 

@@ -9,7 +9,6 @@ import numpy as np
 from ..bounds import Name, Positive, config
 from ..experiment.loop import Robot
 from ..identifiers.cone.prior import drawn_inside
-from ..parameters import Array
 from ..plants.arm import ArmPlant, nominal_scales
 from ..structure.multibody import CompiledMultibody
 from .data import RobotModel
@@ -54,30 +53,15 @@ class LiveRobot(MeasuredRobot):
 
 
 def _arm(model: RobotModel, gain: float | None) -> Robot:
-    """A tree of joints with rotor inertia, viscous and Coulomb friction and a motor on each."""
-    gains = np.abs(model.gain) if gain is None else np.full(len(model.joints), gain)
-    rotor, viscous, coulomb = _guessed(model)
-    nominal = nominal_scales(model.model, ArmPlant())
-    command = nominal.command / gains
-    scales = replace(
-        nominal, rotor=rotor, viscous=viscous, coulomb=coulomb, gain=gains, command=command
-    )
-    speed = np.full(len(model.joints), _FRICTION_SPEED)
-    system = CompiledMultibody(model.model, scales, speed)
-    prior = np.concatenate([file_links(model.model), rotor, viscous, coulomb, gains])
-    prior = drawn_inside(system.space, prior, 0.0, np.random.default_rng(0))
-    return Robot(system, prior, model.visuals)
+    """A tree of joints with rotor inertia, viscous and Coulomb friction and a motor on each.
 
-
-def _guessed(model: RobotModel) -> tuple[Array, Array, Array]:
-    """(k,) rotor inertias, viscous and Coulomb friction: the file's, else by order of magnitude.
-
-    A geared motor needs about a twentieth of its largest force to overcome friction of either kind,
-    and its rotor alone accelerates at some 300 rad/s². If the file states no largest force, that of
-    a fast motion replaces it; see `nominal_scales`.
+    What the file does not state is guessed by order of magnitude: a geared motor needs about a
+    twentieth of its largest force to overcome friction of either kind, and its rotor alone
+    accelerates at some 300 rad/s². If the file states no largest force, that of a fast motion
+    replaces it; see `nominal_scales`.
     """
-    tree, nominal = model.model, nominal_scales(model.model, ArmPlant())
-    k = len(model.joints)
+    tree, nominal, k = model.model, nominal_scales(model.model, ArmPlant()), len(model.joints)
+    gains = np.abs(model.gain) if gain is None else np.full(k, gain)
     limit = tree.effortLimit[tree.nv - k :]
     force = np.where(np.isfinite(limit) & (limit > 0), limit, nominal.command)
     friction = _FRICTION * force
@@ -86,4 +70,11 @@ def _guessed(model: RobotModel) -> tuple[Array, Array, Array]:
     rotor, viscous, coulomb = (
         np.where(own > 0, own, other) for own, other in zip(given, guess, strict=True)
     )
-    return rotor, viscous, coulomb
+    command = nominal.command / gains
+    scales = replace(
+        nominal, rotor=rotor, viscous=viscous, coulomb=coulomb, gain=gains, command=command
+    )
+    system = CompiledMultibody(tree, scales, np.full(k, _FRICTION_SPEED))
+    prior = np.concatenate([file_links(tree), rotor, viscous, coulomb, gains])
+    prior = drawn_inside(system.space, prior, 0.0, np.random.default_rng(0))
+    return Robot(system, prior, model.visuals)

@@ -57,15 +57,12 @@ def load_of(text: str) -> Load:
         mass = float(found["mass"]) * (1e-3 if found["unit"] == "g" else 1.0)
         place = found["place"]
         centre = None if place is None else tuple(float(x) for x in place.split(","))
-        if not 0 < mass <= LARGEST or (centre is not None and not _is_place(centre)):
+        known = centre is None or (len(centre) == 3 and (np.abs(centre) <= LARGEST).all())
+        if not (0 < mass <= LARGEST and known):
             raise ValueError
     except ValueError as error:
         raise InvalidInput("--load", _FORM, text, "Such as loaded.csv:0.25kg@gripper.") from error
     return Load(re.split(r"[/\\]", found["file"])[-1], mass, found["link"] or "", centre)
-
-
-def _is_place(centre: tuple[float, ...]) -> bool:
-    return len(centre) == 3 and bool((np.abs(centre) <= LARGEST).all())
 
 
 def check_loads(loads: Sequence[Load], sources: Sequence[str]) -> None:
@@ -88,20 +85,20 @@ def carrier(model: pin.Model, load: Load) -> tuple[int, Array, bool]:
     Raises:
         UnknownName: the model has no such link.
     """
-    bodies = {f.name: f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint}
-    others = {f.name: f for f in model.frames if f.parentJoint}
-    if not load.link:
-        names = list(model.names)
-        last = len(names) - 1
-        while last > 1 and _GRIPPERS & set(re.split(r"[^a-z]+", names[last].lower())):
-            last = int(model.parents[last])
-        return last, np.array(model.inertias[last].lever), False
-    frame = bodies.get(load.link) or others.get(load.link)
-    if frame is None:
-        raise UnknownName("link", load.link, list(bodies))
-    if load.centre is not None:
-        return frame.parentJoint, frame.placement.act(np.array(load.centre)), True
-    return frame.parentJoint, np.array(model.inertias[frame.parentJoint].lever), False
+    joint = model.njoints - 1
+    if load.link:
+        bodies = {f.name: f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint}
+        others = {f.name: f for f in model.frames if f.parentJoint}
+        frame = bodies.get(load.link) or others.get(load.link)
+        if frame is None:
+            raise UnknownName("link", load.link, list(bodies))
+        if load.centre is not None:
+            return frame.parentJoint, frame.placement.act(np.array(load.centre)), True
+        joint = frame.parentJoint
+    else:
+        while joint > 1 and _GRIPPERS & set(re.split(r"[^a-z]+", model.names[joint].lower())):
+            joint = int(model.parents[joint])
+    return joint, np.array(model.inertias[joint].lever), False
 
 
 def with_mass(model: pin.Model, joint: int, mass: float, centre: Array) -> pin.Model:

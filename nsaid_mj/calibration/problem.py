@@ -67,13 +67,8 @@ class Problem:
 
     def select(self, rows: Indices | Mask) -> Problem:
         """The problem of some of the rows (N,), as indices or a mask."""
-        return replace(
-            self,
-            Y=self.Y[rows],
-            usable=self.usable[rows],
-            t=self.t[rows],
-            segment=self.segment[rows],
-        )
+        parts = {name: getattr(self, name)[rows] for name in ("Y", "usable", "t", "segment")}
+        return replace(self, **parts)
 
     def actuation(self, theta: Array) -> Array:
         """(N, n) forces of the actuators under θ (p,), with the sign they have in Y."""
@@ -91,10 +86,10 @@ class Problem:
         with the forces of inertia and weight. NaN where no row is usable. If these rows are part of
         a `whole` problem, forces are measured along that, as they may hardly change in a part.
         """
-        counts = self.usable.sum(axis=0)
         size = (self if whole is None else whole).forces(theta)
-        residual = _rms(np.where(self.usable, self.residual(theta), 0.0), counts)
-        return np.where((counts > 0) & (size > 0), residual / np.where(size > 0, size, 1), np.nan)
+        residual = np.sqrt(mean_squares(self.residual(theta), self.usable))
+        judged = self.usable.any(axis=0) & (size > 0)
+        return np.where(judged, residual / np.where(size > 0, size, 1), np.nan)
 
     def forces(self, theta: Array) -> Array:
         """(n,) standard deviations of the forces with which `nrmse` compares residuals.
@@ -121,18 +116,16 @@ class Problem:
 
         def deviation(force: Array) -> Array:
             mean = np.sum(np.where(used, force, 0.0), axis=0) / np.maximum(counts, 1)
-            return _rms(np.where(used, force - mean, 0.0), counts)
+            return np.where(counts > 1, np.sqrt(mean_squares(force - mean, used)), 0.0)
 
-        matrices = np.concatenate(
-            [np.full(len(b), b.geometry not in ("positive", "free")) for b in self.space.blocks]
-        )
-        found = self.actuation(theta), self.Y[:, :, matrices] @ theta[matrices]
-        acting, inertial = (np.where(counts > 1, deviation(force), 0.0) for force in found)
-        return acting, inertial
+        matrices = ~np.isin(self.space.geometries, ("positive", "free"))
+        inertial = self.Y[:, :, matrices] @ theta[matrices]
+        return deviation(self.actuation(theta)), deviation(inertial)
 
 
-def _rms(x: Array, counts: Indices) -> Array:
-    return np.sqrt(np.sum(x**2, axis=0) / np.maximum(counts, 1))
+def mean_squares(x: Array, usable: Mask) -> Array:
+    """Mean squares of x (N, ...) along its first axis, over the usable rows; 0 if there is none."""
+    return np.sum(np.where(usable, x, 0.0) ** 2, axis=0) / np.maximum(usable.sum(axis=0), 1)
 
 
 def folds(problem: Problem, count: int) -> list[tuple[Problem, Problem]]:

@@ -70,7 +70,8 @@ def departures(
     folder = robot.file.resolve().parent
     mj = _compiled(mjcf_text(robot, values, folder), folder)
     joints = JointMap(mj, robot.joints)
-    command = [_actuator(mj, joint) for joint in robot.joints]
+    driven, joint_ids = mj.actuator_trnid[:, 0], [mj.joint(name).id for name in robot.joints]
+    command = [int(np.flatnonzero(driven == joint)[0]) for joint in joint_ids]
     substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
     mj.opt.timestep = 1 / (recordings.rate * substeps)
     found = [np.zeros((0, len(robot.joints)))]
@@ -124,8 +125,3 @@ def _compiled(text: str, folder: Path) -> Any:
         mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     )
     return spec.compile()
-
-
-def _actuator(mj: Any, joint: str) -> int:
-    """The index of a joint's motor."""
-    return int(np.flatnonzero(mj.actuator_trnid[:, 0] == mj.joint(joint).id)[0])

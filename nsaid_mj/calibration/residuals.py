@@ -19,7 +19,7 @@ Association 89(428), 1994).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +31,7 @@ from ..parameters import Array
 from .findings import Finding
 from .fit import cost_of, gramians
 from .precision import Precision
-from .problem import Problem
+from .problem import Problem, mean_squares
 
 _BLOCKS = 20  # of the log, for the variance of the scores
 _CHANCE = 0.01  # that any suspect enters by chance
@@ -140,14 +140,14 @@ def followed(
     return tuple(found)
 
 
-def widened(exact: Precision, left: tuple[Followed, ...]) -> Precision:
+def widened(exact: Precision, left: Sequence[Followed]) -> Precision:
     """The precision with every shift added as one more standard deviation."""
     shifts = [each.shift[None] for each in left]
     return exact._replace(structure=np.vstack([exact.structure, *shifts]))
 
 
 def doubts(
-    problem: Problem, exact: Precision, left: tuple[Followed, ...], held_out: Array
+    problem: Problem, exact: Precision, left: Sequence[Followed], held_out: Array
 ) -> list[Finding]:
     """Reports what the residuals follow: each in a warning where it matters, else in a note.
 
@@ -156,36 +156,25 @@ def doubts(
     unmodelled parts of them, and their intervals are widened. held_out (n,) is the NRMSE of
     held-out parts; `exact` is the precision before it is widened.
     """
-    half = _Z * exact.deviation
-    size = _sizes(problem, exact.theta)
-    kinds = [
-        (b.geometry != "free" and "friction" not in b.name)
-        for b, _ in problem.space
-        for _ in b.names
-    ]
-    stated = ~problem.known & np.array(kinds) & (half < _STATED * size)
-    findings = []
+    half, size, space = _Z * exact.deviation, _sizes(problem, exact.theta), problem.space
+    friction = ["friction" in block.name for block in space.blocks for _ in block.names]
+    certain = (space.geometries != "free") & ~np.array(friction)
+    stated, findings = ~problem.known & certain & (half < _STATED * size), []
     for suspect, share, shift, coefficients in left:
         worst = int(np.argmax(np.where(stated, np.abs(shift) / size, 0.0)))
         moved = float(abs(shift[worst]) / size[worst]) if stated[worst] else 0.0
         explained = float(np.sqrt(np.nanmax(np.maximum(share, 0) * held_out**2)))
         beyond = moved > _MOVED and abs(shift[worst]) > half[worst]
-        label = problem.space.labels[worst]
+        label = space.labels[worst]
         if not beyond and explained <= _EXPLAINED and share.max() < _TOLD:
             continue
         told = f", {suspect.size(coefficients[0])}" if suspect.size else ""
         words = f", which would move {label} by {moved:.0%}" if moved > 0.01 else ""
-        findings.append(
-            Finding(
-                "warning" if beyond or explained > _EXPLAINED else "note",
-                "residuals",
-                suspect.where,
-                f"the residuals follow {suspect.words}{told} ({share.max():.0%} of their variance"
-                f"{words})",
-                suspect.remedy,
-                {"share": float(share.max()), "moved": moved, "parameter": label},
-            )
-        )
+        level = "warning" if beyond or explained > _EXPLAINED else "note"
+        part = f"{share.max():.0%} of their variance"
+        text = f"the residuals follow {suspect.words}{told} ({part}{words})"
+        data = {"share": float(share.max()), "moved": moved, "parameter": label}
+        findings.append(Finding(level, "residuals", suspect.where, text, suspect.remedy, data))
     return findings
 
 
@@ -277,7 +266,7 @@ class _Rows:
     def __init__(self, problem: Problem, theta: Array, share: Array, weight: Array | None = None):
         used = problem.usable
         residual = np.where(used, problem.residual(theta), 0.0)
-        power = np.sum(residual**2, axis=0) / np.maximum(used.sum(axis=0), 1)
+        power = mean_squares(residual, used)
         own = used / np.sqrt(np.where(power > 0, power, np.inf) * share)
         self.weight = own if weight is None else weight
         effort = cost_of(gramians(problem), problem.space).effort

@@ -94,7 +94,6 @@ class Identification(Result):
         theta: (p,) θ̂.
         deviation: (p,) its stated standard deviations.
         covariance: (p, p) of θ̂.
-        correlation_names: names of the parameters, in order of θ.
         friction: (k,) viscous and (k,) Coulomb friction nearest to the identified friction of each
             joint, for model files that hold no other; empty for a vehicle.
         curves: of the training logs.

@@ -24,6 +24,7 @@ from .statements import in_words
 
 _SURE = 0.15  # standard deviation of the scale's logarithm, that of commands in N·m, below which a
 # known value fixes it
+_REMEDY = "Give one motor's gain, or weigh a load that one of two logs carries: --load."
 
 
 class Scale(NamedTuple):
@@ -65,10 +66,10 @@ def common_scale(
     `stated` is whether commands are in N·m or N, `weightless` whether the model file has no masses,
     `known` the user's parameters.
     """
-    at = problem.space.actuators
-    weights = np.zeros(len(theta))
-    weights[at] = 1 / (len(at) * theta[at])
-    if problem.size is not None:
+    at, weights = problem.space.actuators, np.zeros(len(theta))
+    if problem.size is None:
+        weights[at] = 1 / (len(at) * theta[at])
+    else:
         weights = problem.size.weights / float(problem.size.weights @ theta)
     deviation = exact.of(weights)
     fixed = stated or (bool(known) and deviation < _SURE)
@@ -97,9 +98,9 @@ def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
     prior, fixed, space = problem.prior.copy(), problem.known.copy(), problem.space
     for name, value in known.items():
         index = _index(problem, name)
-        block, place = next((b, p) for b, p in space if p.start <= index < p.stop)
-        mass = block.geometry == "pseudo_inertia" and index == place.start
-        positive = mass or block.geometry == "positive"
+        place = next(p for _, p in space if p.start <= index < p.stop)
+        mass = space.geometries[index] == "pseudo_inertia" and index == place.start
+        positive = mass or space.geometries[index] == "positive"
         if not np.isfinite(value) or (positive and not value > 0):
             expected = "a number > 0" if positive else "a finite number"
             raise InvalidInput(name, expected, value, f"Its unit is {space.units[index]}.")
@@ -133,7 +134,7 @@ def rescaled(problem: Problem, known: Mapping[str, float]) -> Problem:
     if not len(at):
         return problem
     factor = float(np.exp(np.mean(np.log(given[at] / problem.prior[at]))))
-    free = np.concatenate([np.full(len(b), b.geometry == "free") for b in problem.space.blocks])
+    free = problem.space.geometries == "free"
     spread = np.where(free, factor * problem.spread, problem.spread)
     return replace(problem, prior=factor * problem.prior, spread=spread)
 
@@ -144,27 +145,21 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
         return []
     combined, found = combinations(problem), []
     for name, value in known.items():
-        index = _index(problem, name)
-        share = _share(problem, index)
-        told = combined.members(index)
-        seen = in_words(combined.expression(told[0]), problem.space) if told else ""
-        why = (
-            f"the log shows it only in combination ({seen})" if told else "the log does not show it"
-        )
+        index, why = _index(problem, name), "the log does not show it"
+        share, told = _share(problem, index), combined.members(index)
         if index in problem.space.actuators:
             why = "the log hardly relates it to the other parameters"
-        effect = (
-            f"it settles {share:.0%} of the weight on which the overall scale rests"
-            if share > 0.005
-            else "it changes no other parameter"
+        elif told:
+            seen = in_words(combined.expression(told[0]), problem.space)
+            why = f"the log shows it only in combination ({seen})"
+        effect = "it changes no other parameter"
+        if share > 0.005:
+            effect = f"it settles {share:.0%} of the weight on which the overall scale rests"
+        label = problem.space.labels[index]
+        text = (
+            f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "
+            f"absolute values hold to a factor of {scale.factor:.2g}"
         )
-        found.append(
-            Finding(
-                "warning", "known_in_combination", problem.space.labels[index],
-                f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "
-                f"absolute values hold to a factor of {scale.factor:.2g}",
-                "Give one motor's gain, or weigh a load that one of two logs carries: --load.",
-                {"share": share},
-            )
-        )  # fmt: skip
+        data: dict[str, object] = {"share": share}
+        found.append(Finding("warning", "known_in_combination", label, text, _REMEDY, data))
     return found

@@ -7,7 +7,6 @@ by their error in held-out fifths of the log; the physical fit is made with the 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -45,14 +44,9 @@ def choose(
         delay: (k,) known delays [s]; None to search for them.
         columns: names of the columns to use on all joints; None to choose.
     """
-    k = len(rows.robot.joints)
-    start = Choice(
-        (columns if columns is not None else BASIC,) * k,
-        (1,) * k,
-        np.zeros(k) if delay is None else delay,
-        coupled,
-    )
-    choice, shared, findings = start, start.delay, []
+    k, basic = len(rows.robot.joints), BASIC if columns is None else columns
+    shared, findings = np.zeros(k) if delay is None else delay, []
+    choice = Choice((basic,) * k, (1,) * k, shared, coupled)
     if delay is None:
         choice, shared, findings = _with_delays(rows, choice)
     for j in range(k):
@@ -74,14 +68,12 @@ def _choose_joint(
     """The choice with the best speed and columns at one joint, that in words, and its errors."""
     u = rows.commands(choice.delay)[:, joint]
     best = held_out_errors(rows, choice, u, joint)
-    first, tried = _rms(best), []
+    first, tried = rms(best), []
 
     def better(trial: Choice, words: str) -> None:
         nonlocal best, choice
         errors = held_out_errors(rows, trial, u, joint)
-        tried.append(f"{words} {_rms(errors):.4f}")
-        if not np.isfinite([errors, best]).all():
-            return
+        tried.append(f"{words} {rms(errors):.4f}")
         if worthwhile(best, errors, _WORTH):
             best, choice = errors, trial
 
@@ -93,37 +85,22 @@ def _choose_joint(
 
     speeds()
     if free:
-        names = ["quadratic", "cubic"]
-        if _carries_weight(rows, u, joint):
-            names.insert(0, "load")
-        for name in names:
-            better(choice.at(joint, add=name), f"+ {name}")
+        # where weight is a small part of the force, `load` imitates other friction and biases gains
+        weight, force = rows.diagonal["load"][-1][:, joint], u * rows.gain[joint]
+        carries = ["load"] if weight.std() > _LOADED * force.std() else []
+        for name in [*carries, "quadratic", "cubic"]:
+            better(choice.at(joint, name), f"+ {name}")
         for index, speed in enumerate(SPEEDS):  # a smaller speed imitates it where it is missing
-            trial = choice.at(joint, add="stribeck", speed=index)
+            trial = choice.at(joint, "stribeck", speed=index)
             better(trial, f"+ stribeck with s = {speed:g}")
         speeds()
-    name = rows.robot.joints[joint]
-    used = ", ".join(sorted(choice.columns[joint]))
-    told = Finding(
-        "note",
-        "columns",
-        name,
-        f"friction columns {used} with s = {SPEEDS[choice.speed[joint]]:g}; held-out NRMSE "
-        f"{first:.3f} → {_rms(best):.3f} (tried: {'; '.join(tried) or 'nothing else'})",
-        data={"columns": sorted(choice.columns[joint]), "speed": SPEEDS[choice.speed[joint]],
-              "held_out": _rms(best)},
-    )  # fmt: skip
-    return choice, told, best
-
-
-def _carries_weight(rows: JointRows, u: Array, joint: int) -> bool:
-    """Whether weight is a substantial part of a joint's force, so that friction may follow it.
-
-    Elsewhere a column tanh(v/s)·|weight's torque| imitates other friction and biases gains.
-    """
-    weight = rows.diagonal["load"][-1][:, joint]
-    force = u * rows.gain[joint]
-    return bool(weight.std() > _LOADED * force.std())
+    used, speed = sorted(choice.columns[joint]), SPEEDS[choice.speed[joint]]
+    text = (
+        f"friction columns {', '.join(used)} with s = {speed:g}; held-out NRMSE {first:.3f} → "
+        f"{rms(best):.3f} (tried: {'; '.join(tried) or 'nothing else'})"
+    )
+    data = {"columns": used, "speed": speed, "held_out": rms(best)}
+    return choice, Finding("note", "columns", rows.robot.joints[joint], text, data=data), best
 
 
 def joint_columns(rows: JointRows, choice: Choice, joint: int) -> Array:
@@ -160,7 +137,8 @@ def held_out_errors(rows: JointRows, choice: Choice, u: Array, joint: int) -> Ar
     return np.array(errors)
 
 
-def _rms(errors: Array) -> float:
+def rms(errors: Array) -> float:
+    """Root of the mean square."""
     return float(np.sqrt(np.mean(errors**2)))
 
 
@@ -187,7 +165,12 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
             if not _insists(*(held_out_errors(rows, choice, x, j) for x in u)):
                 at = best  # most delays are shared: they are those of clocks and of the network
         if at in (0, len(candidates) - 1):
-            findings.append(_at_the_edge(name, candidates[at]))
+            text = (
+                f"the best delay of the command, {candidates[at] * 1e3:+.0f} ms, lies at the edge "
+                "of the search"
+            )
+            remedy = "Align the clocks of commands and positions in the map (`offset` of a file)."
+            findings.append(Finding("warning", "delay_at_edge", name, text, remedy))
         else:
             found[j] = candidates[at]
             if at != best:
@@ -197,28 +180,22 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
 
 
 def with_constants(
-    choice: Choice,
-    problem_of: Callable[[Choice], Problem],
-    names: tuple[str, ...],
-    level: frozenset[str],
+    rows: JointRows, choice: Choice, level: frozenset[str] = frozenset()
 ) -> tuple[Choice, list[Finding]]:
     """The choice with offsets and springs where they help the physical fit, which shares links.
 
     Joint by joint, with the links' columns free for each, weight would replace both. A stiffness
     below 0 is no spring but an error that grows with the position, such as a wrong gear ratio; it
-    is left to the residuals. `problem_of` makes the fit of a choice, `level` are names of joints
-    without an offset of their own.
+    is left to the residuals. `level` are names of joints without an offset of their own.
     """
-    (best, _), findings = _shared_errors(problem_of(choice)), []
-    for j, name in enumerate(names):
+    (best, _), findings = _shared_errors(rows.problem(choice)), []
+    for j, name in enumerate(rows.robot.joints):
         for column, words in (("offset", "a constant offset"), ("spring", "a spring")):
             if column == "offset" and name in level:
                 continue
-            trial = choice.at(j, add="offset").at(j, add=column)
-            errors, found = _shared_errors(problem_of(trial))
-            if found.get(f"stiffness_{j + 1}", 0.0) < 0 or not np.isfinite([errors, best]).all():
-                continue
-            if worthwhile(best, errors, _WORTH):
+            trial = choice.at(j, "offset", column)
+            errors, found = _shared_errors(rows.problem(trial))
+            if found.get(f"stiffness_{j + 1}", 0.0) >= 0 and worthwhile(best, errors, _WORTH):
                 fall = 1 - np.exp(np.log(errors / best).mean())
                 text = f"{words}; held-out errors, all joints multiplied, fall by {fall:.0%}"
                 findings.append(Finding("note", "columns", name, text, data={"columns": [column]}))
@@ -244,8 +221,6 @@ def _shared_errors(problem: Problem) -> tuple[Array, dict[str, float]]:
 
 def _insists(shared: Array, own: Array) -> bool:
     """Whether held-out errors (folds,) are much smaller with a joint's own delay."""
-    if not np.isfinite([shared, own]).all():
-        return False
     return worthwhile(shared, own, _DELAY_WORTH, _SURE)
 
 
@@ -253,8 +228,10 @@ def worthwhile(before: Array, after: Array, worth: float, deviations: float = 1.
     """Whether held-out errors (folds,) fall by a share, and by more than they differ by chance.
 
     The errors' mean logarithm must fall by `worth` at least, and by `deviations` standard errors
-    over the folds.
+    over the folds; an error that is not finite is never worth it.
     """
+    if not np.isfinite([before, after]).all():
+        return False
     change = np.log(after / before)
     error = change.std() / np.sqrt(len(change) - 1)
     return bool(change.mean() < -max(worth, deviations * error))
@@ -266,24 +243,20 @@ def _vertex(values: Array) -> float:
     return float(np.clip(0.5 * (values[0] - values[2]) / bend, -0.5, 0.5)) if bend > 0 else 0.0
 
 
-def refined(
-    choice: Choice, problem_of: Callable[[Choice], Problem], names: tuple[str, ...]
-) -> tuple[Choice, float, Finding]:
+def refined(rows: JointRows, choice: Choice) -> tuple[Choice, float, Finding]:
     """The choice with its delays corrected by one that all commands share, from the physical fit.
 
     Mean squared residuals are parabolas in the correction. A millisecond matters: held commands
-    that are interpolated precede the motion by half a sample. `problem_of` makes the fit of a
-    choice.
+    that are interpolated precede the motion by half a sample.
 
     Returns:
         The choice, the correction's standard deviation [s], and the delays in words.
     """
-    h, start = 0.5 * _COARSE, None
-    correction, curvature = 0.0, 0.0
+    h, start, correction, curvature = 0.5 * _COARSE, None, 0.0, 0.0
     for _ in range(_PARABOLAS):
         levels = []
         for step in (-h, 0.0, h):
-            problem = problem_of(replace(choice, delay=choice.delay + correction + step))
+            problem = rows.problem(replace(choice, delay=choice.delay + correction + step))
             fit = minimise(problem, start=start)
             start = fit.theta
             levels.append(np.maximum(fit.levels, 1e-300))
@@ -299,20 +272,12 @@ def refined(
             break
     final = replace(choice, delay=choice.delay + correction)
     deviation = float(1 / np.sqrt(curvature)) if curvature > 0 else h
-    words = ", ".join(f"{n} {d * 1e3:+.1f}" for n, d in zip(names, final.delay, strict=True))
+    delays = dict(zip(rows.robot.joints, final.delay.tolist(), strict=True))
+    words = ", ".join(f"{name} {delay * 1e3:+.1f}" for name, delay in delays.items())
     if np.ptp(final.delay) < 1e-9:
         words = f"{final.delay[0] * 1e3:+.1f} for all"
-    return (
-        final,
-        deviation,
-        Finding(
-            "note",
-            "delay",
-            "",
-            f"commands act later than recorded, by [ms]: {words}",
-            data={n: float(d) for n, d in zip(names, final.delay, strict=True)},
-        ),
-    )
+    text = f"commands act later than recorded, by [ms]: {words}"
+    return final, deviation, Finding("note", "delay", "", text, data=dict(delays))
 
 
 def _basis(rows: JointRows, choice: Choice, joint: int) -> tuple[Indices, Array]:
@@ -330,13 +295,3 @@ def _unexplained(u: Array, usable: Indices, basis: Array) -> float:
     if not spread > 0:
         return 1.0
     return float(np.sqrt(max(y @ y - np.sum((basis.T @ y) ** 2), 0.0)) / spread) + 1e-12
-
-
-def _at_the_edge(name: str, delay: float) -> Finding:
-    return Finding(
-        "warning",
-        "delay_at_edge",
-        name,
-        f"the best delay of the command, {delay * 1e3:+.0f} ms, lies at the edge of the search",
-        "Align the clocks of commands and positions in the map (`offset` of a file).",
-    )

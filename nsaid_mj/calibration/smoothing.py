@@ -58,12 +58,14 @@ class Filter(NamedTuple):
         rate: of the recordings [Hz].
         every: samples of the recordings per computed regressor.
         least: computed regressors per row of the fit, at least.
+        differentiate: whether velocities are derivatives of the positions, not the measured ones.
     """
 
     cutoff: float
     rate: float
     every: int
     least: int = 1
+    differentiate: bool = False
 
     @property
     def smoothing(self) -> float:
@@ -72,9 +74,7 @@ class Filter(NamedTuple):
 
     def low_pass(self, x: Array) -> Array:
         """x (N, ·) through the zero-phase smoothing filter."""
-        if len(x) < 8:
-            return x
-        return zero_phase(x, self.smoothing, self.rate)
+        return x if len(x) < 8 else zero_phase(x, self.smoothing, self.rate)
 
     @property
     def kernel(self) -> Array:
@@ -106,9 +106,26 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
     if cutoff is None:
         cutoff = float(np.clip(3 * _bandwidth(recordings), _LOWEST, _HIGHEST))
     cutoff = min(cutoff, 0.2 * rate)
-    chosen = Filter(cutoff, rate, max(1, int(rate / (_SAMPLES * cutoff))))
-    computed = sum(len(segment.log.t) for segment in recordings.segments) / chosen.every
-    return chosen._replace(least=max(1, int(np.ceil(computed / _MOST_ROWS))))
+    every = max(1, int(rate / (_SAMPLES * cutoff)))
+    computed = sum(len(segment.log.t) for segment in recordings.segments) / every
+    least = max(1, int(np.ceil(computed / _MOST_ROWS)))
+    return Filter(cutoff, rate, every, least, _differentiates(_longest(recordings), cutoff))
+
+
+def _longest(recordings: Recordings) -> Log:
+    return max(recordings.segments, key=lambda s: len(s.log.t)).log
+
+
+def _differentiates(log: Log, cutoff: float) -> bool:
+    """Whether positions are smooth enough that their derivative replaces the measured velocity.
+
+    Drives often report velocities that are filtered, and so delayed relative to the positions. They
+    are used only where the derivative would have three times more noise.
+    """
+    if log.q.shape[1] != log.v.shape[1]:
+        return False
+    position, velocity = (np.median([noise(x) for x in part.T]) for part in (log.q, log.v))
+    return bool(position * 2 * np.pi * cutoff / np.sqrt(3) <= 3 * velocity + 1e-12)
 
 
 def refined(recordings: Recordings) -> Recordings:
@@ -153,8 +170,8 @@ def _bandwidth(recordings: Recordings) -> float:
     Noise and steps of an encoder are white in the positions: their density is that of the upper
     half of the frequencies, and what does not exceed it `_ABOVE` times counts as noise.
     """
-    longest = max(recordings.segments, key=lambda s: len(s.log.t)).log
-    rate, own = recordings.rate, longest.q.shape == longest.v.shape
+    longest, rate = _longest(recordings), recordings.rate
+    own = longest.q.shape == longest.v.shape
     x = longest.q if own else longest.v
     window = min(len(x), int(4 * rate))
     x = scipy.signal.detrend(x, axis=0)
@@ -169,16 +186,12 @@ def _bandwidth(recordings: Recordings) -> float:
     return float(frequencies[low][np.searchsorted(total, _SHARE * total[-1])])
 
 
-def smooth(segment: Segment, chosen: Filter, differentiate: bool) -> Smooth:
-    """The smoothed motion of a segment.
-
-    With `differentiate` velocities are derivatives of the positions, else the measured ones.
-    """
-    log, every = segment.log, chosen.every
+def smooth(segment: Segment, chosen: Filter) -> Smooth:
+    """The smoothed motion of a segment."""
+    log, pick = segment.log, slice(None, None, chosen.every)
     q = chosen.low_pass(log.q)
-    v = slope(log.t, q) if differentiate else chosen.low_pass(log.v)
+    v = slope(log.t, q) if chosen.differentiate else chosen.low_pass(log.v)
     a = slope(log.t, v)
-    pick = slice(None, None, every)
     return Smooth(log.t[pick], q[pick], v[pick], a[pick], segment.usable[pick])
 
 

@@ -31,50 +31,39 @@ def parameters_in_words(
     """
     space, combined = problem.space, combinations(problem)
     deviation, gains = exact.deviation, _relative_gains(problem, fit, exact, gain_spread)
-    found, index = [], 0
-    for block in space.blocks:
-        for name, label, unit in zip(block.names, block.labels, block.units, strict=True):
-            value, sd = float(fit.theta[index]), float(deviation[index])
-            low, high = value - INTERVAL * sd, value + INTERVAL * sd
-            if value > 0 and (block.geometry == "positive" or unit == "kg"):
-                factor = float(np.exp(min(INTERVAL * sd / value, 50.0)))
-                low, high = value / factor, value * factor
-            relative = None
-            if index in gains:
-                status, words, relative = gains[index]
-            else:
-                apart = exact.of(np.eye(len(common))[index] - value * common)
-                status, words = _status(problem, exact, combined, index, value, apart)
-            if status == "identified" and common.any():
-                others = "other gains" if index in gains and len(gains) > 1 else "links"
-                others = others if index in gains else "gains"
-                status, words = "only in combination", f"{label} over the {others}"
-            found.append(
-                Parameter(
-                    name, label, block.name, unit, value, low, high,
-                    float(problem.prior[index]), status, words, relative,
-                )
-            )  # fmt: skip
-            index += 1
+    kinds = [block.name for block in space.blocks for _ in block.names]
+    rows, found = zip(space.names, space.labels, kinds, space.units, strict=True), []
+    for index, (name, label, block, unit) in enumerate(rows):
+        value, sd = float(fit.theta[index]), float(deviation[index])
+        low, high = value - INTERVAL * sd, value + INTERVAL * sd
+        if value > 0 and (space.geometries[index] == "positive" or unit == "kg"):
+            factor = float(np.exp(min(INTERVAL * sd / value, 50.0)))
+            low, high = value / factor, value * factor
+        relative, others = None, "gains"
+        if index in gains:
+            status, words, relative = gains[index]
+            others = "other gains" if len(gains) > 1 else "links"
+        else:
+            apart = exact.of(np.eye(len(common))[index] - value * common)
+            status, words = _status(problem, exact, combined, index, value, apart)
+        if status == "identified" and common.any():
+            status, words = "only in combination", f"{label} over the {others}"
+        prior = float(problem.prior[index])
+        found.append(
+            Parameter(name, label, block, unit, value, low, high, prior, status, words, relative)
+        )
     return tuple(found)
 
 
 def _status(
-    problem: Problem,
-    exact: Precision,
-    combined: Combinations,
-    index: int,
-    value: float,
-    sd: float,
+    problem: Problem, exact: Precision, combined: Combinations, index: int, value: float, sd: float
 ) -> tuple[Status, str]:
     """Status of a parameter other than a gain, and its combination in words."""
     if problem.known[index]:
         return "known", ""
     told = exact.data[index, index] * exact.prior[index] ** 2
-    if index in combined.silent or told < _TELLS:
-        return "not excited", ""
     members = combined.members(index)
-    if not members:
+    if told < _TELLS or not members:
         return "not excited", ""
     if len(members) != 1 or len(combined.expression(members[0])) > 1:
         return "only in combination", in_words(combined.expression(members[0]), problem.space)
@@ -142,15 +131,8 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
         weights = np.zeros(len(problem.space))
         weights[list(expression)] = list(expression.values())
         value, sd = float(weights @ fit.theta), exact.of(weights)
-        found.append(
-            Combination(
-                in_words(expression, problem.space),
-                problem.space.units[index],
-                value,
-                value - INTERVAL * sd,
-                value + INTERVAL * sd,
-            )
-        )
+        words, unit = in_words(expression, problem.space), problem.space.units[index]
+        found.append(Combination(words, unit, value, value - INTERVAL * sd, value + INTERVAL * sd))
     return tuple(found)
 
 
@@ -204,24 +186,18 @@ def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...
     C = exact.covariance
     value = np.array([p.value for p in parameters])
     variance = np.diag(C)[free] / value[free] ** 2
-    masses = [
-        i
-        for i, p in enumerate(parameters)
-        if p.unit == "kg" and p.block != "rotor inertia" and p.status != "not excited"
-    ]
-    best, gained = None, 0.0
+    best, gained, masses = None, 0.0, []
+    for i, p in enumerate(parameters):
+        if p.unit == "kg" and p.block != "rotor inertia" and p.status != "not excited":
+            masses.append(i)
     for i in [*free.tolist(), *masses]:
         if not C[i, i] > 0:
             continue
         others = free != i
         left = variance - C[free, i] ** 2 / (C[i, i] * value[free] ** 2)
-        gain = (
-            float(np.mean(1 - left[others] / np.maximum(variance[others], 1e-300)))
-            if (others.any())
-            else 0.0
-        )
-        if gain > gained:
-            best, gained = i, gain
+        shares = 1 - left[others] / np.maximum(variance[others], 1e-300)
+        if others.any() and shares.mean() > gained:
+            best, gained = i, float(shares.mean())
     weak = [p.label for p in parameters if p.block == "motor gain" and _TRADED in p.combination]
     words = ""
     if best is not None and gained > 0.1:

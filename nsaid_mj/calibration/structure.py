@@ -56,8 +56,6 @@ class Structured(NamedTuple):
 
     Attributes:
         problem: rows of the training logs.
-        gain: (k,) expected values of the actuator parameters.
-        spread: (k,) standard deviations of their logarithms.
         alternatives: problems of other plausible structures and filters, for the sensitivity of θ̂.
         checked: rows of the validation log; None without one.
         velocities: the choice for every velocity.
@@ -71,8 +69,6 @@ class Structured(NamedTuple):
     """
 
     problem: Problem
-    gain: Array
-    spread: Array
     alternatives: tuple[Problem, ...]
     checked: Problem | None
     velocities: tuple[Velocity, ...]

@@ -8,12 +8,13 @@ Effects of the kinematics are linearised at the estimate, by the derivatives of 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numba import njit
 
 from ..parameters import Array
+from ..robot.identified import with_inertias
 from ..structure.optional import pin
 from .joints import SPEEDS, Choice, JointRows
 from .links import positions, weight_of
@@ -27,21 +28,16 @@ PLAYS = (0.002, 0.006, 0.02)  # of gears [rad or m], with which free links are s
 
 def arm_suspects(rows: JointRows, choice: Choice, problem: Problem, theta: Array) -> list[Suspect]:
     """Suspects of a tree of joints, at θ̂ (p,), links first, of the fit with structure `choice`."""
-    model = pin.Model(rows.robot.model)
-    model.armature = np.zeros(model.nv)  # rotors are columns of their own
-    for i in range(1, model.njoints):
-        phi = theta[10 * i - 10 : 10 * i]
-        model.inertias[i] = pin.Inertia.FromDynamicParameters(phi)
+    links, rotor = theta[: rows.links.shape[2]], np.zeros(len(rows.robot.joints))
+    model = with_inertias(rows.robot.model, links, 0 * rotor)  # rotors are columns of their own
     residual, driven = problem.residual(theta), -problem.actuation(theta)
     either = zip(_of_forces(rows, driven + residual), _of_forces(rows, driven), strict=True)
     residual = np.where(problem.usable, residual, 0.0)
-    labels = problem.space.labels
-    rotor = np.array([
-        theta[labels.index(label)] if (label := f"rotor inertia of {name}") in labels else 0.0
-        for name in rows.robot.joints
-    ])  # fmt: skip
+    for j, columns in enumerate(choice.columns):
+        if "rotor" in columns:
+            rotor[j] = theta[problem.space.index(f"rotor_{j + 1}")]
     return [
-        *_kinematic(rows, model, rotor, residual, rows.links @ theta[: rows.links.shape[2]]),
+        *_kinematic(rows, model, rotor, residual, rows.links @ links),
         *(_between(needed, stated, residual) for needed, stated in either),
         *_own(rows, choice),
     ]
@@ -72,19 +68,13 @@ def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
         own = forces[:, :, k]
         signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
         size = np.abs(signed) / max(float(np.sqrt(np.mean(signed**2))), 1e-300)
-        for words, factor, remedy in (
-            (
-                "the sign of its force",
-                np.sign(signed),
-                "Its drive is weaker in one direction.",
-            ),
+        for words, factor, more in (
+            ("the sign of its force", np.sign(signed), "Its drive is weaker in one direction."),
             ("the size of its force", size, "Check saturation and torque ripple."),
             ("a dead zone of its force", 1 / np.maximum(size, _SMALL), "Check small commands."),
         ):
-            columns = (own * factor[:, None])[:, :, None]
-            yield Suspect(
-                words, name, columns, f"Its force is not proportional to the command. {remedy}"
-            )
+            remedy = f"Its force is not proportional to the command. {more}"
+            yield Suspect(words, name, (own * factor[:, None])[:, :, None], remedy)
 
 
 def _kinematic(
@@ -97,57 +87,36 @@ def _kinematic(
     """
     names, down = rows.robot.joints, model.gravity.linear.copy()
     if np.linalg.norm(down) > 0:
-        across = np.linalg.svd(down[None])[2][1:] * np.linalg.norm(down)
-        weights = [_weight(model, gravity) for gravity in across]
-        columns = np.stack([rows.joined(lambda m, w=w: w(m.q)) for w in weights], 2)
-        yield Suspect(
-            "gravity across the model's vertical",
-            "",
-            columns,
-            "Check how the base is mounted; if it is tilted, tilt the model's gravity.",
-        )
+        columns = []
+        for gravity in np.linalg.svd(down[None])[2][1:] * np.linalg.norm(down):
+            tilted = pin.Model(model)
+            tilted.gravity = pin.Motion(gravity, np.zeros(3))
+            weight = weight_of(tilted)
+            columns.append(rows.joined(lambda m, weight=weight: weight(m.q)))
+        remedy = "Check how the base is mounted; if it is tilted, tilt the model's gravity."
+        yield Suspect("gravity across the model's vertical", "", np.stack(columns, 2), remedy)
     moves = _Moves(model)
     found = [rows.joined(lambda m, k=k: moves.change(m, k)) for k in range(4 + len(PLAYS))]
     twists = _rates(rows, torque)
     answered = _answered(rows, model, rotor, residual)
     for j, name in enumerate(names):
         zero, by_v, by_a, scale, *plays = (change[:, :, j, None] for change in found)
-        yield Suspect(
-            "a shift of its position", name, zero, "Check the encoder's zero against the model's."
-        )
-        ratio = Suspect(
-            "a scale of its position",
-            name,
-            scale,
-            "Check the gear ratio and the unit of its position in the map.",
-        )
+        remedy = "Check the encoder's zero against the model's."
+        yield Suspect("a shift of its position", name, zero, remedy)
+        remedy = "Check the gear ratio and the unit of its position in the map."
+        ratio = Suspect("a scale of its position", name, scale, remedy)
         stated = ratio._replace(columns=ratio.columns - answered[:, :, j, None])
         yield _between(ratio, stated, residual)
         first, second = twists[:, j, :, None, None].swapaxes(0, 1)
         behind = -(torque[:, j, None, None] * zero + first * by_v + second * by_a)
+        remedy = "Its gear, belt or shaft yields: identify from slower motion."
         for columns in (behind, _on(j, len(names), rotor[j] * second[:, :, 0])):
-            yield Suspect(
-                "the twist of an elastic joint",
-                name,
-                columns,
-                "Its gear, belt or shaft yields: identify from slower motion.",
-                lambda x: f"about {1 / max(x, 1e-300):.2g} N·m/rad",
-            )
+            yield Suspect("the twist of an elastic joint", name, columns, remedy,
+                          lambda x: f"about {1 / max(x, 1e-300):.2g} N·m/rad")  # fmt: skip
+        remedy = "Its gear has play: tighten it, or keep its load to one side."
         for play, columns in zip(PLAYS, plays, strict=True):
-            yield Suspect(
-                "backlash",
-                name,
-                columns,
-                "Its gear has play: tighten it, or keep its load to one side.",
-                lambda x, play=play: f"about {1e3 * x * play:.2g} mrad",
-            )
-
-
-def _weight(model: pin.Model, gravity: Array) -> Callable[[Array], Array]:
-    """Function of coordinates: torques of the links' weight under another gravity (3,)."""
-    own = pin.Model(model)
-    own.gravity = pin.Motion(gravity, np.zeros(3))
-    return weight_of(own, None)
+            yield Suspect("backlash", name, columns, remedy,
+                          lambda x, play=play: f"about {1e3 * x * play:.2g} mrad")  # fmt: skip
 
 
 class _Moves:

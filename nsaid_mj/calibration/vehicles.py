@@ -83,52 +83,37 @@ class VehicleRows:
             centres = chosen.centres(len(motion[0]))
             if len(centres):
                 self._parts.append((number, segment, motion, centres))
-        columns = getattr(robot.system, "structure", None)
-        self.rotors = sorted(
-            {c.input for c in columns.columns if c.kind == "rotor"} if columns is not None else ()
-        )
+        structure = getattr(robot.system, "structure", None)
+        columns = () if structure is None else structure.columns
+        self.rotors = sorted({column.input for column in columns if column.kind == "rotor"})
         self.t = np.concatenate([m[0][c] for _, _, m, c in self._parts])
         self.segment = np.concatenate([np.full(len(c), number) for number, _, _, c in self._parts])
         self.usable = np.concatenate([s.usable[:: chosen.every][c] for _, s, _, c in self._parts])
         assert robot.prior is not None  # every vehicle has one
         self._prior: Array = robot.prior
 
-    def _commands(self, segment: Segment, drive: Drive) -> Array:
-        """(N, k) smoothed commands of a segment, those of rotors as relative speeds."""
-        u = segment.log.u
-        if self.rotors:
-            u = u.copy()
-            u[:, self.rotors] = drive.speeds(u[:, self.rotors], self._filter.rate)
-        return self._filter.low_pass(u)
-
     def problem(self, delay: Array, columns: frozenset[str], drive: Drive = _SPEED) -> Problem:
         """The fit with commands delayed by (k,) seconds, further columns, and rotors' drives."""
-        system, space = self.system, self.system.space
-        Y = []
+        system, rotors, Y = self.system, self.rotors, []
         for _, segment, (t, q, v, a), _ in self._parts:
-            times, u = segment.log.t, self._commands(segment, drive)
-            held = np.column_stack(
-                [np.interp(t - delay[k], times, u[:, k]) for k in range(u.shape[1])]
-            )
-            W = system.regressor(t, np.hstack([q, v]), v, a, held)
-            more = [
-                np.einsum(
-                    "nk,kl->nkl", v if name == "damping" else -np.ones_like(v), np.eye(len(v[0]))
-                )
-                for name in sorted(columns)
-            ]
-            Y.append(self._filter.rows(np.concatenate([W, *more], axis=2)))
+            times, u = segment.log.t, segment.log.u.copy()
+            if rotors:  # their commands become relative speeds
+                u[:, rotors] = drive.speeds(u[:, rotors], self._filter.rate)
+            delayed = zip(delay, self._filter.low_pass(u).T, strict=True)
+            held = np.column_stack([np.interp(t - d, times, own) for d, own in delayed])
+            W = [system.regressor(t, np.hstack([q, v]), v, a, held)]
+            for name in sorted(columns):
+                own = v if name == "damping" else -np.ones_like(v)
+                W.append(np.einsum("nk,kl->nkl", own, np.eye(v.shape[1])))
+            Y.append(self._filter.rows(np.concatenate(W, axis=2)))
         rows = np.concatenate(Y)
-        blocks = list(space.blocks)
-        for name in sorted(columns):
-            blocks.append(self._extra(name, rows))
-        whole = ParameterSpace(tuple(blocks))
-        extra = len(whole) - len(space)
-        prior = np.concatenate([self._prior, np.zeros(extra)])
-        spread = np.concatenate([_spreads(space), whole.scale[len(space) :]])
-        known = np.zeros(len(whole), dtype=bool)
-        size = Size(_size(whole, rows[self.usable], prior), FILE, np.zeros(len(whole), dtype=bool))
-        return Problem(whole, rows, self.usable, self.t, self.segment, prior, spread, known, size)
+        more = [self._extra(name, rows) for name in sorted(columns)]
+        space = ParameterSpace((*system.space.blocks, *more))
+        none = np.zeros(len(space), dtype=bool)
+        prior = np.append(self._prior, np.zeros(len(space) - len(self._prior)))
+        spread = np.where(space.geometries == "positive", _SPREAD, space.scale)
+        size = Size(_size(space, rows[self.usable], prior), FILE, none)
+        return Problem(space, rows, self.usable, self.t, self.segment, prior, spread, none, size)
 
     def _extra(self, name: str, rows: Array) -> Block:
         """A block of one further parameter per velocity."""
@@ -155,31 +140,11 @@ def _size(space: ParameterSpace, columns: Array, prior: Array) -> Array:
 
     For a vehicle without matrices it is the mean of all positive parameters over these values.
     """
-    matrix, positive = (
-        np.concatenate(kinds)
-        for kinds in zip(
-            *(
-                (
-                    np.full(len(b), b.geometry not in ("positive", "free")),
-                    np.full(len(b), b.geometry == "positive"),
-                )
-                for b in space.blocks
-            ),
-            strict=True,
-        )
-    )
+    positive = space.geometries == "positive"
+    matrix = ~positive & (space.geometries != "free")
     if matrix.any():
         return size_weights(columns * matrix, prior)
     return np.where(positive, 1 / np.where(positive, prior, 1.0), 0.0) / positive.sum()
-
-
-def _spreads(space: ParameterSpace) -> Array:
-    """(p,) prior spread of every parameter: relative for positive ones, scales for free."""
-    parts = [
-        np.full(len(b), _SPREAD) if b.geometry == "positive" else np.asarray(b.scale)
-        for b in space.blocks
-    ]
-    return np.concatenate(parts)
 
 
 def velocity_names(robot: RobotModel) -> tuple[str, ...]:
@@ -213,25 +178,18 @@ def structured_vehicle(
     told("filtering")
     chosen = filter_for(recordings, options.cutoff)
     rows = VehicleRows(robot, recordings, chosen)
-    k, findings = len(robot.joints), []
+    delay, drive, findings = options.delay, _SPEED, []
     columns = (options.columns or frozenset()) & frozenset(EXTRA)
-    delay, drive = np.zeros(k) if options.delay is None else options.delay, _SPEED
-    share = inflation(rows.problem(delay, columns), minimise(rows.problem(delay, columns)).theta)
+    first = rows.problem(np.zeros(len(robot.joints)) if delay is None else delay, columns)
+    share = inflation(first, minimise(first).theta)
 
     def cost(delay: Array, columns: frozenset[str], drive: Drive) -> float:
         problem = rows.problem(delay, columns, drive)
         return minimise(problem, tempered(problem, share)).cost
 
-    if options.delay is None:
+    if delay is None:
         told("searching for delays")
-        shared, notes = _search(lambda d: cost(np.full(k, d), columns, drive), robot.joints)
-        if rows.rotors:
-            told("choosing the rotors' curve and lag")
-            shared, drive = _rotor_drive(lambda d, x: cost(np.full(k, d), columns, x), shared)
-            notes = [_delay_note(shared, robot.joints)] if notes else []
-            notes += _drive_notes(drive)
-        delay = np.full(k, shared)
-        findings += notes
+        delay, drive, findings = _timing(lambda d, x: cost(d, columns, x), rows, told)
     if options.columns is None:
         told("choosing columns")
         best = cost(delay, columns, drive)
@@ -240,26 +198,23 @@ def structured_vehicle(
             worth = best - trial
             if worth > _WORTH * 2:
                 columns, best = columns | {name}, trial
-                findings.append(
-                    Finding("note", "columns", "", f"a column of {name} per velocity lowers the "
-                            f"cost by {worth:.0f}", data={"columns": sorted(columns)})
-                )  # fmt: skip
+                text = f"a column of {name} per velocity lowers the cost by {worth:.0f}"
+                data: dict[str, object] = {"columns": sorted(columns)}
+                findings.append(Finding("note", "columns", "", text, data=data))
     problem = rows.problem(delay, columns, drive)
     others = (rows.problem(delay, frozenset(), drive),) if columns else ()
     checked = None
     if validation is not None:
-        at = filter_for(validation, chosen.cutoff)
-        checked = VehicleRows(robot, validation, at).problem(delay, columns, drive)
+        filters = filter_for(validation, chosen.cutoff)
+        checked = VehicleRows(robot, validation, filters).problem(delay, columns, drive)
     at = problem.space.actuators
     labels = [problem.space.labels[i] for i in at]
-    common = float(np.median(delay))
+    own = tuple(sorted(columns)), np.nan, float(np.median(delay))
     return Structured(
         problem,
-        problem.prior[at],
-        np.full(len(at), _SPREAD),
         others,
         checked,
-        tuple(Velocity(n, tuple(sorted(columns)), np.nan, common) for n in velocity_names(robot)),
+        tuple(Velocity(name, *own) for name in velocity_names(robot)),
         tuple(findings),
         chosen.cutoff,
         np.zeros(0),
@@ -268,26 +223,40 @@ def structured_vehicle(
     )
 
 
-def _search(cost: Callable[[float], float], names: tuple[str, ...]) -> tuple[float, list[Finding]]:
-    """The delay that all actuators share [s]; `cost` is a function of it."""
-    grid = np.arange(-REACH, REACH + 1e-9, _COARSE)
-    costs = np.array([cost(d) for d in grid])
+def _timing(
+    cost: Callable[[Array, Drive], float], rows: VehicleRows, told: Callable[[str], None]
+) -> tuple[Array, Drive, list[Finding]]:
+    """(k,) the delay that all actuators share [s], the rotors' drives, and notes on both.
+
+    `cost` is a function of delays (k,) and drives.
+    """
+    names, drive = rows.robot.joints, _SPEED
+    grid, k = np.arange(-REACH, REACH + 1e-9, _COARSE), len(names)
+    costs = np.array([cost(np.full(k, d), drive) for d in grid])
     at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
-    if costs[at] > costs[zero] - _WORTH:
-        return 0.0, []
-    if at in (0, len(grid) - 1):
-        return 0.0, [
-            Finding("warning", "delay_at_edge", "", "the best delay of the commands, "
-                    f"{grid[at] * 1e3:+.0f} ms, lies at the edge of the search",
-                    "Align the clocks of commands and positions in the map.")
-        ]  # fmt: skip
-    shared = _least(cost, grid[at - 1], grid[at + 1], _FINE)
-    return shared, [_delay_note(shared, names)]
-
-
-def _delay_note(shared: float, names: tuple[str, ...]) -> Finding:
-    words = f"commands act {shared * 1e3:.1f} ms after they were recorded"
-    return Finding("note", "delay", "", words, data={name: shared for name in names})
+    delay, there = 0.0, costs[at] <= costs[zero] - _WORTH
+    edge = at in (0, len(grid) - 1)
+    if there and not edge:
+        ends = grid[at - 1], grid[at + 1]
+        least = scipy.optimize.minimize_scalar(
+            lambda d: cost(np.full(k, d), drive), bounds=ends, options={"xatol": _FINE}
+        )
+        delay = float(least.x)
+    if rows.rotors:
+        told("choosing the rotors' curve and lag")
+        delay, drive = _rotor_drive(lambda d, x: cost(np.full(k, d), x), delay)
+    notes = []
+    if there and edge and not rows.rotors:
+        text = (
+            f"the best delay of the commands, {grid[at] * 1e3:+.0f} ms, lies at the edge of the "
+            "search"
+        )
+        remedy = "Align the clocks of commands and positions in the map."
+        notes.append(Finding("warning", "delay_at_edge", "", text, remedy))
+    elif there:
+        text = f"commands act {delay * 1e3:.1f} ms after they were recorded"
+        notes.append(Finding("note", "delay", "", text, data=dict.fromkeys(names, delay)))
+    return np.full(k, delay), drive, [*notes, *_drive_notes(drive)]
 
 
 def _rotor_drive(cost: Callable[[float, Drive], float], delay: float) -> tuple[float, Drive]:
@@ -329,9 +298,3 @@ def _drive_notes(drive: Drive) -> list[Finding]:
         text = f"the rotors' speeds lag behind their commands by {drive.lag * 1e3:.0f} ms"
         found.append(Finding("note", "lag", "", text, data={"seconds": drive.lag}))
     return found
-
-
-def _least(cost: Callable[[float], float], low: float, high: float, tolerance: float) -> float:
-    """The minimum of a cost between two bounds, to a tolerance."""
-    options = {"xatol": tolerance}
-    return float(scipy.optimize.minimize_scalar(cost, bounds=(low, high), options=options).x)

@@ -160,7 +160,10 @@ def design(
     rehearsals = _rehearsals(experiment, base)
     chosen = limits(_default_limits(experiment, base, rehearsals, _MEDIAN))
     largest = limits(_default_limits(experiment, base, rehearsals, _ALL))
-    motions = _family(experiment, chosen, base)
+    if isinstance(base, FourierTracking):
+        motions: Motions = JointMotions(experiment, chosen, base)
+    else:
+        motions = DrivenMotions(experiment, chosen, base)
     rng = np.random.default_rng(seed)
     told("first stage: Gramian on P_⊥", None)
     _resolve(motions, asked, rng)
@@ -170,15 +173,14 @@ def design(
         raise NoMotion("no motion could be simulated under the prior", "Widen the limits.")
     told("checking the motion", None)
     driver, logs, uses = checked(motions, candidates, largest)
-    covariances = _covariances(motions, logs)
-    random = [
-        rms(asked.deviations(predicted(experiment, _coarse(motions.stride, log), d), theta))
-        for d, log in rehearsals
-        for theta in experiment.draws[d : d + 1]
-    ]
+    covariances = np.array(_covariances(motions, logs))
+    random = []
+    for draw, log in rehearsals:
+        own = predicted(experiment, _coarse(motions.stride, log), draw)
+        random.append(rms(asked.deviations(own, experiment.draws[draw])))
     return Design(
-        experiment, largest, asked, criterion, driver, logs, uses, np.array(covariances),
-        np.array(random), found.evaluations, motions.stride,
+        experiment, largest, asked, criterion, driver, logs, uses, covariances, np.array(random),
+        found.evaluations, motions.stride,
     )  # fmt: skip
 
 
@@ -202,13 +204,6 @@ def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
             motions.stride = max(1, motions.stride // 2)
 
 
-def _family(experiment: Experiment, limits: Limits, base: DriverConfig) -> Motions:
-    """The family of motions for a scenario's excitation."""
-    if isinstance(base, FourierTracking):
-        return JointMotions(experiment, limits, base)
-    return DrivenMotions(experiment, limits, base)
-
-
 def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, Log]]:
     """Simulated random motions, each with the number of its draw; raises `NoMotion` if none."""
     duration = min(experiment.scenario.duration, _REHEARSAL)
@@ -218,10 +213,8 @@ def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, L
     ]
     found = [(draw, log) for draw, log in made if log is not None]
     if not found:
-        raise NoMotion(
-            "the scenario's own excitation diverges under the prior",
-            "Take a gentler excitation, a shorter time step or a smaller initial_error.",
-        )
+        remedy = "Take a gentler excitation, a shorter time step or a smaller initial_error."
+        raise NoMotion("the scenario's own excitation diverges under the prior", remedy)
     return found
 
 
@@ -240,7 +233,10 @@ def _default_limits(
     limits = {}
     for name, (low, high) in found.items():
         more = _MORE * (high - low) if system.group and name != COMMAND else 0.0
-        limits[name] = Limit(*_apart(low - more, high + more), units[name])
+        # ends are apart also where a quantity does not change, as of a locked joint
+        least, most = low - more, high + more
+        ends = np.minimum(least, most - 1e-6), np.maximum(most, least + 1e-6)
+        limits[name] = Limit(*ends, units[name])
     if isinstance(base, FourierTracking):
         low, high = system.limits  # type: ignore[attr-defined]  # a JointTree
         half, middle = 0.5 * base.reach * (high - low), 0.5 * (high + low)
@@ -251,16 +247,10 @@ def _default_limits(
     return Limits(limits, sources=dict.fromkeys(limits, RANDOM))
 
 
-def _apart(low: Array, high: Array) -> tuple[Array, Array]:
-    """The ends of ranges, moved apart where a quantity does not change, as of a locked joint."""
-    return np.minimum(low, high - 1e-6), np.maximum(high, low + 1e-6)
-
-
 def _first_stage(motions: Motions, asked: Asked, rng: np.random.Generator) -> Array:
     """The best of random candidates by the Gramian, then by the bound."""
     experiment, ranked = motions.experiment, []
-    count = _SCREENED if motions.parallel else _TRIED
-    for _ in range(count):
+    for _ in range(_SCREENED if motions.parallel else _TRIED):
         candidate = motions.random(rng)
         log, penalty = motions.candidate(candidate, 0)
         cost = np.inf
@@ -280,8 +270,8 @@ class _Costs:
     """
 
     def __init__(self, motions: Motions, asked: Asked, criterion: str, draws: int = 1):
-        self._motions, self._asked, self._criterion = motions, asked, criterion
-        self._draws = draws
+        self._motions, self._asked = motions, asked
+        self._criterion, self._draws = criterion, draws
         self.seen: list[tuple[float, Array]] = []
 
     def __call__(self, candidates: Sequence[Array]) -> Sequence[float]:
@@ -294,8 +284,7 @@ class _Costs:
         return found
 
     def _cost(self, candidate: Array) -> float:
-        own = [self._under(candidate, draw) for draw in range(self._draws)]
-        return float(np.mean(own))
+        return float(np.mean([self._under(candidate, draw) for draw in range(self._draws)]))
 
     def _under(self, candidate: Array, draw: int) -> float:
         motions, experiment = self._motions, self._motions.experiment
@@ -342,22 +331,13 @@ def _searched(
 
     The best ones of those tried under two draws follow, the best first.
     """
-
-    def share(done: float) -> None:
-        told("searching", _FIRST * done)
-
     count = effort * _evaluations(motions, criterion)
-    costs = _Costs(motions, asked, criterion)
-    first = minimise(costs, start, _STEP, max(17, int(_FIRST * count)), rng, share)
+    costs, tries = _Costs(motions, asked, criterion), max(17, int(_FIRST * count))
+    first = minimise(costs, start, _STEP, tries, rng, lambda x: told("searching", _FIRST * x))
     costs = _Costs(motions, asked, criterion, draws=2)
-    found = minimise(
-        costs,
-        first.x,
-        _LATER,
-        max(17, int(0.5 * (1 - _FIRST) * count)),
-        rng,
-        lambda done: told("searching", _FIRST + (1 - _FIRST) * done),
-    )
+    tries, later = max(17, int(0.5 * (1 - _FIRST) * count)), 1 - _FIRST
+    found = minimise(costs, first.x, _LATER, tries, rng,
+                     lambda x: told("searching", _FIRST + later * x))  # fmt: skip
     costs.seen.sort(key=lambda pair: pair[0])
     best = [candidate for _, candidate in costs.seen[:_NEXT]]
     return found._replace(evaluations=first.evaluations + found.evaluations), best

@@ -78,12 +78,9 @@ class Experiment:
         plant, known = published(scenario.plant, scenario.dt)
         system = plant.system
         if system.forward is None:
-            raise InvalidInput(
-                "design",
-                "a structure with compiled forward dynamics",
-                type(system).__name__,
-                "Take the compiled backend, or another plant.",
-            )
+            expected = "a structure with compiled forward dynamics"
+            remedy = "Take the compiled backend, or another plant."
+            raise InvalidInput("design", expected, type(system).__name__, remedy)
         levels = scenario.noise.levels
         if not (levels.position > 0 and levels.velocity > 0):
             remedy = "State the sensors' noise, such as --noise.position 1e-4."
@@ -93,10 +90,8 @@ class Experiment:
         error = scenario.initial_error
         others = [drawn_inside(system.space, known, error, rng) for _ in range(DRAWS - 1)]
         draws = np.array([prior, *others])
-        spaces = [
-            structural(system, theta, np.random.default_rng(seed)) for theta in (prior, *draws)
-        ]
-        bases = tuple(np.ascontiguousarray(space.P_perp) for space in spaces[1:])
+        spaces = [structural(system, theta, np.random.default_rng(seed)) for theta in draws]
+        bases = tuple(np.ascontiguousarray(space.P_perp) for space in spaces)
         return Experiment(scenario, system, prior, draws, bases, spaces[0], levels)
 
     def simulate(

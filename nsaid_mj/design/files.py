@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from ..control import DesignedTracking
 from ..experiment.scenario import Scenario
 from ..identifiers import NullspaceAID
-from ..parameters import Array
 from ..resources import write_json, write_text
 from ..structure.sensing import velocity_labels
 from .designing import Design
@@ -118,14 +118,13 @@ def motion_csv(found: Design) -> str:
     For an arm it is the planned motion; for a vehicle it is simulated under the first draw of the
     prior, since its controller decides how it is flown or steered.
     """
-    experiment = found.experiment
-    system, log = experiment.system, found.logs[0]
-    names = velocity_labels(system)
-    if system.group:
-        q, v, a = log.q, log.v, np.gradient(log.v, log.t, axis=0)
-    else:
-        q, v, a = planned(found, log.t)
-    text = io.StringIO()
+    system, log = found.experiment.system, found.logs[0]
+    q, v, a = log.q, log.v, np.gradient(log.v, log.t, axis=0)
+    if isinstance(found.driver, DesignedTracking):
+        rng = np.random.default_rng(0)
+        driver: Any = found.driver.build(system, found.experiment.prior, rng)
+        q, v, a = np.array([driver.desired(t) for t in log.t.tolist()]).transpose(1, 0, 2)
+    names, text = velocity_labels(system), io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     labels = names if q.shape[1] == len(names) else [f"{i + 1}" for i in range(q.shape[1])]
     writer.writerow(
@@ -134,12 +133,3 @@ def motion_csv(found: Design) -> str:
     for row in np.column_stack([log.t, q, v, a]):
         writer.writerow([f"{x:.9g}" for x in row])
     return text.getvalue()
-
-
-def planned(found: Design, t: Array) -> tuple[Array, Array, Array]:
-    """(N, n) desired position, velocity and acceleration of an arm at times t (N,)."""
-    experiment = found.experiment
-    rng = np.random.default_rng(0)
-    driver: Any = found.driver.build(experiment.system, experiment.prior, rng)
-    q, v, a = np.array([driver.desired(now) for now in t.tolist()]).transpose(1, 0, 2)
-    return q, v, a

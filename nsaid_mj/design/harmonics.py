@@ -70,12 +70,8 @@ def _motion(
         return motions.motion(motions.series(motions.random(rng)), 0)[0]
     if "tones" not in {f.name for f in fields(base)}:
         return None
-    return experiment.simulate(
-        replace(base, tones=count),  # type: ignore[call-arg]  # a driver with tones
-        0,
-        experiment.scenario.duration,
-        seed,
-    )
+    few = replace(base, tones=count)  # type: ignore[call-arg]  # a driver with tones
+    return experiment.simulate(few, 0, experiment.scenario.duration, seed)
 
 
 def _rank(experiment: Experiment, log: Log) -> int:

@@ -82,14 +82,12 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name, limit in self.limits.items():
-            if not (limit.low < limit.high).all():
-                k = int(np.flatnonzero(~(limit.low < limit.high))[0])
-                raise InvalidInput(
-                    f"limits.{name}",
-                    "a lower end below the upper one",
-                    f"{limit.low[k]:g} … {limit.high[k]:g} in entry {k + 1}",
-                    "Correct the limits' file.",
-                )
+            bad = np.flatnonzero(~(limit.low < limit.high))
+            if len(bad):
+                k = int(bad[0])
+                ends = f"{limit.low[k]:g} … {limit.high[k]:g} in entry {k + 1}"
+                expected, remedy = "a lower end below the upper one", "Correct the limits' file."
+                raise InvalidInput(f"limits.{name}", expected, ends, remedy)
         if not 0 <= self.margin < 1:
             raise InvalidInput("limits.margin", "a share in [0, 1)", self.margin, "Try 0.03.")
 
@@ -120,12 +118,10 @@ def extents_of(system: SecondOrderSystem, log: Log, theta: Array) -> dict[str, t
     """The limited quantities along an exact motion of a plant with parameters θ (p,)."""
     if system.group:
         return _vehicle(system, log)
-    position = np.unwrap(coordinates_of(system, log.q), axis=0)
-    acceleration = np.gradient(log.v, log.t, axis=0)
     found = {
-        "position": _range(position),
+        "position": _range(np.unwrap(coordinates_of(system, log.q), axis=0)),
         "speed": _up_to(np.abs(log.v)),
-        "acceleration": _up_to(np.abs(acceleration)),
+        "acceleration": _up_to(np.abs(np.gradient(log.v, log.t, axis=0))),
     }
     gains = system.space.actuators
     if len(gains) == system.n_u:
@@ -153,9 +149,8 @@ def _vehicle(system: SecondOrderSystem, log: Log) -> dict[str, tuple[Array, Arra
         COMMAND: _up_to(np.abs(log.u)),
     }
     if axes == 3:
-        upright = 1 - 2 * (
-            log.q[:, 3] ** 2 + log.q[:, 4] ** 2
-        )  # R_33 of a unit quaternion (x, y, …)
+        x, y = log.q[:, 3:5].T  # of a unit quaternion
+        upright = 1 - 2 * (x**2 + y**2)  # R_33
         found["tilt"] = _up_to(np.arccos(np.clip(upright, -1, 1)))
     return found
 

@@ -61,9 +61,8 @@ class JointMotions:
     def __init__(self, experiment: Experiment, limits: Limits, base: FourierTracking):
         system = experiment.system
         if not isinstance(system, JointTree) or system.group:
-            raise InvalidInput(
-                "design", "an arm on a fixed base", type(system).__name__, "Design a vehicle's."
-            )
+            kind, remedy = type(system).__name__, "Design a vehicle's."
+            raise InvalidInput("design", "an arm on a fixed base", kind, remedy)
         self.experiment, self.limits, self.base = experiment, limits, base
         self._structure, self._n = system.structure.arrays, system.n
         self._harmonics = np.arange(1.0, base.harmonics + 1)
@@ -74,12 +73,8 @@ class JointMotions:
         self.take_step(min(_STEP, 1 / (12 * top)))
         self.contacts = experiment.contacts if limits.contacts else None
         if limits.contacts and self.contacts is None:
-            raise InvalidInput(
-                "limits.contacts",
-                "a robot with meshes",
-                "none",
-                "Leave contacts out, or add meshes.",
-            )
+            remedy = "Leave contacts out, or add meshes."
+            raise InvalidInput("limits.contacts", "a robot with meshes", "none", remedy)
         self._columns = 2 * len(self._omega) + (1 if self.contacts is None else 2)
         self.moving = np.isin(np.arange(1, self._n + 1), base.joints or np.arange(1, self._n + 1))
 
@@ -195,9 +190,8 @@ class DrivenMotions:
         given = Given(np.empty(0))
         base.build(experiment.system, experiment.prior, given)
         if not given.used:
-            raise InvalidInput(
-                "design", "a driver with random frequencies or phases", type(base).__name__, ""
-            )
+            expected = "a driver with random frequencies or phases"
+            raise InvalidInput("design", expected, type(base).__name__, "")
         self.size = given.used
         self.stride = max(1, round(_DRIVEN_STEP / experiment.scenario.dt))
 
@@ -214,9 +208,8 @@ class DrivenMotions:
             return Log.unchecked(*(np.zeros((2, 1)),) * 4), np.inf
         uses = self.limits.uses(extents_of(experiment.system, log, experiment.draws[draw]))
         excess = sum(max(0.0, use - 1 + self.limits.margin_of(name)) for name, use in uses.items())
-        return Log.unchecked(*(np.ascontiguousarray(x[:: self.stride]) for x in log)), (
-            _PENALTY * excess
-        )
+        coarse = Log.unchecked(*(np.ascontiguousarray(x[:: self.stride]) for x in log))
+        return coarse, _PENALTY * excess
 
     def period(self, log: Log) -> Log:
         """The motion itself; it has no period."""

@@ -37,10 +37,7 @@ _HELPS = 0.95  # share of a direction's deviation that a remedy must fall below 
 _CARRIED, _HELD = 0.1, 0.1  # payload: share of the moving mass, distance from the joint's axis [m]
 _PAYLOADS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.5, 0.8), (0.25, 0.6))  # of it and of swing
 _POSES, _SWING = 6, 0.7  # other poses that are tried, and the share of the swing in them
-_LARGER, _LARGEST = (
-    1.5,
-    0.99,
-)  # amplitudes of a vehicle's commands: factor, and share of their range
+_LARGER, _LARGEST = 1.5, 0.99  # vehicle's amplitudes: factor, and share of their commands' range
 
 
 @dataclass(frozen=True)
@@ -104,7 +101,9 @@ def helped(found: Design, direction: Array, others: list[Remedy]) -> Helped:
 
 def remedies(found: Design) -> list[Remedy]:
     """Other experiments with the same robot, computed."""
-    made = [*_longer(found), _quieter(found)]
+    levels = SensorLevels(*(0.1 * level for level in found.experiment.levels))
+    P = found.covariance(found.logs[0], 0, replace(found.experiment, levels=levels))
+    made = [*_longer(found), _remedy(found, "sensors with a tenth of the noise", P)]
     if isinstance(found.driver, DesignedTracking):
         made += [*_loaded(found, found.driver), *_elsewhere(found, found.driver)]
     elif isinstance(found.driver, DesignedSignals):
@@ -125,14 +124,6 @@ def _longer(found: Design) -> Iterator[Remedy]:
         if log is not None:
             words = f"{duration:g} s instead of {duration / factor:g} s"
             yield _remedy(found, words, found.covariance(log, 0))
-
-
-def _quieter(found: Design) -> Remedy:
-    """Sensors with a tenth of the noise."""
-    levels = SensorLevels(*(0.1 * level for level in found.experiment.levels))
-    quiet = replace(found.experiment, levels=levels)
-    P = found.covariance(found.logs[0], 0, quiet)
-    return _remedy(found, "sensors with a tenth of the noise", P)
 
 
 def _loaded(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
@@ -181,9 +172,8 @@ def _elsewhere(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
     peak = np.abs(np.hstack([np.sin(phase), np.cos(phase)]) @ series.coefficients.T).max(axis=0)
     room = np.maximum(0.5 * (limit.high - limit.low) - _SWING * peak, 0.0)
     middle, rng, made = 0.5 * (limit.low + limit.high), np.random.default_rng(0), []
-    J, directions = found.information(found.logs[0], 0, basis), weak_directions(
-        found, found.covariances[0]
-    )  # fmt: skip
+    J = found.information(found.logs[0], 0, basis)
+    directions = weak_directions(found, found.covariances[0])
     for _ in range(_POSES):
         centre = middle + room * rng.uniform(-1, 1, len(room))
         moved = replace(_swung(driver, _SWING), centre=tuple(centre.tolist()))
@@ -229,12 +219,12 @@ def _smaller(swing: float) -> str:
 
 def _kept(found: Design, experiment: Experiment, driver: DesignedTracking) -> Log | None:
     """The simulated motion under the first draw; None if it breaks a limit under any draw."""
-    system, first = experiment.system, None
+    system, logs = experiment.system, []
     for draw in range(DRAWS):
         log = experiment.simulate(driver, draw, experiment.scenario.duration)
-        first = log if first is None else first
         if log is None:
             return None
+        logs.append(log)
         uses = found.limits.uses(extents_of(system, log, experiment.draws[draw]))
         if max(uses.values()) > 1:
             return None
@@ -242,7 +232,7 @@ def _kept(found: Design, experiment: Experiment, driver: DesignedTracking) -> Lo
             poses = coordinates_of(system, log.q[:: found.stride])
             if any(found.experiment.contacts.touching(poses)):
                 return None
-    return first
+    return logs[0]
 
 
 _LISTED = 6  # weak directions that are described
@@ -319,15 +309,6 @@ def _intervals(found: Design) -> tuple[Interval, ...]:
     known = np.mean([np.sum(basis**2, axis=1) for basis in experiment.bases], axis=0)
     before = INTERVAL * PRIOR * np.sqrt(known) * space.scale
     kinds = [block.name for block in space.blocks for _ in block.names]
-    rows = zip(
-        space.names,
-        space.labels,
-        kinds,
-        space.units,
-        experiment.prior,
-        half,
-        before,
-        np.sqrt(known),
-        strict=True,
-    )
-    return tuple(Interval(*row[:4], *(float(x) for x in row[4:])) for row in rows)
+    words = zip(space.names, space.labels, kinds, space.units, strict=True)
+    figures = np.column_stack([experiment.prior, half, before, np.sqrt(known)]).tolist()
+    return tuple(Interval(*of, *row) for of, row in zip(words, figures, strict=True))

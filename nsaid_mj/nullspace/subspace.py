@@ -172,13 +172,8 @@ def _null(rows: Array) -> Array:
 
 def _preference(space: ParameterSpace) -> list[int]:
     """Parameters in order of preference as the leading one: masses first, distal links first."""
-    return sorted(
-        range(len(space)), key=lambda i: (space.names[i][0] != "m", -_block_number(space, i), i)
-    )
-
-
-def _block_number(space: ParameterSpace, i: int) -> int:
-    return next(k for k, (_, place) in enumerate(space) if place.start <= i < place.stop)
+    block = [k for k, own in enumerate(space.blocks) for _ in own.names]
+    return sorted(range(len(space)), key=lambda i: (space.names[i][0] != "m", -block[i], i))
 
 
 def _pivots(rest: Array, preference: list[int]) -> list[int]:

@@ -180,16 +180,8 @@ def efforts(gramian: Array, space: ParameterSpace) -> Array | None:
     if not driven.any():
         return None
     shared = np.mean(effort[driven] / size[driven, None], axis=0)
-    own = diagonal * positive(space)
+    own = diagonal * (space.geometries == "positive")
     others = np.where((own @ space.scale**2 > _OWN * size)[:, None], own, size[:, None] * shared)
     effort = np.where(driven[:, None], effort, others)
     effort[size <= 0] = shared  # a row without motion: its G is 0, so any effort > 0 will do
     return effort
-
-
-def positive(space: ParameterSpace) -> Array:
-    """(p,) 1 where a parameter's block has the geometry `positive`, 0 elsewhere."""
-    mask = np.zeros(len(space))
-    for block, place in space:
-        mask[place] = block.geometry == "positive"
-    return mask

@@ -10,23 +10,27 @@ from ..parameters import Array
 from .matrices import solve
 
 
-class Objective(Protocol):
-    """The function to minimise, with the metric in which its steps are measured."""
+class Cost(Protocol):
+    """A function on the cone, with the metric in which steps are measured."""
 
     def value(self, theta: Array) -> float:
-        """The objective at θ (p,); infinite or NaN outside the cone."""
-        ...
-
-    def gradient(self, theta: Array) -> Array:
-        """(p,) its gradient."""
+        """The function at θ (p,); infinite or NaN outside the cone."""
         ...
 
     def derivatives(self, theta: Array) -> tuple[Array, Array]:
-        """(p,) its gradient and (p, p) its Gauss–Newton Hessian."""
+        """(p,) its gradient and (p, p) its positive semidefinite Gauss–Newton Hessian."""
         ...
 
     def length(self, theta: Array, step: Array) -> float:
         """Length of a step (p,) in the cone's metric at θ: shorter than 1, it stays inside."""
+        ...
+
+
+class Objective(Cost, Protocol):
+    """The function to minimise."""
+
+    def gradient(self, theta: Array) -> Array:
+        """(p,) its gradient."""
         ...
 
 

@@ -2,30 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 
 from ..parameters import Array
 from .cost import Quotient
+from .descent import Cost
 
 _FLOOR = 1e-12  # smallest λ: numbers' rounding
-
-
-class Prior(Protocol):
-    """Prior knowledge of θ, as the negative logarithm of a density."""
-
-    def value(self, theta: Array) -> float:
-        """The prior at θ (p,); infinite outside the cone."""
-        ...
-
-    def derivatives(self, theta: Array) -> tuple[Array, Array]:
-        """(p,) gradient and (p, p) positive semidefinite Gauss–Newton Hessian at θ (p,)."""
-        ...
-
-    def length(self, theta: Array, step: Array) -> float:
-        """Length of a step (p,) in the cone's metric at θ: shorter than 1, it stays inside."""
-        ...
 
 
 class Posterior:
@@ -33,10 +16,10 @@ class Posterior:
 
     Args:
         quotient: λ, with the numbers of rows N_i as its weights.
-        prior: of θ.
+        prior: of θ, the negative logarithm of a density.
     """
 
-    def __init__(self, quotient: Quotient, prior: Prior):
+    def __init__(self, quotient: Quotient, prior: Cost):
         self.quotient, self.prior, self.length = quotient, prior, prior.length
 
     def value(self, theta: Array) -> float:

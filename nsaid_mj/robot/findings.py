@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 Level = Literal["note", "warning", "refusal"]
@@ -31,9 +32,16 @@ class Finding:
     data: dict[str, object] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return " ".join(
-            filter(
-                None,
-                (f"{self.where}: {self.text}." if self.where else f"{self.text}.", self.remedy),
-            )
-        )
+        where = f"{self.where}: " if self.where else ""
+        return f"{where}{self.text}. {self.remedy}".rstrip()
+
+
+def missing_files(
+    path: Path, kind: str, names: list[str], remark: str, remedy: str
+) -> list[Finding]:
+    """One note on all meshes (or another `kind` of file) that a model lacks, if there are any."""
+    if not names:
+        return []
+    others = f" and {len(names) - 1} more" if len(names) > 1 else ""
+    text = f"{len(names)} {kind} files were not found ({names[0]}{others}), so {remark}"
+    return [Finding("note", "mesh_missing", path.name, text, remedy, {"files": names})]

@@ -81,23 +81,19 @@ def check_inertias(name: str, model: pin.Model) -> None:
         BadRobot: names the first link whose inertia no body can have.
     """
     for i in range(1, model.njoints):
-        part = f"link of joint {model.names[i]}"
-        inertia = model.inertias[i]
-        numbers = inertia.toDynamicParameters()
-        if not np.isfinite(numbers).all():
+        part, inertia = f"link of joint {model.names[i]}", model.inertias[i]
+        if not np.isfinite(inertia.toDynamicParameters()).all():
             raise BadRobot(name, part, "its inertia is not finite", "Correct the URDF.")
         if inertia.mass <= 0:
-            raise BadRobot(
-                name, part, f"its mass is {inertia.mass:g} kg", "Give it an <inertial> of mass > 0."
-            )
+            remedy = "Give it an <inertial> of mass > 0."
+            raise BadRobot(name, part, f"its mass is {inertia.mass:g} kg", remedy)
         moments = np.linalg.eigvalsh(inertia.inertia)
         if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-6):
-            raise BadRobot(
-                name,
-                part,
-                f"no body has the principal moments {', '.join(f'{x:.3g}' for x in moments)} kg·m²",
-                "Correct <inertia>: each must be positive and at most the sum of the other two.",
+            reason = f"no body has the principal moments {_listed(moments)} kg·m²"
+            remedy = (
+                "Correct <inertia>: each must be positive and at most the sum of the other two."
             )
+            raise BadRobot(name, part, reason, remedy)
 
 
 def moved(link: str, before: tuple[float, Array], after: tuple[float, Array]) -> Finding:
@@ -109,19 +105,10 @@ def moved(link: str, before: tuple[float, Array], after: tuple[float, Array]) ->
     if old != new:
         wrong = "it moves, but has no mass"
         given = f"it was given {new:.3g} kg and moments of inertia {_listed(now)} kg·m²"
-    return Finding(
-        "warning",
-        "inertia_moved",
-        f"link {link}",
-        f"{wrong}; {given}",
-        "Correct <inertial> in the model file if you know better.",
-        {
-            "mass_before": float(old),
-            "mass_after": float(new),
-            "moments_before": was.tolist(),
-            "moments_after": now.tolist(),
-        },
-    )
+    data = {"mass_before": float(old), "mass_after": float(new),
+            "moments_before": was.tolist(), "moments_after": now.tolist()}  # fmt: skip
+    remedy = "Correct <inertial> in the model file if you know better."
+    return Finding("warning", "inertia_moved", f"link {link}", f"{wrong}; {given}", remedy, data)
 
 
 def _second_moments(inertia: Array) -> Array:

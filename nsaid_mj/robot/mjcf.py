@@ -23,6 +23,7 @@ from .shapes import Shapes, shapes_of_geoms
 from .tree import joint_names, motors, position_servos, rigid_tree
 
 _NAMELESS = "MuJoCo Model"  # MuJoCo's name of a model without one
+_HELD = "this free joint was fixed at its initial pose", "Use logs of a robot on a stand."
 
 
 def load_mjcf(
@@ -34,10 +35,8 @@ def load_mjcf(
     """Reads an MJCF or .mjb file.
 
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
-    bias forces.
-
-    `base` is None for a robot to identify, on a stand; the other arguments are those of
-    `load_tree`.
+    bias forces. `base` is None for a robot to identify, on a stand; the other arguments are those
+    of `load_tree`.
 
     Raises:
         BadRobot: MuJoCo rejects the file, or it is not a tree of hinges and slides: it has ball
@@ -49,26 +48,27 @@ def load_mjcf(
     name = mj.names.partition(b"\0")[0].decode().replace(_NAMELESS, "") or path.stem
     whole, names = rigid_tree(mj, name), joint_names(mj)
     free = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6]
-    kept = free[:1] if base == "free" else []
+    held = free[1:] if base == "free" else free
     movable = [n for n in names if n not in free]
     locked = locked_joints(movable, [n for n in lock if n not in free], joints)
-    locked |= set(free) - set(kept)
+    locked |= set(held)
     model = reduced(whole, pin.GeometryModel(), locked, initial_pose(mj, whole, free))[0]
     check_tree(str(path), model, base)
     findings += check_couplings(str(path), mj, names, locked)
-    found = motors(mj, names, tuple(system_joints(model)))
-    findings += [*_held([n for n in free if n not in kept]), *_ignored_forces(mj, names, locked)]
-    findings += make_physical(model, body_names(model))
-    dof = [mj.jnt_dofadr[names.index(joint)] for joint in found.joints]
+    moving = tuple(system_joints(model))
+    found = motors(mj, names, moving)
+    findings += [Finding("warning", "base_held", f"joint {n}", *_HELD) for n in held]
+    findings += [*_ignored_forces(mj, names, locked), *make_physical(model, body_names(model))]
+    dof = [mj.jnt_dofadr[names.index(joint)] for joint in moving]
     first = model.nv - len(dof)  # 6 if the base is free
     model.effortLimit[first:] = np.abs(found.gain) * found.limits
-    servos = position_servos(mj, names, [j for j in found.joints if j not in found.passive])
+    servos = position_servos(mj, names, [j for j in moving if j not in found.passive])
     robot = RobotModel(
         name=name,
         source=path,
         kind="mjcf",
         model=model,
-        joints=found.joints,
+        joints=moving,
         damping=mj.dof_damping[dof] + found.damping,
         friction=mj.dof_frictionloss[dof],
         rotor=model.armature[first:].copy(),
@@ -98,31 +98,20 @@ def initial_pose(mj: Any, model: pin.Model, free: Sequence[str]) -> Array:
     return q
 
 
-def _held(free: Sequence[str]) -> list[Finding]:
-    text, remedy = (
-        "this free joint was fixed at its initial pose",
-        "Use logs of a robot on a stand.",
-    )
-    return [Finding("warning", "base_held", f"joint {name}", text, remedy) for name in free]
-
-
 def _ignored_forces(mj: Any, names: Sequence[str], locked: set[str]) -> list[Finding]:
     """Forces of the file that the structure lacks."""
     moving = [j for j, name in enumerate(names) if name not in locked]
     dof = mj.jnt_dofadr
     springs = [names[j] for j in moving if mj.jnt_stiffness[j] or np.any(mj.jnt_stiffnesspoly[j])]
     curved = [names[j] for j in moving if np.any(mj.dof_dampingpoly[dof[j]])]
-    found = [
-        ("spring", "joint springs of " + ", ".join(springs), bool(springs)),
-        ("damping_curve", "damping that is not linear of " + ", ".join(curved), bool(curved)),
-        ("gravity_compensation", "gravity compensation (gravcomp)", bool(mj.body_gravcomp.any())),
-        ("fluid", "forces of air or water", mj.opt.density > 0 or mj.opt.viscosity > 0),
-    ]
-    return [
-        Finding("warning", code, "", f"the file has {what}; the model has none")
-        for code, what, there in found
-        if there
-    ]
+    found = {
+        "spring": springs and "joint springs of " + ", ".join(springs),
+        "damping_curve": curved and "damping that is not linear of " + ", ".join(curved),
+        "gravity_compensation": mj.body_gravcomp.any() and "gravity compensation (gravcomp)",
+        "fluid": (mj.opt.density > 0 or mj.opt.viscosity > 0) and "forces of air or water",
+    }
+    text = "the file has {}; the model has none"
+    return [Finding("warning", code, "", text.format(x)) for code, x in found.items() if x]
 
 
 _TENDON, _OF_JOINTS = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtWrap.mjWRAP_JOINT
@@ -159,14 +148,13 @@ def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str])
 def _refuse(robot: str, kind: str, name: str, joints: list[str], locked: set[str]) -> None:
     moving = [joint for joint in joints if joint not in locked]
     if moving:
-        raise BadRobot(
-            robot,
-            f"{kind} {name}",
-            f"it couples {', '.join(joints)}; only joints that move by themselves can be "
-            "identified",
+        couples = f"it couples {', '.join(joints)}"
+        reason = f"{couples}; only joints that move by themselves can be identified"
+        remedy = (
             f"Lock them if they stood still in the log, `--lock {','.join(moving)}`, or remove the "
-            f"{kind} from a copy of the file.",
+            f"{kind} from a copy of the file."
         )
+        raise BadRobot(robot, f"{kind} {name}", reason, remedy)
 
 
 def _of_equality(mj: Any, e: int) -> set[int]:

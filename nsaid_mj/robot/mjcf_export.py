@@ -142,10 +142,11 @@ def _built(robot: RobotModel, values: Identified) -> Node:
         body.set("pos", numbers(model.jointPlacements[i].translation))
         body.set("quat", numbers(wxyz(model.jointPlacements[i].rotation)))
         _set_inertial(body, model.inertias[i])
+        kind = "slide" if own.joint == "slide" else "hinge"
         joint = SubElement(
             body, "joint", name=robot.joints[i - 1], axis=numbers(np.asarray(own.axis))
         )
-        joint.set("type", "slide" if own.joint == "slide" else "hinge")
+        joint.set("type", kind)
         at = model.joints[i].idx_q
         low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
         if model.joints[i].nq == 1 and np.isfinite([low, high]).all() and low < high:
@@ -190,14 +191,11 @@ def _edited(
     for compiler in root.iter("compiler"):
         for key in (*_OVERRULING, "meshdir", "texturedir", "assetdir"):
             compiler.attrib.pop(key, None)
-    compiler = root.find("compiler")
-    if compiler is None:
-        compiler = Element("compiler")
-        root.insert(0, compiler)
+    if root.find("compiler") is None:
+        root.insert(0, Element("compiler"))
     for directory in ("meshdir", "texturedir"):
-        compiler.set(
-            directory, _relative(source.resolve().parent / getattr(spec, directory), folder)
-        )
+        place = source.resolve().parent / getattr(spec, directory)
+        next(root.iter("compiler")).set(directory, _relative(place, folder))
     if locked:
         also += ("Joints fixed: " + ", ".join(locked) + ".",)
     if welded:

@@ -21,13 +21,17 @@ from ..bounds import LARGEST
 from ..errors import BadRobot
 from ..parameters import Array
 from ..structure.optional import pin
-from .findings import Finding
+from .findings import Finding, missing_files
 from .inertias import moved, moved_inside, plausible_size
 from .mjcf_numbers import check_numbers
 from .tree import wxyz
 from .xml import numbers, read_xml
 
 _REMEDY = "Correct the file; MuJoCo's `simulate` must be able to load it."
+_UNDRAWN = (
+    "these geoms are not drawn; masses must come from <inertial>",
+    "Put the files where the MJCF expects them, to see them.",
+)
 
 
 def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
@@ -49,7 +53,10 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
             return None, mj, []
         spec = mujoco.MjSpec.from_file(str(path))
         missing = _without_missing_files(spec, path.parent)
-        findings = [*_note(path, missing), *check_inertials(spec)]
+        findings = [
+            *missing_files(path, "mesh and texture", missing, *_UNDRAWN),
+            *check_inertials(spec),
+        ]
         mj = spec.compile()
         mj.names.decode()
         check_numbers(str(path), mj)
@@ -66,7 +73,8 @@ def _without_missing_files(spec: Any, folder: Path) -> list[str]:
     for mesh in list(spec.meshes):
         if mesh.file and not _exists(mesh.file, folder, spec.meshdir):
             missing.append(mesh.file)
-            for geom in [g for g in spec.geoms if g.meshname == _name(mesh)]:
+            name = mesh.name or Path(mesh.file).stem
+            for geom in [g for g in spec.geoms if g.meshname == name]:
                 spec.delete(geom)
             spec.delete(mesh)
     for texture in list(spec.textures):
@@ -80,29 +88,8 @@ def _without_missing_files(spec: Any, folder: Path) -> list[str]:
     return missing
 
 
-def _name(mesh: Any) -> str:
-    return mesh.name or Path(mesh.file).stem
-
-
 def _exists(file: str, folder: Path, inside: str) -> bool:
     return any(os.path.isfile(folder / part / file) for part in (inside, ""))
-
-
-def _note(path: Path, missing: list[str]) -> list[Finding]:
-    if not missing:
-        return []
-    others = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-    return [
-        Finding(
-            "note",
-            "mesh_missing",
-            path.name,
-            f"{len(missing)} mesh and texture files were not found ({missing[0]}{others}), so "
-            "these geoms are not drawn; masses must come from <inertial>",
-            "Put the files where the MJCF expects them, to see them.",
-            {"files": missing},
-        )
-    ]
 
 
 def own_file(path: Path, spec: Any, mj: Any, findings: list[Finding]) -> tuple[Node, bool]:
@@ -135,19 +122,16 @@ def own_file(path: Path, spec: Any, mj: Any, findings: list[Finding]) -> tuple[N
 
 def _without_files(root: Node, missing: list[str]) -> None:
     """Removes meshes and textures of some files, and elements that show them."""
-    gone = [e for e in root.iter("mesh", "texture") if set(e.attrib.values()) & set(missing)]
-    for asset in gone:
+    for asset in [e for e in root.iter("mesh", "texture") if set(e.attrib.values()) & set(missing)]:
         name = asset.get("name") or Path(asset.get("file", "")).stem
         if asset.tag == "texture":
             for material in root.iter("material"):
                 if material.get("texture") == name:
                     del material.attrib["texture"]
         else:
-            gone = [*gone, *(geom for geom in root.iter("geom") if geom.get("mesh") == name)]
-    for element in gone:
-        parent = element.getparent()
-        if parent is not None:
-            parent.remove(element)
+            for geom in [g for g in root.iter("geom") if g.get("mesh") == name]:
+                _remove(geom)
+        _remove(asset)
 
 
 _ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]  # places of MuJoCo's fullinertia

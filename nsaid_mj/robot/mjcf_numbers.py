@@ -39,15 +39,10 @@ def check_numbers(robot: str, mj: Any) -> None:
     """
     if not (np.abs(mj.opt.gravity) <= LARGEST).all():
         raise _bad(robot, "", "gravity", mj.opt.gravity)
-    for kind, fields in _NUMBERS.items():
-        for field in fields:
+    for table, largest in ((_NUMBERS, LARGEST), (_RANGES, np.inf)):
+        for kind, field in [(kind, field) for kind, fields in table.items() for field in fields]:
             for i, row in enumerate(getattr(mj, f"{kind}_{field}")):
-                if not (np.abs(row) <= LARGEST).all():
-                    raise _bad(robot, _part(mj, kind, i), field, row)
-    for kind, fields in _RANGES.items():
-        for field in fields:
-            for i, row in enumerate(getattr(mj, f"{kind}_{field}")):
-                if np.isnan(row).any():
+                if not (np.abs(row) <= largest).all():
                     raise _bad(robot, _part(mj, kind, i), field, row)
 
 

@@ -15,7 +15,7 @@ from lxml.etree import _Element as Element
 
 from ..parameters import Array
 from ..structure.optional import pin
-from .findings import Finding
+from .findings import Finding, missing_files
 from .tree import pose
 
 _CORNERS = np.array(np.meshgrid(*[[-1, 1]] * 3, indexing="ij")).reshape(3, 8).T.astype(float)
@@ -44,7 +44,7 @@ class VisualMesh(NamedTuple):
     name: str
     vertices: Array
     triangles: np.ndarray
-    color: tuple[float, float, float, float]
+    color: tuple[float, ...]
 
 
 class Shape(NamedTuple):
@@ -95,8 +95,7 @@ def shapes_of_geometry(visual: pin.GeometryModel) -> Iterable[Shape]:
         if hasattr(shape, "vertices") and hasattr(shape, "num_tris"):
             faces = [shape.tri_indices(i) for i in range(shape.num_tris)]
             triangles = np.array([(t[0], t[1], t[2]) for t in faces])
-            red, green, blue, alpha = np.asarray(geometry.meshColor, dtype=float).ravel().tolist()
-            color = red, green, blue, alpha
+            color = tuple(np.asarray(geometry.meshColor, dtype=float).ravel().tolist())
             mesh = VisualMesh(geometry.name, np.array(shape.vertices()), triangles, color)
             yield Shape(mesh, int(geometry.parentJoint), geometry.placement)
 
@@ -129,12 +128,11 @@ def _mesh(mj: Any, geom: int) -> VisualMesh:
     vertex, face = mj.mesh_vertadr[m], mj.mesh_faceadr[m]
     material = mj.geom_matid[geom]
     color = mj.mat_rgba[material] if material >= 0 else mj.geom_rgba[geom]
-    red, green, blue, alpha = color.tolist()
     return VisualMesh(
         mj.geom(geom).name,
         mj.mesh_vert[vertex : vertex + mj.mesh_vertnum[m]].astype(float),
         mj.mesh_face[face : face + mj.mesh_facenum[m]].copy(),
-        (red, green, blue, alpha),
+        tuple(color.tolist()),
     )
 
 
@@ -148,10 +146,8 @@ def of_geom(model: Any, i: int) -> VisualMesh:
         vertices, triangles = _turned(radius, height)
         if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
             vertices = vertices * size
-    red, green, blue, alpha = model.geom_rgba[i].tolist()
-    return VisualMesh(
-        model.geom(i).name or f"geom {i}", vertices, triangles, (red, green, blue, alpha)
-    )
+    name, color = model.geom(i).name or f"geom {i}", tuple(model.geom_rgba[i].tolist())
+    return VisualMesh(name, vertices, triangles, color)
 
 
 def _profile(kind: int, size: Array) -> tuple[Array, Array]:
@@ -206,20 +202,9 @@ def resolve_meshes(root: Element, path: Path) -> list[Finding]:
                 link.remove(visual)
             else:
                 mesh.set("filename", str(found))
-    if not missing:
-        return []
-    first = f"{missing[0]}" + (f" and {len(missing) - 1} more" if len(missing) > 1 else "")
-    return [
-        Finding(
-            "note",
-            "mesh_missing",
-            path.name,
-            f"{len(missing)} mesh files were not found ({first}), so these links are not drawn; "
-            "the dynamics do not need them",
-            "Set ROS_PACKAGE_PATH to the folder that contains the package, to see them.",
-            {"files": missing},
-        )
-    ]
+    remark = "these links are not drawn; the dynamics do not need them"
+    remedy = "Set ROS_PACKAGE_PATH to the folder that contains the package, to see them."
+    return missing_files(path, "mesh", missing, remark, remedy)
 
 
 def _candidates(name: str, path: Path) -> Iterator[Path]:

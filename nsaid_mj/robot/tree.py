@@ -173,11 +173,8 @@ def _add_joint(
     Returns:
         Index of the new joint, and the place of the body's frame in its frame.
     """
-    kind, axis, anchor = (
-        mujoco.mjtJoint(mj.jnt_type[j]),
-        mj.jnt_axis[j].copy(),
-        mj.jnt_pos[j].copy(),
-    )
+    kind = mujoco.mjtJoint(mj.jnt_type[j])
+    axis, anchor = mj.jnt_axis[j].copy(), mj.jnt_pos[j].copy()
     if kind == mujoco.mjtJoint.mjJNT_FREE:
         free = model.addJoint(parent, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
         return free, pin.SE3.Identity()
@@ -214,7 +211,6 @@ class Motors(NamedTuple):
     """The motors of some joints.
 
     Attributes:
-        joints: (k,) their names.
         gain: (k,) force per unit of command [N·m or N].
         limits: (k,) largest absolute commands; inf where there is none.
         damping: (k,) damping of the actuators [N·m·s/rad or N·s/m].
@@ -222,7 +218,6 @@ class Motors(NamedTuple):
         passive: names of the joints without an actuator in a file that has some.
     """
 
-    joints: tuple[str, ...]
     gain: Array
     limits: Array
     damping: Array
@@ -236,11 +231,8 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
     The command of a motor is its `ctrl`, and its gain is gear · gainprm. A joint with a servo, or
     without any actuator, has commands in N·m or N and gain 1.
     """
-    gain, limits, damping = (
-        np.ones(len(joints)),
-        np.full(len(joints), np.inf),
-        np.zeros(len(joints)),
-    )
+    gain, damping = np.ones(len(joints)), np.zeros(len(joints))
+    limits = np.full(len(joints), np.inf)
     servos, bare, lagging, several = [], [], [], []
     for k, joint in enumerate(joints):
         j = names.index(joint)
@@ -277,7 +269,7 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
             f"{gain[joints.index(joint)]:g}" for joint in driven
         )
         findings.append(Finding("note", "command", ", ".join(driven), text))
-    return Motors(joints, gain, limits, damping, findings, tuple(bare) if mj.nu else ())
+    return Motors(gain, limits, damping, findings, tuple(bare) if mj.nu else ())
 
 
 def position_servos(mj: Any, names: Sequence[str], joints: Sequence[str]) -> Servos | None:

@@ -58,8 +58,15 @@ def load_urdf(
         InvalidInput: a joint is to be both locked and kept.
         UnknownName: there is no such joint.
     """
-    findings, followers = _checked(path, root, base is not None)
-    findings = [*encoding, *findings, *resolve_meshes(root, path)]
+    check_urdf(path, root)
+    followers, findings = {}, [*encoding]
+    if base is None:
+        followers = mimicking(path, root)
+        findings += check_inertials(path, root)
+    else:
+        check_masses(path, root)
+        warn_of_mimics(path, root)
+    findings += resolve_meshes(root, path)
     xml = etree.tostring(root, encoding="unicode")
     whole = _pinocchio(path, xml, base == "free")
     names = [name for name in list(whole.names)[1:] if name not in followers]
@@ -67,7 +74,8 @@ def load_urdf(
     findings += weld(followers, set(names) - locked)
     q = _configuration(whole, followers)
     locked |= set(followers)
-    floating = _floating(whole, {"free": [], "held": names[:1]}.get(base or "", names), locked)
+    may_float = {"free": [], "held": names[:1]}.get(base or "", names)
+    floating = {n for n in may_float if whole.joints[whole.getJointId(n)].nv == 6} - locked
     findings += [Finding("warning", "base_held", f"joint {name}", _HELD) for name in floating]
     locked |= floating
     model = reduced(whole, pin.GeometryModel(), locked, q)[0]
@@ -89,34 +97,12 @@ def load_urdf(
         friction=model.upperDryFrictionLimit[first:].copy(),
         rotor=np.zeros(len(moving)),
         gain=np.ones(len(moving)),
-        limits=_limits(model.effortLimit[first:]),
+        limits=np.where((effort := model.effortLimit[first:]) > 0, effort, np.inf),
         findings=tuple(findings),
         visuals=Shapes(model, partial(_shapes, root, xml, whole, locked, q)),
         file=path,
         passive=tuple(name for name in passive_joints(root) if name in moving),
     )
-
-
-def _checked(
-    path: Path, root: Element, simulated: bool
-) -> tuple[list[Finding], dict[str, Follower]]:
-    """Checks a URDF; returns findings about corrections, and the joints that follow others."""
-    check_urdf(path, root)
-    if not simulated:
-        return check_inertials(path, root), mimicking(path, root)
-    check_masses(path, root)
-    warn_of_mimics(path, root)
-    return [], {}
-
-
-def _limits(effort: Array) -> Array:
-    """(n,) largest forces, inf where a file states none or 0."""
-    return np.where(effort > 0, effort, np.inf)
-
-
-def _floating(model: pin.Model, names: Sequence[str], locked: set[str]) -> set[str]:
-    """The floating joints among some that are not locked."""
-    return {n for n in names if model.joints[model.getJointId(n)].nv == 6} - locked
 
 
 def _shapes(
@@ -138,7 +124,8 @@ def _configuration(model: pin.Model, followers: dict[str, Follower]) -> Array:
     """(nq,) `home`, with mimic joints at their leaders' positions."""
     q = home(model)
     for name, follower in followers.items():
-        position = follower.position(_position(model, follower.leader, q))
+        leader, multiplier, offset = follower
+        position = multiplier * _position(model, leader, q) + offset
         if model.existJointName(name):
             own = model.joints[model.getJointId(name)]
             turned = position if own.nq == 1 else [np.cos(position), np.sin(position)]
@@ -176,10 +163,6 @@ class Follower(NamedTuple):
     leader: str
     multiplier: float
     offset: float
-
-    def position(self, leader: float) -> float:
-        """The follower's position at its leader's position."""
-        return self.multiplier * leader + self.offset
 
 
 def mimicking(path: Path, root: Element) -> dict[str, Follower]:

@@ -22,14 +22,8 @@ from ..resources import packed_robots
 from .findings import Finding
 from .inertias import is_physical, moved, moved_inside, plausible_size
 
-ENTRIES = {
-    "ixx": (0, 0),
-    "ixy": (0, 1),
-    "ixz": (0, 2),
-    "iyy": (1, 1),
-    "iyz": (1, 2),
-    "izz": (2, 2),
-}
+ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2),
+           "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}  # fmt: skip
 """Attributes of `<inertia>`, with their places in the matrix."""
 _RANGED = ("revolute", "prismatic")
 _KINDS = (*_RANGED, "continuous", "fixed", "floating", "planar")
@@ -98,9 +92,8 @@ def _check_joint(path: Path, joint: Element) -> None:
     """Checks the numbers of a joint, and that its range is not empty."""
     part, kind, limit = f"joint {joint.get('name')}", joint.get("type"), joint.find("limit")
     if kind not in _KINDS:
-        raise BadRobot(
-            str(path), part, f"its type is {kind!r}", f"It is one of {', '.join(_KINDS)}."
-        )
+        remedy = f"It is one of {', '.join(_KINDS)}."
+        raise BadRobot(str(path), part, f"its type is {kind!r}", remedy)
     _check_vector(path, part, joint.find("axis"), "xyz")
     for key in ("xyz", "rpy"):
         _check_vector(path, part, joint.find("origin"), key)
@@ -136,22 +129,17 @@ def check_masses(path: Path, root: Element) -> None:
         BadRobot: names the first link whose mass or inertia is not a number, or negative.
     """
     for link, inertial in inertials(root):
-        part = f"link {link.get('name')}"
-        mass = mass_of(path, link, inertial)
+        part, element = f"link {link.get('name')}", inertial.find("inertia")
+        mass, about = mass_of(path, link, inertial), inertia_of(inertial)
         if mass < 0:
             remedy = "Give it a mass ≥ 0."
             raise BadRobot(str(path), part, f"its mass is {mass:g} kg", remedy)
-        element = inertial.find("inertia")
-        about = inertia_of(inertial)
         if not (np.abs(about) <= LARGEST).all():
             reason = "it has no <inertia>"
             if element is not None:
-                wrong = [
-                    f"{key}={element.get(key, '')!r}"
-                    for key, place in ENTRIES.items()
-                    if not abs(about[place]) <= LARGEST
-                ]
-                reason = f"its inertia has {', '.join(wrong)}"
+                bad = [key for key, place in ENTRIES.items() if not abs(about[place]) <= LARGEST]
+                wrong = ", ".join(f"{key}={element.get(key, '')!r}" for key in bad)
+                reason = f"its inertia has {wrong}"
             remedy = "Write numbers of kg·m², with a decimal point."
             raise BadRobot(str(path), part, reason, remedy)
         if (np.diag(about) < 0).any():
@@ -159,9 +147,7 @@ def check_masses(path: Path, root: Element) -> None:
             raise BadRobot(str(path), part, f"{reason} kg·m²", "None may be negative.")
 
 
-def inertials(
-    root: Element,
-) -> Iterator[tuple[Element, Element]]:
+def inertials(root: Element) -> Iterator[tuple[Element, Element]]:
     """The links that have an `<inertial>`, and that element."""
     for link in root.iter("link"):
         inertial = link.find("inertial")
@@ -188,11 +174,10 @@ def mass_of(path: Path, link: Element, inertial: Element) -> float:
 
 def inertia_of(inertial: Element) -> Array:
     """(3, 3) the inertia of an `<inertial>`, in its own axes [kg·m²]; NaN where unreadable."""
-    element, about = inertial.find("inertia"), np.zeros((3, 3))
-    for key, (i, j) in ENTRIES.items():
-        about[i, j] = about[j, i] = number(
-            (element.get(key, "nan" if i == j else "0")) if element is not None else "nan"
-        )
+    element, about = inertial.find("inertia"), np.full((3, 3), np.nan)
+    if element is not None:
+        for key, (i, j) in ENTRIES.items():
+            about[i, j] = about[j, i] = number(element.get(key, "nan" if i == j else "0"))
     return about
 
 

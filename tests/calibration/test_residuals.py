@@ -140,7 +140,7 @@ def test_a_product_of_inertia_that_is_nearly_0_is_measured_against_the_body():
     """Its own size depends on the body's axes."""
     rows = rows_of(arm_log(two_joints(), 0, duration=10.0)[0])
     choice = Choice((BASIC, BASIC), (1, 1), np.zeros(2))
-    problem = rows.problem(choice, np.ones(2), np.full(2, 2.0))
+    problem = rows.problem(choice)
     exact = precision(problem, minimise(problem), np.ones(2))
     theta, at = exact.theta.copy(), problem.space.labels.index("Ixy of link 2")
     largest = np.abs(theta[problem.space.labels.index("Izz of link 2")])
@@ -308,7 +308,7 @@ def rows_of(values: dict[str, np.ndarray]) -> JointRows:
     segment = Segment(log, np.ones(q.shape, bool), "log", (0, len(t)))
     rate = 1 / (t[1] - t[0])
     recordings = Recordings((segment,), rate, ("",) * len(names), np.zeros(len(names)))
-    return JointRows(robot, recordings, filter_for(recordings), np.ones(len(names)))
+    return JointRows(robot, recordings, filter_for(recordings), np.ones(len(names)), 2.0)
 
 
 def test_delays_are_found_to_a_fraction_of_the_grid():
@@ -320,10 +320,9 @@ def test_delays_are_found_to_a_fraction_of_the_grid():
         assert np.ptp(choose(rows_of(values))[0].delay) == 0
     rows = rows_of(arm_log(two_joints(), 1, Flaw(delay=0.0137))[0])
     choice, _ = choose(rows)
-    gain, spread = np.ones(2), np.full(2, 2.0)
     far = replace(choice, delay=choice.delay + 0.01)
     for start in (choice, far):
-        best = refined(start, lambda c: rows.problem(c, gain, spread), ("a", "b"))[0]
+        best = refined(rows, start)[0]
         np.testing.assert_allclose(best.delay, 0.0137, atol=5e-4)
 
 
@@ -345,10 +344,7 @@ def test_an_offset_is_chosen_where_the_shared_fit_needs_it():
     start = Choice((BASIC, BASIC), (1, 1), np.zeros(2))
     for shift, wanted in ((0.0, 0), (0.8, 1)):
         moved = values | {"elbow_current": values["elbow_current"] + shift}
-        rows = rows_of(moved)
-        choice, said = with_constants(
-            start, lambda c, rows=rows: rows.problem(c, np.ones(2), np.full(2, 2.0)), ("a", "b")
-        )
+        choice, said = with_constants(rows_of(moved), start)
         assert ["offset" in c for c in choice.columns] == [False, bool(wanted)]
         assert len(said) == wanted
 

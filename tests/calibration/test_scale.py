@@ -130,11 +130,12 @@ def test_gains_are_guessed_from_torque_and_friction_together(log, path):
     """A wrist whose friction is many times its links' torque."""
     recordings = prepare(read_tables([path]), None, log.robot)
     rows = JointRows(log.robot, recordings, filter_for(recordings, None), np.ones(6))
-    gain, spread, _ = expected_gains(log.robot, rows, recordings.command_units)
+    gain, spread, _ = expected_gains(rows)
     assert (np.abs(np.log(gain / log.gain)) < np.log(1.4)).all() and (spread > 1).all()
     choice = Choice((BASIC,) * 6, (1,) * 6, np.zeros(6))
     for deviation in (0.15, 2.0):  # commands in N·m hold as they are, guesses over the links' size
-        problem = rows.problem(choice, gain, np.full(6, deviation))
+        rows.gain, rows.spread = gain, np.full(6, deviation)
+        problem = rows.problem(choice)
         assert problem.size is not None
         stated = problem.size.stated
         assert (stated[problem.space.actuators] == (deviation < 1)).all()

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from nsaid_mj.control import DesignedSignals, DesignedTracking, FourierTracking
 from nsaid_mj.control.driver import Tracking
 from nsaid_mj.design import Design, Experiment, Limit, Limits, asked_for, design, read_limits
+from nsaid_mj.design.files import motion_csv
 from nsaid_mj.design.harmonics import ranks
 from nsaid_mj.design.limits import extents_of
 from nsaid_mj.design.prediction import predict, remedies
@@ -190,6 +191,16 @@ def test_a_vehicle_gets_given_frequencies_and_phases():
     larger = [other.words for other in remedies(found) if "larger commands" in other.words]
     assert len(larger) == 1
     assert "command" in larger[0].partition("beyond the limits of")[2]
+
+
+def test_a_vehicle_of_one_coordinate_writes_the_motion_that_it_makes():
+    scenario = replace(load("scalar_rov"), duration=4.0)
+    found = design(Experiment.of(scenario), wanted="all", effort=LITTLE)
+    header, *rows = motion_csv(found).splitlines()
+    table = np.array([[float(x) for x in row.split(",")] for row in rows])
+    assert len(header.split(",")) == 4 and isinstance(found.driver, DesignedSignals)
+    log = found.logs[0]
+    np.testing.assert_allclose(table[:, :3], np.column_stack(log[:3]), rtol=1e-8, atol=1e-12)
 
 
 def test_a_given_driver_refuses_another_number_of_shares(experiment):
