@@ -200,7 +200,7 @@ def with_constants(
     choice: Choice,
     problem_of: Callable[[Choice], Problem],
     names: tuple[str, ...],
-    level: frozenset[str],
+    level: frozenset[str] = frozenset(),
 ) -> tuple[Choice, list[Finding]]:
     """The choice with offsets and springs where they help the physical fit, which shares links.
 
