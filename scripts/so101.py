@@ -109,7 +109,7 @@ def halves(given: ServoLogs) -> None:
                 sure.append(held)
     print(f"\n| of {HALVES} disjoint halves | " + " | ".join(overlap) + " |")
     print("|" + "---|" * (len(overlap) + 1))
-    for words, found in (("intervals overlap", overlap), ("each holds the other's value", hold)):
+    for words, found in (("intervals overlap", overlap), ("each contains the other's value", hold)):
         print(f"| {words} | " + " | ".join(f"{np.mean(v):.2f}" for v in found.values()) + " |")
     print(f"\nof the {len(sure)} pairs that both halves call identified: {np.mean(sure):.2f}")
     each = len(given.logs) // 2

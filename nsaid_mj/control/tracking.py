@@ -117,7 +117,7 @@ class Follower(Driver):
         """(3, n) desired position, velocity and acceleration at time t [s]."""
         motion = np.empty((len(self._series.centre), 3))
         fourier(self._series, t, motion)
-        return motion.T
+        return np.ascontiguousarray(motion.T)
 
     def start(self) -> tuple[Array, Array]:
         """(n,) position and (n,) velocity at which the series begins."""

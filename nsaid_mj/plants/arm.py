@@ -130,6 +130,7 @@ class ArmPlant(ParametricPlantConfig):
             raise BadRobot(
                 robot.name, "", f"MuJoCo rejects it: {error}", "Correct the named body's inertia."
             ) from error
+        made.targets = system.scales.actuator == "servo"
         with quiet():
             compare_engines(made, robot.name, model)
             check_stiffness(made, robot.name)

@@ -9,7 +9,7 @@ import pytest
 from nsaid_mj.errors import RobotChanged
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.plants import ArmPlant, Loss
+from nsaid_mj.plants import ArmPlant, Loss, Mismatch
 from nsaid_mj.plants.arm import arm_spec, true_model
 from nsaid_mj.robot.loading import load_robot
 from nsaid_mj.structure.joints import JointTree
@@ -113,6 +113,25 @@ def test_tracking_gives_servos_the_series_as_targets(file):
     np.testing.assert_array_equal(targets[0], q)
     np.testing.assert_array_equal(targets[4], driver.command(t[4], q + 1, v))
     assert np.ptp(targets, axis=0).min() > 0.1
+
+
+def test_targets_that_are_delayed_move_the_arm_later(file):
+    """The servos hold the first target until then; a queue of zeros would pull them to 0."""
+    from dataclasses import replace
+
+    at = []
+    for delay in (0.0, 0.05):
+        plant = ArmPlant(str(file), mismatch=Mismatch(delay=delay))
+        setup = Setup.of(replace(load("arm"), plant=plant, duration=2.0))
+        with setup.plant.running():
+            at.append(setup.simulate())
+    steps = round(0.05 / setup.scenario.dt)
+    np.testing.assert_allclose(at[1].u, at[0].u, atol=1e-12)
+    assert np.abs(at[1].q[: steps + 1] - at[1].q[0]).max() < 0.05
+    half = len(at[0].t) // 2  # after the motion has settled
+    same = np.abs(at[1].q[half:] - at[0].q[half:]).max()
+    later = np.abs(at[1].q[half:] - at[0].q[half - steps : -steps]).max()
+    assert later < 0.2 * same
 
 
 def test_an_arm_with_servos_on_some_joints_says_that_it_gets_motors(file):

@@ -13,7 +13,7 @@ from .logs import ServoLog
 OFFSET = 2e-3
 """Largest standard deviation of a target's zero against the position's [rad or m]."""
 _NUMERICAL = 0.01  # relative accuracy of the simulation itself, by arms with known servos
-_FEWEST = 5  # logs that serve as clusters; fewer are cut into blocks
+_FEWEST = 5  # logs that serve as clusters; fewer are divided into blocks
 _BLOCK = 10.0  # shortest of them [s]
 _BLOCKS = 20  # at most, in one log
 _TICKS = 4 / 3  # the same in steps of the encoder, where those are finer

@@ -1,10 +1,10 @@
-"""What a servo does beyond its equation, where logs that took no part in the fit say so.
+"""Effects beyond a servo's equation, accepted if held-out logs are predicted better with them.
 
 Half of the logs, or of the blocks of one, are predicted from the other half: once with the five
 parameters of the equation, and once with an effect as a sixth, each after some Gauss–Newton steps
-from the fit. MuJoCo's position servos have none of these effects, so that they are told, and the
-exported file keeps the plain ones. Backlash, or a dead band of the servo, is no candidate: in such
-logs it is friction.
+from the fit. MuJoCo's position servos have none of these effects, so they are reported, and the
+exported file keeps plain friction. Backlash is no candidate: its residuals are below a step of the
+encoder (docs/servo_arms.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""All joints of a servo arm: fits, windows with foreign forces, covariances, and kp's source."""
+"""All joints of a servo arm: fits, windows with foreign forces, covariances, the origin of kp."""
 
 from __future__ import annotations
 
@@ -26,30 +26,30 @@ _DELAY = 0.015  # before the log [s]
 _SPREAD = np.array([3.0, 3.0, 3.0, 1.0, 1.5])
 # standard deviations of ln θ before the log: T, f and g nearly free; a within a factor of 7 of that
 # of a critically damped servo, T²/4, and delays of serial buses within 20
-_SWEEPS = 8  # at most, over all joints, each with the loads of the others' simulated motion
-_SETTLED = 0.2  # change of that motion over the residual at which they end
-_KNOWN = 0.25  # relative deviation of g below which gravity tells kp
-_PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances are worth
-_UNTOLD = 2.0  # standard deviation of ln θ above which a joint tells nothing of the others
-_SATURATES = 0.97  # robust residual with a limit of force over that without, from which it is true
+_SWEEPS = 8  # at most, over all joints, with the loads of the others' simulated motion
+_SETTLED = 0.2  # change of that motion, over the residual, at which they end
+_KNOWN = 0.25  # relative deviation of g below which gravity determines kp
+_PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances add
+_UNTOLD = 2.0  # standard deviation of ln θ above which a joint says nothing of the others
+_SATURATES = 0.97  # largest robust residual with a limit of force over that without, to accept it
 UNITS = ("mrad", "mm")  # of a thousandth of a hinge's and a slide's position
 DELAYS = np.arange(0.0, 0.31, 0.01)  # of a target that follows perfectly [s]
 
 
 class JointEstimate(NamedTuple):
-    """What the logs say of one servo.
+    """The estimate of one servo.
 
     Attributes:
         x: (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
-        covariance: (5, 5) of ln θ̂, from scores clustered by log or block; 0 of what was fixed.
+        covariance: (5, 5) of ln θ̂, from scores clustered by log or block; 0 for fixed ones.
         quantile: of Student's t, which turns deviations into 95 % intervals.
-        gravity: whether gravity tells kp; otherwise it is a convention.
+        gravity: whether gravity determines kp; otherwise it is a convention.
         offset: change of ln kp by an offset between the zeros of target and position, which is part
             of the covariance.
         error: mean absolute residual [rad or m], of the samples in use.
-        simple: the same of what needs no model: the target at the delay that suits best, or a
-            constant position, whichever is closer.
-        scaled: standard deviation of ln kp under the true masses; that under the file's, if no load
+        simple: the same without a model: the target at the best delay, or a constant position,
+            whichever is closer.
+        scaled: standard deviation of ln kp under the true masses, or under the file's if no load
             was weighed.
         zero: the offset [rad or m].
         limit: force or torque at which the servo saturated in the logs [N·m or N]; inf if it did
@@ -81,7 +81,7 @@ class JointEstimate(NamedTuple):
 
 
 class MassScale(NamedTuple):
-    """What a load says of the common scale.
+    """The common scale, from a load.
 
     Attributes:
         log: ln s of the true masses over those of the model file.
@@ -99,7 +99,7 @@ class MassScale(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """What the logs say of an arm.
+    """The estimate of an arm.
 
     Attributes:
         joints: of every joint, under the masses of the model file.
@@ -124,8 +124,8 @@ def estimate(
 ) -> Estimate:
     """Fits every joint alone, masks windows with foreign forces, and fits again.
 
-    Where gravity does not tell kp, it is the geometric mean of the joints where it does, or the
-    model file's if there are none. Logs with a load are fitted after the free ones, together.
+    Where gravity does not determine kp, it is the geometric mean over the joints where it does, or
+    the model file's if there are none. Logs with a load are fitted after the free ones, together.
 
     Args:
         robot: the model.
@@ -133,8 +133,8 @@ def estimate(
         kp: (n,) of the model file [N·m/rad or N/m].
         told: called with the name of every stage.
         load: that the loaded logs carry.
-        limits: (n,) largest force of every servo by the model file [N·m or N], which is used where
-            the logs show it; None without.
+        limits: (n,) largest force of every servo by the model file [N·m or N], used where the logs
+            show it; None without.
     """
     free = [log for log in logs if not log.loaded]
     loaded = [log for log in logs if log.loaded]
@@ -249,7 +249,7 @@ def _together(robot: RobotModel, found: _Fitted) -> _Fitted:
 def _saturated(found: _Fitted, limits: Array) -> Array:
     """(n,) limits of the servos' forces [N·m or N] where the logs show them; else inf.
 
-    Model files state limits that the servo does not have, so that one must lower the residual.
+    Model files state limits that the servo does not have, so a limit must lower the residual.
     """
     out, logs = np.full(len(limits), np.inf), [log._replace(limit=limits) for log in found.logs]
     limited = found._replace(logs=logs)
@@ -263,7 +263,7 @@ def _saturated(found: _Fitted, limits: Array) -> Array:
 
 
 def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
-    """(n,) ln g where gravity does not tell it: the mean of the others', or the model file's."""
+    """(n,) ln g where gravity does not determine it: the others' mean, or the model file's."""
     g = [fit.x[GRAVITY] for fit, sure in zip(fits, known, strict=True) if sure]
     return np.full(len(kp), float(np.mean(g))) if g else np.asarray(-np.log(kp), np.float64)
 
@@ -307,10 +307,10 @@ def _with_load(
 
 
 def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[JointEstimate, ...]:
-    """Estimates whose variances are no accident of few clusters.
+    """Estimates whose variances are not too small by chance, because of few clusters.
 
     A variance from five logs is off by a factor of two or more. The servos of an arm are alike, so
-    that what their variances are in the mean is known better: it enters as four further degrees of
+    the mean of their variances is known better: it counts as four further degrees of
     freedom (Smyth, Statistical Applications in Genetics and Molecular Biology 3(1), 2004), where it
     is larger. kp is left as it is: gravity differs from joint to joint.
     """
@@ -336,7 +336,7 @@ def _judged(
     covariance: Array,
     offset: float,
 ) -> JointEstimate:
-    """An estimate with its covariance, and what predictions without a model achieve."""
+    """An estimate with its covariance, and the error of predictions without a model."""
     position = np.concatenate([log.position for log in logs])
     constant = np.abs(position - np.median(position[used > 0])) @ used / used.sum()
     best = min(late(logs, used, delay) for delay in DELAYS)

@@ -79,7 +79,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         _redirect(compiler, source.resolve().parent, path.resolve().parent)
     told = "\n".join(
         f"{s.name}: delay {s.delay * 1e3:.1f} ms, kp "
-        + ("told by gravity" if s.gravity else "a convention")
+        + ("determined by gravity" if s.gravity else "a convention")
         for s in result.servos
     )
     weighed = "".join(

@@ -12,17 +12,17 @@ from .simulation import NONE, Effects, JointLog, simulate
 
 NAMES = ("T", "f", "g", "a", "d")
 GRAVITY = NAMES.index("g")
-STEP = 0.04  # of central differences of ln θ: smooths over samples that stick or slip
+STEP = 0.04  # of central differences of ln θ; smooths over samples that stick or slip
 _ROUNDS, _TRIES = 40, 8  # of the fit; of a step
 _ENOUGH = 1e-5  # relative decrease of the cost at which the fit ends
 _LONGEST = 1.0  # step of ln θ
-EFFECTIVE = 1.5  # independent samples per second: residuals of a simulation are correlated
+EFFECTIVE = 1.5  # independent samples per second, since residuals of a simulation are correlated
 _WINDOW = 2.0  # in which foreign forces are looked for [s]
 _FAR = 6.0  # residual of such a window over the median one
 
 
 class Prior(NamedTuple):
-    """What is known before the log.
+    """Prior knowledge of the parameters.
 
     Attributes:
         mean: (k,) of the parameters x, which are logarithms but for a place.
@@ -115,7 +115,7 @@ def minimise(simulated: Simulated, x: Array, prior: Prior) -> OutputError:
     """Levenberg–Marquardt on Σ soft-L1(residual), each sample weighted by its share of the time.
 
     Args:
-        simulated: what is fitted.
+        simulated: the simulations to fit.
         x: (k,) to start from.
         prior: of x.
     """
@@ -172,7 +172,7 @@ def _descend(
 
 
 def _winsorised(residual: Array) -> float:
-    """Robust rms [rad or m]: residuals count up to twice of it."""
+    """Robust rms [rad or m]: residuals are clipped at twice its value."""
     size = np.abs(residual)
     sigma = float(np.sqrt(np.mean(size**2)))
     for _ in range(10):
@@ -191,9 +191,9 @@ def windows(logs: Sequence[JointLog]) -> Indices:
 
 
 def undisturbed(logs: Sequence[JointLog], residual: Array, sigma: float) -> Array:
-    """(N,) 1, or 0 in windows whose residual is far above that of others in which the joint moves.
+    """(N,) 1, or 0 in windows whose residual is far above that of others with motion.
 
-    A gripper that rests on a table, or a hand that pushes the arm, shows as such a window.
+    A gripper that rests on a table, or a hand that pushes the arm, causes such windows.
     """
     window = windows(logs)
     count = np.bincount(window)

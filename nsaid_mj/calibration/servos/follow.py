@@ -1,9 +1,9 @@
 """The law `efficient` of a servo: an extended filter of T, f and g from targets and positions.
 
 It needs no velocity. Predictions are those of `simulation`, with exact stick–slip, differentiated
-numerically. What the structure does not explain is a noise of the command as large as what the
-batch fit leaves, of which as few samples are independent as in that fit. Armature and delay are the
-fit's; where gravity does not tell kp, so is kp.
+numerically. What the structure does not explain counts as noise of the command, as large as the
+batch fit's residual and with as few independent samples. Armature and delay are the fit's, and so
+is kp where gravity does not determine it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""`identify_servos`: from an MJCF and logs of targets and positions to servos with intervals."""
+"""`identify_servos`: servos with intervals, from an MJCF and logs of targets and positions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from .words import (
     weighed,
 )
 
-_MOST = 0.3  # share of masked samples above which the structure is at fault, not foreign forces
+_MOST = 0.3  # share of masked samples that points to the structure rather than foreign forces
 
 
 class ServoLogs(NamedTuple):
@@ -45,7 +45,7 @@ class ServoLogs(NamedTuple):
         robot: the model.
         logs: stretches without gaps.
         kp: (n,) stiffness of the servos in the model file [N·m/rad or N/m].
-        findings: what was noticed about file and logs.
+        findings: about file and logs.
         load: of known mass that the loaded logs carry; None if none does.
     """
 
@@ -131,7 +131,7 @@ def identify_servos(
     Args:
         given: an arm and its logs, see `servo_logs`.
         told: called with the name of every stage, for progress.
-        law: `batch`, or `efficient` for a filter that follows the logs besides, sample by sample.
+        law: `batch`, or `efficient` to run a filter along the logs as well.
 
     Raises:
         InvalidInput: the logs without a load are shorter than ten seconds together.
@@ -191,7 +191,7 @@ def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:
 
 
 def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:
-    """Which logs have windows with foreign forces."""
+    """Reports the logs that have windows with foreign forces."""
     share, found, begin = float(1 - used.mean()), [], 0
     for log in logs:
         own = used[begin : begin + len(log.t)]
@@ -200,8 +200,8 @@ def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:
             found.append(f"{log.source} {100 * (1 - own.mean()):.0f} %")
     if not found:
         return ()
-    text = f"{100 * share:.0f} % of the samples lie in two-second windows that depart far more than"
-    text += " others, as where the gripper rests on a table; they were left out: "
-    remedy = "" if share < _MOST else "So many tell of a fault of the model rather than contact."
+    text = f"{100 * share:.0f} % of the samples lie in two-second windows with far larger residuals"
+    text += " than others, as if the gripper rested on a table; they were excluded: "
+    remedy = "" if share < _MOST else "So many indicate a wrong model rather than contact."
     level = "note" if share < _MOST else "warning"
     return (Finding(level, "foreign_force", "", text + ", ".join(found), remedy),)

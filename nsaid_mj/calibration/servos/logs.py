@@ -36,7 +36,7 @@ class ServoLog(NamedTuple):
         target: (N, n) of the servos [rad or m], clipped to their `ctrlrange`.
         position: (N, n) measured [rad or m].
         load: (N, n) torque or force that gravity, and the other joints' motion where it is known,
-            ask of each joint [N·m or N].
+            require of each joint [N·m or N].
         inertia: (N, n) diagonal of the mass matrix without armatures [kg·m² or kg].
         loaded: whether the arm carries a weighed load.
         limit: (n,) largest force of each servo [N·m or N]; None without limits.
@@ -52,7 +52,7 @@ class ServoLog(NamedTuple):
     limit: Array | None = None
 
     def joint(self, j: int) -> JointLog:
-        """What the simulation of one joint needs."""
+        """The log of one joint, for its simulation."""
         columns = (self.target, self.position, self.load, self.inertia)
         limit = np.inf if self.limit is None else float(self.limit[j])
         apart = (np.ascontiguousarray(part[:, j]) for part in columns)
@@ -98,7 +98,7 @@ def read_servo_logs(
     limits: Array,
     carrying: Container[str] = (),
 ) -> tuple[tuple[ServoLog, ...], tuple[Finding, ...]]:
-    """The stretches of logs, and what was done to the data.
+    """The stretches of logs, and findings about the data.
 
     Args:
         robot: a tree of joints with a position servo on each.

@@ -1,4 +1,4 @@
-"""What the logs of a servo arm say of every servo, with intervals."""
+"""The identified servos of an arm, with intervals."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .logs import ServoLog
 
 @dataclass(frozen=True)
 class Servo:
-    """One joint's servo as MuJoCo has it: force = kp (u(t − delay) − q) − kv q̇, and its friction.
+    """One joint's servo in MuJoCo's terms: force = kp (u(t − delay) − q) − kv q̇, and its friction.
 
     Attributes:
         name: of the joint.
@@ -22,11 +22,11 @@ class Servo:
         armature: reflected rotor inertia [kg·m² or kg].
         friction: Coulomb friction [N·m or N].
         delay: of the target [s].
-        gravity: whether gravity tells kp; otherwise kp is a convention, and so is the scale of all
-            others but the delay.
+        gravity: whether gravity determines kp; otherwise kp is a convention, and so is the scale of
+            all others except the delay.
         error: mean absolute error of the open-loop simulation [rad or m].
-        simple: the same of what needs no model: the target at the delay that suits best, or a
-            constant position, whichever is closer.
+        simple: the same without a model: the target at the best delay, or a constant position,
+            whichever is closer.
         limit: largest force, where the servo saturated in the logs [N·m or N]; None elsewhere.
     """
 
@@ -52,9 +52,9 @@ class ServoIdentification(Result):
         law: T, f/kp and kp of every joint by the filter at the end of the logs; empty without it.
         scale: the true masses over those of the model file, if a load was weighed; kp, kv, armature
             and friction are those under the true masses.
-        used: (N,) 1 of samples in use, 0 of those left out because of foreign forces, of the logs
+        used: (N,) 1 of samples in use, 0 of those excluded because of foreign forces, of the logs
             in their order.
-        seconds: what the identification took [s].
+        seconds: duration of the identification [s].
     """
 
     robot: RobotModel
@@ -66,7 +66,7 @@ class ServoIdentification(Result):
 
     @property
     def masked(self) -> float:
-        """Share of the samples left out."""
+        """Share of excluded samples."""
         return float(1 - self.used.mean())
 
     def summary(self) -> dict[str, Any]:
@@ -86,7 +86,7 @@ class ServoIdentification(Result):
 
 
 class Replayed(NamedTuple):
-    """Logs, and how the exported file follows them, driven by their targets alone.
+    """Logs, and simulations of the exported file driven by their targets alone.
 
     Attributes:
         logs: without loads.

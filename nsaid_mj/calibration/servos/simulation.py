@@ -31,7 +31,7 @@ class JointLog(NamedTuple):
         t: (N,) times [s], strictly increasing.
         target: (N,) of the servo [rad or m], held until the next sample.
         position: (N,) measured [rad or m].
-        load: (N,) torque or force that the arm asks of the joint beside M_jj q̈ [N·m or N].
+        load: (N,) torque or force that the arm requires of the joint beside M_jj q̈ [N·m or N].
         inertia: (N,) M_jj without armature [kg·m² or kg].
         limit: largest torque or force of the servo [N·m or N].
     """
@@ -45,10 +45,10 @@ class JointLog(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """What a servo may do beyond the equation above.
+    """Effects beyond the equation above.
 
     Attributes:
-        stribeck: friction over kp that it has at rest beyond f, and loses with speed [rad or m].
+        stribeck: excess of friction over kp at rest, which falls with speed [rad or m].
         load: friction per torque of the load [1].
     """
 

@@ -1,4 +1,4 @@
-"""A start of the output-error fit from nothing: regression on moving samples."""
+"""Initial values of the output-error fit by regression on moving samples."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def start(logs: Sequence[JointLog]) -> Array:
     """(5,) θ by robust non-negative regression of u(t − d) − q on q̇, sgn q̇, Γ + M_jj q̈ and q̈.
 
     Velocity and acceleration are derivatives of the low-passed position; the target is low-passed
-    alike. The delay is that of the least residual.
+    alike. The delay is the one with the least residual.
 
     Args:
         logs: of one joint, not empty.

@@ -1,8 +1,8 @@
-"""All joints of an arm together with a weighed load: what it says of the common scale.
+"""All joints of an arm together with a weighed load, which determines the common scale.
 
-Masses of the model file that are all s times too large leave every motion the same, with kp, kv,
+If all masses of the model file are s times too large, every motion stays the same with kp, kv,
 armature and friction s times too large. The file's arm therefore fits its logs, and a load of known
-mass m looks to it as μ = m/s: μ and the load's place are fitted with the joints' own parameters to
+mass m acts on it as μ = m/s: μ and the load's place are fitted with the joints' own parameters to
 all logs, free and loaded ones.
 """
 

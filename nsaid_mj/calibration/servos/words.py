@@ -1,4 +1,4 @@
-"""What an estimate of servos means, in words."""
+"""Parameters, verdict and findings of an estimate of servos, in words."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .fit import GRAVITY, NAMES
 from .follow import Followed
 from .result import Servo
 
-_NEARLY = 0.8  # error over that of a simple prediction above which the model explains nothing
+_NEARLY = 0.8  # error over that of a simple prediction, above which the model explains nothing
 _TOLD = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
-_STILL = 1e-3  # error of a simple prediction of a joint that hardly moves [rad or m]
+_STILL = 1e-3  # error of a simple prediction for a joint that hardly moves [rad or m]
 _LABELS = (
     ("T", "damping over kp", ("s", "s")),
     ("f", "friction over kp", ("rad", "m")),
@@ -81,7 +81,7 @@ def by_filter(
 
 
 def apart(along: Sequence[Parameter], fitted: Sequence[Parameter]) -> list[Finding]:
-    """Where a filter and the batch fit differ by more than both intervals."""
+    """Reports where a filter and the batch fit differ by more than both intervals."""
     own = {p.name: p for p in fitted}
     names = [p.label for p in along if p.low > own[p.name].high or p.high < own[p.name].low]
     if not names:
@@ -92,12 +92,12 @@ def apart(along: Sequence[Parameter], fitted: Sequence[Parameter]) -> list[Findi
 
 
 def _lag(joint: JointEstimate) -> str:
-    """What the log determines of damping, armature and delay where the motion is slow."""
+    """The combination of damping, armature and delay that a slow motion determines."""
     T, d = joint.theta[0], joint.theta[4]
     slope = np.array([T, 0.0, 0.0, 0.0, d])
     lag, half = T + d, joint.quantile * float(np.sqrt(slope @ joint.covariance @ slope))
     return (
-        "damping, armature and delay trade; a slow motion tells the lag kv/kp + delay: "
+        "a slow motion determines only the lag of damping, armature and delay, kv/kp + delay: "
         f"{lag * 1e3:.0f} ms ± {half * 1e3:.0f}"
     )
 
@@ -124,16 +124,16 @@ def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
 
 
 def weighed(load: Load, joint: str, scale: MassScale) -> Finding:
-    """What a load says of the common scale, and where it was."""
+    """Reports the common scale by a load, and the load's place."""
     (one,) = masses(scale)
     place = ", ".join(
         f"{1e3 * x:.0f} ± {1e3 * scale.quantile * d:.0f}"
         for x, d in zip(scale.place, scale.deviations, strict=True)
     )
     text = (
-        f"the load of {load.mass:g} kg says that all masses, kp, kv, armatures and frictions are "
-        f"{one.value:.3g} (95 %: {one.low:.3g} to {one.high:.3g}) of those under the model file's "
-        f"masses; its centre is at ({place}) mm in the frame of joint {joint}"
+        f"by the load of {load.mass:g} kg, all masses, kp, kv, armatures and frictions are "
+        f"{one.value:.3g} (95 %: {one.low:.3g} to {one.high:.3g}) times those under the model "
+        f"file's masses; its centre is at ({place}) mm in the frame of joint {joint}"
     )
     level, remedy = ("note", "") if one.status == "identified" else ("warning", _HEAVIER)
     return Finding(level, "weighed", "", text, remedy, {"place": scale.place.tolist()})
@@ -160,7 +160,7 @@ def verdict(
     ]
     still = [servos[k].name for k in range(len(servos)) if k not in moving]
     if still:
-        text = "hardly moves, or follows its target exactly; it is not judged"
+        text = "it hardly moves, or follows its target exactly, so it is not judged"
         findings.append(Finding("note", "hardly_moved", ", ".join(still), text))
     explains: Explains = "yes" if not poor else "partly"
     if len(poor) == len(moving):
@@ -180,7 +180,7 @@ def verdict(
 
 
 def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
-    """Where kp comes from, and what an offset would change."""
+    """Reports where kp comes from, and how an offset would change it."""
     told = [s.name for s in servos if s.gravity]
     others = [s.name for s in servos if not s.gravity]
     found = []
@@ -212,7 +212,7 @@ def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> t
 
 
 def saturation_notes(servos: Sequence[Servo]) -> tuple[Finding, ...]:
-    """Where a servo reached the largest force that the model file states."""
+    """Reports servos that reached the largest force stated by the model file."""
     found = [f"{s.name} {s.limit:g}" for s in servos if s.limit is not None]
     if not found:
         return ()

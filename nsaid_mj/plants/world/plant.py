@@ -83,6 +83,7 @@ class Plant(ABC):
         dt: time step of the measurements and the commands [s].
         substeps: steps of MuJoCo in a time step.
         delay: time steps from a command to the actuators.
+        targets: whether commands are positions; until one arrives, servos hold the first.
         mismatches: effects that the structure does not model, in words.
         faults: of actuators, sensors or the plant during a run.
         gain_places: for each command, the indices of its actuator's gains in MuJoCo's userdata;
@@ -98,6 +99,7 @@ class Plant(ABC):
     substeps: int = 1
     passive: Any | None = None  # a compiled callback, kept alive here
     delay: int = 0
+    targets: bool = False
     mismatches: tuple[str, ...] = ()
     faults: tuple[Fault, ...] = ()
     gain_places: Sequence[Sequence[int]] = ()
@@ -241,7 +243,10 @@ class Plant(ABC):
     ) -> Measurement:
         """Resets plant and driver and takes the first measurement; for `as_at` see `reset`."""
         self.reset(*driver.start(), as_at)
-        return self._measure(0.0, driver, sensors)
+        first = self._measure(0.0, driver, sensors)
+        if self.targets:
+            self._delayed_commands = deque([first.u] * self.delay)
+        return first
 
     def drive(
         self, driver: Driver, last: Measurement, steps: int, sensors: Sensors = EXACT_SENSORS
