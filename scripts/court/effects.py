@@ -9,7 +9,7 @@ integrated here beside MuJoCo; the encoder sits on the rotor.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import mujoco
@@ -112,20 +112,17 @@ def _gains(system: Any, actuator: int) -> bool:
 
 def errors_of(name: str, size: float, n: int, rng: np.random.Generator) -> Errors:
     """The errors of the sensors that an effect is."""
-    errors = Errors()
-    if name == "jitter":
-        return replace(errors, jitter=size)
     if name == "zero error":
-        return replace(errors, zero=np.deg2rad(size) * rng.choice([-1.0, 1.0], n))
+        return Errors(zero=np.deg2rad(size) * rng.choice([-1.0, 1.0], n))
     if name == "gear":
         ratio = np.ones(n)
         ratio[rng.integers(n)] += size
-        return replace(errors, ratio=ratio)
-    if name == "noise":
-        return replace(errors, noise=size)
+        return Errors(ratio=ratio)
     if name == "held":
-        return replace(errors, held=int(size))
-    return errors
+        return Errors(held=int(size))
+    if name == "noise":
+        return Errors(noise=size)
+    return Errors(jitter=size if name == "jitter" else 0.0)
 
 
 def change_command(name: str, size: float, typical: Array) -> Callable[[Array], Array] | None:

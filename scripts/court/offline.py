@@ -59,15 +59,7 @@ def _files(
         return found.case.robot, _vehicle_log(found, folder), np.ones(system.n_u), {}
     gain = truth[system.space["motor gain"]]
     constants = 10.0 ** rng.uniform(-1.0, 1.0, system.n)
-    table = arm_table(found, rate, velocities, gain / constants)
-    path = folder / "log.csv"
-    np.savetxt(
-        path,
-        np.column_stack(list(table.values())),
-        delimiter=",",
-        header=",".join(table),
-        comments="",
-    )
+    path = _csv(folder / "log.csv", arm_table(found, rate, velocities, gain / constants))
     urdf = found.urdf or packed_robots()[found.case.robot].read_text("utf-8")
     model = folder / "model.urdf"
     model.write_text(with_wrong_masses(urdf, rng, _MASSES), encoding="utf-8")
@@ -81,11 +73,12 @@ def arm_table(
     log, system = found.log, found.setup.system
     every = max(1, round(1 / (rate * found.setup.scenario.dt)))
     table, fingers = {"time": log.t[::every]}, _fingers(found)
-    for k, name in enumerate(joint_names(found.setup)):
+    for k, (name, angle) in enumerate(
+        zip(joint_names(found.setup), _angles(system, log.q), strict=True)
+    ):
         if name in fingers:
             continue
-        column = _angles(system, log.q)[k]
-        table[f"{name}_position"] = column[::every]
+        table[f"{name}_position"] = angle[::every]
         if velocities:
             table[f"{name}_velocity"] = log.v[::every, k]
         table[f"{name}_current"] = units[k] * log.u[::every, k]
@@ -105,12 +98,15 @@ def _angles(system: Any, q: Array) -> list[Array]:
 
 
 def _vehicle_log(found: Simulated, folder: Path) -> Path:
-    log, path = found.log, folder / "log.csv"
-    names = ["t"]
-    names += [f"{one}_{k}" for one, part in zip("qvu", log[1:], strict=True)
-              for k in range(part.shape[1])]  # fmt: skip
-    table = np.column_stack([log.t, log.q, log.v, log.u])
-    np.savetxt(path, table, delimiter=",", header=",".join(names), comments="")
+    table = {"t": found.log.t}
+    for name, part in zip("qvu", found.log[1:], strict=True):
+        table |= {f"{name}_{k}": column for k, column in enumerate(part.T)}
+    return _csv(folder / "log.csv", table)
+
+
+def _csv(path: Path, table: dict[str, Array]) -> Path:
+    columns = np.column_stack(list(table.values()))
+    np.savetxt(path, columns, delimiter=",", header=",".join(table), comments="")
     return path
 
 
