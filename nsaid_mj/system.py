@@ -13,10 +13,12 @@ acceleration, u command, θ (p,) parameters. F is always evaluated at the measur
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .errors import InvalidInput
 from .log import Log, Measurement, Middle
@@ -86,23 +88,31 @@ class SecondOrderSystem(ABC):
     m: int
     n_u: int
 
-    # -- regressors, for one sample --------------------------------------------------------------
+    # -- regressors, unchecked -------------------------------------------------------------------
 
     @abstractmethod
     def _W_M(self, q: Array, a: Array) -> Array:
-        """(n, p) with W_M θ = M(q, θ) a (8)."""
+        """(n, p) with W_M θ = M(q, θ) a (8), of one sample."""
 
     @abstractmethod
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        """(n, p) with W_C θ = C(q, v, θ) w (9), Ṁ − 2C skew."""
+        """(n, p) with W_C θ = C(q, v, θ) w (9), Ṁ − 2C skew, of one sample."""
 
     @abstractmethod
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        """(n, p) with F θ the sum of all forces: gravity, dissipation, actuation."""
+        """(n, p) with F θ the sum of all forces: gravity, dissipation, actuation, of one sample."""
 
     @abstractmethod
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-        """(n, p) combined regressor W = W_M + W_C − F (10)."""
+        """(n, p) combined regressor W = W_M + W_C − F (10), of one sample."""
+
+    @abstractmethod
+    def _moving(self, q: Array, v: Array, w: Array, a: Array) -> Array:
+        """(N, n, p) W_M + W_C of N samples."""
+
+    @abstractmethod
+    def _whole(self, t: Array, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        """(N, n, p) W of N samples."""
 
     @abstractmethod
     def _mass_tensor(self, q: Array) -> Array:
@@ -205,34 +215,40 @@ class SecondOrderSystem(ABC):
     def W_M(self, x: Array, a: Array) -> Array:
         """(..., n, p) inertial regressor, W_M θ = M(x, θ) a (8)."""
         q, _ = self.split(x)
-        return _each(self._W_M, (self.m, self.n), q, a)
+
+        def rows(q: Array, a: Array) -> Array:
+            return self._moving(q, np.zeros(a.shape), np.zeros(a.shape), a)
+
+        return _batched(rows, (self.m, self.n), q, a)
 
     def W_C(self, x: Array, w: Array) -> Array:
         """(..., n, p) Coriolis regressor, W_C θ = C(x, θ) w (9)."""
         q, v = self.split(x)
-        return _each(self._W_C, (self.m, self.n, self.n), q, v, w)
+
+        def rows(q: Array, v: Array, w: Array) -> Array:
+            return self._moving(q, v, w, np.zeros(w.shape))
+
+        return _batched(rows, (self.m, self.n, self.n), q, v, w)
 
     def F(self, t: Array | float, x: Array, u: Array) -> Array:
         """(..., n, p) force regressor of (4)."""
-        q, v = self.split(x)
-        return _each(
-            lambda t, q, v, u: self._F(float(t), q, v, u), (0, self.m, self.n, self.n_u), t, q, v, u
-        )
+        return _batched(self.forces, (0, self.m, self.n, self.n_u), t, *self.split(x), u)
 
     def regressor(self, t: Array | float, x: Array, w: Array, a: Array, u: Array) -> Array:
         """(..., n, p) combined regressor W = W_M + W_C − F (10)."""
-        q, v = self.split(x)
-        return _each(
-            lambda t, q, v, w, a, u: self._W(float(t), q, v, w, a, u),
-            (0, self.m, self.n, self.n, self.n, self.n_u),
-            *(t, q, v, w, a, u),
-        )
+        lengths = 0, self.m, self.n, self.n, self.n, self.n_u
+        return _batched(self._whole, lengths, t, *self.split(x), w, a, u)
 
     def mass_matrix(self, x: Array, theta: Array) -> Array:
         """(..., n, n) M(x, θ), the matrix of (8)."""
         q, _ = self.split(x)
         theta = self.space.check(theta)
-        return _each(lambda q: self._mass_tensor(q) @ theta, (self.m,), q)
+
+        def matrices(q: Array) -> Array:  # one tensor (n, n, p) at a time
+            found = [self._mass_tensor(row) @ theta for row in q]
+            return np.array(found).reshape(-1, self.n, self.n)
+
+        return _batched(matrices, (self.m,), q)
 
     def coriolis_matrix(self, x: Array, theta: Array) -> Array:
         """(..., n, n) C(x, θ), the matrix of (9)."""
@@ -274,8 +290,13 @@ class SecondOrderSystem(ABC):
         return a, W
 
 
-def _each(function, lengths: tuple[int, ...], *arguments) -> Array:
-    """Applies a one-sample function over the leading axes of its arguments."""
+def _batched(
+    function: Callable[..., Array], lengths: tuple[int, ...], *arguments: ArrayLike
+) -> Array:
+    """Applies a function of N samples over the leading axes of its arguments.
+
+    `lengths` are those of the arguments' last axes, 0 for a number.
+    """
     arrays = [np.asarray(argument, dtype=np.float64) for argument in arguments]
     for array, length in zip(arrays, lengths, strict=True):
         if length and array.shape[-1:] != (length,):
@@ -285,23 +306,12 @@ def _each(function, lengths: tuple[int, ...], *arguments) -> Array:
                 f"shape {array.shape}",
                 "Give one row for each sample.",
             )
-    if all(array.ndim == (length > 0) for array, length in zip(arrays, lengths, strict=True)):
-        return function(*arrays)  # fast path for a single sample, as in a control loop
-    leading = [
-        a.shape[:-1] if length else a.shape for a, length in zip(arrays, lengths, strict=True)
-    ]
-    batch = np.broadcast_shapes(*leading)
-    spread = [
-        np.broadcast_to(a, batch + (a.shape[-1:] if length else ())).reshape(
-            (-1,) + (a.shape[-1:] if length else ())
-        )
-        for a, length in zip(arrays, lengths, strict=True)
-    ]
-    if not len(spread[0]):
-        one = function(*(np.zeros(length) if length else np.zeros(()) for length in lengths))
-        return np.zeros(batch + one.shape)
-    results = np.stack([function(*sample) for sample in zip(*spread, strict=True)])
-    return results.reshape(batch + results.shape[1:])
+    ends = [(length,) if length else () for length in lengths]
+    pairs = list(zip(arrays, ends, strict=True))
+    batch = np.broadcast_shapes(*(array.shape[: array.ndim - len(end)] for array, end in pairs))
+    samples = [np.broadcast_to(array, batch + end).reshape(-1, *end) for array, end in pairs]
+    found = function(*samples)
+    return found.reshape(batch + found.shape[1:])
 
 
 def gains_by_command(system: SecondOrderSystem) -> list[Indices]:

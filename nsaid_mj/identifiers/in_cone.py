@@ -49,18 +49,10 @@ def memory_identifier(
     config: MemoryConfig | None = None,
     levels: SensorLevels = EXACT,
 ) -> NullspaceIdentifier:
-    """The identifier of (44, 45) in the cone's metric, with implicit steps on a memory's cost.
+    """The identifier of `cone_identifier`, with implicit steps on the cost of a memory.
 
-    Args:
-        system: the structure.
-        K: (n,) or (n, n) gain of the identification plant [1/s].
-        Gamma: (p,) or (p, p) adaptation gain.
-        prior: (p,) θ̂(0), inside the cone.
-        dt: time between measurements [s].
-        mu: weight μ of the barrier [J]; > 0.
-        hermite: cubic Hermite interpolation between samples; else linear.
-        config: how past data are kept and used; None is `MemoryConfig()`.
-        levels: standard deviations of the sensors' noise.
+    `config` says how past data are kept and used, None for `MemoryConfig()`; `levels` are standard
+    deviations of the sensors' noise.
 
     Raises:
         InvalidInput: a shape or value is wrong, the prior is outside the cone, or the system has no

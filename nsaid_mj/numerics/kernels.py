@@ -23,7 +23,7 @@ from .stopwatch import timed
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
 vector, matrix, cube, table = f8[::1], f8[:, ::1], f8[:, :, ::1], i8[:, ::1]
 
-FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
+FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "nogil": True}
 """Division by 0 gives inf or NaN, as in numpy, and numba compiles no error messages. Without `_nrt`
 it counts no references to the arrays of a call, half of a stage's time; nothing is allocated."""
 INLINE: Any = {"forceinline": True}
@@ -57,15 +57,16 @@ class Part:
     """
 
     def __init__(self, function: Callable[..., Any], signature: Any, options: Any):
-        self.py_func, self._signature, self._options = function, signature, FAST | options
+        self.py_func, self.signature = function, signature
+        self._options = options if signature is None else FAST | options
 
     @cached_property
-    def made(self) -> Any:
-        """The function of numba's."""
-        return _njit(self._signature, no_cpython_wrapper=True, **self._options)(self.py_func)
+    def part(self) -> Any:
+        """The function of numba's that its callers contain."""
+        return _njit(self.signature, no_cpython_wrapper=True, **self._options)(self.py_func)
 
 
-class Kernel:
+class Kernel(Part):
     """A function that Python calls, and that compiled functions call by its address.
 
     Every other function numba compiles again with each function that calls it, directly or not.
@@ -87,13 +88,12 @@ class Kernel:
         inner: bool = False,
         **options: Any,
     ):
-        given: Any = {"nogil": True} | (FAST if signature is not None else {}) | options
-        self.function: Any = _njit(cache=True, no_cpython_wrapper=inner, **given)(function)
-        self.part, self._called = _njit(**given)(function), self.function
-        self._loaded = False
+        super().__init__(function, signature, {"nogil": True} | options)
+        own = {"cache": True, "no_cpython_wrapper": inner} | self._options
+        self.function = self._called = _njit(**own)(function)
+        self.calls, self._loaded = calls, False
         if inner:
             self._called = njit(lambda *x: self(*x))  # noqa: PLW0108
-        self.py_func, self.signature, self.calls = function, signature, calls
         self.symbol = f"{function.__module__}.{function.__name__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         if signature is not None:
@@ -185,10 +185,6 @@ def callees(values: Iterable[Any]) -> Iterator[Kernel]:
 
 
 @typeof_impl.register(Part)
-def _type_of_part(part: Part, _: Any) -> Any:
-    return typeof(part.made)
-
-
-@typeof_impl.register(Kernel)
-def _type_of_kernel(kernel: Kernel, _: Any) -> Any:
-    return None if kernel.signature is not None else typeof(kernel.part)  # else see `_call`
+def _type_of(part: Part, _: Any) -> Any:
+    called = isinstance(part, Kernel) and part.signature is not None  # by its address, see `_call`
+    return None if called else typeof(part.part)

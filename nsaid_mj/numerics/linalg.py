@@ -85,6 +85,19 @@ def solve_many(L, X):
                 X[i, c] -= factor * X[j, c]
 
 
+@kernel(void(matrix, matrix), inner=True)
+def invert_lower(L, inverse):
+    """Writes L⁻¹ (n, n) of a lower triangular L (n, n)."""
+    for i in range(L.shape[0]):
+        for j in range(L.shape[0]):
+            inverse[i, j] = 1.0 if i == j else 0.0
+        for j in range(i):
+            for k in range(j + 1):
+                inverse[i, k] -= L[i, j] * inverse[j, k]
+        for k in range(i + 1):
+            inverse[i, k] /= L[i, i]
+
+
 @njit(**FAST)
 def copy_into(source, target):
     """Writes the numbers of an array (k,) into another: faster than a slice where k is small."""

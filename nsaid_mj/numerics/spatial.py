@@ -128,24 +128,3 @@ def bracket(group, a, b):
         c[0] = a[1] * b[2] - a[2] * b[1]
         c[1] = a[2] * b[0] - a[0] * b[2]
     return c
-
-
-@kernel(error_model="numpy")
-def coadjoint(group, w, h):
-    """(n,) ad_wᵀ h, which is −C w of a body with momentum h = M v (n,) and Fossen's skew C.
-
-    w (n,) is a velocity; `group` is 6 for rigid motions, 3 for planar ones, 0 where velocities
-    commute.
-    """
-    c = np.zeros(w.shape[0])
-    if group == 6:
-        c[0] = h[1] * w[5] - h[2] * w[4]
-        c[1] = h[2] * w[3] - h[0] * w[5]
-        c[2] = h[0] * w[4] - h[1] * w[3]
-        c[3] = h[1] * w[2] - h[2] * w[1] + h[4] * w[5] - h[5] * w[4]
-        c[4] = h[2] * w[0] - h[0] * w[2] + h[5] * w[3] - h[3] * w[5]
-        c[5] = h[0] * w[1] - h[1] * w[0] + h[3] * w[4] - h[4] * w[3]
-    elif group == 3:
-        c[0], c[1] = h[1] * w[2], -h[0] * w[2]
-        c[2] = h[0] * w[1] - h[1] * w[0]
-    return c

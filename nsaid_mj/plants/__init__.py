@@ -20,12 +20,12 @@ from .world.faults.kinds import Stuck as Stuck
 from .world.faults.text import fault_text as fault_text
 from .world.faults.text import parse_faults as parse_faults
 from .world.mismatch import Mismatch as Mismatch
+from .world.plant import Looks as Looks
 from .world.plant import ParametricPlantConfig as ParametricPlantConfig
 from .world.plant import Plant as Plant
 from .world.plant import PlantConfig as PlantConfig
 from .world.sensors import SensorNoise as SensorNoise
 from .world.sensors import Sensors as Sensors
-from .world.simulated import Looks as Looks
 
 
 def _plants() -> dict[str, type[PlantConfig]]:

@@ -107,11 +107,9 @@ def single_track(
         "spd",
         labels=("mass", "first moment m·cx", "yaw inertia"),
     )
+    front, rear = Column("tyre", 0, body=0, input=1, arm=half), Column("tyre", 1, body=0, arm=-half)
     tyres = term(
-        [
-            Column("tyre", 0, body=0, input=1, arm=half),
-            Column("tyre", 1, body=0, arm=-half),
-        ],
+        [front, rear],
         {"C_f": "cornering stiffness in front", "C_r": "cornering stiffness at the rear"},
         forces[:2],
         scale[3:5],

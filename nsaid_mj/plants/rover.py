@@ -10,7 +10,6 @@ import numpy as np
 from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import asset, numbers
-from ..robot.shapes import VisualMesh
 from ..robot.tree import set_options
 from ..structure.single_body import SingleBody
 from .ground import operation, planar_mass, single_track
@@ -99,20 +98,13 @@ class Rover(Plant):
         self.data.qvel[self._spins] = along / self._radius  # rolling without slip
 
     def _show(self, data: Any, q: Array) -> None:
+        """Poses the geoms at q (3,); wheels do not turn, as q has no angles."""
         data.qpos[:] = self._rest
         self.body.write(data, q, np.zeros(3))
 
     def coordinates(self) -> tuple[Array, Array]:
         """(3,) x, y [m], ψ [rad] and (3,) u, v [m/s], r [rad/s] of the hull's horizontal motion."""
         return self.body.read(self.data)
-
-    def visuals(self) -> list[VisualMesh]:
-        """Meshes of the hull and the wheels."""
-        return self._looks.visuals()
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the geoms at q (k, 3); wheels do not turn, as q has no angles."""
-        return self._looks.poses(q)
 
     def _settled(self) -> Array:
         """(nq,) qpos of the rover at rest at the origin, settled on its wheels."""

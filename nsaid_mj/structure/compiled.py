@@ -10,7 +10,6 @@ from numba import types
 
 from ..numerics.kernels import (
     FAST,
-    Kernel,
     boolean,
     cube,
     f8,
@@ -27,23 +26,10 @@ from ..numerics.kernels import (
 )
 from .arrays import Slopes, StructureArrays, Workspace
 
-__all__ = [
-    "FAST",
-    "Kernel",
-    "boolean",
-    "cube",
-    "f8",
-    "helper",
-    "i8",
-    "index",
-    "inlined",
-    "kernel",
-    "matrix",
-    "routine",
-    "table",
-    "vector",
-    "void",
-]  # for the files here, beside the types below
+__all__ = [  # for the files here, beside the types below
+    "FAST", "boolean", "cube", "f8", "helper", "i8", "index", "inlined", "kernel", "matrix",
+    "routine", "table", "vector", "void",
+]  # fmt: skip
 
 STRUCTURE = types.NamedTuple(
     (table, vector, vector, table, table, vector, table, table, vector, table), StructureArrays

@@ -27,6 +27,13 @@ class SampledSystem(SecondOrderSystem):
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         return self._W_M(q, a) + self._W_C(q, v, w) - self._F(t, q, v, u)
 
+    def _moving(self, q: Array, v: Array, w: Array, a: Array) -> Array:
+        rows = [self._W_M(q, a) + self._W_C(q, v, w) for q, v, w, a in zip(q, v, w, a, strict=True)]
+        return np.array(rows).reshape(-1, self.n, self.p)
+
+    def _whole(self, t: Array, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        return self._moving(q, v, w, a) - self.forces(t, q, v, u)
+
     def _mass_tensor(self, q: Array) -> Array:
         return np.stack([self._W_M(q, e) for e in np.eye(self.n)])
 
@@ -37,7 +44,8 @@ class SampledSystem(SecondOrderSystem):
 
     def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
         """(N, n, p) F for N samples."""
-        return np.stack([self._F(*row) for row in zip(t.tolist(), q, v, u, strict=True)])
+        rows = [self._F(*row) for row in zip(t.tolist(), q, v, u, strict=True)]
+        return np.array(rows).reshape(-1, self.n, self.p)
 
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..numerics.kernels import kernel
-from ..numerics.linalg import cholesky
+from ..numerics.linalg import cholesky, invert_lower
 from .forces import ALL, write_forces
 from .kinematics import place
 from .slopes import linearise
@@ -65,14 +65,7 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
             S[i, i] += R[i]
         if not cholesky(S, L) > 0.0:
             return False
-        inverse[:] = 0.0
-        for i in range(size):  # L⁻¹
-            inverse[i, i] = 1.0
-            for j in range(i):
-                for r in range(j + 1):
-                    inverse[i, r] -= L[i, j] * inverse[j, r]
-            for r in range(i + 1):
-                inverse[i, r] /= L[i, i]
+        invert_lower(L, inverse)
         white = np.dot(inverse, psi)
         rows[filled : filled + size] = white
         filled += size

@@ -368,8 +368,7 @@ def linearise(structure, q, v, u, theta, scale, work, slopes, a, B, rates):
     which joints' columns are held; (0,) to evaluate them at v.
     """
     state, x, bodies = slopes.state, work.scratch, structure.bodies
-    ground = (bodies.shape[0] + v.shape[0]) * FRAME
-    held = rates.shape[0] > 0
+    ground, held = (bodies.shape[0] + v.shape[0]) * FRAME, rates.shape[0] > 0
     at_joints = rates if held else v
     place(structure, q, v, state)
     write_forces(structure, state, q, at_joints, u, ALL, x, slopes.F)

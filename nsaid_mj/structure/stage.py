@@ -225,7 +225,7 @@ def _gather(bodies, state, work, force):
                     inertia[parent * INERTIA + i] += inertia[b * INERTIA + i]
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector), inner=True)
+@routine(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
 def write_equations(structure, state, w, theta, work, force):
     """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
     bodies, rotors = structure.bodies, structure.rotors
@@ -242,9 +242,6 @@ def write_equations(structure, state, w, theta, work, force):
         force[i] = -force[i]
 
 
-_write_equations = inlined(write_equations)
-
-
 @kernel(f8(STRUCTURE, vector, vector, vector, vector, WORKSPACE, vector), inner=True)
 def accelerate(structure, state, F, w, theta, work, a):
     """Writes â of (29) into a (n,); returns M̂'s smallest pivot, > 0 on success.
@@ -254,7 +251,7 @@ def accelerate(structure, state, F, w, theta, work, a):
     motions without J a, and M̂'s factor.
     """
     nonzeros = structure.nonzeros
-    _write_equations(structure, state, w, theta, work, a)
+    write_equations(structure, state, w, theta, work, a)
     for z in range(nonzeros.shape[0]):
         a[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
     return solve_inline(work.M, work.L, a)  # (29)

@@ -177,16 +177,17 @@ class StructuredSystem(StructuredKinematics):
         )  # fmt: skip
         return W
 
-    def _unforced(self, q: Array, v: Array, w: Array, a: Array) -> Array:
-        """(N, n, p) W without F and weight, for N of w and a (N, n) at q (m,) and v (n,)."""
-        here, moving = (x[None].repeat(len(w), axis=0) for x in (q, v))
-        return self._regressors(here, moving, np.zeros((len(w), self.n_u)), w, a, 0.0)
+    def _moving(self, q: Array, v: Array, w: Array, a: Array) -> Array:
+        return self._regressors(q, v, np.zeros((len(q), self.n_u)), w, a, 0.0)
+
+    def _whole(self, t: Array, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        return self._regressors(q, v, u, w, a)
 
     def _W_M(self, q: Array, a: Array) -> Array:
-        return self._unforced(q, self._still, self._still[None], a[None])[0]
+        return self._moving(q[None], self._still[None], self._still[None], a[None])[0]
 
     def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        return self._unforced(q, v, w[None], self._still[None])[0]
+        return self._moving(q[None], v[None], w[None], self._still[None])[0]
 
     def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
         return self.forces(np.array([t]), q[None], v[None], u[None])[0]
@@ -195,7 +196,8 @@ class StructuredSystem(StructuredKinematics):
         return self._regressors(q[None], v[None], u[None], w[None], a[None])[0]
 
     def _mass_tensor(self, q: Array) -> Array:
-        return self._unforced(q, self._still, np.zeros((self.n, self.n)), np.eye(self.n))
+        still = np.zeros((self.n, self.n))
+        return self._moving(q[None].repeat(self.n, axis=0), still, still, np.eye(self.n))
 
     def _transport(self, q: Array, v: Array) -> Array:
         v, size, own = plain(v), (self.n, self.p), self._memory

@@ -78,24 +78,11 @@ def _write_flow(group, dt, v, A, rates, x, F):
 
 @kernel(
     f8(
-        STRUCTURE,
-        vector,
-        vector,
-        vector,
-        f8,
-        vector,
-        vector,
-        WORKSPACE,
-        SLOPES,
-        vector,
-        vector,
-        vector,
-        matrix,
-        matrix,
-        matrix,
+        STRUCTURE, vector, vector, vector, f8, vector, vector, WORKSPACE, SLOPES, vector, vector,
+        vector, matrix, matrix, matrix,
     ),
     inner=True,
-)
+)  # fmt: skip
 def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, seen):
     """Writes the state after a step with the command held, and its derivatives.
 

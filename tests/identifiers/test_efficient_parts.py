@@ -84,9 +84,9 @@ def test_an_update_is_kalmans_then_projected_with_the_scale_carried_along(
         P_after = Ptt - share * (K @ Pxt + Pxt.T @ K.T) + share**2 * K @ S @ K.T
         memory = Memory.of(law.structure, N, N, P)
         memory.R[:], memory.y[:] = R, y
-        spread = innovate(law, kalman, memory)
+        spread = innovate(law.scale, kalman.Pxx, kalman.Pxt, memory)
         square = memory.e @ memory.e
-        update(law, kalman, share, memory)
+        update(law.cone, law.margin, law.scale, kalman, share, memory)
         given = memory.y
         out = not (free[:3] > 0).all()
         assert out == (size > 1)
@@ -114,7 +114,7 @@ def test_a_prediction_carries_the_covariance_and_adds_linearisation_and_walk() -
     _, Pxx, Pxt, Ptt = (np.array(a) for a in kalman[2:6])
     memory = Memory.of(law.structure, N, N, P)
     memory.F[:], memory.B[:] = F, B
-    predict(law, dt, kalman, memory)
+    predict(law.scale, law.walk, law.unexplained, law.gamma, dt, kalman, memory)
     joint = np.block([[Pxx, Pxt], [Pxt.T, Ptt]])
     Phi = np.hstack([F[:, : 2 * N], F[:, 2 * N :] @ B])
     effect = F[:, 2 * N :] @ B @ Ptt @ B.T @ F[:, 2 * N :].T
@@ -135,9 +135,9 @@ def test_a_projection_onto_one_number_is_that_of_the_constrained_minimum() -> No
         nearest = theta + law.scale * gain * (bound - theta[1]) / law.scale[1]
         if not (nearest[[0, 2]] > law.margin[[0, 2]]).all():
             continue
-        start, y, plane = kalman.theta, np.zeros(2 * N), np.empty(P)
+        start, y, work = kalman.theta, np.zeros(2 * N), (np.empty(P), np.empty(P), np.empty((P, P)))
         project_inside(
-            law.cone, law.margin, start, theta, law.scale, kalman.Ptt, kalman.Pxt, y, plane
+            law.cone, law.margin, start, theta, law.scale, kalman.Ptt, kalman.Pxt, y, *work
         )
         np.testing.assert_allclose(theta, nearest, rtol=1e-9)
 

@@ -153,10 +153,11 @@ def test_a_projected_step_is_inside_and_closer_to_the_truth(
     start = truth + 10**length * scale * (root @ rng.standard_normal(p))
     before = drawn_inside(space, truth, 0.3, rng)
     theta, lost = start.copy(), start.copy()
-    project_inside(cone, margin, before, theta, scale, P, cross, np.zeros(2), np.empty(p))
+    work = np.empty(p), np.empty(p), np.empty((p, p))
+    project_inside(cone, margin, before, theta, scale, P, cross, np.zeros(2), *work)
     assert inside(cone, theta)
     nowhere = np.full(p, np.nan)  # to tell whether the projections sufficed
-    project_inside(cone, margin, nowhere, lost, scale, P, cross, np.zeros(2), np.empty(p))
+    project_inside(cone, margin, nowhere, lost, scale, P, cross, np.zeros(2), *work)
     if np.isfinite(lost).all():
         whiten = np.linalg.solve(root, np.diag(1 / scale))
         far, near = (float(np.sum((whiten @ (x - truth)) ** 2)) for x in (start, theta))

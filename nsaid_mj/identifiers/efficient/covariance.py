@@ -4,9 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...numerics.linalg import cholesky, multiply, solve_many, subtract_square, transpose
+from ...numerics.linalg import (
+    cholesky,
+    invert_lower,
+    multiply,
+    solve_many,
+    subtract_square,
+    transpose,
+)
+from ...quotient.cone import CONE
 from ...structure.compiled import f8, kernel, matrix, vector, void
-from .filter import FILTER, LAW, MEMORIES
+from .filter import FILTER, MEMORIES
 from .steps import carry_scale, project_inside
 
 SMALL = 0.1
@@ -58,10 +66,13 @@ def _add_unexplained(density, dt, theta, L, spread, rows):
                 rows[i, 2 * n + j] += columns[i, k] * columns[j, k] * own
 
 
-@kernel(void(LAW, f8, FILTER, MEMORIES), inner=True)
-def predict(law, dt, filter, memory):
-    """Writes P̄, without R, from the derivatives F and B of `transition`."""
-    Pxx, Pxt, Ptt, gamma, F = filter.Pxx, filter.Pxt, filter.Ptt, law.gamma, memory.F
+@kernel(void(vector, vector, vector, f8, f8, FILTER, MEMORIES), inner=True)
+def predict(scale, walk, unexplained, gamma, dt, filter, memory):
+    """Writes P̄, without R, from the derivatives F and B of `transition`.
+
+    The first four arguments are `Law`'s: kernels pass every array of a tuple, used or not.
+    """
+    Pxx, Pxt, Ptt, F = filter.Pxx, filter.Pxt, filter.Ptt, memory.F
     with_theta, with_c, both = memory.with_theta, memory.with_c, memory.both
     size, n = Pxt.shape[0], filter.v.shape[0]
     transpose(F, memory.F_T)
@@ -78,8 +89,8 @@ def predict(law, dt, filter, memory):
             both[i, j] = Pxx[i, j]
         for j in range(n):
             both[size + j, i] = with_c[i, j]
-    if law.unexplained.shape[0]:
-        _add_unexplained(law.unexplained, dt, filter.theta, memory.stage.L, memory.S, both[size:])
+    if unexplained.shape[0]:
+        _add_unexplained(unexplained, dt, filter.theta, memory.stage.L, memory.S, both[size:])
     multiply(F, with_theta, Pxt)
     multiply(F, both, memory.moved)
     multiply(memory.moved, memory.F_T, Pxx)
@@ -88,34 +99,29 @@ def predict(law, dt, filter, memory):
             for k in range(n):
                 own = F[i, size + j] * with_c[size + j, k] * F[i, size + k]
                 Pxx[i, i] += gamma * gamma * own
-    for k in range(law.scale.shape[0]):
-        if law.walk[k] > 0.0:
-            relative = max(abs(filter.theta[k]) / law.scale[k], SMALL)
-            Ptt[k, k] += law.walk[k] * dt * relative * relative
+    for k in range(scale.shape[0]):
+        if walk[k] > 0.0:
+            relative = max(abs(filter.theta[k]) / scale[k], SMALL)
+            Ptt[k, k] += walk[k] * dt * relative * relative
 
 
-@kernel(f8(LAW, FILTER, MEMORIES), inner=True)
-def innovate(law, filter, memory):
+@kernel(f8(vector, matrix, matrix, MEMORIES), inner=True)
+def innovate(scale, Pxx, Pxt, memory):
     """Factors S and writes the step of θ̂ for the innovation y; returns log det S, NaN if S ⊁ 0."""
-    Pxx, S, L, inverse = filter.Pxx, memory.S, memory.L, memory.inverse
+    S, L, inverse = memory.S, memory.L, memory.inverse
     y, e, step, whitened = memory.y, memory.e, memory.step, memory.whitened
     size, p = whitened.shape
     for i in range(size):
         for j in range(size):
-            S[i, j], inverse[i, j] = 0.5 * (Pxx[i, j] + Pxx[j, i]), 0.0
+            S[i, j] = 0.5 * (Pxx[i, j] + Pxx[j, i])
         S[i, i] += memory.R[i]
-        inverse[i, i] = 1.0
     if not cholesky(S, L) > 0.0:
         return np.nan
     spread = 0.0
-    for i in range(size):  # L⁻¹
+    for i in range(size):
         spread += 2.0 * np.log(L[i, i])
-        for j in range(i):
-            for k in range(j + 1):
-                inverse[i, k] -= L[i, j] * inverse[j, k]
-        for k in range(i + 1):
-            inverse[i, k] /= L[i, i]
-    multiply(inverse, filter.Pxt, whitened)
+    invert_lower(L, inverse)
+    multiply(inverse, Pxt, whitened)
     for k in range(p):
         step[k] = 0.0
     for i in range(size):
@@ -125,12 +131,12 @@ def innovate(law, filter, memory):
         for k in range(p):
             step[k] += e[i] * whitened[i, k]
     for k in range(p):
-        step[k] *= law.scale[k]
+        step[k] *= scale[k]
     return spread
 
 
-@kernel(void(LAW, FILTER, f8, MEMORIES), inner=True)
-def update(law, filter, share, memory):
+@kernel(void(CONE, vector, vector, FILTER, f8, MEMORIES), inner=True)
+def update(cone, margin, scale, filter, share, memory):
     """Moves θ̂ by a share of its step, updates P, and overwrites y with the step of the state."""
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
     S, L, inverse, whitened = memory.S, memory.L, memory.inverse, memory.whitened
@@ -160,5 +166,6 @@ def update(law, filter, share, memory):
     for i in range(size):
         for j in range(size):
             Pxx[i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
-    project_inside(law.cone, law.margin, before, theta, law.scale, Ptt, Pxt, y, trial)
-    carry_scale(before, theta, law.scale, Pxt, Ptt, memory.step, trial)
+    work = trial, memory.step, memory.factor
+    project_inside(cone, margin, before, theta, scale, Ptt, Pxt, y, *work)
+    carry_scale(before, theta, scale, Pxt, Ptt, memory.step, trial)

@@ -148,7 +148,7 @@ def _move(law, filter, dt, q, v, u, memory):
         memory.seen if law.unexplained.shape[0] > 0 else memory.seen[:0],
     )  # fmt: skip
     if pivot > 0.0:
-        predict(law, dt, filter, memory)
+        predict(law.scale, law.walk, law.unexplained, law.gamma, dt, filter, memory)
     return pivot
 
 
@@ -177,13 +177,13 @@ def _follow_row(law, filter, k, t, q, v, u, along, memory):
     difference(structure.bodies, memory.q1, q[k], y, x)
     for i in range(n):
         y[n + i] = v[k, i] - v1[i]
-    spread, square = innovate(law, filter, memory), 0.0
+    spread, square = innovate(law.scale, filter.Pxx, filter.Pxt, memory), 0.0
     for i in range(2 * n):
         square += memory.e[i] * memory.e[i]
     if not (spread < np.inf and square < np.inf):
         return ROUNDED
     share = _linear_share(law, q[k], v[k], u[k - 1], filter, memory)
-    update(law, filter, share, memory)
+    update(law.cone, law.margin, law.scale, filter, share, memory)
     integrate(structure.bodies, memory.q1, y, filter.q, x)
     for i in range(n):
         filter.v[i] = v1[i] + y[n + i]
@@ -241,9 +241,9 @@ def _cover(law, filter, R, t, q, v, u, memory):
             return k - 1
         for i in range(R.shape[0]):
             memory.y[i] = 0.0
-        if not innovate(law, filter, memory) < np.inf:
+        if not innovate(law.scale, filter.Pxx, filter.Pxt, memory) < np.inf:
             return k - 1
-        update(law, filter, 1.0, memory)
+        update(law.cone, law.margin, law.scale, filter, 1.0, memory)
     return t.shape[0] - 1
 
 

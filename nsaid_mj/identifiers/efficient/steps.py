@@ -84,8 +84,8 @@ def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state):
         state[k] += own * missing / variance
 
 
-@kernel(void(CONE, vector, vector, vector, vector, matrix, matrix, vector, vector), _nrt=True)
-def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
+@kernel(void(CONE, vector, vector, vector, vector, matrix, matrix, vector, vector, vector, matrix))
+def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane, x, P):
     """Projects θ̂ (p,) into the cone, by half-spaces that contain it, in the metric P⁻¹.
 
     Such a projection brings θ̂ closer to every point of the half-space, and so to the true θ:
@@ -96,13 +96,9 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane):
     before (p,) is θ̂ before the step, inside; if `_PASSES` projections onto each half-space do not
     suffice, or θ̂ is not finite, the step is halved until it ends inside. margin (p,) is that of
     `margin_of`, scale (p,) that of θ, Ptt (p, p) and Pxt (2n, p) are covariances of θ/scale with
-    itself and the state; theta and the update of the state (2n,) are overwritten, plane (p,) is
-    workspace.
+    itself and the state; theta and the update of the state (2n,) are overwritten. plane and x (p,)
+    and P (p, p) are workspace.
     """
-    largest = 0
-    for block in range(cone.blocks.shape[0]):
-        largest = max(largest, cone.blocks[block, 2])
-    x, P = np.empty(largest), np.empty((largest, largest))
     for _ in range(_PASSES):
         outside = False
         for j in cone.positive:

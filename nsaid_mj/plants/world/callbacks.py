@@ -24,7 +24,7 @@ from llvmlite import binding as llvm
 from numba import carray, cfunc, types
 from numba.extending import intrinsic
 
-from ...numerics.kernels import INLINE, f8, i8, matrix, routine, table, vector
+from ...numerics.kernels import INLINE, boolean, f8, helper, i8, matrix, routine, table, vector
 
 WORDS = 1 << 15
 """Number of 8-byte words of mjData to search; its pointers are near word 20,000 in MuJoCo 4.0."""
@@ -118,6 +118,19 @@ def table_of(user, layout, k):
     parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
     at = user + types.uintp(8 * parts[own])
     return array_at(pointer(at, INDICES), (i8(parts[own + 1]), i8(parts[own + 2])))
+
+
+_LARGEST = float(mujoco.mjMAXVAL)
+"""Magnitude of a control from which MuJoCo applies none."""
+
+
+@helper(boolean(vector))
+def accepted(u):
+    """Whether MuJoCo applies the controls: it checks them next, warns of them and zeroes them."""
+    for i in range(u.shape[0]):  # noqa: SIM110 (compiled)
+        if not abs(u[i]) <= _LARGEST:
+            return False
+    return True
 
 
 @cache

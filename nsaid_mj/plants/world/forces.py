@@ -19,7 +19,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 from numba import types
 
@@ -44,8 +43,10 @@ from ...structure.compiled import (
     WORKSPACE,
     f8,
     helper,
+    i8,
     kernel,
     matrix,
+    routine,
     table,
     vector,
     void,
@@ -57,6 +58,7 @@ from ...structure.structure import Structure
 from .callbacks import (
     NUMBERS,
     WORDS,
+    accepted,
     array_at,
     c_function,
     field_offsets,
@@ -68,10 +70,10 @@ from .callbacks import (
 from .coordinates import Reading
 
 _TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW = range(5)
-_GROUP, _POSE, _PLACED, _LAYOUT = range(_FLOW + 3, _FLOW + 7)
+_GROUP, _POSE, _LAYOUT = range(_FLOW + 3, _FLOW + 6)
 """Places in userdata: its length; whether commands are activations; their number; whether there is
-inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; whether
-any force depends on the bodies' poses; place, rows and columns of every part."""
+inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; place,
+rows and columns of every part."""
 _DOFS, _THETA, _OWN, _WORK = 10, 11, 12, 22
 _HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
 """Parts of the userdata, after those of `StructureArrays`: every velocity's place in qvel, its
@@ -108,7 +110,6 @@ class Forces:
         layout = [(at, *(*part.shape, 1)[:2]) for at, part in zip(places, parts, strict=False)]
         commands, flow = self.structure.n_u, self.flow
         head = [places[-1], lagged, commands, self.added, *flow, reading.group, reading.free[0]]
-        head.append(self.placed)
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
         return np.concatenate([head, np.ravel(layout), *flat], dtype=np.float64)
 
@@ -292,9 +293,27 @@ def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     add_forces(structure, own.state, on_ground, own.q, own.v, u, theta, work.scratch, own.force)
 
 
-@helper(void(table, table, vector, table, vector, vector, vector, vector, vector))
-def _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, passive):
+_VIEWS = types.UniTuple(vector, 5)  # of userdata, commands, qpos, qvel and qfrc_passive
+
+
+@routine(_VIEWS(types.uintp, i8, i8, i8, i8, i8, i8), _nrt=True)
+def _views(data, at_user, at_ctrl, at_act, at_q, at_v, at_force):
+    """Views of mjData's arrays, at the words where their addresses are."""
+    arrays = array_at(pointer(data, _ADDRESSES), WORDS)
+    d = array_at(pointer(arrays[at_user], NUMBERS), WORDS)
+    commands = arrays[at_act] if d[_LAGGED] > 0 else arrays[at_ctrl]
+    u = array_at(pointer(commands, NUMBERS), np.int64(d[_COMMANDS]))
+    qpos = array_at(pointer(arrays[at_q], NUMBERS), WORDS)
+    qvel = array_at(pointer(arrays[at_v], NUMBERS), WORDS)
+    return d, u, qpos, qvel, array_at(pointer(arrays[at_force], NUMBERS), WORDS)
+
+
+@routine(void(types.uintp, vector, vector, vector, vector), _nrt=True)
+def _act_on_joints(user, u, qpos, qvel, passive):
     """Adds the forces on joints, where none depends on the bodies' poses."""
+    bodies, columns = table_of(user, _LAYOUT, 0), table_of(user, _LAYOUT, 7)
+    constants, theta = vector_of(user, _LAYOUT, 8), vector_of(user, _LAYOUT, _THETA)
+    dofs = table_of(user, _LAYOUT, _DOFS)
     for k in range(columns.shape[0]):
         gain = theta[columns[k, PARAMETER]]
         if gain == 0.0:
@@ -306,10 +325,46 @@ def _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, passive):
         passive[dofs[i, 0]] += gain * force
 
 
-@helper(void(vector, WORKSPACE, _MEMORY, table, vector))
-def _end(d, work, own, dofs, passive):
-    """Adds the forces in the world's axes to MuJoCo's."""
+@routine(void(types.uintp, types.uintp, types.uintp, *(vector,) * 5), _nrt=True)
+def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
+    """Adds all forces, from arrays in userdata."""
+    structure = StructureArrays(
+        table_of(user, _LAYOUT, 0),
+        vector_of(user, _LAYOUT, 1),
+        vector_of(user, _LAYOUT, 2),
+        table_of(user, _LAYOUT, 3),
+        table_of(user, _LAYOUT, 4),
+        vector_of(user, _LAYOUT, 5),
+        table_of(user, _LAYOUT, 6),
+        table_of(user, _LAYOUT, 7),
+        vector_of(user, _LAYOUT, 8),
+        table_of(user, _LAYOUT, 9),
+    )
+    work = Workspace(
+        vector_of(user, _LAYOUT, _WORK),
+        vector_of(user, _LAYOUT, _WORK + 1),
+        matrix_of(user, _LAYOUT, _WORK + 2),
+        matrix_of(user, _LAYOUT, _WORK + 3),
+        matrix_of(user, _LAYOUT, _WORK + 4),
+        vector_of(user, _LAYOUT, _WORK + 5),
+    )
+    own = _Memory(
+        vector_of(user, _LAYOUT, _OWN),
+        vector_of(user, _LAYOUT, _OWN + 1),
+        vector_of(user, _LAYOUT, _OWN + 2),
+        vector_of(user, _LAYOUT, _OWN + 3),
+        vector_of(user, _LAYOUT, _OWN + 4),
+        vector_of(user, _LAYOUT, _OWN + 5),
+        matrix_of(user, _LAYOUT, _OWN + 6),
+        matrix_of(user, _LAYOUT, _OWN + 7),
+        vector_of(user, _LAYOUT, _OWN + 8),
+        vector_of(user, _LAYOUT, _OWN + 9),
+    )
+    dofs, theta = table_of(user, _LAYOUT, _DOFS), vector_of(user, _LAYOUT, _THETA)
+    _begin(d, structure, work, own, dofs, theta, qpos, qvel, u)
     if d[_ADDED] > 0:
+        _full_m(model, data, user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 6)]))
+        _rne(model, data, np.int32(0), user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 5)]))
         _push(d, dofs, work, own)
     else:
         _into_world(d, own.R, own.force)
@@ -317,76 +372,29 @@ def _end(d, work, own, dofs, passive):
         passive[dofs[i, 0]] += own.force[i]
 
 
-_LARGEST = float(mujoco.mjMAXVAL)
-"""Magnitude of a control from which MuJoCo applies none."""
-
-
 @cache
-def column_forces() -> Any:
-    """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive."""
-    offsets = field_offsets()
-    at_q, at_v, at_ctrl, at_act, at_force, at_user = (
-        offsets[name] for name in ("qpos", "qvel", "ctrl", "act", "qfrc_passive", "userdata")
-    )
+def column_forces(placed: bool) -> Any:
+    """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive.
 
-    @kernel(
+    `placed` is `Forces.placed`: most arms compile the forces on their joints only.
+    """
+    offsets = field_offsets()
+    user, ctrl, act, q, v, force = (
+        offsets[name] for name in ("userdata", "ctrl", "act", "qpos", "qvel", "qfrc_passive")
+    )
+    callback = kernel(
         void(types.uintp, types.uintp), inner=True, no_cfunc_wrapper=False, _nrt=True
     )  # with reference counting, as arrays at addresses need it
-    def passive(model, data):
-        arrays = array_at(pointer(data, _ADDRESSES), WORDS)
-        user, commands = arrays[at_user], arrays[at_ctrl]
-        d = array_at(pointer(user, NUMBERS), WORDS)
-        if d[_LAGGED] > 0:
-            commands = arrays[at_act]
-        u = array_at(pointer(commands, NUMBERS), np.int64(d[_COMMANDS]))
-        for i in range(u.shape[0]):
-            if not abs(u[i]) <= _LARGEST:
-                return  # MuJoCo checks its controls next, warns of them and zeroes them
-        qpos = array_at(pointer(arrays[at_q], NUMBERS), WORDS)
-        qvel = array_at(pointer(arrays[at_v], NUMBERS), WORDS)
-        pushed = array_at(pointer(arrays[at_force], NUMBERS), WORDS)
-        dofs, theta = table_of(user, _LAYOUT, _DOFS), vector_of(user, _LAYOUT, _THETA)
-        bodies, columns = table_of(user, _LAYOUT, 0), table_of(user, _LAYOUT, 7)
-        constants = vector_of(user, _LAYOUT, 8)
-        if d[_PLACED] == 0:
-            _add_alone(bodies, columns, constants, dofs, theta, qpos, qvel, u, pushed)
-            return
-        structure = StructureArrays(
-            bodies,
-            vector_of(user, _LAYOUT, 1),
-            vector_of(user, _LAYOUT, 2),
-            table_of(user, _LAYOUT, 3),
-            table_of(user, _LAYOUT, 4),
-            vector_of(user, _LAYOUT, 5),
-            table_of(user, _LAYOUT, 6),
-            columns,
-            constants,
-            table_of(user, _LAYOUT, 9),
-        )
-        work = Workspace(
-            vector_of(user, _LAYOUT, _WORK),
-            vector_of(user, _LAYOUT, _WORK + 1),
-            matrix_of(user, _LAYOUT, _WORK + 2),
-            matrix_of(user, _LAYOUT, _WORK + 3),
-            matrix_of(user, _LAYOUT, _WORK + 4),
-            vector_of(user, _LAYOUT, _WORK + 5),
-        )
-        own = _Memory(
-            vector_of(user, _LAYOUT, _OWN),
-            vector_of(user, _LAYOUT, _OWN + 1),
-            vector_of(user, _LAYOUT, _OWN + 2),
-            vector_of(user, _LAYOUT, _OWN + 3),
-            vector_of(user, _LAYOUT, _OWN + 4),
-            vector_of(user, _LAYOUT, _OWN + 5),
-            matrix_of(user, _LAYOUT, _OWN + 6),
-            matrix_of(user, _LAYOUT, _OWN + 7),
-            vector_of(user, _LAYOUT, _OWN + 8),
-            vector_of(user, _LAYOUT, _OWN + 9),
-        )
-        _begin(d, structure, work, own, dofs, theta, qpos, qvel, u)
-        if d[_ADDED] > 0:
-            _full_m(model, data, user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 6)]))
-            _rne(model, data, np.int32(0), user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 5)]))
-        _end(d, work, own, dofs, pushed)
 
+    def on_joints(model, data):  # noqa: ARG001, MuJoCo's signature
+        d, u, qpos, qvel, pushed = _views(data, user, ctrl, act, q, v, force)
+        if accepted(u):
+            _act_on_joints(d.ctypes.data, u, qpos, qvel, pushed)
+
+    def on_bodies(model, data):
+        d, u, qpos, qvel, pushed = _views(data, user, ctrl, act, q, v, force)
+        if accepted(u):
+            _act_on_bodies(model, data, d.ctypes.data, d, u, qpos, qvel, pushed)
+
+    passive = callback(on_bodies if placed else on_joints)
     return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.callback)

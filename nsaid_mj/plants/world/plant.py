@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import mujoco
 import numpy as np
@@ -73,6 +73,22 @@ class ParametricPlantConfig(PlantConfig, ABC):
         """Makes the plant with time step dt [s] and the true θ (p,), or the published values."""
 
 
+class Looks(Protocol):
+    """Meshes of a robot and their poses."""
+
+    def visuals(self) -> list[VisualMesh]:
+        """All meshes; there may be none."""
+        ...
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the meshes at positions q (k, m).
+
+        Returns:
+            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        """
+        ...
+
+
 class Plant(ABC):
     """A simulated plant. Step it inside `with plant.running():`.
 
@@ -104,6 +120,7 @@ class Plant(ABC):
     faults: tuple[Fault, ...] = ()
     gain_places: Sequence[Sequence[int]] = ()
     reading: Reading | None = None
+    _looks: Looks
     _schedule: Schedule
     _variants: dict[tuple[int, ...], Variant]  # by the faults of the plant itself that are active
     _next_edge: float = np.inf  # when a fault next begins or ends [s]; -inf while a gain falls
@@ -207,13 +224,13 @@ class Plant(ABC):
         """(..., m) the system's position q from position numbers (..., n)."""
         return self.system.position(coordinates)
 
-    @abstractmethod
     def visuals(self) -> list[VisualMesh]:
-        """The meshes that show the plant."""
+        """The meshes that show the plant; there may be none."""
+        return self._looks.visuals()
 
-    @abstractmethod
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m); see `Looks.poses`."""
+        return self._looks.poses(q)
 
     @property
     def t(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,23 +15,7 @@ from ...structure.structured import StructuredKinematics
 from .coordinates import JointMap
 from .forces import Forces, column_forces
 from .mismatch import Mismatch
-from .plant import Plant
-
-
-class Looks(Protocol):
-    """Meshes of a robot and their poses."""
-
-    def visuals(self) -> list[VisualMesh]:
-        """All meshes; there may be none."""
-        ...
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
-        ...
+from .plant import Looks, Plant
 
 
 class GeomLooks:
@@ -94,8 +78,9 @@ class SimulatedRobot(Plant):
         mismatch: Mismatch,
         looks: Looks | None = None,
     ):
-        self.system, self._truth, self.passive = system, truth, column_forces()
+        self.system, self._truth = system, truth
         forces = Forces(system.structure, acting, np.array(mismatch.flow))
+        self.passive = column_forces(forces.placed)
         self.gain_places, spec.nuserdata = forces.gain_places, forces.size
         self._compile(spec, mismatch)
         tree = system.joints if isinstance(system, JointTree) else []
@@ -118,11 +103,3 @@ class SimulatedRobot(Plant):
     def coordinates(self) -> tuple[Array, Array]:
         """(n,) position numbers and (n,) velocities."""
         return self.joints.read(self.data)
-
-    def visuals(self) -> list[VisualMesh]:
-        """The meshes that show it; there may be none."""
-        return self._looks.visuals()
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m); see `Looks.poses`."""
-        return self._looks.poses(q)
