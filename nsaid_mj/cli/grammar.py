@@ -17,27 +17,6 @@ from .grammar_of_studies import Compare, MonteCarlo, Report, ScenarioName, Sweep
 
 
 @dataclass(frozen=True)
-class Output:
-    """Where the results of a run go.
-
-    Attributes:
-        out: folder of the run; by default runs/NAME-LAW, numbered if that holds a completed run.
-        force: overwrite a completed run in the folder.
-        quiet: print only errors.
-        json: print only the summary, as JSON, to the standard output.
-        live: show the run in the Rerun viewer while it runs, in real time.
-        live_speed: of --live, over real time; 0 for as fast as it is computed.
-    """
-
-    out: Path | None = None
-    force: bool = False
-    quiet: bool = False
-    json: bool = False
-    live: bool = False
-    live_speed: Annotated[float, arg(metavar="FACTOR")] = 1.0
-
-
-@dataclass(frozen=True)
 class Identify:
     """Identify a robot's parameters from its own log.
 
@@ -219,12 +198,26 @@ class List:
 
 
 @dataclass(frozen=True)
-class Run(Output):
+class Run:
     """Run a scenario by name or file.
 
     The scenario's fields are flags too: `nsaid run NAME --help` lists them all.
+
+    Attributes:
+        out: folder of the run; by default runs/NAME-LAW, numbered if that holds a completed run.
+        force: overwrite a completed run in the folder.
+        quiet: print only errors.
+        json: print only the summary, as JSON, to the standard output.
+        live: show the run in the Rerun viewer while it runs, in real time.
+        live_speed: of --live, over real time; 0 for as fast as it is computed.
     """
 
+    out: Path | None = None
+    force: bool = False
+    quiet: bool = False
+    json: bool = False
+    live: bool = False
+    live_speed: Annotated[float, arg(metavar="FACTOR")] = 1.0
     scenario: ScenarioName = field(kw_only=True)
 
 

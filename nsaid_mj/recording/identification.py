@@ -26,7 +26,7 @@ from .identification_layout import blueprint
 from .plots import Plots
 from .scene import Camera, Scene
 from .series import Curves, path
-from .stream import Content, write
+from .stream import write
 
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
 _POINTS = 30_000  # of a curve, at most; the viewer thins them by zoom
@@ -57,7 +57,7 @@ def record(result: Identification, file: Path) -> Path:
     every = Page("", None, sections=[Section("", folds(result))])
     documents = {"result": markdown(brief(result)), "parameters": markdown(every)}
     series = [*commands, (result.law.t, [c for _, c in history])] if result.law else commands
-    return write(Content(result.robot.name, layout, documents, series, draw), file)
+    return write(file, result.robot.name, layout, documents, series, draw)
 
 
 def moving_robot(

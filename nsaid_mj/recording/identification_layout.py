@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import rerun.blueprint as rrb
 
@@ -14,9 +15,7 @@ from .plots import Plots
 from .scene import Camera
 from .series import path
 
-FIRST = 6
-"""Joints on the first page, at most."""
-_PAGE = 12  # and on any other
+_FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
 
 
 def blueprint(
@@ -30,37 +29,20 @@ def blueprint(
         blocks: blocks of parameters whose estimates along the log are in the recording.
         plots: makes the plots.
     """
-    left: list[rrb.View | rrb.Container] = [result("Verdict")]
-    if camera is not None:
-        left.append(robot(camera, "Robot, as logged"))
-    worst = sorted(range(len(found.joints)), key=lambda j: -_error(found.joints[j].held_out))[
-        :FIRST
-    ]
-    columns = 1 if len(worst) < 4 else 2
-    first = [_command(found, j, plots, RIGHT / columns) for j in sorted(worst)]
     joints = range(len(found.joints))
     width = 1 / columns_of(len(joints))
-    grid = rrb.Grid(*first, grid_columns=columns)
-    overview = beside(left, grid, "Overview", [1, 1])
-    pages: list[rrb.Container] = [overview]
-    if len(found.joints) > FIRST:
-        pages += paged("Commands", [_command(found, j, plots, width) for j in joints])
+    errors = [_error(joint.held_out) for joint in found.joints]
+    pages = joint_pages(camera, errors, partial(_command, found, plots), "Commands")
     pages += paged("Residuals", [_residual(found, j, plots) for j in joints])
     if found.validation is not None:
-        checked = [_command(found, j, plots, width, "validation/") for j in joints]
+        checked = [_command(found, plots, j, width, "validation/") for j in joints]
         pages += paged("Validation", checked)
     gains = [p for p in found.gains if p.block in blocks]
-    pages += paged(
-        "Gains along the log",
-        [
-            plots(
-                path("estimate", p.block, p.label),
-                _title(f"{p.label}", p.unit),
-                1 / columns_of(len(gains)),
-            )
-            for p in gains
-        ],
-    )
+    width = 1 / columns_of(len(gains))
+    entities = {path("estimate", p.block, p.label): f"{p.label} [{p.unit}]" for p in gains}
+    note = " and its 95 % interval, the common scale aside"
+    views = [plots(entity, title + note, width) for entity, title in entities.items()]
+    pages += paged("Gains along the log", views)
     rest = [b for b in blocks if b not in {p.block for p in gains}]
     width = 1 / columns_of(len(rest))
     units = {b: {p.unit for p in found.parameters if p.block == b} for b in rest}
@@ -70,6 +52,32 @@ def blueprint(
     return whole(*pages, parameters())
 
 
+def joint_pages(
+    camera: Camera | None,
+    errors: Sequence[float],
+    view: Callable[[int, float], rrb.View],
+    name: str,
+) -> list[rrb.Container]:
+    """Verdict and robot beside the joints with the largest errors; pages of all, if these are more.
+
+    Args:
+        camera: of the robot; None leaves the 3D view out.
+        errors: one for each joint.
+        view: the plot of a joint that takes a share of the window.
+        name: of the pages.
+    """
+    left: list[rrb.View | rrb.Container] = [result("Verdict")]
+    left += [] if camera is None else [robot(camera, "Robot, as logged")]
+    worst = sorted(sorted(range(len(errors)), key=lambda j: -errors[j])[:_FIRST])
+    columns = 1 if len(worst) < 4 else 2
+    grid = rrb.Grid(*[view(j, RIGHT / columns) for j in worst], grid_columns=columns)
+    pages: list[rrb.Container] = [beside(left, grid, "Overview", [1, 1])]
+    if len(errors) > _FIRST:
+        width = 1 / columns_of(len(errors))
+        pages += paged(name, [view(j, width) for j in range(len(errors))])
+    return pages
+
+
 def parameters() -> rrb.Horizontal:
     """The page with all parameters as text."""
     view = rrb.TextDocumentView(origin="/parameters", name="All parameters")
@@ -77,7 +85,7 @@ def parameters() -> rrb.Horizontal:
 
 
 def _command(
-    found: Identification, j: int, plots: Plots, width: float, prefix: str = ""
+    found: Identification, plots: Plots, j: int, width: float, prefix: str = ""
 ) -> rrb.TimeSeriesView:
     fit = found.joints[j]
     error = fit.validation if prefix else fit.held_out
@@ -106,10 +114,6 @@ def paged(name: str, views: Sequence[rrb.View]) -> list[rrb.Container]:
 def columns_of(views: int) -> int:
     """Columns of a page of so many views."""
     return 1 if views < 3 else 2 if views <= 6 else 3
-
-
-def _title(label: str, unit: str) -> str:
-    return f"{label} [{unit}] and its 95 % interval, the common scale aside"
 
 
 def _error(value: float) -> float:

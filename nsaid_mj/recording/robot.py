@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from ..evaluation import Truth
 from ..experiment.loop import Run
 from ..experiment.record import Record
+from ..log import Log
 from ..parameters import Array, Indices
-from . import inertia, torques
+from . import forces, inertia, torques
 from .faults import failed_parts, log_faults
-from .forces import COMMANDED, ESTIMATED, Arrows, Rows
+from .forces import Arrows
 from .layout import words
 from .scene import Scene
 from .series import along, spread
@@ -75,10 +76,11 @@ class Robot:
         self._scene.log_poses(rec, t[frames], record["q"][frames])
         log_faults(rec, self._run.faults, self._run.system, self._scene, self.camera)
         if self._arrows:
-            _log_forces(rec, self._arrows, _rows(record, frames), theta_hat[frames], truth)
+            paths = forces.COMMANDED, forces.ESTIMATED
+            _log_efforts(rec, self._arrows, paths, _rows(record, frames), theta_hat[frames], truth)
         if self._arcs:
-            some = _at_rate(t, _ARC_RATE, _ARCS)
-            _log_torques(rec, self._arcs, _rows(record, some), theta_hat[some], truth)
+            some, paths = _at_rate(t, _ARC_RATE, _ARCS), (torques.COMMANDED, torques.ESTIMATED)
+            _log_efforts(rec, self._arcs, paths, _rows(record, some), theta_hat[some], truth)
         if self._links and self.camera:
             few, size = spread(len(t), _ELLIPSOIDS), self.camera.size
             self._links.log_frames(rec, t[frames], record["q"][frames])
@@ -87,41 +89,30 @@ class Robot:
             self._links.log(rec, inertia.REFERENCE, t[few][: len(reference)], reference, size)
 
 
-def _log_forces(
-    rec: rr.RecordingStream, arrows: Arrows, rows: Rows, theta_hat: Array, truth: Truth | None
+def _log_efforts(
+    rec: rr.RecordingStream,
+    drawn: Arrows | torques.Arcs,
+    paths: tuple[str, str],
+    rows: Log,
+    theta_hat: Array,
+    truth: Truth | None,
 ) -> None:
-    """Logs the forces under θ̂ and, if the truth is known, the commanded ones next to them.
+    """Logs forces or torques under θ̂ and, if the truth is known, the commanded ones next to them.
 
     For the comparison θ̂ is divided by the common factor that brings it closest to the truth, since
-    that factor is unobservable.
+    that factor is unobservable. `paths` are those of commanded and estimated ones.
     """
+    commanded, estimated = paths
     if truth is None:
-        arrows.log_style(rec, ESTIMATED)
-        arrows.log(rec, ESTIMATED, rows, theta_hat)
+        drawn.log_style(rec, estimated)
+        drawn.log(rec, estimated, rows, theta_hat, np.zeros(theta_hat.shape, bool))
         return
     true, scale = truth.theta_at(rows.t), truth.system.space.scale
     factor = along(theta_hat / scale, true / scale)
-    arrows.log_style(rec, COMMANDED, ESTIMATED)
+    drawn.log_style(rec, commanded, estimated)
     failed = changed(truth, rows.t)
-    arrows.log(rec, COMMANDED, rows, true, failed)
-    arrows.log(rec, ESTIMATED, rows, theta_hat / factor[:, None], failed)
-
-
-def _log_torques(
-    rec: rr.RecordingStream, arcs: torques.Arcs, rows: Rows, theta_hat: Array, truth: Truth | None
-) -> None:
-    """Logs the torques under θ̂ and, if the truth is known, the commanded ones, as forces are."""
-    n = rows.v.shape[1]
-    if truth is None:
-        arcs.log(rec, torques.ESTIMATED, rows, theta_hat, np.zeros((len(rows.t), n), bool))
-        return
-    true, system = truth.theta_at(rows.t), truth.system
-    factor = along(theta_hat / system.space.scale, true / system.space.scale)
-    F = system.F(rows.t, np.hstack([rows.q, rows.v]), rows.u)
-    moves = np.any(F != 0, axis=0)  # (n, p) whether a parameter has a force along a velocity
-    joints = changed(truth, rows.t).astype(float) @ moves.T > 0
-    arcs.log(rec, torques.COMMANDED, rows, true, joints)
-    arcs.log(rec, torques.ESTIMATED, rows, theta_hat / factor[:, None], joints)
+    drawn.log(rec, commanded, rows, true, failed)
+    drawn.log(rec, estimated, rows, theta_hat / factor[:, None], failed)
 
 
 def changed(truth: Truth, t: Array) -> NDArray[np.bool_]:
@@ -131,8 +122,8 @@ def changed(truth: Truth, t: Array) -> NDArray[np.bool_]:
     return (truth.theta_at(t) != truth.initial) & actuators
 
 
-def _rows(record: Record, rows: Indices) -> Rows:
-    return Rows(*(record[column][rows] for column in Rows._fields))
+def _rows(record: Record, rows: Indices) -> Log:
+    return Log.unchecked(*(record[column][rows] for column in Log._fields))
 
 
 def _at_rate(t: Array, rate: float, most: int) -> Indices:

@@ -18,7 +18,7 @@ from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import ROBOT, Camera, Scene
 from .series import Curves, command_names, path, spread
-from .stream import Content, write
+from .stream import write
 
 _FRAMES, _POINTS = 2000, 4000  # at most
 _REFERENCE = f"{ROBOT}/reference"
@@ -68,9 +68,7 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write(
-        Content(file.parent.name, layout, {"result": told}, [(t[rows], curves)], draw), file
-    )
+    return write(file, file.parent.name, layout, {"result": told}, [(t[rows], curves)], draw)
 
 
 def _layout(
