@@ -13,6 +13,7 @@ from typing import Annotated, Any, Union
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg, subcommand
 
+from ..errors import InvalidInput
 from .grammar_of_studies import Compare, MonteCarlo, Report, ScenarioName, Sweep, Track
 
 
@@ -288,6 +289,14 @@ def parse(arguments: Sequence[str]) -> Any:
 def names_in(text: str) -> tuple[str, ...]:
     """The parts of a comma-separated text."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def numbers_in(flag: str, text: str, remedy: str) -> tuple[float, ...]:
+    """The comma-separated numbers of a flag's text; raises `InvalidInput` if it has others."""
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InvalidInput(flag, "comma-separated numbers", text, remedy) from error
 
 
 def _first_line(kind: type) -> str:

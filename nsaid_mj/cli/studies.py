@@ -18,6 +18,7 @@ from tyro.conf import arg
 from ..errors import InvalidInput, UnknownName
 from ..experiment.library import load
 from ..resources import print_json
+from .grammar import numbers_in
 from .grammar_of_studies import Compare, MonteCarlo, Report, Sweep, Track
 from .options import parse, repeated
 from .process import code_of
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 
 _MOST_SEEDS = 10_000  # of a comparison
+_TEN = "Such as 10,20."
 _Options = TypeVar("_Options")
 
 
@@ -43,12 +45,12 @@ def compare(script: str, arguments: Sequence[str]) -> int:
     kinds = kinds.split(",")
     if unknown := set(kinds) - {"ideal", "noisy"}:
         raise UnknownName("kind of sensors", unknown.pop(), ("ideal", "noisy"))
-    scales = _numbers("--noise-scales", chosen.noise_scales or "1")
+    scales = numbers_in("--noise-scales", chosen.noise_scales or "1", _TEN)
     plan = study.Plan(
         **given,
         methods=tuple(chosen.methods.split(",")) if chosen.methods else study.DEFAULT,
         seeds=_seeds(chosen.seeds),
-        durations=_numbers("--durations", chosen.durations)
+        durations=numbers_in("--durations", chosen.durations, _TEN)
         if chosen.durations
         else (0.5 * scenario.duration, scenario.duration),
         noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
@@ -149,14 +151,6 @@ def _seeds(text: str) -> tuple[int, ...]:
     if end - start > _MOST_SEEDS:
         raise InvalidInput("--seeds", f"at most {_MOST_SEEDS} seeds", text, "0:3 is 0,1,2.")
     return tuple(range(start, end))
-
-
-def _numbers(flag: str, text: str) -> tuple[float, ...]:
-    """Parses numbers separated by commas."""
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InvalidInput(flag, "comma-separated numbers", text, "Such as 10,20.") from error
 
 
 _SUCH = "Such as `nsaid compare --log log.csv --models a.xml b.xml identified`."

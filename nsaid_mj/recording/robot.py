@@ -1,4 +1,4 @@
-"""The robot's drawing in 3D: its shape, forces or torques, and link inertias."""
+"""The robot's drawing in 3D: its shape, forces or torques, link inertias, and found faults."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ from numpy.typing import NDArray
 from ..evaluation import Truth
 from ..experiment.loop import Run
 from ..experiment.record import Record
+from ..identifiers.faults import FaultEvent
 from ..log import Log
 from ..parameters import Array, Indices
+from ..system import SecondOrderSystem
 from . import forces, inertia, torques
-from .faults import failed_parts, log_faults
 from .forces import Arrows
 from .layout import words
-from .scene import Scene
+from .scene import BODY, Scene
 from .series import along, spread
+from .text import drawable
 
 _LOOKS = 500  # rows of the record from which camera, arrows and arcs are set up
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
 _ARCS, _ARC_RATE = 4000, 15.0  # the same of torques
+_MARK = 0.1  # radius of a fault's marker, over half the vehicle's size
 _ELLIPSOIDS = 300  # estimates of the links' inertias along a run, at most
 
 
@@ -70,11 +73,11 @@ class Robot:
         t, theta_hat = record["t"], record["theta_hat"]
         frames = _at_rate(t, _RATE, _FRAMES)
         inside = self._arrows is not None or self._links is not None
-        failed = failed_parts(self._run.faults, self._run.system, self._scene)
+        failed = (path for event in self._run.faults for path in self._failed(event))
         changing = dict.fromkeys(failed, float(t[0]))
         self._scene.log_shapes(rec, self.camera, ghost=inside, changing=changing)
         self._scene.log_poses(rec, t[frames], record["q"][frames])
-        log_faults(rec, self._run.faults, self._run.system, self._scene, self.camera)
+        self._log_faults(rec)
         if self._arrows:
             paths = forces.COMMANDED, forces.ESTIMATED
             _log_efforts(rec, self._arrows, paths, _rows(record, frames), theta_hat[frames], truth)
@@ -87,6 +90,33 @@ class Robot:
             self._links.log(rec, inertia.ESTIMATED, t[few], theta_hat[few], size)
             reference = self._run.prior[None] if truth is None else truth.theta_at(t[few])
             self._links.log(rec, inertia.REFERENCE, t[few][: len(reference)], reference, size)
+
+    def _log_faults(self, rec: rr.RecordingStream) -> None:
+        """Logs every fault at the time it was found; its part is red from then on.
+
+        A vehicle's actuator gets a red ball where its force acts, an arm's joint a red link; a
+        sensor of a vehicle has no place.
+        """
+        for number, event in enumerate(self._run.faults):
+            rec.set_time("sim_time", duration=event.found)
+            words = drawable(f"{event.in_words}, {100 * event.confidence:.4g} % sure")
+            rec.log("faults", rr.TextLog(words, level=rr.TextLogLevel.WARN))
+            if self.camera is None:
+                continue
+            places = _mounts(self._run.system, event)
+            if len(places):
+                ball = rr.Points3D(
+                    places, colors=[forces.FAILED], radii=[_MARK * self.camera.size],
+                    labels=[drawable(event.part)],
+                )  # fmt: skip
+                rec.log(f"{BODY}/fault_{number}", ball)
+            for path in self._failed(event):
+                rec.log(path, rr.Mesh3D.from_fields(albedo_factor=forces.FAILED))
+        rec.reset_time()
+
+    def _failed(self, event: FaultEvent) -> list[str]:
+        """The entities of the meshes that a fault turns red."""
+        return self._scene.paths_of(_links(self._run.system, event))
 
 
 def _log_efforts(
@@ -129,3 +159,31 @@ def _rows(record: Record, rows: Indices) -> Log:
 def _at_rate(t: Array, rate: float, most: int) -> Indices:
     """Indices of rows at about a rate [1/s], at most `most`, with the first and the last."""
     return spread(len(t), min(most, max(2, int((t[-1] - t[0]) * rate))))
+
+
+def _mounts(system: SecondOrderSystem, event: FaultEvent) -> Array:
+    """(k, 3) points of application of the actuators that an event names, in the body frame [m]."""
+    if system.mounts is None:
+        return np.zeros((0, 3))
+    names = [system.space.names[i] for i in system.space.actuators]
+    rows = [system.mounts[i] for i, name in enumerate(names) if name in event.names]
+    found = np.array([row for row in rows if np.isfinite(row).all()]).reshape(-1, 3)
+    return np.unique(found, axis=0)
+
+
+def _links(system: SecondOrderSystem, event: FaultEvent) -> list[str]:
+    """Names of the links whose inertia, or joint's gain, friction or sensor, an event names."""
+    space, found = system.space, []
+    bodies = [block for block in space.blocks if block.geometry == "pseudo_inertia"]
+    links = [block.labels[0].rpartition(" of ")[2] for block in bodies]
+    for block in space.blocks:
+        for i, name in enumerate(block.names):
+            if name not in event.names:
+                continue
+            if block in bodies:
+                found.append(links[bodies.index(block)])
+            elif system.group == 0 and len(block) == len(links):  # one for each joint of an arm
+                found.append(links[i])
+    for name in event.names if event.kind == "bias" and len(links) == system.n else ():
+        found.append(links[int(name.rpartition(" ")[2]) - 1])  # such as `position 2`
+    return list(dict.fromkeys(found))

@@ -15,8 +15,7 @@ from ..reporting.markdown import markdown
 from ..reporting.pages import Page, Section
 from ..reporting.parameters import table
 from ..structure.joints import moving_joints, slides
-from .identification import lines, moving_robot
-from .identification_layout import joint_pages, paged, parameters
+from .identification import joint_pages, lines, moving_robot, paged, parameters
 from .layout import whole
 from .plots import Plots
 from .scene import Camera
