@@ -32,8 +32,9 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.experiment.loop import SimulatedRun, run
+from nsaid_mj.log import Log
 from nsaid_mj.recording import FILE, postprocessing
-from nsaid_mj.recording.forces import Arrows, Rows, body_forces
+from nsaid_mj.recording.forces import Arrows, body_forces
 from nsaid_mj.recording.scene import EYE, base_poses
 from nsaid_mj.recording.viewer import LOCAL, free_port, listening, program
 from nsaid_mj.resources import scenarios
@@ -170,7 +171,7 @@ def best_moment(result: SimulatedRun) -> float:
     record, system, truth = result.record, result.plant.system, result.plant.truth
     t = record["t"]
     k = np.unique(np.linspace(0.4, 0.6, 2000) * (len(t) - 1)).astype(int)
-    rows = Rows(*(record[column][k] for column in Rows._fields))
+    rows = Log.unchecked(*(record[column][k] for column in Log._fields))
     arrows = Arrows.of(system, 1.0, rows, truth)
     if arrows is None:
         return float(t[len(t) // 2])

@@ -19,13 +19,12 @@ def reopen_measured(folder: Path, record: Record) -> Run | None:
     if not isinstance(scenario.plant, LiveRobot | LogRobot):
         return None
     robot = scenario.plant.known()
-    system = robot.system
-    record.check(folder, columns(system.n, system.m, system.n_u, system.p, []))
+    record.check(folder, columns(robot.system, scenario))
     return Run(
         scenario=scenario,
         folder=folder,
         record=record,
-        system=system,
+        system=robot.system,
         prior=robot.prior,
         identifiers=identifiers_of(scenario, robot),
         statuses={"": Status.completed},

@@ -188,7 +188,7 @@ def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quie
 
 def _carry_out(
     name: str, default: Scenario, arguments: Sequence[str], asked: str
-) -> tuple[str, Run, dict[str, Any], grammar.Output]:
+) -> tuple[str, Run, dict[str, Any], grammar.Run]:
     """Runs and post-processes a scenario; returns its title, run, summary and output options."""
     from .exciting import designed, without_excitation
     from .folders import folder_for, title_of

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import BadRun, InvalidInput
 from ..resources import print_json, reading
-from .folders import folder_for_design
+from .folders import folder_for_results
 from .grammar import Excite
 from .process import code_of
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from ..control import DriverConfig
     from ..experiment.scenario import Scenario
     from ..reporting.progress import Progress
+
+DESIGN = "design.json"
 
 
 def excite(chosen: Excite) -> int:
@@ -28,7 +30,9 @@ def excite(chosen: Excite) -> int:
     name = path.absolute().parent.name if path.name == "vehicle.toml" else path.stem
     with (
         reading(chosen.model, chosen.scenario, chosen.limits),
-        folder_for_design(name, chosen.out, chosen.force) as folder,
+        folder_for_results(
+            f"{name}-excite", chosen.out, chosen.force, DESIGN, "a design"
+        ) as folder,
     ):
         return _designed_in(folder, name, chosen)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
 from ..errors import BadRun, FolderInUse
@@ -14,8 +14,7 @@ from ..identifiers import ConventionalAID
 from ..resources import check_own, json_of, locked
 
 RUNS = Path("runs")
-FORCE = ", or --force to write among them"
-DESIGN = "design.json"
+_FORCE = ", or --force to write among them"
 RUN = ("record.arrow", "scenario.json", "summary.json")
 """Files that mark the folder of a run, even of one that ended early."""
 
@@ -30,9 +29,10 @@ def title_of(name: str, default: Scenario, scenario: Scenario) -> str:
     return (Path(robot).stem or name) if robot and chosen else name
 
 
-@contextmanager
-def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) -> Iterator[Path]:
-    """Yields the folder of a run, locked.
+def folder_for(
+    title: str, scenario: Scenario, out: Path | None, force: bool
+) -> AbstractContextManager[Path]:
+    """Context with the folder of a run, locked.
 
     It is `out`, or runs/TITLE-LAW, numbered if that holds a completed run or is in use.
 
@@ -42,21 +42,22 @@ def folder_for(title: str, scenario: Scenario, out: Path | None, force: bool) ->
     """
     conventional = isinstance(scenario.identifier, ConventionalAID)
     law = getattr(scenario.identifier, "law", "conventional" if conventional else "own")
-    with _free(f"{title}-{law}", out, force, holds_completed_run, "a completed run", RUN) as folder:
-        yield folder
+    return _free(f"{title}-{law}", out, force, holds_completed_run, "a completed run", RUN)
 
 
-@contextmanager
-def folder_for_design(name: str, out: Path | None, force: bool) -> Iterator[Path]:
-    """Yields the folder of a design, locked: `out`, or runs/NAME-excite, numbered as above.
+def folder_for_results(
+    name: str, out: Path | None, force: bool, file: str, results: str
+) -> AbstractContextManager[Path]:
+    """Context with the folder of results, locked: `out`, or runs/NAME, numbered as above.
+
+    A folder with the `file` holds such `results`, in words.
 
     Raises:
-        BadRun: `out` holds a design, and `force` is not set; or it cannot be written to.
+        BadRun: `out` holds results, and `force` is not set; or it cannot be written to.
         FolderInUse: another process is writing into `out`.
     """
-    check_writable(out or RUNS)  # before the search, which takes a minute
-    with _free(f"{name}-excite", out, force, _holds_design, "a design", (DESIGN,)) as folder:
-        yield folder
+    check_writable(out or RUNS)  # before the results are computed, which may take a minute
+    return _free(name, out, force, lambda folder: (folder / file).is_file(), results, (file,))
 
 
 @contextmanager
@@ -70,8 +71,9 @@ def _free(
 ) -> Iterator[Path]:
     """Yields `out`, or the first of runs/NAME, runs/NAME-2, … without results, locked."""
     if out is not None and not force:
-        check_own(out, known, FORCE)
-    for folder in _numbered(name) if out is None else [out]:
+        check_own(out, known, _FORCE)
+    numbered = (RUNS / f"{name}-{number}" for number in itertools.count(2))
+    for folder in itertools.chain([RUNS / name], numbered) if out is None else [out]:
         with ExitStack() as stack:
             try:
                 stack.enter_context(locked(folder))
@@ -88,16 +90,6 @@ def _free(
                     f"it holds {results}",
                     "Give --force to overwrite it, or another folder with --out",
                 )
-
-
-def _numbered(name: str) -> Iterator[Path]:
-    """The folders runs/NAME, runs/NAME-2, and so on."""
-    yield RUNS / name
-    yield from (RUNS / f"{name}-{number}" for number in itertools.count(2))
-
-
-def _holds_design(folder: Path) -> bool:
-    return (folder / DESIGN).is_file()
 
 
 def holds_completed_run(folder: Path) -> bool:

@@ -13,28 +13,8 @@ from typing import Annotated, Any, Union
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg, subcommand
 
+from ..errors import InvalidInput
 from .grammar_of_studies import Compare, MonteCarlo, Report, ScenarioName, Sweep, Track
-
-
-@dataclass(frozen=True)
-class Output:
-    """Where the results of a run go.
-
-    Attributes:
-        out: folder of the run; by default runs/NAME-LAW, numbered if that holds a completed run.
-        force: overwrite a completed run in the folder.
-        quiet: print only errors.
-        json: print only the summary, as JSON, to the standard output.
-        live: show the run in the Rerun viewer while it runs, in real time.
-        live_speed: of --live, over real time; 0 for as fast as it is computed.
-    """
-
-    out: Path | None = None
-    force: bool = False
-    quiet: bool = False
-    json: bool = False
-    live: bool = False
-    live_speed: Annotated[float, arg(metavar="FACTOR")] = 1.0
 
 
 @dataclass(frozen=True)
@@ -219,12 +199,26 @@ class List:
 
 
 @dataclass(frozen=True)
-class Run(Output):
+class Run:
     """Run a scenario by name or file.
 
     The scenario's fields are flags too: `nsaid run NAME --help` lists them all.
+
+    Attributes:
+        out: folder of the run; by default runs/NAME-LAW, numbered if that holds a completed run.
+        force: overwrite a completed run in the folder.
+        quiet: print only errors.
+        json: print only the summary, as JSON, to the standard output.
+        live: show the run in the Rerun viewer while it runs, in real time.
+        live_speed: of --live, over real time; 0 for as fast as it is computed.
     """
 
+    out: Path | None = None
+    force: bool = False
+    quiet: bool = False
+    json: bool = False
+    live: bool = False
+    live_speed: Annotated[float, arg(metavar="FACTOR")] = 1.0
     scenario: ScenarioName = field(kw_only=True)
 
 
@@ -295,6 +289,14 @@ def parse(arguments: Sequence[str]) -> Any:
 def names_in(text: str) -> tuple[str, ...]:
     """The parts of a comma-separated text."""
     return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+def numbers_in(flag: str, text: str, remedy: str) -> tuple[float, ...]:
+    """The comma-separated numbers of a flag's text; raises `InvalidInput` if it has others."""
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError as error:
+        raise InvalidInput(flag, "comma-separated numbers", text, remedy) from error
 
 
 def _first_line(kind: type) -> str:

@@ -15,8 +15,12 @@ ScenarioName = Annotated[
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """What is compared, and where the results go.
+class Compare:
+    """Compare identification methods on the logs of a scenario.
+
+    All methods get the same logs and are judged by the same figures; writes a table, compare.json,
+    compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME --help`. `nsaid
+    compare --log FILE… --models FILE… [--map FILE]` compares model files on a robot's own logs.
 
     Attributes:
         methods: comma-separated; by default all except sysid.
@@ -41,11 +45,16 @@ class Comparison:
     out: Path | None = None
     quiet: bool = False
     json: bool = False
+    scenario: ScenarioName = field(kw_only=True)
 
 
 @dataclass(frozen=True)
-class Sweeping:
-    """How a scenario is varied, and how the runs are executed.
+class Sweep:
+    """Run a scenario many times, with varied fields and seeds.
+
+    Runs every combination of the varied fields with every seed, in parallel. An interrupted sweep
+    is resumed by the same command. The scenario's fields are flags too (`nsaid sweep NAME --help`);
+    --seed is the master seed that all others are drawn from.
 
     Attributes:
         vary: a field and its values, such as identifier.gain=0.1,1,10; repeat it for more fields.
@@ -70,11 +79,16 @@ class Sweeping:
     out: Path | None = None
     json: bool = False
     quiet: bool = False
+    scenario: ScenarioName = field(kw_only=True)
 
 
 @dataclass(frozen=True)
-class Drawing:
-    """How many runs, and whether they share a plant.
+class MonteCarlo:
+    """Identify from many priors, on one motion or many plants.
+
+    Simulates first, then identifies in parallel threads, and prints quantiles of the final figures.
+    An interrupted study is resumed by the same command. The scenario's fields are flags too
+    (`nsaid montecarlo NAME --help`); --seed is the master seed that all others are drawn from.
 
     Attributes:
         runs: number of runs.
@@ -91,11 +105,17 @@ class Drawing:
     out: Path | None = None
     json: bool = False
     quiet: bool = False
+    scenario: ScenarioName = field(kw_only=True)
 
 
 @dataclass(frozen=True)
-class Tracking:
-    """Which tracking laws are compared, and where the results go.
+class Track:
+    """Compare tracking laws on the same plants and references.
+
+    Adaptive tracking with nullspace estimates, with the gains taken as known, with the identifier's
+    estimate, and without adaptation. Writes a table, tracking.json, tracking.csv, a page and a
+    recording. The scenario, such as track_ur5, is driven by AdaptiveTracking; its fields are flags
+    too (`nsaid track NAME --help`).
 
     Attributes:
         laws: comma-separated: nullspace, conventional, computed_torque, composite; by default all.
@@ -110,54 +130,6 @@ class Tracking:
     out: Path | None = None
     quiet: bool = False
     json: bool = False
-
-
-@dataclass(frozen=True)
-class Compare(Comparison):
-    """Compare identification methods on the logs of a scenario.
-
-    All methods get the same logs and are judged by the same figures; writes a table, compare.json,
-    compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME --help`. `nsaid
-    compare --log FILE… --models FILE… [--map FILE]` compares model files on a robot's own logs.
-    """
-
-    scenario: ScenarioName = field(kw_only=True)
-
-
-@dataclass(frozen=True)
-class Sweep(Sweeping):
-    """Run a scenario many times, with varied fields and seeds.
-
-    Runs every combination of the varied fields with every seed, in parallel. An interrupted sweep
-    is resumed by the same command. The scenario's fields are flags too (`nsaid sweep NAME --help`);
-    --seed is the master seed that all others are drawn from.
-    """
-
-    scenario: ScenarioName = field(kw_only=True)
-
-
-@dataclass(frozen=True)
-class MonteCarlo(Drawing):
-    """Identify from many priors, on one motion or many plants.
-
-    Simulates first, then identifies in parallel threads, and prints quantiles of the final figures.
-    An interrupted study is resumed by the same command. The scenario's fields are flags too
-    (`nsaid montecarlo NAME --help`); --seed is the master seed that all others are drawn from.
-    """
-
-    scenario: ScenarioName = field(kw_only=True)
-
-
-@dataclass(frozen=True)
-class Track(Tracking):
-    """Compare tracking laws on the same plants and references.
-
-    Adaptive tracking with nullspace estimates, with the gains taken as known, with the identifier's
-    estimate, and without adaptation. Writes a table, tracking.json, tracking.csv, a page and a
-    recording. The scenario, such as track_ur5, is driven by AdaptiveTracking; its fields are flags
-    too (`nsaid track NAME --help`).
-    """
-
     scenario: ScenarioName = field(kw_only=True)
 
 

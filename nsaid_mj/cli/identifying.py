@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..bounds import without_nonfinite
-from ..errors import BadRun, InvalidInput
-from ..resources import check_own, locked, print_json, reading, write_json
-from .folders import FORCE, RUNS, check_writable
-from .grammar import Identify, names_in
+from ..errors import InvalidInput
+from ..resources import print_json, reading, write_json
+from .folders import folder_for_results
+from .grammar import Identify, names_in, numbers_in
 from .process import code_of
 
 if TYPE_CHECKING:
@@ -33,13 +32,13 @@ def identify_log(chosen: Identify) -> int:
     model = chosen.model or chosen.packed
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
-    folder = _folder(Path(model).stem, chosen.out, chosen.force)
-    check_writable(folder)
     from ..calibration.logs import limited_to
 
     with (
         reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
-        locked(folder),
+        folder_for_results(
+            f"{Path(model).stem}-identify", chosen.out, chosen.force, RESULT, "results"
+        ) as folder,
         limited_to(chosen.limit * 1e9),
     ):
         return _identify(model, chosen, folder)
@@ -84,7 +83,9 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
                 lock=names_in(chosen.lock),
                 joints=names_in(chosen.joints) or None,
                 columns=None if chosen.columns == "auto" else names_in(chosen.columns),
-                delay=None if chosen.delay == "auto" else _numbers("--delay", chosen.delay),
+                delay=None
+                if chosen.delay == "auto"
+                else numbers_in("--delay", chosen.delay, "Such as 0.01."),
                 cutoff=chosen.cutoff,
                 law=chosen.law,
                 folder=folder / chosen.law,
@@ -151,23 +152,6 @@ def _print_notes(error: UnusableLog) -> None:
     print_findings(notes, Console(stderr=True))
 
 
-def _folder(name: str, out: Path | None, force: bool) -> Path:
-    """The folder of the results: `out`, or runs/NAME-identify, numbered if it holds results."""
-    if out is not None:
-        if not force:
-            check_own(out, (RESULT,), FORCE)
-        if not force and (out.resolve() / RESULT).is_file():
-            raise BadRun(
-                out, "it holds results", "Give --force to overwrite them, or another --out"
-            )
-        return out
-    first = RUNS / f"{name}-identify"
-    if force:
-        return first
-    numbered = (RUNS / f"{name}-identify-{number}" for number in itertools.count(2))
-    return next(f for f in itertools.chain([first], numbered) if not (f / RESULT).is_file())
-
-
 def _known(text: str) -> tuple[str, float]:
     name, equals, value = text.rpartition("=")
     try:
@@ -176,13 +160,6 @@ def _known(text: str) -> tuple[str, float]:
         return name.strip(), float(value)
     except ValueError as error:
         raise InvalidInput("--known", "NAME=VALUE", text, "Such as gain_1=0.11.") from error
-
-
-def _numbers(flag: str, text: str) -> Sequence[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError as error:
-        raise InvalidInput(flag, "comma-separated numbers", text, "Such as 0.01.") from error
 
 
 _NO_TORQUE = (

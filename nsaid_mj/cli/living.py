@@ -25,9 +25,10 @@ def follow_robot(chosen: Live) -> int:
     from ..calibration.live_robot import LiveRobot
     from ..calibration.measured import measured_scenario
     from ..evaluation import mark_of
+    from ..recording.postprocessing import finish
     from ..reporting.progress import Progress
     from ..reporting.report import print_summary
-    from ..streaming.session import Session, concluded
+    from ..streaming.session import Session
     from ..streaming.stream import bound
 
     name = Path(chosen.model).stem
@@ -61,7 +62,7 @@ def follow_robot(chosen: Live) -> int:
         run = session.run(lines, folder, show, every, observers)
         command = shlex.join(["nsaid", "live", "--model", chosen.model, "--law", chosen.law])
         with Progress(name, quiet=quiet) as progress:
-            summary = concluded(run, progress.say, command)
+            summary = finish(run, progress.say, command)
     if chosen.json:
         plain = without_nonfinite({"summary": summary})
         print(json.dumps(plain, ensure_ascii=False, allow_nan=False))

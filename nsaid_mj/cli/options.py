@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import field, fields, make_dataclass
+from dataclasses import Field, field, fields, make_dataclass
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
 from ..experiment.scenario import REGISTRY, Scenario, field_at, field_paths, same_end, with_fields
 from ..plants import Fault, fault_text
-from .grammar import Output
+from .grammar import Run
 
 MAIN = {
     "identifier.law": "law",
@@ -40,7 +40,7 @@ def parse(
     default: Scenario,
     arguments: Sequence[str],
     command: str = "run",
-    options: type[_Options] = Output,
+    options: type[_Options] = Run,
 ) -> tuple[Scenario, _Options]:
     """Parses the part of a command line that follows a scenario's name.
 
@@ -51,7 +51,7 @@ def parse(
     Returns:
         The scenario with the fields given as flags replaced, and the command's options.
     """
-    own = {f.name for f in fields(options)}  # type: ignore[arg-type]  # a TypeVar is no dataclass
+    own = {f.name for f in _fields(options)}
     paths = [path for path in field_paths(default) if path not in own]
     main = {path: flag for path, flag in MAIN.items() if path in paths}
     form = _form(
@@ -61,7 +61,7 @@ def parse(
         form,
         prog=f"nsaid {command} {name}",
         description=f"Flags of `nsaid {command} {name}`; the defaults are those of the scenario."
-        + (_EXCITATION if options is Output else ""),
+        + (_EXCITATION if options is Run else ""),
         args=[_spelled(argument, paths, main, own) for argument in arguments],
         config=(tyro.conf.AvoidSubcommands,),
         registry=REGISTRY,
@@ -69,7 +69,7 @@ def parse(
     given = {path: getattr(filled, flag) for path, flag in main.items()}
     given |= {path: field_at(filled, path) for path in paths if path not in main}
     changed = {path: new for path, new in given.items() if new != field_at(default, path)}
-    chosen = {name: getattr(filled, name) for name in own}
+    chosen: dict[str, Any] = {"scenario": name} | {key: getattr(filled, key) for key in own}
     return with_fields(default, changed), options(**chosen)
 
 
@@ -92,6 +92,11 @@ def repeated(default: Scenario, scenario: Scenario) -> tuple[str, ...]:
     return tuple(found)
 
 
+def _fields(options: Any) -> list[Field[Any]]:
+    """A command's own options: all but the scenario's name."""
+    return [f for f in fields(options) if f.name != "scenario"]
+
+
 _Field = tuple[str, Any, Any]
 
 
@@ -106,10 +111,10 @@ def _head(default: Scenario, main: Mapping[str, str], options: type) -> list[_Fi
             ],
             field(default=f.default),
         )
-        for f in fields(options)
+        for f in _fields(options)
     ]
     head = [_flag(default, path, flag) for path, flag in main.items()]
-    if options is not Output:
+    if options is not Run:
         return own + head
     place = {name: i for i, name in enumerate(_ORDER)}
     return sorted(own + head, key=lambda item: place.get(item[0], len(place)))

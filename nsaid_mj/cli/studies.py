@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
 import tyro
@@ -18,7 +18,8 @@ from tyro.conf import arg
 from ..errors import InvalidInput, UnknownName
 from ..experiment.library import load
 from ..resources import print_json
-from .grammar_of_studies import Comparison, Drawing, Report, Sweeping, Tracking
+from .grammar import numbers_in
+from .grammar_of_studies import Compare, MonteCarlo, Report, Sweep, Track
 from .options import parse, repeated
 from .process import code_of
 
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 
 _MOST_SEEDS = 10_000  # of a comparison
+_TEN = "Such as 10,20."
+_Options = TypeVar("_Options")
 
 
 def compare(script: str, arguments: Sequence[str]) -> int:
@@ -34,30 +37,26 @@ def compare(script: str, arguments: Sequence[str]) -> int:
     for flag, own in (("--seed", "--seeds"), ("--duration", "--durations")):
         if any(argument.partition("=")[0] == flag for argument in arguments):
             raise InvalidInput(flag, f"{own}, with one or more values", flag, f"Give {own}.")
-    name = Path(script).stem
-    default = load(script)
-    scenario, chosen = parse(name, default, arguments, "compare", Comparison)
+    given, chosen, folder = _given("compare", script, arguments, Compare)
     from ..studies import compare as study
 
+    scenario = given["scenario"]
     kinds = chosen.sensors or ("noisy" if chosen.noise_scales else scenario.sensors)
     kinds = kinds.split(",")
     if unknown := set(kinds) - {"ideal", "noisy"}:
         raise UnknownName("kind of sensors", unknown.pop(), ("ideal", "noisy"))
-    scales = _numbers("--noise-scales", chosen.noise_scales or "1")
+    scales = numbers_in("--noise-scales", chosen.noise_scales or "1", _TEN)
     plan = study.Plan(
-        _whole(script),
-        scenario,
-        arguments=repeated(default, scenario),
+        **given,
         methods=tuple(chosen.methods.split(",")) if chosen.methods else study.DEFAULT,
         seeds=_seeds(chosen.seeds),
-        durations=_numbers("--durations", chosen.durations)
+        durations=numbers_in("--durations", chosen.durations, _TEN)
         if chosen.durations
         else (0.5 * scenario.duration, scenario.duration),
         noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
         budget=study.BUDGET if chosen.budget is None else chosen.budget,
         bound=chosen.bound,
     )
-    folder = chosen.out or Path("runs") / f"{name}-compare"
     cells = study.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / study.FILES[0]).read_text(encoding="utf-8"), end="")
@@ -66,25 +65,27 @@ def compare(script: str, arguments: Sequence[str]) -> int:
     return code_of(verdict_of(cells))
 
 
-def _whole(script: str) -> str:
-    """A scenario's name, or the absolute path of its script."""
-    path = Path(script)
-    return str(path.resolve()) if path.suffix == ".py" else script
+def _given(
+    command: str, script: str, arguments: Sequence[str], options: type[_Options]
+) -> tuple[dict[str, Any], _Options, Path]:
+    """The fields of any `Study`, the command's options, and the folder of the results."""
+    path, default = Path(script), load(script)
+    scenario, chosen = parse(path.stem, default, arguments, command, options)
+    whole = str(path.resolve()) if path.suffix == ".py" else script
+    given = {"script": whole, "scenario": scenario, "arguments": repeated(default, scenario)}
+    folder = getattr(chosen, "out", None) or Path("runs") / f"{path.stem}-{command}"
+    return given, chosen, folder
 
 
 def sweep(script: str, arguments: Sequence[str]) -> int:
     """Runs a scenario with varied fields and seeds."""
-    name, script = Path(script).stem, _whole(script)
-    default = load(script)
-    scenario, chosen = parse(name, default, arguments, "sweep", Sweeping)
+    given, chosen, folder = _given("sweep", script, arguments, Sweep)
     from ..studies import sweep as study
     from ..studies import sweep_engine, sweep_results
 
-    vary = study.varied(chosen.vary, scenario)
-    made_by = repeated(default, scenario)
-    plan = study.Plan(script, scenario, vary, chosen.seeds, arguments=made_by)
+    vary = study.varied(chosen.vary, given["scenario"])
+    plan = study.Plan(**given, vary=vary, seeds=chosen.seeds)
     engine = sweep_engine.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
-    folder = chosen.out or Path("runs") / f"{name}-sweep"
     found = study.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
     if chosen.json:
         print_json(sweep_results.document(found))
@@ -95,15 +96,11 @@ def sweep(script: str, arguments: Sequence[str]) -> int:
 
 def montecarlo(script: str, arguments: Sequence[str]) -> int:
     """Identifies from many priors."""
-    name, script = Path(script).stem, _whole(script)
-    default = load(script)
-    scenario, chosen = parse(name, default, arguments, "montecarlo", Drawing)
+    given, chosen, folder = _given("montecarlo", script, arguments, MonteCarlo)
     from ..studies import montecarlo as study
     from ..studies import montecarlo_results
 
-    made_by, shared = repeated(default, scenario), not chosen.own_plants
-    plan = study.Plan(script, scenario, chosen.runs, shared, arguments=made_by)
-    folder = chosen.out or Path("runs") / f"{name}-montecarlo"
+    plan = study.Plan(**given, runs=chosen.runs, shared=not chosen.own_plants)
     found = montecarlo_results.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
     if chosen.json:
         print_json(montecarlo_results.document(found))
@@ -116,18 +113,14 @@ def track(script: str, arguments: Sequence[str]) -> int:
     """Compares tracking laws on the plants of a scenario."""
     if any(argument.partition("=")[0] == "--seed" for argument in arguments):
         raise InvalidInput("--seed", "--seeds, with one or more values", "--seed", "Give --seeds.")
-    default = load(script)
-    scenario, chosen = parse(Path(script).stem, default, arguments, "track", Tracking)
+    given, chosen, folder = _given("track", script, arguments, Track)
     from ..studies import tracking, tracking_run
 
     plan = tracking.Plan(
-        _whole(script),
-        scenario,
-        arguments=repeated(default, scenario),
+        **given,
         laws=tuple(chosen.laws.split(",")) if chosen.laws else tracking.LAWS,
         seeds=_seeds(chosen.seeds),
     )
-    folder = chosen.out or Path("runs") / f"{Path(script).stem}-track"
     done = tracking_run.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / tracking.FILES[0]).read_text(encoding="utf-8"), end="")
@@ -158,14 +151,6 @@ def _seeds(text: str) -> tuple[int, ...]:
     if end - start > _MOST_SEEDS:
         raise InvalidInput("--seeds", f"at most {_MOST_SEEDS} seeds", text, "0:3 is 0,1,2.")
     return tuple(range(start, end))
-
-
-def _numbers(flag: str, text: str) -> tuple[float, ...]:
-    """Parses numbers separated by commas."""
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InvalidInput(flag, "comma-separated numbers", text, "Such as 10,20.") from error
 
 
 _SUCH = "Such as `nsaid compare --log log.csv --models a.xml b.xml identified`."

@@ -78,8 +78,12 @@ class _SwimAndReach(Driver):
         return np.concatenate([still, position]), np.concatenate([still, rate])
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        thrust = self._signal(t)
-        torque = joint_torque(self._system, self._prior, t, q, v, thrust, self._desired(t, q, v))
+        system, prior, thrust = self._system, self._prior, self._signal(t)
+        u = np.concatenate([np.zeros(len(system.joints)), thrust])
+        free = system.evaluate_at(t, q, v, u, v, prior).a
+        M = system.mass_matrix(np.concatenate([q, v]), prior)
+        # the joints' accelerations are those without motors plus (M⁻¹)_jj τ
+        torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], self._desired(t, q, v) - free[6:])
         return np.concatenate([np.clip(torque / self._gain, -1, 1), thrust])
 
     def compiled(self, t: Array) -> None:
@@ -231,25 +235,3 @@ def _carried(system: SecondOrderSystem, kind: str, wanted: str, remedy: str) -> 
     if not isinstance(system, JointTree) or not system.columns(kind):
         raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
     return system
-
-
-def joint_torque(
-    system: JointTree,
-    theta: Array,
-    t: float,
-    q: Array,
-    v: Array,
-    thrust: Array,
-    desired: Array,
-) -> Array:
-    """(k,) motor torques [N·m or N] that accelerate the joints as desired, on a floating base.
-
-    The joints' accelerations are those without motors plus (M⁻¹)_jj τ. The k joints come after the
-    base's six velocities; `thrust` (n_u − k,) are the thrusters' commands, `desired` (k,) the
-    joints' accelerations [rad/s² or m/s²].
-    """
-    u = np.concatenate([np.zeros(len(system.joints)), thrust])
-    free = system.evaluate_at(t, q, v, u, v, theta).a
-    M = system.mass_matrix(np.concatenate([q, v]), theta)
-    torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], desired - free[6:])
-    return np.asarray(torque, dtype=np.float64)

@@ -88,12 +88,12 @@ def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
     dv = record[f"v_hat{suffix}"] - record["v"]
     error = float(np.sqrt(np.mean(last_tenth(dv) ** 2)))
     if truth is None:
-        residual = {}
+        found: dict[str, Any] = {}
         if run.scenario.record_every == 1:  # else some commands are not in the record
-            residual["force_residual_ratio_measured"] = measured_residual_ratio(
-                system, record.log, theta[-1]
-            )
-        return residual | {"velocity_error_rms": error}
+            late = record.log.last(max(2, len(record) // 10)) if len(record) > 1 else None
+            residual = force_residual_ratio(system, late, theta[-1], None)
+            found["force_residual_ratio_measured"] = residual
+        return found | {"velocity_error_rms": error}
     ratio = truth.distance(record["t"][[0, -1]], theta[[0, -1]])
     return {
         "theta_perp_ratio": float(ratio[1]),
@@ -160,18 +160,6 @@ def force_residual_ratio(
     it.
     """
     return residual_ratio(system, held_out_rows(system, later, truth), theta_hat)
-
-
-def measured_residual_ratio(system: SecondOrderSystem, log: Log, theta_hat: Array) -> float | None:
-    """rms of W(t, x, v, v̇) θ̂ with the measured v̇, over rms of the actuator forces under θ̂.
-
-    The last tenth of the log is used. None of fewer than two rows, or without actuator force.
-    """
-    rows = len(log.t)
-    if rows < 2:
-        return None
-    last = log.part(rows - max(2, rows // 10), rows)
-    return residual_ratio(system, held_out_rows(system, last, None), theta_hat)
 
 
 def held_out_rows(

@@ -58,7 +58,7 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
     held_out = later is not None
     log = later if later is not None else run.record.log
     if not held_out:
-        log, exact = log.part(len(log.t) - max(2, len(log.t) // 10), len(log.t)), None
+        log, exact = log.last(max(2, len(log.t) // 10)), None
     t, W = timed_rows(system, log, exact)
     scale, k = system.space.scale, system.space.actuators
     factor = 1.0

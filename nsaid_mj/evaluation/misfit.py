@@ -113,7 +113,7 @@ def _octaves(upper: int) -> list[int]:
     return [*edges, upper] if edges[-1] < upper else edges
 
 
-NONE, SOME, CONTRADICTS = "none", "some", "contradicts"
+NONE, SOME, CONTRADICTS = LEVELS = ("none", "some", "contradicts")
 _LONGEST = 120.0  # length of log that is judged, its end [s]
 _FEWEST = 50  # rows that can be judged; the run that warms up has as many
 _SETTLED = 1 / 3  # share of it in which the filter may still learn
@@ -147,20 +147,13 @@ class Misfit(NamedTuple):
     innovations: float
     seconds: float
     chance: float
-    widening: float
+    widening: float = 1.0
     drift: float = 0.0
 
     def keys(self) -> dict[str, Any]:
         """The keys of summary.json."""
-        return {
-            "misfit": self.level,
-            "misfit_contradictions": list(self.contradictions),
-            "misfit_innovations": self.innovations,
-            "misfit_seconds": self.seconds,
-            "misfit_chance": self.chance,
-            "misfit_widening": self.widening,
-            "misfit_drift": self.drift,
-        }
+        others = zip(self._fields[1:], self[1:], strict=True)
+        return {"misfit": self.level} | {f"misfit_{name}": value for name, value in others}
 
 
 def running_misfit(state: State) -> str:
@@ -231,13 +224,14 @@ def _drifted(
     k, minutes = space.actuators, float(log.t[-1] - log.t[0]) / 60
     alone.law = alone.law._replace(walk=walks(len(space), k, 0.0, variance))
     theta = _sound(system, np.array(along[0]), np.array(along[-1]))
-    one = _judged_pass(alone.replay(theta, _VAGUE**2 * alone.covariance(theta), log), log)
-    level = SOME if one.level == NONE else one.level
-    widening = float(np.sqrt(1 + one.energy)) if one.level != NONE else 1.0
+    replay = alone.replay(theta, _VAGUE**2 * alone.covariance(theta), log)
+    one, energy = _judged_pass(replay, log)
+    if one.level == NONE:
+        one, energy = one._replace(level=SOME), 0.0
     rates = np.abs(along[-1][k] / np.where(along[0][k] == 0, np.inf, along[0][k]) - 1) / minutes
     drift = float(np.where(along[0][k] == 0, 0.0, rates).max())
-    chance, seconds = min(1.0, one.chance), 60 * minutes
-    return Misfit(level, one.late, one.innovations, seconds, chance, widening, drift)
+    widening, chance = float(np.sqrt(1 + energy)), min(1.0, one.chance)
+    return one._replace(seconds=60 * minutes, chance=chance, widening=widening, drift=drift)
 
 
 def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
@@ -266,9 +260,8 @@ def _sound(system: SecondOrderSystem, theta: Array, prior: Array) -> Array:
 
 def _worst(found: list[Misfit]) -> Misfit:
     """The misfit of several parts of a log: the worst level, and the widening of the last part."""
-    order = [NONE, SOME, CONTRADICTS]
     times = tuple(time for one in found for time in one.contradictions)
-    level = max((one.level for one in found), key=order.index)
+    level = max((one.level for one in found), key=LEVELS.index)
     seconds = sum(one.seconds for one in found)
     innovations = sum(one.innovations * one.seconds for one in found) / seconds
     last = found[-1]
@@ -288,29 +281,17 @@ def judged(alone: FilterAlone, theta: Array, P: Array, log: Log) -> Misfit:
     for _ in range(_PASSES):  # far from its end, a pass is not linear enough to be judged by
         replay = alone.replay(replay.filter.theta, replay.filter.Ptt, log)
         found.append(_judged_pass(replay, log))
-        if found[-1].level == NONE:
+        if found[-1][0].level == NONE:
             break
-    order = [NONE, SOME, CONTRADICTS]
-    best = min(found, key=lambda one: (order.index(one.level), -one.chance))
-    energy = best.energy if best.level != NONE or best.chance < _DOUBTFUL else 0.0
+    best, energy = min(found, key=lambda one: (LEVELS.index(one[0].level), -one[0].chance))
+    if best.level == NONE and best.chance >= _DOUBTFUL:
+        energy = 0.0
     widening = _widening(alone, theta, P, learning, energy)
-    seconds = float(log.t[-1] - log.t[0])
-    late, innovations, chance = best.late, best.innovations, min(1.0, best.chance)
-    return Misfit(best.level, late, innovations, seconds, chance, widening)
+    return best._replace(chance=min(1.0, best.chance), widening=widening)
 
 
-class _Pass(NamedTuple):
-    """The outcome of one pass of the filter along a log; see `Misfit`."""
-
-    level: str
-    late: tuple[float, ...]
-    innovations: float
-    chance: float
-    energy: float
-
-
-def _judged_pass(replay: Replay, log: Log) -> _Pass:
-    """Judges the innovations of one pass along a log."""
+def _judged_pass(replay: Replay, log: Log) -> tuple[Misfit, float]:
+    """Judges one pass along a log, without widening; also the energy of its innovations."""
     seconds, colour = float(log.t[-1] - log.t[0]), whiteness(replay.along.innovation)
     squares, number = replay.filter.totals
     times = replay.contradictions
@@ -321,7 +302,7 @@ def _judged_pass(replay: Replay, log: Log) -> _Pass:
         level = CONTRADICTS
     elif late or innovations > _LARGE or colour.chance < _CHANCE:
         level = SOME
-    return _Pass(level, late, innovations, colour.chance, colour.energy)
+    return Misfit(level, late, innovations, seconds, colour.chance), colour.energy
 
 
 def _widening(alone: FilterAlone, theta: Array, P: Array, learning: Replay, energy: float) -> float:

@@ -36,15 +36,6 @@ ROWS = 20
 """Minimum length of a record: two rows in a tenth."""
 
 
-_VELOCITY = (
-    "Theorem 1 (70)", "Δv vanishes", "rms of Δv over a tenth of the run:", "velocity_error_rms",
-)  # fmt: skip
-_EXCITED = (
-    "Lemma 1 (74)", "W(t, x, v, θ) P̄_⊥ θ̄_P⊥ vanishes", "rms of W θ̂ over a tenth of the run:",
-    "excited_error_rms",
-)  # fmt: skip
-"""Statement, claim, words and key of the summary of what must vanish."""
-
 Word = Literal["holds", "not yet", "fails", "not applicable"]
 _COLOURS = {"holds": "green", "not yet": "yellow", "fails": "red", "not applicable": "dim"}
 
@@ -70,6 +61,15 @@ class Verdict:
     words: str
 
 
+_Outcome = tuple[Word, float | None, float | None, str]
+"""Verdict, figure, bound and words of a `Verdict`."""
+
+
+def _no(why: str) -> _Outcome:
+    """The outcome of a statement that does not apply."""
+    return "not applicable", None, None, why
+
+
 @single_threaded
 def verify(run: Run, truth: Truth | None, summary: dict[str, Any] | None = None) -> list[Verdict]:
     """Checks the paper's statements on a finished run, completed or not.
@@ -82,15 +82,19 @@ def verify(run: Run, truth: Truth | None, summary: dict[str, Any] | None = None)
     _check_length(run.folder, run.record)
     summary = summary or summarize(run, truth)
     premises = _premises(run, truth, summary)
-    excitation = _excitation(run, summary, premises)
-    return [
-        _lyapunov(run, summary, premises),
-        _limit(*_VELOCITY, run, summary, premises),
-        _conserved(summary),
-        _limit(*_EXCITED, run, summary, premises),
-        excitation,
-        _convergence(run, summary, premises, excitation),
-    ]
+    excited = _excitation(run, summary, premises)
+    dv, force = (f"rms of {of} over a tenth of the run:" for of in ("Δv", "W θ̂"))
+    outcomes: dict[tuple[str, str], _Outcome] = {
+        ("Theorem 1 (69)", "V decreases in every time step"): _lyapunov(run, summary, premises),
+        ("Theorem 1 (70)", "Δv vanishes"): _limit(dv, "velocity_error_rms", run, summary, premises),
+        ("(30) in (45)", "the law's conserved quantity is constant"): _conserved(summary),
+        ("Lemma 1 (74)", "W(t, x, v, θ) P̄_⊥ θ̄_P⊥ vanishes"): _limit(
+            force, "excited_error_rms", run, summary, premises
+        ),
+        ("(75)", "every window excites all of P_⊥"): excited,
+        ("Theorem 2", "θ̂ converges to P(θ)"): _convergence(run, summary, premises, excited[0]),
+    }
+    return [Verdict(*statement, *outcome) for statement, outcome in outcomes.items()]
 
 
 def _check_length(folder: Path, record: Record) -> None:
@@ -103,16 +107,15 @@ def _check_length(folder: Path, record: Record) -> None:
         )
 
 
-def _lyapunov(run: Run, summary: dict[str, Any], premises: str) -> Verdict:
+def _lyapunov(run: Run, summary: dict[str, Any], premises: str) -> _Outcome:
     """(69): V decreases in every time step, up to the integration error."""
-    name, claim = "Theorem 1 (69)", "V decreases in every time step"
     broken = premises
     if not broken and getattr(run.identifiers[""], "anchor", 0.0) > 0:  # V need not decrease
         broken = "the anchor pulls towards the prior; see docs/theory.md"
     if not run.identifiers[""].proven:
         broken = "this law is not (44, 45); the theorem says nothing of it"
     if broken:
-        return Verdict(name, claim, "not applicable", None, None, broken)
+        return _no(broken)
     count, rise = summary["lyapunov_violations"], summary["lyapunov_largest_rise"]
     bound = summary["lyapunov_bound"]
     if bound > BLIND:
@@ -120,31 +123,28 @@ def _lyapunov(run: Run, summary: dict[str, Any], premises: str) -> Verdict:
             f"integrator and memory may raise V by up to {bound:.2g} of V(0) in a time step, too "
             f"much for a check; the largest rise is {rise:.2g}"
         )
-        return Verdict(name, claim, "not applicable", rise, bound, words)
+        return "not applicable", rise, bound, words
     words = (
         f"V rose in {count} of {len(run.record) - 1} time steps by more than integrator and memory "
         f"explain; the largest rise is {rise:.2g} of V(0), bound {bound:.2g}"
     )
-    return Verdict(name, claim, "fails" if count else "holds", rise, bound, words)
+    return "fails" if count else "holds", rise, bound, words
 
 
-def _conserved(summary: dict[str, Any]) -> Verdict:
+def _conserved(summary: dict[str, Any]) -> _Outcome:
     """(30) in (45): the law conserves θ̂ᵀ Γ⁻¹ θ̂ for any plant and any sensors."""
-    name, claim = "(30) in (45)", "the law's conserved quantity is constant"
     drift = summary["conserved_drift"]
     if drift is None:
-        return Verdict(name, claim, "not applicable", None, None, "this law conserves nothing")
+        return _no("this law conserves nothing")
     words = f"relative drift {drift:.2g}, bound {DRIFT:g}"
-    return Verdict(name, claim, "holds" if drift <= DRIFT else "fails", drift, DRIFT, words)
+    return "holds" if drift <= DRIFT else "fails", drift, DRIFT, words
 
 
-def _limit(
-    name: str, claim: str, what: str, key: str, run: Run, summary: dict[str, Any], premises: str
-) -> Verdict:
+def _limit(what: str, key: str, run: Run, summary: dict[str, Any], premises: str) -> _Outcome:
     """A quantity that must vanish: its value at the end of the run over that at the start."""
     broken = premises or _no_limit(run, summary)
     if broken:
-        return Verdict(name, claim, "not applicable", None, None, broken)
+        return _no(broken)
     first, last = summary[f"{key}_initial"], summary[key]
     share = last / first if first else 0.0
     words = (
@@ -152,34 +152,32 @@ def _limit(
         f"bound {SETTLED:g}"
     )
     if not share < 1 - _ROUNDING:
-        return Verdict(name, claim, "fails", share, SETTLED, words + "; no decay")
+        return "fails", share, SETTLED, words + "; no decay"
     word: Word = "holds" if share <= SETTLED else "not yet"
-    return Verdict(name, claim, word, share, SETTLED, words)
+    return word, share, SETTLED, words
 
 
-def _excitation(run: Run, summary: dict[str, Any], premises: str) -> Verdict:
+def _excitation(run: Run, summary: dict[str, Any], premises: str) -> _Outcome:
     """(75): every window excites every direction of P_⊥."""
-    name, claim, window = "(75)", "every window excites all of P_⊥", run.scenario.pe_window
+    window = run.scenario.pe_window
     if premises:
-        return Verdict(name, claim, "not applicable", None, None, premises)
+        return _no(premises)
     level, share = summary["pe_level_perp"], summary["pe_share_perp"]
     if share is None:
-        words = f"no window of {window:g} s has enough rows; see pe_window"
-        return Verdict(name, claim, "not applicable", None, None, words)
+        return _no(f"no window of {window:g} s has enough rows; see pe_window")
     words = (
         f"ε₀ = {level:.2g} N·m·s in the least excited window of {window:g} s, {share:.2g} of its "
         f"total excitation, bound {UNEXCITED:g}"
     )
-    return Verdict(name, claim, "holds" if share > UNEXCITED else "fails", share, UNEXCITED, words)
+    return "holds" if share > UNEXCITED else "fails", share, UNEXCITED, words
 
 
-def _convergence(run: Run, summary: dict[str, Any], premises: str, excitation: Verdict) -> Verdict:
+def _convergence(run: Run, summary: dict[str, Any], premises: str, excited: Word) -> _Outcome:
     """Theorem 2: with (75), θ̂ → P(θ)."""
-    name, claim = "Theorem 2", "θ̂ converges to P(θ)"
-    if excitation.verdict != "holds" and not premises:
-        unmet = "is not met" if excitation.verdict == "fails" else "no window could be checked for"
-        return Verdict(name, claim, "not applicable", None, None, f"it needs (75), which {unmet}")
-    return _limit(name, claim, "‖θ̄_P⊥‖/‖θ̂‖:", "theta_perp_ratio", run, summary, premises)
+    if excited != "holds" and not premises:
+        unmet = "is not met" if excited == "fails" else "no window could be checked for"
+        return _no(f"it needs (75), which {unmet}")
+    return _limit("‖θ̄_P⊥‖/‖θ̂‖:", "theta_perp_ratio", run, summary, premises)
 
 
 def _premises(run: Run, truth: Truth | None, summary: dict[str, Any]) -> str:

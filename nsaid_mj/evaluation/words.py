@@ -167,23 +167,13 @@ def verdict(summary: dict[str, Any]) -> str:
     distance, first = (summary.get(f"theta_perp_ratio{end}") for end in ("", "_initial"))
     if residual is None:  # no held-out trajectory: use the run's own last part
         residual = summary.get("force_residual_ratio_measured")
-    predicts = "" if residual is None else f", force residual {_share(residual)}"
-    if distance is not None:
-        arrived, nearer = distance <= CONVERGED, first is None or distance < first
-        where = f"{_share(distance)} from the true set{predicts}"
-    else:
-        stated = summary.get("confidence")
-        worst = None if stated is None else stated["deviation_largest"]
-        best = max(PREDICTS, _MARGIN * (floor or 0.0))
-        explained = summary.get("misfit") == "none" and worst is not None
-        if explained and residual is not None and residual > best:
-            predicts += " by noise of the measured accelerations"
-        arrived = explained or (residual is not None and residual <= best)
-        arrived = arrived and (worst is None or worst <= CONVERGED)
+    if distance is None:
+        arrived, where = _without_truth(summary, residual, floor or 0.0)
         nearer = True
-        known = "" if worst is None else f"least known direction to ±{_share(worst)}"
-        where = ", ".join(filter(None, (known, predicts.removeprefix(", "))))
-        where = where or "no measure of convergence available"
+    else:
+        arrived, nearer = distance <= CONVERGED, first is None or distance < first
+        predicts = "" if residual is None else f", force residual {_share(residual)}"
+        where = f"{_share(distance)} from the true set{predicts}"
     if drift := summary.get("misfit_drift"):
         where += f"; gains drift by up to {100 * drift:.2g} % a minute"
     elif summary.get("misfit") == "some":
@@ -200,6 +190,22 @@ def verdict(summary: dict[str, Any]) -> str:
     else:
         advice = _FASTER
     return f"{'still converging' if nearer else 'not converging'}: {where}; {advice}"
+
+
+def _without_truth(
+    summary: dict[str, Any], residual: float | None, floor: float
+) -> tuple[bool, str]:
+    """Whether a run has converged, by confidence and force residual, and these in words."""
+    stated = summary.get("confidence")
+    worst = None if stated is None else stated["deviation_largest"]
+    explained = summary.get("misfit") == "none" and worst is not None
+    small = residual is not None and residual <= max(PREDICTS, _MARGIN * floor)
+    known = "" if worst is None else f"least known direction to ±{_share(worst)}"
+    predicts = "" if residual is None else f"force residual {_share(residual)}"
+    if explained and residual is not None and not small:
+        predicts += " by noise of the measured accelerations"
+    where = ", ".join(filter(None, (known, predicts))) or "no measure of convergence available"
+    return (explained or small) and (worst is None or worst <= CONVERGED), where
 
 
 def _share(value: float) -> str:

@@ -152,19 +152,11 @@ def followed(
         folder.mkdir(parents=True, exist_ok=True)
         for name in DERIVED:
             (folder / name).unlink(missing_ok=True)
-    writer = RecordWriter(
-        folder / FILE,
-        columns(system.n, system.m, system.n_u, system.p, list(scenario.rivals)),
-        {
-            "scenario": scenario.to_json(),
-            "names": system.space.names,
-            "units": system.space.units,
-            "scale": system.space.scale.tolist(),
-            "r": r,
-        }
-        | (metadata or {}),
-        batch=max(1, segment_steps(scenario) // scenario.record_every),
-    )
+    space, widths = system.space, columns(system, scenario)
+    known = {"names": space.names, "units": space.units, "scale": space.scale.tolist(), "r": r}
+    known = {"scenario": scenario.to_json()} | known | (metadata or {})
+    batch = max(1, segment_steps(scenario) // scenario.record_every)
+    writer = RecordWriter(folder / FILE, widths, known, batch)
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
     loop = Loop(scenario, robot, source, identifiers, monitor, writer, observers, folder)
     begin = clock()
@@ -231,8 +223,7 @@ def reopen(folder: Path, record: Record) -> SimulatedRun:
     scenario = Scenario.from_json(record.scenario(folder))
     setup = Setup.of(scenario)
     identifiers, system = setup.identifiers(), setup.system
-    widths = columns(system.n, system.m, system.n_u, system.p, list(scenario.rivals))
-    record.check(folder, widths)
+    record.check(folder, columns(system, scenario))
     end = float(record["t"][-1])
     whole = record.complete and end >= (scenario.steps - scenario.record_every) * scenario.dt
     return SimulatedRun(
@@ -250,10 +241,10 @@ def reopen(folder: Path, record: Record) -> SimulatedRun:
     )
 
 
-def columns(n: int, m: int, n_u: int, p: int, rivals: list[str]) -> dict[str, int]:
-    """Entries per row of every column of a record, by name; 0 for a scalar column."""
-    own = {"t": 0, "q": m, "v": n, "u": n_u, "pivot": 0, "spent": 0, "pe": 0, "pe_perp": 0}
-    estimates = {"v_hat": n, "theta_hat": p}
-    for name in rivals:
-        estimates |= {f"v_hat_{name}": n, f"theta_hat_{name}": p}
-    return own | estimates
+def columns(system: SecondOrderSystem, scenario: Scenario) -> dict[str, int]:
+    """Entries per row of every column of a run's record, by name; 0 for a scalar column."""
+    found = {"t": 0, "q": system.m, "v": system.n, "u": system.n_u}
+    found |= dict.fromkeys(("pivot", "spent", "pe", "pe_perp"), 0)
+    for end in ("", *(f"_{name}" for name in scenario.rivals)):
+        found |= {f"v_hat{end}": system.n, f"theta_hat{end}": system.p}
+    return found

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..control import Driver
 from ..errors import InvalidInput
+from ..log import Measurement
 from ..parameters import Array
 from ..system import SecondOrderSystem
 
@@ -50,21 +51,15 @@ def expected_gramian(
             rows = np.linalg.solve(L, W * scale)
             gramian += rows.T @ rows
             count += 1
-        q, v = _step(system, t, q, v, u, a, theta, dt)
+        q, v = _step(system, Measurement(t, q, v, u), a, theta, dt)
     return gramian / count
 
 
 def _step(
-    system: SecondOrderSystem,
-    t: float,
-    q: Array,
-    v: Array,
-    u: Array,
-    a: Array,
-    theta: Array,
-    dt: float,
+    system: SecondOrderSystem, sample: Measurement, a: Array, theta: Array, dt: float
 ) -> tuple[Array, Array]:
     """One RK4 step with the command held; the stages' tangent steps are summed in one tangent."""
+    t, q, v, u = sample
     speeds, rates = [v], [a]
     for reach in (dt / 2, dt / 2, dt):
         speeds.append(v + reach * rates[-1])

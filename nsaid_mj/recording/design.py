@@ -16,7 +16,7 @@ from .layout import beside, robot, whole
 from .plots import plot
 from .scene import Scene
 from .series import Curves, path
-from .stream import Content, write
+from .stream import write
 
 FILE = "design.rrd"
 _RATE = 30.0  # frames of the robot per second
@@ -54,7 +54,7 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t, q)
 
-    return write(Content(title, whole(*pages), series=series, draw=draw), file)
+    return write(file, title, whole(*pages), {}, series, draw)
 
 
 def _chosen(trial: Trial) -> list[int]:

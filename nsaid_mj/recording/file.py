@@ -6,21 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import rerun as rr
-
 from ..evaluation import Truth, nullspace_of
 from ..evaluation.verify import Verdict
 from ..experiment.loop import Run
-from ..nullspace import Nullspace
 from ..parameters import ParameterSpace
 from ..reporting.markdown import markdown, panels
 from ..reporting.report import brief, statements, unobservable
 from . import FILE
-from .layout import blueprint, measured_blueprint
+from .layout import blueprint
 from .plots import Plots
 from .robot import Robot
-from .series import Curves, Indices, curves, intervals, shared, spread
-from .stream import Content
+from .series import Indices, curves, intervals, shared, spread
 from .stream import write as write_file
 
 _POINTS = 4000  # of a curve, at most; more than the width of a screen
@@ -44,35 +40,18 @@ def write(
     nullspace = nullspace_of(run, truth)
     robot = Robot(run, truth)
     shown = curves(run, nullspace, rows, truth) + intervals(run, summary, rows)
-    content = Content(
-        run.folder.resolve().name,
-        _layout(run, truth, nullspace, robot, shown),
-        {
-            "result": markdown(brief(run.folder.resolve().name, summary, run.folder)),
-            "statements": "\n".join(panels(statements(verdicts))) or _SHORT,
-            "unknown": "\n".join(panels(unobservable(summary))),
-        },
-        [(t[rows], shown)],
-        robot.log,
-    )
-    return write_file(content, run.folder / FILE)
-
-
-def _layout(
-    run: Run, truth: Truth | None, nullspace: Nullspace, robot: Robot, shown: Sequence[Curves]
-) -> rr.blueprint.Blueprint:
-    space, plots = run.system.space, Plots(shown, float(run.record["t"][-1]))
-    page: dict[str, Any] = {
-        "survey": robot.survey,
-        "drawn": robot.words,
-        "conserves": run.identifiers[""].conserves,
+    name = run.folder.resolve().name
+    documents = {
+        "result": markdown(brief(name, summary, run.folder)),
+        "statements": "\n".join(panels(statements(verdicts))) or _SHORT,
+        "unknown": "\n".join(panels(unobservable(summary))),
     }
-    if truth is None:
-        forces = any(c.path.startswith("force/") for c in shown)
-        return measured_blueprint(space, robot.camera, plots, forces=forces, **page)
-    kind = _kind(space, shared(space, nullspace.r, truth.theta))
-    rivals = bool(run.record.rivals)
-    return blueprint(space, robot.camera, plots, shared=kind, rivals=rivals, **page)
+    space, plots = run.system.space, Plots(shown, float(t[-1]))
+    kind = "" if truth is None else _kind(space, shared(space, nullspace.r, truth.theta))
+    layout = blueprint(
+        space, robot.camera, plots, survey=robot.survey, drawn=robot.words, shared=kind
+    )
+    return write_file(run.folder / FILE, name, layout, documents, [(t[rows], shown)], robot.log)
 
 
 def _kind(space: ParameterSpace, chosen: Indices) -> str:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from ..log import Log
 from ..parameters import Array, Indices, phrase
 from ..system import SecondOrderSystem
 from .scene import BODY, body_axes
@@ -22,22 +22,6 @@ _COLORS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
 _STEEP = 0.5  # cosine of the angle to the inward normal within which a force points inwards
 _MUCH = 5.0  # ratio of force magnitudes from which the smaller force's arrow is magnified
 _LENGTH, _RADIUS = 0.8, 0.035  # of the longest arrow, over half the vehicle's size
-
-
-class Rows(NamedTuple):
-    """Measurements of k samples.
-
-    Attributes:
-        t: (k,) times [s].
-        q: (k, m) positions.
-        v: (k, n) velocities.
-        u: (k, n_u) commands.
-    """
-
-    t: Array
-    q: Array
-    v: Array
-    u: Array
 
 
 @dataclass(frozen=True)
@@ -65,7 +49,7 @@ class Arrows:
     magnified: Mapping[str, float]
 
     @staticmethod
-    def of(system: SecondOrderSystem, size: float, rows: Rows, theta: Array) -> Arrows | None:
+    def of(system: SecondOrderSystem, size: float, rows: Log, theta: Array) -> Arrows | None:
         """Scales the arrows so that the rms length of the longest is 0.8 `size`.
 
         The arrows of a kind of actuator with much smaller forces are magnified, within that length.
@@ -117,7 +101,7 @@ class Arrows:
         self,
         rec: rr.RecordingStream,
         path: str,
-        rows: Rows,
+        rows: Log,
         theta: Array,
         failed: NDArray[np.bool_] | None = None,
     ) -> None:
@@ -142,7 +126,7 @@ class Arrows:
 
 
 def body_forces(
-    system: SecondOrderSystem, parts: Sequence[Indices], rows: Rows, theta: Array
+    system: SecondOrderSystem, parts: Sequence[Indices], rows: Log, theta: Array
 ) -> Array:
     """(k, j, 3) forces F_i θ_i, summed over the parameters of each part, in the body frame [N].
 

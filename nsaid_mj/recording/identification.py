@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
+from ..calibration import words
 from ..calibration.data import RobotModel
 from ..calibration.links import positions
 from ..calibration.result import Curves as Commands
@@ -22,14 +26,15 @@ from ..reporting.parameters import folds
 from ..structure.joints import JointScales
 from ..structure.multibody import Multibody
 from ..system import SecondOrderSystem
-from .identification_layout import blueprint
+from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import Camera, Scene
 from .series import Curves, path
-from .stream import Content, write
+from .stream import write
 
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
 _POINTS = 30_000  # of a curve, at most; the viewer thins them by zoom
+_FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
 
 
 def record(result: Identification, file: Path) -> Path:
@@ -52,12 +57,12 @@ def record(result: Identification, file: Path) -> Path:
     curves = [curve for _, some in commands for curve in some] + [curve for _, curve in history]
     ends = [float(times[-1]) for times, _ in commands if len(times)]
     plots = Plots(curves, max(ends) if ends else None)
-    layout = blueprint(result, camera, sorted({p for p, _ in history}), plots)
+    layout = _blueprint(result, camera, sorted({p for p, _ in history}), plots)
 
     every = Page("", None, sections=[Section("", folds(result))])
     documents = {"result": markdown(brief(result)), "parameters": markdown(every)}
     series = [*commands, (result.law.t, [c for _, c in history])] if result.law else commands
-    return write(Content(result.robot.name, layout, documents, series, draw), file)
+    return write(file, result.robot.name, layout, documents, series, draw)
 
 
 def moving_robot(
@@ -184,3 +189,102 @@ def _history(result: Identification) -> list[tuple[str, Curves]]:
                 interval = Curves(f"{entity}/interval", limits, ends, pale=True, color=8)
                 found.append((block, interval))
     return found
+
+
+def _blueprint(
+    found: Identification, camera: Camera | None, blocks: Sequence[str], plots: Plots
+) -> rrb.Blueprint:
+    """Layout of a recording.
+
+    Args:
+        found: the identification.
+        camera: of the robot; None leaves the 3D view out.
+        blocks: blocks of parameters whose estimates along the log are in the recording.
+        plots: makes the plots.
+    """
+    joints = range(len(found.joints))
+    width = 1 / columns_of(len(joints))
+    held_out = (joint.held_out for joint in found.joints)
+    errors = [error if math.isfinite(error) else math.inf for error in held_out]
+    pages = joint_pages(camera, errors, partial(_command, found, plots), "Commands")
+    pages += paged("Residuals", [_residual(found, j, plots) for j in joints])
+    if found.validation is not None:
+        checked = [_command(found, plots, j, width, "validation/") for j in joints]
+        pages += paged("Validation", checked)
+    gains = [p for p in found.gains if p.block in blocks]
+    width = 1 / columns_of(len(gains))
+    entities = {path("estimate", p.block, p.label): f"{p.label} [{p.unit}]" for p in gains}
+    note = " and its 95 % interval, the common scale aside"
+    views = [plots(entity, title + note, width) for entity, title in entities.items()]
+    pages += paged("Gains along the log", views)
+    rest = [b for b in blocks if b not in {p.block for p in gains}]
+    width = 1 / columns_of(len(rest))
+    units = {b: {p.unit for p in found.parameters if p.block == b} for b in rest}
+    titles = {b: f"{b} [{min(units[b])}]" if len(units[b]) == 1 else b for b in rest}
+    frictions = [plots(path("estimate", b), titles[b], width) for b in rest]
+    pages += paged("Friction along the log", frictions)
+    return whole(*pages, parameters())
+
+
+def joint_pages(
+    camera: Camera | None,
+    errors: Sequence[float],
+    view: Callable[[int, float], rrb.View],
+    name: str,
+) -> list[rrb.Container]:
+    """Verdict and robot beside the joints with the largest errors; pages of all, if these are more.
+
+    Args:
+        camera: of the robot; None leaves the 3D view out.
+        errors: one for each joint.
+        view: the plot of a joint that takes a share of the window.
+        name: of the pages.
+    """
+    left: list[rrb.View | rrb.Container] = [result("Verdict")]
+    left += [] if camera is None else [robot(camera, "Robot, as logged")]
+    worst = sorted(sorted(range(len(errors)), key=lambda j: -errors[j])[:_FIRST])
+    columns = 1 if len(worst) < 4 else 2
+    grid = rrb.Grid(*[view(j, RIGHT / columns) for j in worst], grid_columns=columns)
+    pages: list[rrb.Container] = [beside(left, grid, "Overview", [1, 1])]
+    if len(errors) > _FIRST:
+        width = 1 / columns_of(len(errors))
+        pages += paged(name, [view(j, width) for j in range(len(errors))])
+    return pages
+
+
+def parameters() -> rrb.Horizontal:
+    """The page with all parameters as text."""
+    view = rrb.TextDocumentView(origin="/parameters", name="All parameters")
+    return rrb.Horizontal(view, name="Parameters")
+
+
+def _command(
+    found: Identification, plots: Plots, j: int, width: float, prefix: str = ""
+) -> rrb.TimeSeriesView:
+    fit = found.joints[j]
+    error = fit.validation if prefix else fit.held_out
+    kind = "validation" if prefix else "held out"
+    unit = words.quantity(found, j)[1]
+    title = f"{fit.name}{f' [{unit}]' if unit else ''}: NRMSE {words.nrmse(error)} {kind}"
+    return plots(f"{prefix}command/{path(fit.name)}", title, width)
+
+
+def _residual(found: Identification, j: int, plots: Plots) -> rrb.TimeSeriesView:
+    name, (_, unit) = found.joints[j].name, words.quantity(found, j)
+    title = f"{name}: measured - predicted" + (f" [{unit}]" if unit else "")
+    return plots(f"residual/{path(name)}", title, legend=False)
+
+
+def paged(name: str, views: Sequence[rrb.View]) -> list[rrb.Container]:
+    """Views on pages of at most a dozen each."""
+    pages: list[rrb.Container] = []
+    for start in range(0, len(views), _PAGE):
+        some = views[start : start + _PAGE]
+        title = name if len(views) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
+        pages.append(rrb.Grid(*some, grid_columns=columns_of(len(some)), name=title))
+    return pages
+
+
+def columns_of(views: int) -> int:
+    """Columns of a page of so many views."""
+    return 1 if views < 3 else 2 if views <= 6 else 3

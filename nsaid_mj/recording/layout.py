@@ -18,11 +18,19 @@ _LINKS_ON_A_PAGE = 3
 RIGHT = 0.6
 """Share of the window that the first page's plots take."""
 
-_DISTANCE = "Distance to the true set, as a power of ten: −2 is 1 %, −4 is 0.01 %"
-_ERROR = "Velocity error Δv: predicted − measured"
-_CONSERVED = "Relative drift of the conserved quantity (30) [log₁₀]"
-_EXCITATION = "Persistence of excitation over a window [N·m·s]"
 _MARK = (255, 255, 255)
+_ERROR = "Velocity error Δv: predicted − measured"
+_EXCITATION = "Persistence of excitation over a window [N·m·s]"
+_CHECKS = {
+    "theta_perp": "Components of the error along observable directions [–]",
+    "lyapunov": "Lyapunov function [J]",
+    "conserved": "Relative drift of the conserved quantity (30) [log₁₀]",
+    "velocity_error": _ERROR,
+    "excitation": _EXCITATION,
+    "velocity": "Measured velocity",
+    "command": "Command",
+}
+"""Titles of the plots of theory and excitation, by entity."""
 
 
 def blueprint(
@@ -33,10 +41,11 @@ def blueprint(
     survey: Camera | None = None,
     drawn: str = "",
     shared: str = "",
-    rivals: bool = False,
-    conserves: bool = False,
 ) -> rrb.Blueprint:
-    """Layout of a finished run whose truth is known.
+    """Layout of a finished run, of the curves in its recording.
+
+    Without the truth, and so without distances to it, the first page compares predictions with
+    measurements.
 
     Args:
         space: the parameters.
@@ -45,74 +54,41 @@ def blueprint(
         survey: camera on a vehicle's whole path; None leaves the path out.
         drawn: what is drawn on the robot, in words.
         shared: the kind of parameters compared by relative gain ("motor gain"); empty if none.
-        rivals: whether the recording contains rivals.
-        conserves: whether the law conserves θ̂ᵀ Γ⁻¹ θ̂.
     """
-    distance = plots("log_distance", _DISTANCE, RIGHT)
-    story = [distance]
-    if shared:
-        title = f"{shared.capitalize()}s: estimate / truth, relative to the mean (1 is exact)"
-        story.append(plots("share", title, RIGHT))
-    if shared and rivals:
-        title = f"Error of {shared} ratios [%]"
-        story.append(plots("share_error", title, RIGHT))
-    story.append(plots("log_velocity_rms", _rms(plots), RIGHT))
-    overview = _overview(camera, survey, drawn, story, plots)
-    certificates = [
-        plots("theta_perp", "Components of the error along observable directions [–]", 0.5, False),
-        plots("lyapunov", "Lyapunov function [J]"),
-        *([plots("conserved", _CONSERVED)] if conserves else []),
-        plots("velocity_error", _ERROR),
-        *([plots("excitation", _EXCITATION)] if plots.moving("excitation") else []),
-        plots("velocity", "Measured velocity"),
-        plots("command", "Command"),
+    judged = plots.shows("log_distance")
+    story = {
+        "velocity": "Velocity, measured and predicted (pale)",
+        "force": "Forces that the motion needs and actuator forces (pale)",
+    }
+    if judged:
+        story = {
+            "log_distance": "Distance to the true set, as a power of ten: −2 is 1 %, −4 is 0.01 %",
+            "share": f"{shared.capitalize()}s: estimate / truth, relative to the mean (1 is exact)",
+        }
+        if plots.shows("share_error", 2):  # of rivals, too
+            story["share_error"] = f"Error of {shared} ratios [%]"
+    unit = plots.unit("log_velocity_rms")
+    story["log_velocity_rms"] = f"Velocity error, rms over short intervals [{unit}]"
+    views = [plots(entity, story[entity], RIGHT) for entity in story if plots.shows(entity)]
+    views += [] if judged else [_estimate(plots, g, False, RIGHT) for g in _driven(space)[:1]]
+    checks = [
+        plots(entity, title, 0.5, entity != "theta_perp")
+        for entity, title in _CHECKS.items()
+        if plots.shows(entity) and entity not in story
+        if entity != "excitation" or plots.moving(entity)
     ]
-    theory = plots.grid(certificates, 2 if len(certificates) <= 6 else 3, "Theory and excitation")
-    return whole(overview, *estimates(space, plots), theory, verdicts())
-
-
-def measured_blueprint(
-    space: ParameterSpace,
-    camera: Camera | None,
-    plots: Plots,
-    *,
-    survey: Camera | None = None,
-    drawn: str = "",
-    forces: bool = False,
-    conserves: bool = False,
-) -> rrb.Blueprint:
-    """Layout of a finished run whose truth is unknown: predictions against measurements.
-
-    Arguments are those of `blueprint`; `forces` is whether the recording contains the two sides of
-    the force balance.
-    """
-    story = [plots("velocity", "Velocity, measured and predicted (pale)", RIGHT)]
-    if forces:
-        title = "Forces that the motion needs and actuator forces (pale)"
-        story.append(plots("force", title, RIGHT))
-    story.append(plots("log_velocity_rms", _rms(plots), RIGHT))
-    first = [members[0] for name, members in groups(space).items() if _actuates(space, name)]
-    story += [_estimate(plots, group, False, RIGHT) for group in first[:1]]
-    certificates = [
-        plots("velocity_error", _ERROR),
-        *([plots("excitation", _EXCITATION)] if plots.moving("excitation") else []),
-        plots("command", "Command"),
-    ]
-    if conserves:
-        certificates.insert(0, plots("conserved", _CONSERVED))
-    overview = _overview(camera, survey, drawn, story, plots)
-    theory = plots.grid(certificates, 2, "Theory and excitation")
-    return whole(overview, *estimates(space, plots, judged=False), theory, verdicts())
+    theory = plots.grid(checks, 2 if len(checks) <= 6 else 3, "Theory and excitation")
+    overview = _overview(camera, survey, drawn, views, plots)
+    return whole(overview, *estimates(space, plots, judged), theory, verdicts())
 
 
 def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = "") -> rrb.Blueprint:
     """Layout of a running run, without anything that needs the truth."""
     plots = Plots()
-    first = [members[0] for name, members in groups(space).items() if _actuates(space, name)]
     views: list[rrb.View | rrb.Container] = [
         rrb.Vertical(
             plots("velocity_error", _ERROR),
-            *[_estimate(plots, group, False, RIGHT) for group in first[:2]],
+            *[_estimate(plots, group, False, RIGHT) for group in _driven(space)[:2]],
             plots("excitation", _EXCITATION),
         )
     ]
@@ -136,7 +112,7 @@ def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[
     found = groups(space)
 
     def page(name: str, some: Sequence[Block], columns: int = 0) -> rrb.Grid:
-        members = [group for block in some for group in found[block.name]]
+        members = [group for block in some for group in found if group.block == block.name]
         columns = columns or min(len(members), 2 if len(members) <= 6 else 3)
         views = [_estimate(plots, group, judged, 1 / columns) for group in members]
         return plots.grid(views, columns, name)
@@ -258,12 +234,10 @@ def beside(
     return rrb.Horizontal(column, right, column_shares=[1 - RIGHT, RIGHT], name=name)
 
 
-def _rms(plots: Plots) -> str:
-    return f"Velocity error, rms over short intervals [{plots.unit('log_velocity_rms')}]"
-
-
-def _actuates(space: ParameterSpace, name: str) -> bool:
-    return any(block.actuator for block, _ in space if block.name == name)
+def _driven(space: ParameterSpace) -> list[Group]:
+    """The first parameters of every block of actuators."""
+    found = {group.block: group for group in reversed(groups(space))}
+    return [found[block.name] for block in space.blocks if block.actuator]
 
 
 def _estimate(plots: Plots, group: Group, judged: bool, width: float) -> rrb.TimeSeriesView:

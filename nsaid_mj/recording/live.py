@@ -14,9 +14,9 @@ from ..errors import InvalidInput
 from ..experiment.loop import Observer, Robot
 from ..experiment.scenario import Scenario
 from ..identifiers import State
-from ..log import Measurement
+from ..log import Log, Measurement
 from ..system import SecondOrderSystem
-from .forces import ESTIMATED, Arrows, Rows
+from .forces import ESTIMATED, Arrows
 from .layout import live_blueprint, words
 from .scene import Scene
 from .series import Curves, excitation, groups, velocity_names
@@ -101,11 +101,11 @@ class Live(Observer):
     def _start(self, robot: Robot, first: Measurement) -> None:
         system = robot.system
         self._space, self._scene = system.space, Scene(system, robot.looks)
-        self._groups = [g for members in groups(self._space).values() for g in members]
+        self._groups = groups(self._space)
         rng = np.random.default_rng(0)  # of random states, which set up camera and arrows
         states = [system.random_state(rng) for _ in range(50)]
         q, v, u = (np.array(part) for part in zip(*states, strict=True))
-        rows = Rows(np.zeros(len(q)), q, v, u)
+        rows = Log.unchecked(np.zeros(len(q)), q, v, u)
         camera = None
         if not self._scene.empty:
             camera = self._scene.camera(np.vstack([first.q, q[:20]]), v)
@@ -161,7 +161,7 @@ class Live(Observer):
         rec.log("excitation/perpendicular", rr.Scalars(levels[1]))
         begin = time.perf_counter()
         if begin >= self._next_pose:
-            row = Rows(*(np.array([part]) for part in measurement))
+            row = Log.unchecked_of([measurement])
             self._scene.log_poses(rec, row.t, row.q)
             if self._arrows:
                 self._arrows.log(rec, ESTIMATED, row, state.theta_hat)
@@ -226,6 +226,6 @@ def _curves(system: SecondOrderSystem) -> list[Curves]:
     n = system.n
     found = [Curves("velocity_error", velocity_names(system), empty(n))]
     found += excitation(empty(1), empty(1))
-    for group in (group for members in groups(system.space).values() for group in members):
+    for group in groups(system.space):
         found.append(Curves(f"{group.path}/estimated", group.names, empty(len(group.names))))
     return found

@@ -64,6 +64,10 @@ class Plots:
         self._entries[view.id] = len(set(names)) if legend else 0
         return view
 
+    def shows(self, entity: str, least: int = 1) -> bool:
+        """Whether there are curves below an entity, as many as `least`."""
+        return len(self._below(entity)) >= least
+
     def moving(self, entity: str) -> bool:
         """Whether some curve below an entity differs from 0."""
         return any(np.any(curve.values != 0) for curve in self._below(entity))

@@ -1,4 +1,4 @@
-"""The robot's drawing in 3D: its shape, forces or torques, and link inertias."""
+"""The robot's drawing in 3D: its shape, forces or torques, link inertias, and found faults."""
 
 from __future__ import annotations
 
@@ -9,17 +9,21 @@ from numpy.typing import NDArray
 from ..evaluation import Truth
 from ..experiment.loop import Run
 from ..experiment.record import Record
+from ..identifiers.faults import FaultEvent
+from ..log import Log
 from ..parameters import Array, Indices
-from . import inertia, torques
-from .faults import failed_parts, log_faults
-from .forces import COMMANDED, ESTIMATED, Arrows, Rows
+from ..system import SecondOrderSystem
+from . import forces, inertia, torques
+from .forces import Arrows
 from .layout import words
-from .scene import Scene
+from .scene import BODY, Scene
 from .series import along, spread
+from .text import drawable
 
 _LOOKS = 500  # rows of the record from which camera, arrows and arcs are set up
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
 _ARCS, _ARC_RATE = 4000, 15.0  # the same of torques
+_MARK = 0.1  # radius of a fault's marker, over half the vehicle's size
 _ELLIPSOIDS = 300  # estimates of the links' inertias along a run, at most
 
 
@@ -69,16 +73,17 @@ class Robot:
         t, theta_hat = record["t"], record["theta_hat"]
         frames = _at_rate(t, _RATE, _FRAMES)
         inside = self._arrows is not None or self._links is not None
-        failed = failed_parts(self._run.faults, self._run.system, self._scene)
+        failed = (path for event in self._run.faults for path in self._failed(event))
         changing = dict.fromkeys(failed, float(t[0]))
         self._scene.log_shapes(rec, self.camera, ghost=inside, changing=changing)
         self._scene.log_poses(rec, t[frames], record["q"][frames])
-        log_faults(rec, self._run.faults, self._run.system, self._scene, self.camera)
+        self._log_faults(rec)
         if self._arrows:
-            _log_forces(rec, self._arrows, _rows(record, frames), theta_hat[frames], truth)
+            paths = forces.COMMANDED, forces.ESTIMATED
+            _log_efforts(rec, self._arrows, paths, _rows(record, frames), theta_hat[frames], truth)
         if self._arcs:
-            some = _at_rate(t, _ARC_RATE, _ARCS)
-            _log_torques(rec, self._arcs, _rows(record, some), theta_hat[some], truth)
+            some, paths = _at_rate(t, _ARC_RATE, _ARCS), (torques.COMMANDED, torques.ESTIMATED)
+            _log_efforts(rec, self._arcs, paths, _rows(record, some), theta_hat[some], truth)
         if self._links and self.camera:
             few, size = spread(len(t), _ELLIPSOIDS), self.camera.size
             self._links.log_frames(rec, t[frames], record["q"][frames])
@@ -86,42 +91,58 @@ class Robot:
             reference = self._run.prior[None] if truth is None else truth.theta_at(t[few])
             self._links.log(rec, inertia.REFERENCE, t[few][: len(reference)], reference, size)
 
+    def _log_faults(self, rec: rr.RecordingStream) -> None:
+        """Logs every fault at the time it was found; its part is red from then on.
 
-def _log_forces(
-    rec: rr.RecordingStream, arrows: Arrows, rows: Rows, theta_hat: Array, truth: Truth | None
+        A vehicle's actuator gets a red ball where its force acts, an arm's joint a red link; a
+        sensor of a vehicle has no place.
+        """
+        for number, event in enumerate(self._run.faults):
+            rec.set_time("sim_time", duration=event.found)
+            words = drawable(f"{event.in_words}, {100 * event.confidence:.4g} % sure")
+            rec.log("faults", rr.TextLog(words, level=rr.TextLogLevel.WARN))
+            if self.camera is None:
+                continue
+            places = _mounts(self._run.system, event)
+            if len(places):
+                ball = rr.Points3D(
+                    places, colors=[forces.FAILED], radii=[_MARK * self.camera.size],
+                    labels=[drawable(event.part)],
+                )  # fmt: skip
+                rec.log(f"{BODY}/fault_{number}", ball)
+            for path in self._failed(event):
+                rec.log(path, rr.Mesh3D.from_fields(albedo_factor=forces.FAILED))
+        rec.reset_time()
+
+    def _failed(self, event: FaultEvent) -> list[str]:
+        """The entities of the meshes that a fault turns red."""
+        return self._scene.paths_of(_links(self._run.system, event))
+
+
+def _log_efforts(
+    rec: rr.RecordingStream,
+    drawn: Arrows | torques.Arcs,
+    paths: tuple[str, str],
+    rows: Log,
+    theta_hat: Array,
+    truth: Truth | None,
 ) -> None:
-    """Logs the forces under θ̂ and, if the truth is known, the commanded ones next to them.
+    """Logs forces or torques under θ̂ and, if the truth is known, the commanded ones next to them.
 
     For the comparison θ̂ is divided by the common factor that brings it closest to the truth, since
-    that factor is unobservable.
+    that factor is unobservable. `paths` are those of commanded and estimated ones.
     """
+    commanded, estimated = paths
     if truth is None:
-        arrows.log_style(rec, ESTIMATED)
-        arrows.log(rec, ESTIMATED, rows, theta_hat)
+        drawn.log_style(rec, estimated)
+        drawn.log(rec, estimated, rows, theta_hat, np.zeros(theta_hat.shape, bool))
         return
     true, scale = truth.theta_at(rows.t), truth.system.space.scale
     factor = along(theta_hat / scale, true / scale)
-    arrows.log_style(rec, COMMANDED, ESTIMATED)
+    drawn.log_style(rec, commanded, estimated)
     failed = changed(truth, rows.t)
-    arrows.log(rec, COMMANDED, rows, true, failed)
-    arrows.log(rec, ESTIMATED, rows, theta_hat / factor[:, None], failed)
-
-
-def _log_torques(
-    rec: rr.RecordingStream, arcs: torques.Arcs, rows: Rows, theta_hat: Array, truth: Truth | None
-) -> None:
-    """Logs the torques under θ̂ and, if the truth is known, the commanded ones, as forces are."""
-    n = rows.v.shape[1]
-    if truth is None:
-        arcs.log(rec, torques.ESTIMATED, rows, theta_hat, np.zeros((len(rows.t), n), bool))
-        return
-    true, system = truth.theta_at(rows.t), truth.system
-    factor = along(theta_hat / system.space.scale, true / system.space.scale)
-    F = system.F(rows.t, np.hstack([rows.q, rows.v]), rows.u)
-    moves = np.any(F != 0, axis=0)  # (n, p) whether a parameter has a force along a velocity
-    joints = changed(truth, rows.t).astype(float) @ moves.T > 0
-    arcs.log(rec, torques.COMMANDED, rows, true, joints)
-    arcs.log(rec, torques.ESTIMATED, rows, theta_hat / factor[:, None], joints)
+    drawn.log(rec, commanded, rows, true, failed)
+    drawn.log(rec, estimated, rows, theta_hat / factor[:, None], failed)
 
 
 def changed(truth: Truth, t: Array) -> NDArray[np.bool_]:
@@ -131,10 +152,38 @@ def changed(truth: Truth, t: Array) -> NDArray[np.bool_]:
     return (truth.theta_at(t) != truth.initial) & actuators
 
 
-def _rows(record: Record, rows: Indices) -> Rows:
-    return Rows(*(record[column][rows] for column in Rows._fields))
+def _rows(record: Record, rows: Indices) -> Log:
+    return Log.unchecked(*(record[column][rows] for column in Log._fields))
 
 
 def _at_rate(t: Array, rate: float, most: int) -> Indices:
     """Indices of rows at about a rate [1/s], at most `most`, with the first and the last."""
     return spread(len(t), min(most, max(2, int((t[-1] - t[0]) * rate))))
+
+
+def _mounts(system: SecondOrderSystem, event: FaultEvent) -> Array:
+    """(k, 3) points of application of the actuators that an event names, in the body frame [m]."""
+    if system.mounts is None:
+        return np.zeros((0, 3))
+    names = [system.space.names[i] for i in system.space.actuators]
+    rows = [system.mounts[i] for i, name in enumerate(names) if name in event.names]
+    found = np.array([row for row in rows if np.isfinite(row).all()]).reshape(-1, 3)
+    return np.unique(found, axis=0)
+
+
+def _links(system: SecondOrderSystem, event: FaultEvent) -> list[str]:
+    """Names of the links whose inertia, or joint's gain, friction or sensor, an event names."""
+    space, found = system.space, []
+    bodies = [block for block in space.blocks if block.geometry == "pseudo_inertia"]
+    links = [block.labels[0].rpartition(" of ")[2] for block in bodies]
+    for block in space.blocks:
+        for i, name in enumerate(block.names):
+            if name not in event.names:
+                continue
+            if block in bodies:
+                found.append(links[bodies.index(block)])
+            elif system.group == 0 and len(block) == len(links):  # one for each joint of an arm
+                found.append(links[i])
+    for name in event.names if event.kind == "bias" and len(links) == system.n else ():
+        found.append(links[int(name.rpartition(" ")[2]) - 1])  # such as `position 2`
+    return list(dict.fromkeys(found))

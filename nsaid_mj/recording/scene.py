@@ -204,7 +204,7 @@ class Scene:
             return Camera(target + away * EYE, target, size, ground, rounded(size / 5))
         places, attitudes = base_poses(self._system, q[:1])
         back = attitudes * [-1, -1, -1, 1]
-        centre = tuple(_rotate(back, target - places)[0, 0].tolist())
+        centre = tuple(rotated(back, target - places)[0, 0].tolist())
         linear = v[:, : len(body_axes(self._system))]
         speed = float(np.sqrt(np.mean(np.sum(linear**2, axis=1))))
         trail = float(np.clip(_TRAIL * size / max(speed, 1e-9), _SHORTEST, _LONGEST))
@@ -228,7 +228,7 @@ class Scene:
         for i, mesh in enumerate(self._meshes):
             low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
             corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, 8).T
-            turned = _rotate(quaternions[:, i], corners)
+            turned = rotated(quaternions[:, i], corners)
             points.append((turned + translations[:, i, None]).reshape(-1, 3))
         return np.concatenate(points) if points else np.zeros((1, 3))
 
@@ -294,10 +294,10 @@ def rounded(length: float) -> float:
     return min((n, 2 * n, 5 * n, 10 * n), key=lambda step: abs(np.log(step / length)))
 
 
-def _rotate(quaternions: Array, points: Array) -> Array:
-    """(k, j, 3) points (j, 3) rotated by quaternions (k, 4) in x, y, z, w order."""
+def rotated(quaternions: Array, points: Array) -> Array:
+    """(k, j, 3) points (j, 3) or (k, j, 3) rotated by quaternions (k, 4) in x, y, z, w order."""
     axis, w = quaternions[:, None, :3], quaternions[:, None, 3:]
-    cross = np.cross(axis, points[None])
+    cross = np.cross(axis, points)
     return points + 2 * (w * cross + np.cross(axis, cross))
 
 

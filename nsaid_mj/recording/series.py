@@ -88,28 +88,31 @@ class Group:
     """Parameters of one block that have the same unit, and so share a plot.
 
     Attributes:
+        block: name of the block.
         path: of the entity that their curves are below.
         title: of the group, without the unit.
         names: labels with units: "gain of elbow_joint [N·m/A]".
         indices: (k,) in θ.
     """
 
+    block: str
     path: str
     title: str
     names: list[str]
     indices: Indices
 
 
-def groups(space: ParameterSpace) -> dict[str, list[Group]]:
+def groups(space: ParameterSpace) -> list[Group]:
     """The parameters by block and unit."""
-    found: dict[str, list[Group]] = {}
+    found = []
     for block, place in space:
         units = list(dict.fromkeys(block.units))
         for number, unit in enumerate(units, 1):
             inside = [k for k, own in enumerate(block.units) if own == unit]
             suffix = [str(number)] if len(units) > 1 else []
-            found.setdefault(block.name, []).append(
+            found.append(
                 Group(
+                    block.name,
                     path("estimate", block.name, *suffix),
                     f"{block.name} [{unit}]",
                     [f"{block.labels[k]} [{unit}]" for k in inside],
@@ -227,7 +230,7 @@ def _estimates(run: Run, rows: Indices, truth: Truth | None) -> list[Curves]:
         true = truth.theta_at(run.record["t"][rows])
         true = along(theta_hat / space.scale, true / space.scale)[:, None] * true
     found = []
-    for group in (group for members in groups(space).values() for group in members):
+    for group in groups(space):
         k = group.indices
         found.append(Curves(f"{group.path}/estimated", group.names, theta_hat[:, k]))
         if true is not None:
@@ -247,7 +250,7 @@ def intervals(run: Run, summary: dict[str, Any], rows: Indices) -> list[Curves]:
     t, theta = run.record["t"][rows], run.record["theta_hat"][-1]
     last = t >= t[0] + 0.9 * (t[-1] - t[0])
     found = []
-    for group in (group for members in groups(space).values() for group in members):
+    for group in groups(space):
         halves = [INTERVAL * stated["actuators"].get(space.names[k], np.nan) for k in group.indices]
         if np.isnan(halves).any():
             continue

@@ -15,13 +15,12 @@ from ..reporting.markdown import markdown
 from ..reporting.pages import Page, Section
 from ..reporting.parameters import table
 from ..structure.joints import moving_joints, slides
-from .identification import lines, moving_robot
-from .identification_layout import FIRST, columns_of, paged, parameters
-from .layout import RIGHT, beside, result, robot, whole
+from .identification import joint_pages, lines, moving_robot, paged, parameters
+from .layout import whole
 from .plots import Plots
 from .scene import Camera
 from .series import Curves, path
-from .stream import Content, write
+from .stream import write
 
 _FAILED = 10  # red: windows that the fit left out
 _SHOWN = 20.0  # of a long log, around the cursor [s]: in minutes no motion can be seen
@@ -54,7 +53,7 @@ def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) ->
         "result": markdown(brief(found)),
         "parameters": markdown(Page("", None, sections=by_joint)),
     }
-    return write(Content(found.robot.name, layout, documents, [(t, curves)], draw), file)
+    return write(file, found.robot.name, layout, documents, [(t, curves)], draw)
 
 
 def _curves(found: ServoIdentification, replayed: Replayed, t: Array) -> tuple[Array, list[Curves]]:
@@ -96,16 +95,7 @@ def _blueprint(found: ServoIdentification, camera: Camera | None, plots: Plots) 
         title = f"{servos[j].name} [{units[j]}]: {error}"
         return plots(path("position", servos[j].name), title, width)
 
-    left: list[rrb.View | rrb.Container] = [result("Verdict")]
-    if camera is not None:
-        left.append(robot(camera, "Robot, as logged"))
-    worst = sorted(sorted(range(len(servos)), key=lambda j: -servos[j].error)[:FIRST])
-    columns = 1 if len(worst) < 4 else 2
-    grid = rrb.Grid(*[positions(j, RIGHT / columns) for j in worst], grid_columns=columns)
-    pages: list[rrb.Container] = [beside(left, grid, "Overview", [1, 1])]
-    if len(servos) > FIRST:
-        width = 1 / columns_of(len(servos))
-        pages += paged("Positions", [positions(j, width) for j in range(len(servos))])
+    pages = joint_pages(camera, [servo.error for servo in servos], positions, "Positions")
     residuals = [
         plots(path("residual", s.name), f"{s.name}: measured - simulated [m{unit}]", legend=False)
         for s, unit in zip(servos, units, strict=True)

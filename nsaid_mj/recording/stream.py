@@ -6,7 +6,6 @@ Rerun's own file sink hangs in its flush when the disk is full, and cannot be in
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -23,35 +22,35 @@ from .text import drawable
 _MARKDOWN = rr.MediaType.MARKDOWN
 
 
-@dataclass(frozen=True)
-class Content:
-    """The content of a recording.
+def write(
+    file: Path,
+    name: str,
+    layout: rrb.Blueprint,
+    documents: Mapping[str, str],
+    series: Sequence[tuple[Array, Sequence[Curves]]],
+    draw: Callable[[rr.RecordingStream], None],
+) -> Path:
+    """Writes a recording atomically.
 
-    Attributes:
+    Args:
+        file: path of the recording, ending in .rrd; it is returned.
         name: of the recording.
         layout: of the viewer.
         documents: Markdown, by entity.
         series: (N,) times [s] and the curves over them.
         draw: logs the robot.
+
+    Raises:
+        NotWritten: the file cannot be written.
     """
-
-    name: str
-    layout: rrb.Blueprint
-    documents: Mapping[str, str] = field(default_factory=dict)
-    series: Sequence[tuple[Array, Sequence[Curves]]] = ()
-    draw: Callable[[rr.RecordingStream], None] = lambda _: None
-
-
-def write(content: Content, file: Path) -> Path:
-    """Writes a recording atomically; returns its path, in .rrd; `NotWritten` if that fails."""
-    rec = rr.RecordingStream(drawable(f"nsaid_mj {content.name}"))
+    rec = rr.RecordingStream(drawable(f"nsaid_mj {name}"))
     memory = rec.memory_recording()
-    _send_blueprint(rec, content.layout)
+    _send_blueprint(rec, layout)
     try:
-        for entity, text in content.documents.items():
+        for entity, text in documents.items():
             rec.log(entity, rr.TextDocument(drawable(text), media_type=_MARKDOWN), static=True)
-        content.draw(rec)
-        for t, curves in content.series:
+        draw(rec)
+        for t, curves in series:
             for curve in curves:
                 curve.log_style(rec)
                 curve.log_values(rec, t)

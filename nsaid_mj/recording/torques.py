@@ -6,13 +6,14 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ..parameters import Array
+from ..log import Log
+from ..parameters import Array, Indices
 from ..structure.joints import JointTree
 from ..structure.optional import pin
 from ..system import SecondOrderSystem
-from .forces import FAILED, Rows
+from .forces import FAILED
 from .inertia import frames
-from .scene import ROBOT
+from .scene import ROBOT, rotated
 
 COMMANDED, ESTIMATED = f"{ROBOT}/torque/commanded", f"{ROBOT}/torque/estimated"
 _COLOURS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
@@ -36,7 +37,7 @@ class Arcs:
         theta: (p,) parameters.
     """
 
-    def __init__(self, system: SecondOrderSystem, size: float, rows: Rows, theta: Array):
+    def __init__(self, system: SecondOrderSystem, size: float, rows: Log, theta: Array):
         assert isinstance(system, JointTree)
         self._system, self._size = system, size
         rms = np.sqrt(np.mean(joint_torques(system, rows, theta) ** 2, axis=0))
@@ -44,27 +45,36 @@ class Arcs:
         self._axes = axes(system, rows.q[0])
         self._turning = np.flatnonzero(np.linalg.norm(self._axes, axis=1) > 0)
 
+    def log_style(self, rec: rr.RecordingStream, *paths: str) -> None:
+        """Logs the width of commanded or estimated arcs."""
+        for path in paths:
+            rec.log(path, rr.LineStrips3D.from_fields(radii=[0.006 * self._size]), static=True)
+
     def log(
         self,
         rec: rr.RecordingStream,
         path: str,
-        rows: Rows,
+        rows: Log,
         theta: Array,
         failed: NDArray[np.bool_],
     ) -> None:
-        """Logs the arcs of k samples in one batch, with red arcs of joints in `failed` (k, n).
+        """Logs the arcs of k samples in one batch.
 
-        `path` is COMMANDED or ESTIMATED, theta (p,) or (k, p).
+        `path` is COMMANDED or ESTIMATED, theta (p,) or (k, p); `failed` (k, p) marks parameters
+        that a fault has changed, whose joints' arcs are red.
         """
-        angle = _TURN * np.clip(joint_torques(self._system, rows, theta) / self._full, -1, 1)
+        actuators, F = self._system.space.actuators, _per_gain(self._system, rows)
+        joints = failed[:, actuators].astype(float) @ np.any(F != 0, axis=0).T > 0
+        angle = _TURN * np.clip(_torques(F, theta, actuators) / self._full, -1, 1)
         poses, radius = frames(self._system, rows.q), _RADIUS[path] * self._size
         strips = np.stack(
-            [_placed(_arcs(angle[:, j], radius, self._axes[j]), *poses[j]) for j in self._turning],
+            [
+                rotated(turn, _arcs(angle[:, j], radius, self._axes[j])) + place[:, None]
+                for j, (place, turn) in ((j, poses[j]) for j in self._turning)
+            ],
             axis=1,
         )
-        colours = np.where(failed[:, self._turning, None], FAILED, _COLOURS[path])
-        width = rr.LineStrips3D.from_fields(radii=[0.006 * self._size])
-        rec.log(path, width, static=True)
+        colours = np.where(joints[:, self._turning, None], FAILED, _COLOURS[path])
         k, count, *shape = strips.shape
         arcs = rr.LineStrips3D.columns(
             strips=list(strips.reshape(k * count, *shape)),
@@ -89,14 +99,20 @@ def axes(system: JointTree, q: Array) -> Array:
     )
 
 
-def joint_torques(system: SecondOrderSystem, rows: Rows, theta: Array) -> Array:
+def joint_torques(system: SecondOrderSystem, rows: Log, theta: Array) -> Array:
     """(k, n) forces of the actuators along the velocities, under θ (p,) or (k, p)."""
-    k = system.space.actuators
+    return _torques(_per_gain(system, rows), theta, system.space.actuators)
+
+
+def _per_gain(system: SecondOrderSystem, rows: Log) -> Array:
+    """(k, n, a) force along every velocity per unit of every actuator parameter."""
     F = system.F(rows.t, np.hstack([rows.q, rows.v]), rows.u)
-    forces: Array = np.einsum(
-        "kia,ka->ki", F[..., k], np.broadcast_to(theta, (len(F), system.p))[:, k]
-    )
-    return forces
+    return F[..., system.space.actuators]
+
+
+def _torques(F: Array, theta: Array, actuators: Indices) -> Array:
+    theta = np.broadcast_to(theta, (len(F), np.shape(theta)[-1]))
+    return np.asarray(np.einsum("kia,ka->ki", F, theta[:, actuators]))
 
 
 def _arcs(angle: Array, radius: float, axis: Array) -> Array:
@@ -114,10 +130,3 @@ def _arcs(angle: Array, radius: float, axis: Array) -> Array:
     feet = [at(angle - back, radius * (1 + 0.5 * side * np.abs(back))) for side in (1, -1)]
     tip = np.stack([feet[0], curve[:, -1], feet[1]], axis=1)
     return np.concatenate([curve, tip], axis=1)
-
-
-def _placed(points: Array, places: Array, quaternions: Array) -> Array:
-    """Points (k, j, 3) in frames at places (k, 3) with quaternions (k, 4), in the world."""
-    axis, w = quaternions[:, None, :3], quaternions[:, None, 3:]
-    cross = np.cross(axis, points)
-    return points + 2 * (w * cross + np.cross(axis, cross)) + places[:, None]

@@ -18,7 +18,7 @@ from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import ROBOT, Camera, Scene
 from .series import Curves, command_names, path, spread
-from .stream import Content, write
+from .stream import write
 
 _FRAMES, _POINTS = 2000, 4000  # at most
 _REFERENCE = f"{ROBOT}/reference"
@@ -54,9 +54,9 @@ def record(
     scene = Scene(system, looks)
     camera = None if scene.empty else scene.camera(q[frames], v[frames])
     curves = [
-        Curves(path("error", unit, law), [law], _logarithms(error[rows]), color=LAWS[law])
+        Curves(path("error", unit, law), [law], np.log10(size)[rows, None], color=LAWS[law])
         for unit, of in errors.items()
-        for law, error in of.items()
+        for law, size in ((law, np.maximum(error, _LEAST)) for law, error in of.items())
     ]
     names = command_names(system)
     curves += [Curves(path("command", law), names, u[rows]) for law, u in commands.items()]
@@ -68,9 +68,7 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write(
-        Content(file.parent.name, layout, {"result": told}, [(t[rows], curves)], draw), file
-    )
+    return write(file, file.parent.name, layout, {"result": told}, [(t[rows], curves)], draw)
 
 
 def _layout(
@@ -81,10 +79,6 @@ def _layout(
     first = beside([*left, result()], rrb.Vertical(*story), "Tracking", [3, 2])
     efforts = [plots(path("command", law), f"{law}: commands over their limits") for law in laws]
     return whole(first, plots.grid(efforts, min(2, len(laws)), "Commands"))
-
-
-def _logarithms(error: Array) -> Array:
-    return np.log10(np.maximum(error, _LEAST))[:, None]
 
 
 def _log_reference(

@@ -51,31 +51,23 @@ def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> 
 
 def verdict_of(document: dict[str, Any]) -> Mark:
     """Whether the design is better than random motions, and how much."""
-    better, sentence = _compared(document)
-    return judged("yes" if better else "partly", sentence)
-
-
-def _of_random_motions(document: dict[str, Any]) -> float:
-    """The predicted deviation of random motions, rms over draws like the design's."""
-    return float(np.sqrt(np.mean(np.square(document["predicted_deviation_of_random_motions"]))))
-
-
-def _compared(document: dict[str, Any]) -> tuple[bool, str]:
-    """Whether the design is better than random motions, and how much, in words."""
-    own, random = document["predicted_deviation"], _of_random_motions(document)
-    words = f"{document['asked']}: {_percent(own)}"
+    own, asked = document["predicted_deviation"], document["asked"]
+    squares = np.square(document["predicted_deviation_of_random_motions"])
+    random = float(np.sqrt(np.mean(squares)))  # over draws like the design's
     sources = {limit["source"] for limit in document["limits"].values()}
     which = " of the same limits" if sources <= {RANDOM} else " of the usual size"
     which += ", which may touch themselves" if document["contacts"] else ""
     if random > own:
-        return True, (
-            f"Predicted rms deviation of the {words}, {random / own:.2g} times smaller than with "
-            f"random motions{which} ({_percent(random)})."
+        words = (
+            f"Predicted rms deviation of the {asked}: {_percent(own)}, {random / own:.2g} times "
+            f"smaller than with random motions{which} ({_percent(random)})."
         )
-    return False, (
-        f"No better than random motions{which}: predicted rms deviation of the "
-        f"{document['asked']} {_percent(own)}, of random motions {_percent(random)}."
+        return judged("yes", words)
+    words = (
+        f"No better than random motions{which}: predicted rms deviation of the {asked} "
+        f"{_percent(own)}, of random motions {_percent(random)}."
     )
+    return judged("partly", words)
 
 
 def _percent(deviation: float) -> str:
@@ -113,15 +105,9 @@ def _unobservable(document: dict[str, Any]) -> list[str]:
     """Directions that no motion reveals, the first ones."""
     every = document["unobservable"]
     lines = [f"Not observable: {words}; {fix}." for words, fix in every[:_LISTED]]
-    more = len(every) - _LISTED
-    return (
-        [
-            *lines,
-            f"In design.json: {pages.count(more, 'more such direction')}.",
-        ]
-        if more > 0
-        else lines
-    )
+    if (more := len(every) - _LISTED) > 0:
+        lines.append(f"In design.json: {pages.count(more, 'more such direction')}.")
+    return lines
 
 
 def _weak_rows(document: dict[str, Any]) -> list[list[str]]:

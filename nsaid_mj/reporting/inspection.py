@@ -115,12 +115,8 @@ def _channels(found: Inspection) -> list[Line]:
             f"{k}": partial(_curves, [channel.t], [channel.values], name, [])
             for k, (name, channel) in enumerate(row)
         }
-        lines.append(panels | {f"{k}": _nothing for k in range(len(row), 3)})
+        lines.append(panels | {f"{k}": Axes.set_axis_off for k in range(len(row), 3)})
     return lines
-
-
-def _nothing(axis: Axes) -> None:
-    axis.set_axis_off()
 
 
 def _curves(

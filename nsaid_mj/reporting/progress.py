@@ -134,9 +134,8 @@ class Progress(Observer):
 
 def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
     """The approximate cost of a run of an hour or more, or of a large record; "" for others."""
-    rivals = list(scenario.rivals)
-    hours = scenario.steps * _STEP * (1 + len(rivals)) / 3600
-    widths = columns(system.n, system.m, system.n_u, system.p, rivals).values()
+    hours = scenario.steps * _STEP * (1 + len(scenario.rivals)) / 3600
+    widths = columns(system, scenario).values()
     size = 8 * scenario.steps / scenario.record_every * sum(max(width, 1) for width in widths)
     if hours < 1 and size < _LARGE:
         return ""

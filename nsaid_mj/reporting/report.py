@@ -37,6 +37,11 @@ _FORCES = {
     False: "On the last tenth of the run. Measured: the actuators' force at the command, under "
     "the estimated gains. Predicted: the force that the motion needs under the estimated plant.",
 }
+_FILES = (
+    "The scenario, including seed {seed}, is in scenario.json (hash {scenario_hash}). With the "
+    "same versions of all packages the record is identical to the bit. All figures are in "
+    "summary.json, all samples in record.arrow, the recording is run.rrd."
+)
 _SCRIPT = """\
 from pathlib import Path
 
@@ -101,12 +106,7 @@ def page(
             f"nsaid view {folder}",
             f"nsaid verify --run {folder}",
         ],
-        notes=[
-            f"The scenario, including seed {summary['seed']}, is in scenario.json (hash "
-            f"{summary['scenario_hash']}). With the same versions of all packages the record is "
-            "identical to the bit. All figures are in summary.json, all samples in record.arrow, "
-            "the recording is run.rrd."
-        ],
+        notes=[_FILES.format(**summary)],
         versions=summary["versions"],
     )
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from ..calibration.live_robot import LiveRobot
 from ..calibration.measured import measured_scenario
 from ..errors import BadRun, InvalidInput
-from .estimate import Estimate, Names
+from .estimate import Estimate
 from .samples import sample_of
 from .session import Session
 
@@ -90,7 +90,6 @@ class LiveIdentifier:
 
     def __init__(self, session: Session, flags: list[str]):
         self._system = session.robot.system
-        self._space = Names.of(self._system.space)
         self._flags, self._unsent, self._unread = flags, bytearray(), b""
         self._process: subprocess.Popen[bytes] | None = None
         self.estimate: Estimate | None = None
@@ -222,7 +221,7 @@ class LiveIdentifier:
     def _take(self, found: dict[str, Any]) -> None:
         """Processes a line from the law's process."""
         if "theta" in found:
-            self.estimate = Estimate.of_line(found, self._space)
+            self.estimate = Estimate.of_line(found, self._system.space)
         elif "summary" in found:
             self.summary = found["summary"]
         else:

@@ -67,32 +67,19 @@ class Estimate:
         return orjson.dumps(found, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_APPEND_NEWLINE)
 
     @staticmethod
-    def of_line(found: dict[str, Any], space: Names) -> Estimate:
+    def of_line(found: dict[str, Any], space: ParameterSpace) -> Estimate:
         """The estimate of such a line."""
         gains = (
             Gain(space.names[k], space.units[k], value, *_ends(low, high))
             for k, (value, low, high) in zip(space.actuators, found["gains"], strict=True)
         )
         return Estimate(
-            found["t"], found["samples"], space.names, space.units,
+            found["t"], found["samples"], tuple(space.names), tuple(space.units),
             np.array(found["theta"]), tuple(gains), found["misfit"], tuple(found["faults"]),
         )  # fmt: skip
 
 
-class Names(NamedTuple):
-    """Names (p,) and units (p,) of the parameters, and the indices of those of actuators."""
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    actuators: tuple[int, ...]
-
-    @staticmethod
-    def of(space: ParameterSpace) -> Names:
-        """Those of a space."""
-        return Names(tuple(space.names), tuple(space.units), tuple(map(int, space.actuators)))
-
-
-def estimate_of(space: Names, state: State, samples: int, deviation: Array) -> Estimate:
+def estimate_of(space: ParameterSpace, state: State, samples: int, deviation: Array) -> Estimate:
     """The estimate of a state, with (a,) relative deviations of the gains."""
     gains = []
     for k, spread in zip(space.actuators, deviation, strict=True):
@@ -101,8 +88,8 @@ def estimate_of(space: Names, state: State, samples: int, deviation: Array) -> E
         gains.append(Gain(space.names[k], space.units[k], value, value - half, value + half))
     faults = tuple(fault.in_words for fault in state.faults)
     return Estimate(
-        state.t, samples, space.names, space.units, state.theta_hat, tuple(gains),
-        running_misfit(state), faults,
+        state.t, samples, tuple(space.names), tuple(space.units), state.theta_hat,
+        tuple(gains), running_misfit(state), faults,
     )  # fmt: skip
 
 

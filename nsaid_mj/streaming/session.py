@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 import orjson
@@ -19,8 +19,7 @@ from ..experiment.scenario import Scenario
 from ..identifiers import Identifier, State
 from ..log import Measurement
 from ..numerics.threads import single_threaded
-from ..recording.postprocessing import finish
-from .estimate import Estimate, Names, estimate_of
+from .estimate import Estimate, estimate_of
 from .samples import Cleaner, Counts
 from .stream import Stream
 
@@ -48,7 +47,7 @@ class Estimates(Observer):
         self._identifier, self._counts, self._show = identifier, counts, show
         self._every = every
         self.period = every or np.inf
-        self._space = Names.of(identifier.system.space)
+        self._space = identifier.system.space
         self._next = self._stated = -np.inf
         self._deviation = np.full(len(self._space.actuators), np.inf)
 
@@ -63,9 +62,8 @@ class Estimates(Observer):
             return
         self._next = measurement.t + self._every * (1 - 1e-9)
         if measurement.t >= self._stated + _INTERVALS:
-            state, space = states[""], self._identifier.system.space
-            stated = self._identifier.confidence(state)
-            self._deviation = gain_deviations(stated, state.theta_hat, space)
+            stated = self._identifier.confidence(states[""])
+            self._deviation = gain_deviations(stated, states[""].theta_hat, self._space)
             self._stated = measurement.t
         self._show(estimate_of(self._space, states[""], self._counts.used, self._deviation))
 
@@ -136,8 +134,3 @@ class Session:
         run = followed(self.scenario, self.robot, source, self.identifiers, folder, watchers)
         run.stream = counts.keys()
         return run
-
-
-def concluded(run: Run, say: Callable[[str], None], command: str = "") -> dict[str, Any]:
-    """Writes summary, recording and page of a live run; returns the summary."""
-    return finish(run, say, command)

@@ -234,7 +234,10 @@ def _row(draw: int, scenario: Scenario, course: Course, run: Draw, cost: float) 
     converged = None
     if status is Status.completed:
         converged = converged_at(np.array(run.t), course.ratio(np.array(run.theta_hat)))
-    return _what(draw, scenario) | {
+    return {
+        "run": draw,
+        "draw": draw,
+        "seed": scenario.seed,
         "failure": None,
         "status": status.words,
         "status_time": t,
@@ -245,10 +248,6 @@ def _row(draw: int, scenario: Scenario, course: Course, run: Draw, cost: float) 
         "time_to_converge": converged,
         "identifier_us_per_step": cost,
     }
-
-
-def _what(draw: int, scenario: Scenario) -> Row:
-    return {"run": draw, "draw": draw, "seed": scenario.seed}
 
 
 # -- the whole study -------------------------------------------------------------------------------

@@ -28,7 +28,7 @@ from ..reporting.progress import counted
 from ..resources import atomic_write, check_own, locked, write_json, writing
 from .study import Study, check_count
 from .sweep_engine import Engine
-from .sweep_results import MANIFEST, ROWS, Row, Sweep, read, read_manifest, read_rows, write_table
+from .sweep_results import MANIFEST, ROWS, Row, Sweep, read, write_table
 from .sweep_worker import Job
 
 
@@ -228,8 +228,9 @@ def _resumed(
         write_json(folder / MANIFEST, manifest)
         with atomic_write(rows):
             return {}
-    there = read_manifest(folder)
-    differ = [key for key in wanted if key != "arguments" and wanted[key] != there.get(key)]
+    there = read(folder)
+    before = there.manifest
+    differ = [key for key in wanted if key != "arguments" and wanted[key] != before.get(key)]
     if differ:
         raise BadRun(
             folder,
@@ -237,11 +238,10 @@ def _resumed(
             "Give another folder with --out, or delete this one",
         )
     if not (folder / MANIFEST).is_file():
-        write_json(folder / MANIFEST, there)
-    found = read_rows(folder, there)
-    if found.damaged:
-        say(f"{found.words}; they are made again")
-    if not rows.is_file() or found.intact != rows.read_bytes():
+        write_json(folder / MANIFEST, before)
+    if there.damaged:
+        say(f"{there.damaged}; they are made again")
+    if not rows.is_file() or there.intact != rows.read_bytes():
         with atomic_write(rows) as partial:  # without damaged and incomplete lines
-            partial.write_bytes(found.intact)
-    return found.rows
+            partial.write_bytes(there.intact)
+    return {row["run"]: row for row in there.rows}

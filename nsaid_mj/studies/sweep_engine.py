@@ -130,23 +130,21 @@ class Engine:
             with _isolated(), joblib.parallel_config("loky"):
                 yield broken
         else:
-            distributed = _package("distributed", "dask")
+            try:
+                distributed: Any = importlib.import_module("distributed")
+                client = distributed.Client(self.address, set_as_default=False)
+            except ImportError as error:
+                expected, remedy = "one whose package is installed", "pip install 'nsaid-mj[dask]'"
+                raise InvalidInput("engine", expected, "dask", remedy) from error
+            except (OSError, ValueError) as error:
+                expected = f"that of a running {self.name} cluster"
+                raise InvalidInput("address", expected, self.address, str(error)) from error
             with (
-                self._reached(
-                    lambda: distributed.Client(self.address, set_as_default=False)
-                ) as client,
+                client,
                 watched(client, self.address),
                 joblib.parallel_config("dask", client=client),
             ):
                 yield (*broken, distributed.KilledWorker)
-
-    def _reached(self, connect: Callable[[], Any]) -> Any:
-        try:
-            return connect()
-        except (OSError, ValueError) as error:
-            raise InvalidInput(
-                "address", f"that of a running {self.name} cluster", self.address, str(error)
-            ) from error
 
 
 @contextmanager
@@ -167,15 +165,6 @@ def _fit(row: dict[str, Any]) -> dict[str, Any]:
     if "unfit" in row:
         raise InvalidInput("engine", "workers that can import nsaid_mj", row["failure"], _UNFIT)
     return row
-
-
-def _package(name: str, extra: str) -> Any:
-    try:
-        return importlib.import_module(name)
-    except ImportError as error:
-        raise InvalidInput(
-            "engine", "one whose package is installed", extra, f"pip install 'nsaid-mj[{extra}]'"
-        ) from error
 
 
 _SILENCE = 10.0  # time without a connection after which the scheduler counts as dead [s]

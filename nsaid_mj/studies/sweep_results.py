@@ -55,13 +55,16 @@ class Sweep:
         folder: of the sweep.
         manifest: see `Plan.manifest`.
         rows: of the finished runs, in order of their numbers.
-        damaged: the damaged rows on disk, which are left out, in words; empty if none.
+        damaged: the damaged lines of rows on disk, which are left out, in words; empty if none. An
+            incomplete last line, which a killed sweep leaves, does not count.
+        intact: the bytes of all other lines.
     """
 
     folder: Path
     manifest: dict[str, Any]
     rows: list[Row]
     damaged: str = ""
+    intact: bytes = b""
 
     @property
     def groups(self) -> list[Group]:
@@ -126,22 +129,45 @@ class Group:
 
 
 def read(folder: Path) -> Sweep:
-    """Reads a sweep's folder; raises `BadRun` if there is none in it, or it is unreadable."""
-    manifest = read_manifest(folder)
-    found = read_rows(folder, manifest)
-    rows = [found.rows[number] for number in sorted(found.rows)]
-    return Sweep(folder, manifest, rows, found.words)
-
-
-def read_manifest(folder: Path) -> dict[str, Any]:
-    """Reads a sweep's manifest, or its copy in the table if that is missing or damaged.
+    """Reads a sweep's folder, of several rows of one run the last one.
 
     Raises:
-        BadRun: there is no manifest, or it is not a sweep's.
+        BadRun: there is no sweep in it, or it is unreadable.
     """
-    for read_one in (_manifest_in_file, _manifest_in_table):
+    manifest = _manifest(folder)
+    try:
+        data = (folder / ROWS).read_bytes()
+    except FileNotFoundError:
+        data = b""
+    except OSError as error:
+        raise BadRun(
+            folder / ROWS, f"{error.strerror}", "Delete it to make all runs again"
+        ) from error
+    rows, damaged, intact = dict[int, Row](), list[str](), list[bytes]()
+    for number, line in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], 1):
+        row = _row(line, manifest)
+        if row is None:
+            damaged.append(str(number))
+        else:
+            rows[row["run"]] = row
+            intact.append(line + b"\n")
+    words = ""
+    if damaged:
+        lines, are = ("lines", "are") if len(damaged) > 1 else ("line", "is")
+        more = " …" if len(damaged) > 10 else ""
+        words = f"{ROWS}: {lines} {', '.join(damaged[:10])}{more} {are} damaged"
+    found = [rows[number] for number in sorted(rows)]
+    return Sweep(folder, manifest, found, words, b"".join(intact))
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    """Reads a sweep's manifest, or its copy in the table if that is missing or damaged."""
+    for text in (
+        (folder / MANIFEST).read_bytes,
+        lambda: (pq.read_schema(folder / TABLE).metadata or {})[b"nsaid"],
+    ):
         try:
-            found = read_one(folder)
+            found = json_of(text())
             if {"vary", "script", "arguments", "runs"} <= found.keys():
                 return found
         except (OSError, ValueError, AttributeError, KeyError, TypeError):
@@ -159,62 +185,6 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         f"not a sweep folder: {MANIFEST} is missing",
         "Give a folder that `nsaid sweep` has written",
     )
-
-
-def _manifest_in_file(folder: Path) -> dict[str, Any]:
-    return json_of((folder / MANIFEST).read_bytes())
-
-
-def _manifest_in_table(folder: Path) -> dict[str, Any]:
-    return json_of((pq.read_schema(folder / TABLE).metadata or {})[b"nsaid"])
-
-
-@dataclass(frozen=True)
-class FoundRows:
-    """The content of a sweep's file of rows.
-
-    Attributes:
-        rows: by run number; of several rows of one run, the last one.
-        damaged: numbers of the damaged lines, from 1, without an incomplete last line, which a
-            killed sweep leaves.
-        intact: the bytes of all other lines.
-    """
-
-    rows: dict[int, Row]
-    damaged: tuple[int, ...]
-    intact: bytes
-
-    @property
-    def words(self) -> str:
-        """The damaged lines in words; empty if none."""
-        if not self.damaged:
-            return ""
-        shown = ", ".join(map(str, self.damaged[:10])) + (" …" if len(self.damaged) > 10 else "")
-        several = len(self.damaged) > 1
-        return (
-            f"{ROWS}: {'lines' if several else 'line'} {shown} {'are' if several else 'is'} damaged"
-        )
-
-
-def read_rows(folder: Path, manifest: dict[str, Any]) -> FoundRows:
-    """Reads the rows of a sweep; skips damaged lines; raises `BadRun` if the file is unreadable."""
-    try:
-        data = (folder / ROWS).read_bytes()
-    except FileNotFoundError:
-        data = b""
-    except OSError as error:
-        raise BadRun(
-            folder / ROWS, f"{error.strerror}", "Delete it to make all runs again"
-        ) from error
-    rows, damaged, intact = {}, [], []
-    for number, line in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], 1):
-        row = _row(line, manifest)
-        if row is None:
-            damaged.append(number)
-        else:
-            rows[row["run"]] = row
-            intact.append(line + b"\n")
-    return FoundRows(rows, tuple(damaged), b"".join(intact))
 
 
 def _row(line: bytes, manifest: dict[str, Any]) -> Row | None:

@@ -179,8 +179,7 @@ def test_verify_gives_the_same_verdicts_from_a_recorded_folder(verified):
 def test_verify_of_a_falsified_folder_exits_with_1_and_names_what_fails(honest, tmp_path):
     """`turned`, written as a run would write it."""
     record, scenario = altered(honest, turned).record, honest.scenario
-    system = honest.plant.system
-    widths = columns(system.n, system.m, system.n_u, system.p, [])
+    widths = columns(honest.plant.system, honest.scenario)
     writer = RecordWriter(tmp_path / FILE, widths, honest.record.metadata, 100)
     writer.extend(*(record[name] for name in widths))
     writer.close()

@@ -354,7 +354,7 @@ def test_a_pass_is_judged_by_its_late_contradictions_its_size_and_its_colour() -
     log = Log.unchecked(t, *np.zeros((3, len(t), 1)))
 
     def level(*replay: Any, **more: float) -> str:
-        return misfit._judged_pass(replayed(*replay, **more), log).level
+        return misfit._judged_pass(replayed(*replay, **more), log)[0].level
 
     for seed in range(10):
         assert level(np.random.default_rng(seed).standard_normal((3000, 4))) == "none"

@@ -33,13 +33,13 @@ from nsaid_mj import (
     evaluation as metrics,
 )
 from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
+from nsaid_mj.evaluation import truth_of
 from nsaid_mj.experiment.loop import FAULTS, Robot, SimulatedRun, run
 from nsaid_mj.identifiers import Status
 from nsaid_mj.identifiers.faults import FaultEvent
-from nsaid_mj.log import Measurement
+from nsaid_mj.log import Log, Measurement
 from nsaid_mj.recording import forces, inertia, layout, live, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
-from nsaid_mj.recording.stream import Content
 from nsaid_mj.recording.stream import write as write_content
 from nsaid_mj.recording.text import drawable
 from nsaid_mj.resources import write_json
@@ -141,7 +141,7 @@ def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
     result: SimulatedRun = request.getfixturevalue(which)
     entities, space = read(result), result.plant.system.space
     seen = set()
-    for group in (group for members in series.groups(space).values() for group in members):
+    for group in series.groups(space):
         columns = entities[f"/{group.path}/estimated"]
         values = [v for v in columns["Scalars:scalars"] if v]
         assert values[-1] == result.record["theta_hat"][-1, group.indices].tolist()
@@ -165,7 +165,7 @@ def test_the_true_direction_is_the_projection_of_the_estimate(rov: SimulatedRun)
     entities, space = read(rov), rov.plant.system.space
     estimate, truth = rov.record["theta_hat"][-1] / space.scale, rov.plant.truth / space.scale
     shown = np.zeros(len(space))
-    for group in (group for members in series.groups(space).values() for group in members):
+    for group in series.groups(space):
         shown[group.indices] = entities[f"/{group.path}/true_direction"]["Scalars:scalars"][-1]
     shown /= space.scale
     assert shown @ (estimate - shown) == pytest.approx(0, abs=1e-12)
@@ -267,7 +267,7 @@ def test_torques_are_arcs_about_their_axes_as_long_as_the_torque_is_large(
 ) -> None:
     assert isinstance(arm.system, JointTree)
     record, rows = arm.record, np.array([5, 60])
-    some = forces.Rows(*(record[name][rows] for name in forces.Rows._fields))
+    some = Log.unchecked(*(record[name][rows] for name in Log._fields))
     torque = torques.joint_torques(arm.system, some, arm.plant.truth)
     np.testing.assert_allclose(
         torque, arm.plant.truth[arm.system.space.actuators] * some.u, rtol=1e-12
@@ -343,7 +343,7 @@ def test_reruns_warnings_are_errors(tmp_path: Path) -> None:
         rec.log("x", rr.Scalars("no number"))  # type: ignore[arg-type]
 
     with pytest.raises(RerunWarning):
-        write_content(Content("test", rrb.Blueprint(), draw=draw), tmp_path / "test.rrd")
+        write_content(tmp_path / "test.rrd", "test", rrb.Blueprint(), {}, (), draw)
 
 
 @pytest.mark.parametrize("folder", ["missing", "."])
@@ -359,7 +359,7 @@ def test_a_recording_that_fails_says_nothing_on_stderr(folder: str, tmp_path: Pa
         for _ in range(2):
             with pytest.raises(NotWritten if folder == "missing" else ZeroDivisionError):
                 file = tmp_path / folder / "test.rrd"
-                write_content(Content("test", rrb.Blueprint(), draw=draw), file)
+                write_content(file, "test", rrb.Blueprint(), {}, (), draw)
             gc.collect()
     assert said.err == ""
 
@@ -369,9 +369,10 @@ def test_every_view_has_one_parent_only(which: str, request: pytest.FixtureReque
     result: SimulatedRun = request.getfixturevalue(which)
     space, drawn = result.plant.system.space, scene.Scene(result.system, result.plant)
     camera = drawn.camera(result.record["q"], result.record["v"])
+    rows, truth = np.arange(2), truth_of(result)
+    curves = series.curves(result, truth.nullspace, rows, truth)
     for kind in ("motor gain", ""):
-        some = plots.Plots(end=1.0)
-        whole = layout.blueprint(space, camera, some, shared=kind, conserves=True)
+        whole = layout.blueprint(space, camera, plots.Plots(curves, 1.0), shared=kind)
         found, waiting = [], [whole.root_container]
         while waiting:
             part = waiting.pop()
@@ -468,7 +469,7 @@ def test_meshes_of_a_vehicle_move_rigidly_as_in_mujoco(vehicle: SimulatedRun) ->
     entities, plant = read(vehicle), vehicle.plant
     q = vehicle.record["q"][-1:]
     translations, quaternions = plant.poses(q)
-    R = scene._rotate(q[:, 3:], np.eye(3))[0].T
+    R = scene.rotated(q[:, 3:], np.eye(3))[0].T
     meshes = sorted(e for e in entities if "Mesh3D:vertex_positions" in entities[e])
     assert len(meshes) == len(plant.visuals())
     for i, mesh in enumerate(meshes):
@@ -476,8 +477,8 @@ def test_meshes_of_a_vehicle_move_rigidly_as_in_mujoco(vehicle: SimulatedRun) ->
         turn = column(entities, mesh[1:], "Transform3D:quaternion")
         assert len(place) == len(turn) == 1  # once and for all
         np.testing.assert_allclose(q[0, :3] + R @ place[0, 0], translations[0, i], atol=1e-6)
-        there = scene._rotate(turn[0], np.eye(3))[0].T
-        world = scene._rotate(quaternions[:, i], np.eye(3))[0].T
+        there = scene.rotated(turn[0], np.eye(3))[0].T
+        world = scene.rotated(quaternions[:, i], np.eye(3))[0].T
         np.testing.assert_allclose(R @ there, world, atol=1e-6)
 
 
@@ -510,7 +511,7 @@ class Sled(StructuredSystem):
 
 def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: Path) -> None:
     u = np.array([[1.0, 2, 9], [-1.0, -2, 9]])
-    rows = forces.Rows(np.array([0.0, 1]), np.zeros((2, 3)), np.zeros((2, 3)), u)
+    rows = Log(np.array([0.0, 1]), np.zeros((2, 3)), np.zeros((2, 3)), u)
     theta = np.array([1.0, 3, 4, 5, 6, 7])
     arrows = forces.Arrows.of(Sled(), 2.0, rows, theta)
     assert arrows is not None

@@ -8,15 +8,22 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ... import __version__
 from ...calibration import words
 from ...calibration.result import Identification
+from ...calibration.timeline import own_shifts, recording_shifts
+from ...evaluation.confidence import INTERVAL
 from ...evaluation.result import STATUSES, Mark, Parameter, counts
 from ...evaluation.words import estimate, number
 from .. import pages
 from ..pages import Badges, Cell, Figures, Items, Page, Section, Table, Text
-from ..parameters import CORRELATIONS, brief_gains, folds, forests, table
+from ..palette import COLOURS
+from ..panels import AnyPanel, Comparison, Forest, HeatMap, Panel, Points
+from ..parameters import CORRELATIONS, brief_gains, correlations, folds, forests, table
 
+_WIDEST = 2.0  # half-width of a drawn interval, of a gain's logarithm
 _LINES = 16  # largest number of printed lines of a table; the page has all of them
 _SILENT = {
     "not excited": "the motion does not depend on it enough to narrow it",
@@ -27,19 +34,27 @@ _NRMSE = (
     "predicting the mean gives 1. Held out: fifths of the log, each predicted from the others. "
     "Least squares: weighted least squares on the same rows and columns, held out too. "
 )
+_FILTERED = (
+    "Both are low-pass filtered at {} Hz like the rows of the fit. Shaded: not used, since the {} "
+    "is at rest or an actuator saturated, or the data have an outlier or a gap."
+)
+_FRAMES = (
+    "Inertias are about the origin of the link's joint frame, in its axes. C1, C2 …: the "
+    "combination above that the log determines instead."
+)
 
 
 def page(result: Identification, command: str = "") -> Page:
     """The page of an identification; without a `command` line it names model and logs only."""
     from ..drawings import figures_of  # imported late: matplotlib takes half a second
-    from . import figures, picture
+    from . import picture
 
     row, rows = words.rows_of(result)
     arm, n = row == "joint", len(result.joints)
     drawn = [sketch] if (sketch := picture.picture(result)) else []
     gains, bodies = result.gains, result.bodies
     others = [p for p in result.parameters if p.block not in bodies and not p.is_gain]
-    correlated = figures_of(figures.correlated(result))
+    correlated = figures_of(_correlated(result))
     numbers = {c.words: k for k, c in enumerate(result.combinations, 1)}
     notes = [str(finding) for finding in result.findings if finding.level == "note"]
     sections = [
@@ -49,13 +64,11 @@ def page(result: Identification, command: str = "") -> Page:
                  note=True),
         ]),
         Section(f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted", [
-            Figures(figures_of(figures.commands(result)), rows),
-            Text(f"Both are low-pass filtered at {number(result.cutoff)} Hz like the rows of "
-                 f"the fit. Shaded: not used, since the {row} is at rest or an actuator saturated, "
-                 "or the data have an outlier or a gap.", note=True),
+            Figures(figures_of(_commands(result)), rows),
+            Text(_FILTERED.format(number(result.cutoff), row), note=True),
         ]),
         Section("Validation log", [
-            Figures(figures_of(figures.commands(result, validation=True)), rows),
+            Figures(figures_of(_commands(result, validation=True)), rows),
             Text("This log took no part in the fit.", note=True),
         ] if result.validation is not None and len(result.validation.t) else []),
         Section("Actuator gains", [
@@ -69,11 +82,10 @@ def page(result: Identification, command: str = "") -> Page:
         Section("Combinations that the log determines", _combinations(result)),
         Section("All parameters", [
             Badges(counts(result.parameters)), *folds(result, numbers),
-            Text("Inertias are about the origin of the link's joint frame, in its axes. C1, C2 …: "
-                 "the combination above that the log determines instead.", note=True),
+            Text(_FRAMES, note=True),
         ]),
         Section(f"Law {result.law.name} along the log" if result.law else "",
-                _law(result, figures_of(figures.histories(result)))),
+                _law(result, figures_of(_histories(result)))),
         Section(f"Correlations of gains, {'frictions and rotors' if arm else 'drag and damping'}", [
             Figures(correlated), Text(CORRELATIONS, note=True),
         ] if correlated else []),
@@ -87,7 +99,7 @@ def page(result: Identification, command: str = "") -> Page:
         f"{words.logs_in_words(result)}; identified in {result.seconds:.1f} s.",
         tab=f"{result.robot.name} · identification",
         findings=[finding for finding in result.findings if finding.level != "note"],
-        carrying=[*figures_of([figures.joints(result)], len(drawn)), *drawn],
+        carrying=[*figures_of([_errors(result)], len(drawn)), *drawn],
         sections=[section for section in sections if section.panels],
         commands=[command or _command(result)],
         versions={"nsaid-mj": __version__, "Python": platform.python_version()},
@@ -166,10 +178,6 @@ def _kinds(result: Identification) -> list[pages.Panel]:
     return [table, Text("  (in brackets: not identified by itself; all are in the report)")]
 
 
-def _some(figures: Sequence[pages.Figure]) -> list[pages.Panel]:
-    return [Figures(figures)] if figures else []
-
-
 def _frictions(figures: Sequence[pages.Figure]) -> list[pages.Panel]:
     note = Text("Lines are 95 % intervals; ◇ is the prior, a guess from the model and the motion. "
                 "The numbers are in the tables below.", note=True)  # fmt: skip
@@ -188,7 +196,7 @@ def _law(result: Identification, figures: Sequence[pages.Figure]) -> list[pages.
         "before it. v̂ − v and all of θ̂ are on the page of the law's own run, "
         f"{along.name}/report.html beside this one."
     )
-    return [*_law_tables(result), *_some(figures), Text(note, note=True)]
+    return [*_law_tables(result), *([Figures(figures)] if figures else []), Text(note, note=True)]
 
 
 def _law_tables(result: Identification) -> list[Table]:
@@ -243,3 +251,85 @@ def _command(result: Identification) -> str:
     model = str(source) if source is not None else result.robot.name
     logs = list(dict.fromkeys(s.source for s in result.recordings.segments))
     return shlex.join(["nsaid", "identify", "--model", model, "--log", *logs])
+
+
+def _commands(result: Identification, validation: bool = False) -> list[AnyPanel]:
+    """One figure for each joint: command, measured and predicted, and their difference."""
+    curves = result.validation if validation else result.curves
+    if curves is None or not len(curves.t):
+        return []
+    shifts = own_shifts(curves) if validation else recording_shifts(result.recordings)
+    t = curves.t + shifts[curves.segment]
+    found: list[AnyPanel] = []
+    for j, fit in enumerate(result.joints):
+        symbol, unit = words.quantity(result, j)
+        panel = Comparison(
+            words.title_of(fit, validation), symbol, unit, t, curves.measured[:, j],
+            curves.predicted[:, j], used=curves.usable[:, j], segment=curves.segment,
+        )  # fmt: skip
+        found.append(panel)
+    return found
+
+
+def _errors(result: Identification) -> Forest:
+    """NRMSE of every joint on a logarithmic axis, beside least squares and the mean."""
+    held_out, least_squares, validation = (
+        np.array([getattr(j, key) for j in result.joints], dtype=float)
+        for key in ("held_out", "least_squares", "validation")
+    )
+    others = [Points("weighted least squares, held out", least_squares, "|", COLOURS[1])]
+    if np.isfinite(validation).any():
+        others.append(Points("validation log", validation, "D", COLOURS[3]))
+    empty = np.full(len(held_out), np.nan)
+    return Forest(
+        f"Prediction error per {words.rows_of(result)[0]}",
+        "NRMSE of the command (1: predicting the mean) [–]", [j.name for j in result.joints],
+        held_out, empty, empty, np.ones(len(held_out), bool), others, "held out", 1.0,
+    )  # fmt: skip
+
+
+def _correlated(result: Identification) -> list[HeatMap]:
+    """Correlation of gains, frictions and rotor inertias; empty for fewer than two."""
+    bodies, variance = result.bodies, np.diag(result.covariance)
+    chosen = [
+        k for k, p in enumerate(result.parameters) if p.block not in bodies and variance[k] > 0
+    ]
+    chosen.sort(key=lambda k: not result.parameters[k].is_gain)
+    r = result.covariance[np.ix_(chosen, chosen)]
+    deviation = np.sqrt(variance[chosen])
+    labels = [result.parameters[k].label for k in chosen]
+    return correlations(labels, r / np.outer(deviation, deviation))
+
+
+def _histories(result: Identification) -> list[AnyPanel]:
+    """A law's estimates along the log over the batch fit's: gains, frictions, rotor inertias.
+
+    Gains are over their geometric mean, with intervals.
+    """
+    along = result.law
+    if along is None or len(along.t) < 2:
+        return []
+    bodies, panels = result.bodies, dict[str, Panel]()
+    gains = along.actuators.tolist() if along.gains else []
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = along.theta / result.theta
+        common = (
+            np.exp(np.mean(np.log(ratios[:, gains]), axis=1)) if gains else np.ones(len(ratios))
+        )
+    half = INTERVAL * along.deviation
+    for k, p in enumerate(result.parameters):
+        if p.block in bodies or not result.theta[k] > 0:
+            continue
+        if k not in gains and not p.firm:
+            continue
+        label = "over the batch fit [–]"
+        panel = panels.setdefault(
+            p.block, Panel(p.block[:1].upper() + p.block[1:], label, True, level=1.0)
+        )
+        name, ratio, band = p.part, ratios[:, k] / common, None
+        if k in gains and np.isfinite(half).any():
+            factor = np.exp(np.minimum(half[:, gains.index(k)], _WIDEST))
+            band = ratio / factor, ratio * factor
+        panel.add(along.t, ratio, p.label if p.block.startswith("coupling") else name, band)
+    gains_first = sorted(panels, key=lambda block: "gain" not in block)
+    return [panels[block] for block in gains_first]
