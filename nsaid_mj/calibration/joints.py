@@ -172,10 +172,9 @@ class JointRows:
 
         None selects those of the model file.
         """
-        weight = weight_of(self.robot.model, theta_links)
-        self.diagonal["load"] = np.stack(
-            [self.joined(lambda m, s=s: np.tanh(m.v / s) * np.abs(weight(m.q))) for s in SPEEDS]
-        )
+        weight, s = weight_of(self.robot.model, theta_links), np.array(SPEEDS)[:, None]
+        of_speeds = self.joined(lambda m: np.tanh(m.v[:, None] / s) * np.abs(weight(m.q))[:, None])
+        self.diagonal["load"] = np.ascontiguousarray(np.moveaxis(of_speeds, 1, 0))
 
     def commands(self, delay: Array) -> Array:
         """(N, k) filtered commands, delayed by (k,) seconds.

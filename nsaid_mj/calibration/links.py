@@ -81,10 +81,10 @@ def weight_of(model: pin.Model, theta_links: Array | None) -> Callable[[Array], 
     data = own.createData()
 
     def torque(coordinates: Array) -> Array:
-        found = [
-            pin.computeGeneralizedGravity(own, data, q).copy() for q in positions(own, coordinates)
-        ]
-        return np.array(found).reshape(len(coordinates), own.nv)
+        found = np.empty((len(coordinates), own.nv))
+        for k, q in enumerate(positions(own, coordinates)):
+            found[k] = pin.computeGeneralizedGravity(own, data, q)
+        return found
 
     return torque
 

@@ -40,7 +40,7 @@ class Robot:
         self._run, self._truth = run, truth
         self._scene = scene = Scene(system, run.looks)
         some = _rows(record, spread(len(record), _LOOKS))
-        theta = record["theta_hat"][-1] if truth is None else truth.theta
+        theta = record.rows("theta_hat", -1) if truth is None else truth.theta
         self.camera = camera = None if scene.empty else scene.camera(some.q, some.v)
         self.survey = scene.survey(some.q) if camera and scene.vehicle else None
         self._arrows = self._arcs = self._links = None
@@ -66,8 +66,7 @@ class Robot:
     def log(self, rec: rr.RecordingStream) -> None:
         """Logs everything."""
         record, truth = self._run.record, self._truth
-        t, theta_hat = record["t"], record["theta_hat"]
-        frames = _at_rate(t, _RATE, _FRAMES)
+        t, frames = record["t"], _at_rate(record["t"], _RATE, _FRAMES)
         inside = self._arrows is not None or self._links is not None
         failed = failed_parts(self._run.faults, self._run.system, self._scene)
         changing = dict.fromkeys(failed, float(t[0]))
@@ -75,14 +74,17 @@ class Robot:
         self._scene.log_poses(rec, t[frames], record["q"][frames])
         log_faults(rec, self._run.faults, self._run.system, self._scene, self.camera)
         if self._arrows:
-            _log_forces(rec, self._arrows, _rows(record, frames), theta_hat[frames], truth)
+            theta_hat = record.rows("theta_hat", frames)
+            _log_forces(rec, self._arrows, _rows(record, frames), theta_hat, truth)
         if self._arcs:
             some = _at_rate(t, _ARC_RATE, _ARCS)
-            _log_torques(rec, self._arcs, _rows(record, some), theta_hat[some], truth)
+            theta_hat = record.rows("theta_hat", some)
+            _log_torques(rec, self._arcs, _rows(record, some), theta_hat, truth)
         if self._links and self.camera:
             few, size = spread(len(t), _ELLIPSOIDS), self.camera.size
             self._links.log_frames(rec, t[frames], record["q"][frames])
-            self._links.log(rec, inertia.ESTIMATED, t[few], theta_hat[few], size)
+            theta_hat = record.rows("theta_hat", few)
+            self._links.log(rec, inertia.ESTIMATED, t[few], theta_hat, size)
             reference = self._run.prior[None] if truth is None else truth.theta_at(t[few])
             self._links.log(rec, inertia.REFERENCE, t[few][: len(reference)], reference, size)
 
