@@ -181,7 +181,9 @@ class JointRows:
         """Computes load-dependent friction from the weight of links with parameters (10 b,)."""
         model, self.loading = self.robot.model, links
         weight = weight_of(with_inertias(model, links, np.zeros(model.nv)))
-        self.diagonal["load"] = self._at_speeds(lambda m, slip: slip * np.abs(weight(m.q)))
+        s = np.array(SPEEDS)[:, None]
+        of_speeds = self.joined(lambda m: np.tanh(m.v[:, None] / s) * np.abs(weight(m.q))[:, None])
+        self.diagonal["load"] = np.ascontiguousarray(np.moveaxis(of_speeds, 1, 0))
 
     def commands(self, delay: Array) -> Array:
         """(N, k) filtered commands, delayed by (k,) seconds.

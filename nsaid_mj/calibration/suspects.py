@@ -150,16 +150,20 @@ class _Moves:
     def _slopes(self, motion: Smooth) -> tuple[Array, Array]:
         """(N, 3, n, n) derivatives, and (N, n) torques over the joints' own inertias [1/s²]."""
         data, n = self._model.createData(), self._model.nv
-        slopes, needed = np.empty((len(motion.t), 3, n, n)), np.empty((len(motion.t), n))
+        slopes, torques = np.empty((len(motion.t), 3, n, n)), np.empty((len(motion.t), n))
         for k, q in enumerate(positions(self._model, motion.q)):
             slopes[k] = pin.computeRNEADerivatives(self._model, data, q, motion.v[k], motion.a[k])
-            needed[k] = data.tau / np.maximum(np.diag(slopes[k, 2]), 1e-12)  # of no mass
-        return slopes, needed
+            torques[k] = data.tau
+        own = np.diagonal(slopes[:, 2], axis1=1, axis2=2)
+        return slopes, torques / np.maximum(own, 1e-12)  # of no mass
 
 
 def _moved(slopes: Array, motion: tuple[Array, Array, Array]) -> Array:
     """(N, n, n) changes of torques as each joint alone moves by q, v, a (N, n) more."""
-    return np.sum([slopes[:, k] * part[:, None, :] for k, part in enumerate(motion)], axis=0)
+    changes = np.zeros((len(slopes), *slopes.shape[2:]))
+    for k, part in enumerate(motion):
+        changes += slopes[:, k] * part[:, None, :]
+    return changes
 
 
 @njit(cache=True)

@@ -26,7 +26,9 @@ def persistence_figures(run: Run, truth: Truth | None) -> dict[str, float | None
     stride = max(1, rows // _WINDOW_ROWS)
     dt = stride * scenario.record_every * scenario.dt
     t, x, v, u = states(log, stride)
-    v_hat, theta_hat = run.record["v_hat"][::stride], run.record["theta_hat"][::stride]
+    v_hat, theta_hat = (
+        run.record.rows(name, slice(None, None, stride)) for name in ("v_hat", "theta_hat")
+    )
     per_window = max(1, rows // stride)
     full: list[float] = []
     perpendicular: list[float] = []
@@ -72,7 +74,7 @@ def motion_figures(run: Run, truth: Truth | None) -> dict[str, float | int]:
     _, W = system.evaluate(t, x, v, u, truth.theta_at(t))
     since = truth.epoch(t) == truth.epoch(t[-1])
     stack = (W[since] * system.space.scale).reshape(-1, system.p)
-    error = np.einsum("kij,kj->ki", W, record["theta_hat"][::stride])
+    error = np.einsum("kij,kj->ki", W, record.rows("theta_hat", slice(None, None, stride)))
     return {
         "r_excited": split(stack).r,
         **settled,

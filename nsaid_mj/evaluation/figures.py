@@ -84,7 +84,7 @@ def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
     """
     suffix = f"_{name}" if name else ""
     record, system = run.record, run.system
-    theta = record[f"theta_hat{suffix}"]
+    theta = record.rows(f"theta_hat{suffix}", np.array([0, -1]))
     dv = record[f"v_hat{suffix}"] - record["v"]
     error = float(np.sqrt(np.mean(last_tenth(dv) ** 2)))
     if truth is None:
@@ -94,7 +94,7 @@ def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
             residual = force_residual_ratio(system, late, theta[-1], None)
             found["force_residual_ratio_measured"] = residual
         return found | {"velocity_error_rms": error}
-    ratio = truth.distance(record["t"][[0, -1]], theta[[0, -1]])
+    ratio = truth.distance(record["t"][[0, -1]], theta)
     return {
         "theta_perp_ratio": float(ratio[1]),
         "theta_perp_ratio_initial": float(ratio[0]),

@@ -50,7 +50,7 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
     Returns:
         None if there is no such trajectory, or if commands are missing in the record.
     """
-    system, theta = run.system, np.array(run.record["theta_hat"][-1])
+    system, theta = run.system, np.array(run.record.rows("theta_hat", -1))
     later = None if truth is None else truth.held_out
     exact = None if truth is None else truth.exact
     if later is None and (run.scenario.record_every != 1 or len(run.record) < 20):

@@ -60,10 +60,9 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
 def energy(run: Run, truth: Truth, rows: NDArray[np.intp] | None = None) -> Array:
     """(k,) V of the scenario's own identifier, under the true θ at each row's time [J]."""
     system, identifier, record = run.system, run.identifiers[""], run.record
-    columns = {key: record[key] for key in ("t", "q", "v", "v_hat", "theta_hat")}
     if rows is not None:
-        columns = {key: column[rows] for key, column in columns.items()}
-    record = Record(columns, record.metadata, record.complete)
+        columns = {key: record.rows(key, rows) for key in ("t", "q", "v", "v_hat", "theta_hat")}
+        record = Record(columns, record.metadata, record.complete)
     epochs, V = truth.epoch(record["t"]), np.empty(len(record))
     for epoch in np.unique(epochs):
         within = epochs == epoch
@@ -81,7 +80,7 @@ def lyapunov(
     """
 
     def of(part: slice) -> Array:
-        v, theta_hat = record["v"][part], record["theta_hat"][part]
+        v, theta_hat = record["v"][part], record.rows("theta_hat", part)
         dv = record["v_hat"][part] - v
         momentum = system.W_M(np.hstack([record["q"][part], v]), dv) @ truth
         kinetic = np.einsum("ki,ki->k", dv, momentum)
@@ -118,9 +117,10 @@ def lyapunov_rises(V: Array, identifier: Identifier, record: Record) -> tuple[Ar
 
 def kept(identifier: Identifier, record: Record) -> Array:
     """(N,) the law's conserved quantity along a record, corrected for implicit steps."""
-    theta_hat = record["theta_hat"]
     conserved = _by_parts(
-        lambda part: identifier.conserved(theta_hat[part]), len(record), theta_hat.shape[1]
+        lambda part: identifier.conserved(record.rows("theta_hat", part)),
+        len(record),
+        record.rows("theta_hat", slice(1)).size,
     )
     return conserved + record["spent"]
 

@@ -185,7 +185,7 @@ def misfit_of(run: Run) -> Misfit | None:
     alone, found = FilterAlone(system, scenario.dt, config.efficient), []
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     for log, rows, signals in _pieces(run, record.log):
-        theta = _sound(system, np.array(record["theta_hat"][rows.stop - 1]), run.prior)
+        theta = _sound(system, np.array(record.rows("theta_hat", rows.stop - 1)), run.prior)
         P = alone.covariance(theta)
         last = rows.stop == len(record)
         if stated is not None and last:
@@ -196,7 +196,7 @@ def misfit_of(run: Run) -> Misfit | None:
         else:
             start, variance = drift
             acting = signals.acting(system, log.part(start, len(log.t)))
-            along = record["theta_hat"][rows][start:]
+            along = record.rows("theta_hat", rows)[start:]
             found.append(_drifted(alone, system, along, variance, acting))
     return _worst(found) if found else None
 

@@ -117,7 +117,7 @@ def nullspace_of(run: Run, truth: Truth | None) -> Nullspace:
     """Structural nullspace P_s(θ), at the true θ or, if that is unknown, at the last estimate."""
     if truth is not None:
         return truth.nullspace
-    theta = run.record["theta_hat"][-1] if len(run.record) else run.prior
+    theta = run.record.rows("theta_hat", -1) if len(run.record) else run.prior
     return structural(
         run.system, theta, np.random.default_rng(Seeds.of(run.scenario.seed).structure)
     )
@@ -149,7 +149,7 @@ def _findings(run: Run, truth: Truth | None) -> dict[str, Any]:
 
 def parameters(run: Run, truth: Truth | None) -> list[dict[str, Any]]:
     """Name, unit, scale, prior, last estimate and, if known, true value of every parameter."""
-    space, estimate = run.system.space, run.record["theta_hat"][-1]
+    space, estimate = run.system.space, run.record.rows("theta_hat", -1)
     rows: list[dict[str, Any]] = []
     for i, (name, label) in enumerate(zip(space.names, space.labels, strict=True)):
         row: dict[str, Any] = {"name": name, "label": label, "unit": space.units[i]}
@@ -208,7 +208,7 @@ def confidence(run: Run, truth: Truth | None, widening: float = 1.0) -> dict[str
     if stated is None:
         return run.confidence
     stated = widened(stated, run.system.space.scale, widening)
-    theta, space = run.record["theta_hat"][-1], run.system.space
+    theta, space = run.record.rows("theta_hat", -1), run.system.space
     nullspace = nullspace_of(run, None)
     found = known(stated, theta, nullspace, space)
     single = determined(stated, theta, nullspace, space)

@@ -8,9 +8,11 @@ equal bytes.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ import pyarrow as pa
 
 from ..errors import BadRun, NotWritten
 from ..log import Log
-from ..parameters import Array
+from ..parameters import Array, Indices
 from ..resources import create, json_of, path_of, writing
 
 BATCH_SECONDS = 0.9
@@ -128,12 +130,18 @@ class Record:
         complete: whether the stream was closed; that of a killed run was not.
     """
 
-    columns: dict[str, Array]
+    columns: Mapping[str, Array]
     metadata: dict[str, Any]
     complete: bool
 
     def __getitem__(self, name: str) -> Array:
         return self.columns[name]
+
+    def rows(self, name: str, rows: int | slice | Indices) -> Array:
+        """Some rows of a column, which an `opened` record reads without all the others."""
+        if isinstance(self.columns, _Stored):
+            return self.columns.rows(name, rows)
+        return self.columns[name][rows]
 
     def __len__(self) -> int:
         return len(self.columns["t"])
@@ -163,7 +171,7 @@ class Record:
             BadRun: one is missing, or has another number of entries.
         """
         for name, width in widths.items():
-            shape = self.columns[name].shape[1:] if name in self.columns else None
+            shape = self.rows(name, slice(1)).shape[1:] if name in self.columns else None
             if shape != ((width,) if width else ()):
                 reason = f"the column {name} of its record is not that of its scenario"
                 raise BadRun(folder, reason, "Run the scenario again")
@@ -178,29 +186,18 @@ class Record:
             BadRun: there is no record, or it is unreadable.
             InvalidInput: the operating system does not accept such a path.
         """
+        record = Record.opened(path)
+        return replace(record, columns=dict(record.columns))
+
+    @staticmethod
+    def opened(path: Path) -> Record:
+        """As `read`, but a column is read when it is used; the file must not change until then.
+
+        `rows` never has more in memory than the rows asked for.
+        """
         file = _file_of(path)
         with _typed(file):
-            schema, batches, rows, complete = _survey(file)
-            metadata = _metadata(schema)
-            if "t" not in schema.names:
-                raise KeyError("t")
-            columns = {
-                field.name: np.empty((rows, width) if (width := _width(field.type)) else rows)
-                for field in schema
-            }
-            with pa.OSFile(str(file)) as source, pa.ipc.open_stream(source) as stream:
-                row = 0
-                for _ in range(batches):
-                    batch = stream.read_next_batch()
-                    here = slice(row, row + batch.num_rows)
-                    for name, column in columns.items():
-                        column[here] = _values(batch.column(name)).reshape(column[here].shape)
-                    if "theta_hat" in columns and not _sound(columns, here):  # damaged here
-                        complete = False
-                        columns = {name: column[:row] for name, column in columns.items()}
-                        break
-                    row = here.stop
-        return Record(columns, metadata, complete)
+            return Record(*_scan(file))
 
     @staticmethod
     def metadata_of(path: Path) -> dict[str, Any]:
@@ -228,30 +225,103 @@ def _typed(file: Path) -> Iterator[None]:
         raise BadRun(file, "an Arrow stream, but not a run's", "Give a run's folder") from error
 
 
-def _survey(file: Path) -> tuple[pa.Schema, int, int, bool]:
-    """The schema of a stream, its intact batches, their rows, and whether its end is there."""
-    batches, rows, complete = 0, 0, False
-    with pa.memory_map(str(file)) as source:  # the bodies of the batches are not read
-        reader = pa.ipc.open_stream(source)
+class _Stored(Mapping[str, Array]):
+    """Columns of a record file, each read when it is used.
+
+    Args:
+        file: the record.
+        widths: entries per row of each column, 0 for a scalar.
+        places: (batches, columns) position of each column's first entry in a batch [bytes].
+        first: (batches + 1,) number of each batch's first row, and of all rows.
+    """
+
+    def __init__(self, file: Path, widths: dict[str, int], places: Indices, first: Indices):
+        self._file, self._widths, self._first, self._loaded = file, widths, first, {}
+        self._places = dict(zip(widths, places.T, strict=True))
+        self._state = _state(os.stat(file))
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self._loaded:
+            self._loaded[name] = self.rows(name, slice(None))
+        return self._loaded[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._widths  # `Mapping` would read the column
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._widths)
+
+    def __len__(self) -> int:
+        return len(self._widths)
+
+    def rows(self, name: str, rows: int | slice | Indices) -> Array:
+        """Some rows of a column; raises `BadRun` if the file has changed."""
+        if name in self._loaded:
+            return self._loaded[name][rows]
+        width = self._widths[name]
+        shape, size = (width,) if width else (), 8 * max(1, width)
+        chosen = np.arange(self._first[-1])[rows]
+        at = np.ravel(chosen)
+        batch = np.searchsorted(self._first, at, side="right") - 1
+        places = self._places[name][batch] + size * (at - self._first[batch])
+        found = np.empty((len(at), *shape))
+        edges = [0, *(np.flatnonzero(np.diff(places) != size) + 1), len(at)]
+        with _typed(self._file), self._file.open("rb") as stream:
+            if _state(os.fstat(stream.fileno())) != self._state:
+                raise BadRun(self._file, "it has changed while it was read", "Try again")
+            for a, b in pairwise(edges) if len(at) else ():
+                stream.seek(places[a])
+                stream.readinto(found[a:b].data)
+        return found.reshape((*chosen.shape, *shape))
+
+
+def _state(stat: os.stat_result) -> tuple[int, int, int]:
+    """What differs once a file has been replaced or written to."""
+    return stat.st_ino, stat.st_size, stat.st_mtime_ns
+
+
+def _scan(file: Path) -> tuple[_Stored, dict[str, Any], bool]:
+    """The columns of a stream up to its first damaged batch, its metadata, whether it is whole."""
+    places, first, last, complete = [], [0], -np.inf, False
+    with pa.OSFile(str(file)) as source:
+        messages = pa.ipc.MessageReader.open_stream(source)
+        begin = next(messages, None)
+        if begin is None:
+            raise pa.ArrowInvalid("it is empty")
+        schema = pa.ipc.read_schema(begin)
+        widths = {field.name: _width(field.type) for field in schema}
+        metadata = _metadata(schema)
+        if "t" not in widths:
+            raise KeyError("t")
         with suppress(pa.ArrowInvalid, OSError):  # truncated; the batches before are intact
-            for batch in reader:
-                batches, rows = batches + 1, rows + batch.num_rows
-            complete = _ended(file)
-        return reader.schema, batches, rows, complete
+            for message in messages:
+                batch = pa.ipc.read_record_batch(message, schema)
+                if not batch.num_rows:
+                    continue
+                arrays = {name: _flat(batch.column(name)) for name in widths}
+                if "theta_hat" in widths and not _sound(arrays, last, batch.num_rows):
+                    break
+                body = source.tell() - message.body.size - message.body.address
+                places.append([body + array.buffers()[1].address for array in arrays.values()])
+                first.append(first[-1] + batch.num_rows)
+                last = arrays["t"][-1].as_py()
+            else:
+                complete = _ended(file)
+    shaped = np.array(places, dtype=np.intp).reshape(-1, len(widths))
+    return _Stored(file, widths, shaped, np.array(first, dtype=np.intp)), metadata, complete
 
 
-def _sound(columns: dict[str, Array], rows: slice) -> bool:
-    """Whether rows are finite, time increases up to their end, and no estimate is zero.
+def _sound(arrays: Mapping[str, pa.Array], last: float, rows: int) -> bool:
+    """Whether rows are finite, time increases from `last` on, and no estimate is zero.
 
     A disk that loses power leaves zeros in place of data.
     """
-    t = columns["t"] if "t" in columns else np.arange(rows.stop)
-    steady = (np.diff(t[max(0, rows.start - 1) : rows.stop]) > 0).all()
-    estimates = [column[rows] for name, column in columns.items() if name.startswith("theta_hat")]
+    values = {name: array.to_numpy() for name, array in arrays.items()}
+    estimates = [x.reshape(rows, -1) for name, x in values.items() if name.startswith("theta_hat")]
     return (
-        bool(steady)
-        and all(np.isfinite(column[rows]).all() for column in columns.values())
-        and all(estimate.any(axis=-1).all() for estimate in estimates if estimate.ndim == 2)
+        bool((np.diff(values["t"], prepend=last) > 0).all())
+        and all(np.isfinite(x).all() for x in values.values())
+        and all(estimate.any(axis=1).all() for estimate in estimates)
     )
 
 
@@ -271,7 +341,10 @@ def _width(kind: pa.DataType) -> int:
     return kind.list_size if pa.types.is_fixed_size_list(kind) else 0
 
 
-def _values(column: pa.Array) -> Array:
+def _flat(column: pa.Array) -> pa.Array:
+    """The numbers of a column, row by row; raises `ValueError` unless each is a float64."""
     # `values`, not `flatten`, which imports pyarrow.compute; equal for batches without offset
     flat = column.values if pa.types.is_fixed_size_list(column.type) else column
-    return flat.to_numpy(zero_copy_only=False)
+    if flat.type != pa.float64() or flat.null_count or column.null_count:
+        raise ValueError(f"a column of {column.type}")
+    return flat

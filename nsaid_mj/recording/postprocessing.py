@@ -23,6 +23,8 @@ from ..reporting import pages, report
 from ..reporting.progress import Progress
 from ..resources import json_of, locked, write_json, write_text
 
+_BLOCK = 10_000  # rows of a record, which may be large, in memory at once
+
 SUMMARY, SCENARIO = "summary.json", "scenario.json"
 
 
@@ -80,8 +82,10 @@ def _drawable(record: Record) -> bool:
     """Whether a record has rows, with figures that can be drawn."""
     if not len(record):
         return False
-    columns = (record[name] for name in ("q", "v", "u", "v_hat", "theta_hat"))
-    return all(part.min() >= -LARGEST and part.max() <= LARGEST for part in columns)
+    blocks = [slice(k, k + _BLOCK) for k in range(0, len(record), _BLOCK)]
+    columns = ("q", "v", "u", "v_hat", "theta_hat")
+    parts = (record.rows(name, block) for name in columns for block in blocks)
+    return all(part.min() >= -LARGEST and part.max() <= LARGEST for part in parts)
 
 
 def rebuild(folder: Path) -> dict[str, Any]:
@@ -90,7 +94,7 @@ def rebuild(folder: Path) -> dict[str, Any]:
     Raises:
         BadRun: the folder has no readable record, or one with fewer than two rows.
     """
-    record = Record.read(folder)
+    record = Record.opened(folder)
     if len(record) < 2:
         raise BadRun(folder, f"its record has {len(record)} rows", "Run the scenario again")
     run = reopen_measured(folder, record) or reopen(folder, record)

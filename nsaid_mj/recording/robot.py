@@ -44,7 +44,7 @@ class Robot:
         self._run, self._truth = run, truth
         self._scene = scene = Scene(system, run.looks)
         some = _rows(record, spread(len(record), _LOOKS))
-        theta = record["theta_hat"][-1] if truth is None else truth.theta
+        theta = record.rows("theta_hat", -1) if truth is None else truth.theta
         self.camera = camera = None if scene.empty else scene.camera(some.q, some.v)
         self.survey = scene.survey(some.q) if camera and scene.vehicle else None
         self._arrows = self._arcs = self._links = None
@@ -70,8 +70,7 @@ class Robot:
     def log(self, rec: rr.RecordingStream) -> None:
         """Logs everything."""
         record, truth = self._run.record, self._truth
-        t, theta_hat = record["t"], record["theta_hat"]
-        frames = _at_rate(t, _RATE, _FRAMES)
+        t, frames = record["t"], _at_rate(record["t"], _RATE, _FRAMES)
         inside = self._arrows is not None or self._links is not None
         failed = (path for event in self._run.faults for path in self._failed(event))
         changing = dict.fromkeys(failed, float(t[0]))
@@ -79,15 +78,20 @@ class Robot:
         self._scene.log_poses(rec, t[frames], record["q"][frames])
         self._log_faults(rec)
         if self._arrows:
-            paths = forces.COMMANDED, forces.ESTIMATED
-            _log_efforts(rec, self._arrows, paths, _rows(record, frames), theta_hat[frames], truth)
+            estimates, paths = (
+                record.rows("theta_hat", frames),
+                (forces.COMMANDED, forces.ESTIMATED),
+            )
+            _log_efforts(rec, self._arrows, paths, _rows(record, frames), estimates, truth)
         if self._arcs:
             some, paths = _at_rate(t, _ARC_RATE, _ARCS), (torques.COMMANDED, torques.ESTIMATED)
-            _log_efforts(rec, self._arcs, paths, _rows(record, some), theta_hat[some], truth)
+            estimates = record.rows("theta_hat", some)
+            _log_efforts(rec, self._arcs, paths, _rows(record, some), estimates, truth)
         if self._links and self.camera:
             few, size = spread(len(t), _ELLIPSOIDS), self.camera.size
             self._links.log_frames(rec, t[frames], record["q"][frames])
-            self._links.log(rec, inertia.ESTIMATED, t[few], theta_hat[few], size)
+            theta_hat = record.rows("theta_hat", few)
+            self._links.log(rec, inertia.ESTIMATED, t[few], theta_hat, size)
             reference = self._run.prior[None] if truth is None else truth.theta_at(t[few])
             self._links.log(rec, inertia.REFERENCE, t[few][: len(reference)], reference, size)
 

@@ -224,7 +224,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
 
 def _estimates(run: Run, rows: Indices, truth: Truth | None) -> list[Curves]:
     """θ̂ by block and unit and, if the truth is known, the true θ scaled as close as possible."""
-    space, theta_hat = run.system.space, run.record["theta_hat"][rows]
+    space, theta_hat = run.system.space, run.record.rows("theta_hat", rows)
     true = None
     if truth is not None:
         true = truth.theta_at(run.record["t"][rows])
@@ -247,7 +247,7 @@ def intervals(run: Run, summary: dict[str, Any], rows: Indices) -> list[Curves]:
     stated, space = summary["confidence"], run.system.space
     if stated is None:
         return []
-    t, theta = run.record["t"][rows], run.record["theta_hat"][-1]
+    t, theta = run.record["t"][rows], run.record.rows("theta_hat", -1)
     last = t >= t[0] + 0.9 * (t[-1] - t[0])
     found = []
     for group in groups(space):
@@ -271,8 +271,8 @@ def _conserved(run: Run, rows: Indices) -> list[Curves]:
     record, identifier = run.record, run.identifiers[""]
     if not identifier.conserves:
         return []
-    now = identifier.conserved(record["theta_hat"][rows]) + record["spent"][rows]
-    drift = now / float(identifier.conserved(record["theta_hat"][0])) - 1
+    now = identifier.conserved(record.rows("theta_hat", rows)) + record["spent"][rows]
+    drift = now / float(identifier.conserved(record.rows("theta_hat", 0))) - 1
     size = np.log10(np.maximum(np.abs(drift), np.finfo(float).eps))
     return [Curves("conserved", ["drift of the conserved quantity [log₁₀]"], size[:, None])]
 
@@ -292,7 +292,7 @@ def _predictions(run: Run, rows: Indices) -> list[Curves]:
     log, first = record.log, np.minimum(rows, len(record) - 2)  # the last row has no successor
     parts = [midpoints(log.part(k, k + 2), system, 1) for k in first]
     t, x, v, u, a = (np.concatenate(part) for part in zip(*parts, strict=True))
-    terms = system.regressor(t, x, v, a, u) * record["theta_hat"][first][:, None]
+    terms = system.regressor(t, x, v, a, u) * record.rows("theta_hat", first)[:, None]
     given = terms[..., system.space.actuators].sum(axis=-1)
     units = force_units(system)
     labels = velocity_labels(system)
@@ -307,7 +307,7 @@ def _predictions(run: Run, rows: Indices) -> list[Curves]:
 def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list[Curves]:
     """Curves that compare the estimates with the truth."""
     record, space, t = run.record, run.system.space, run.record["t"][rows]
-    theta_hat, true = record["theta_hat"][rows], truth.theta_at(t)
+    theta_hat, true = record.rows("theta_hat", rows), truth.theta_at(t)
     components = [f"direction {i} [–]" for i in range(1, nullspace.P_perp.shape[1] + 1)]
     found = [
         Curves("theta_perp", components, theta_hat / space.scale @ nullspace.P_perp),
@@ -320,7 +320,7 @@ def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list
     for k, name in enumerate(["", *record.rivals]):
         suffix, title = (f"_{name}", name) if name else ("", OWN)
         color = _colour(run, name, k)
-        estimate = record[f"theta_hat{suffix}"][rows]
+        estimate = record.rows(f"theta_hat{suffix}", rows)
         ratio = truth.distance(t, estimate)
         of = [
             ("distance", "[–]", ratio),

@@ -171,7 +171,7 @@ def comparison(panel: Comparison) -> str:
             line(upper, times, drawn, name, color=colour, linewidth=width, alpha=alpha)
         unused = _stretches(~used, parts)
         for axis in (upper, lower):
-            _shade(axis, [(t[rows[0]], t[rows[-1]]) for rows in unused])
+            _shade(axis, [(float(t[rows[0]]), float(t[rows[-1]])) for rows in unused])
             axis.grid(False, axis="x")
         errors = [
             local_rms(t[rows], error[rows])

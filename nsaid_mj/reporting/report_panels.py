@@ -56,7 +56,7 @@ def _over_time(run: Run, summary: dict[str, Any], truth: Truth | None, rows: Any
         suffix = f"_{name}" if name else ""
         colour = COLOURS[LAWS.get(name or summary["law"], k % len(COLOURS))]
         if truth is not None:
-            ratio = truth.distance(t, record[f"theta_hat{suffix}"][rows])
+            ratio = truth.distance(t, record.rows(f"theta_hat{suffix}", rows))
             distance.add(t, ratio, label, colour=colour)
         dv = record[f"v_hat{suffix}"][later] - record["v"][later]
         if len(later):
@@ -76,7 +76,7 @@ def _gains(run: Run, summary: dict[str, Any], rows: Any, true: Array | None) -> 
     The intervals that the law states at the end are drawn over the last tenth.
     """
     space, t = run.system.space, run.record["t"][rows]
-    k, theta_hat = space.actuators, run.record["theta_hat"][rows]
+    k, theta_hat = space.actuators, run.record.rows("theta_hat", rows)
     ratio = theta_hat[:, k] / (theta_hat[:1, k] if true is None else true[:, k])
     over = "k̂/k̂(0)" if true is None else "k̂/k"
     title = "Actuators relative to the " + ("prior" if true is None else "truth (1 is exact)")

@@ -48,6 +48,30 @@ def test_data_written_is_read_back_unchanged(tmp_path_factory, count, batch, see
     assert record.complete and record.metadata == METADATA
 
 
+@pytest.mark.parametrize(
+    "chosen",
+    [0, -1, slice(None), slice(None, None, -3), slice(3, 9), slice(5, 5), np.array([8, 3, 3, -1])],
+)
+def test_an_opened_record_reads_the_rows_asked_for(tmp_path, chosen):
+    write(tmp_path / FILE, rows(11))
+    opened, whole = Record.opened(tmp_path), Record.read(tmp_path)
+    for name in WIDTHS:
+        part = opened.rows(name, chosen)
+        assert np.array_equal(part, whole[name][chosen]) and part.shape == whole[name][chosen].shape
+        assert np.array_equal(part, whole.rows(name, chosen))
+    expect(opened, rows(11))
+
+
+def test_an_opened_record_is_not_read_from_a_file_that_has_changed(tmp_path):
+    write(tmp_path / FILE, rows(11))
+    opened = Record.opened(tmp_path)
+    assert "q" in opened.columns and opened.rows("q", 0).shape == (3,)
+    (tmp_path / FILE).unlink()
+    write(tmp_path / FILE, rows(9, seed=1))
+    with pytest.raises(BadRun, match="changed"):
+        opened["q"]
+
+
 @FEW
 @given(st.lists(st.floats(width=64), min_size=1, max_size=9))
 def test_every_float_is_read_back_to_the_bit(tmp_path_factory, values):

@@ -56,10 +56,12 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     `swapped_columns` and `milliamps`.
     """
     motion = _motion(recordings)
-    found = _dead_commands(motion, robot) + _short(recordings)
+    remedy = "Map the column of its {}, or leave the joint out with --lock."
+    found = _dead("command", motion.u, 0.0, robot, remedy.format("torque or current"))
+    found += _short(recordings)
     if robot.system is not None:
         return tuple(found)
-    still = _dead_positions(motion, robot)
+    still = _dead("position", motion.q, 1e-9, robot, remedy.format("position"))
     resting, said = _resting(recordings, robot)
     found += still + [finding for finding in said if finding.where not in {f.where for f in still}]
     measured = [j for j in _measured(recordings, robot) if j not in resting]
@@ -94,28 +96,19 @@ def _measured(recordings: Recordings, robot: RobotModel) -> list[int]:
     return [j for j, name in enumerate(robot.joints) if name not in derived]
 
 
-def _dead_commands(motion: Motion, robot: RobotModel) -> list[Finding]:
+def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> list[Finding]:
+    """Refusals of joints whose position or command x (N, n) never changes by more than `least`."""
     return [
         Finding(
             "refusal",
             "dead_channel",
             joint,
-            f"the command is {number(motion.u[0, j])} in all rows",
-            "Map the column of its torque or current, or leave the joint out with --lock.",
+            f"the {what} is {number(column[0])} in all rows",
+            remedy,
         )
-        for j, joint in enumerate(robot.joints)
-        if np.ptp(motion.u[:, j]) == 0
+        for joint, column in zip(robot.joints, x.T, strict=False)
+        if np.ptp(column) <= least
     ]
-
-
-def _dead_positions(motion: Motion, robot: RobotModel) -> list[Finding]:
-    found = []
-    for j, joint in enumerate(robot.joints):
-        if np.ptp(motion.q[:, j]) < 1e-9:
-            text = f"the position is {number(motion.q[0, j])} in all rows"
-            remedy = "Map the column of its position, or leave the joint out with --lock."
-            found.append(Finding("refusal", "dead_channel", joint, text, remedy))
-    return found
 
 
 def _resting(recordings: Recordings, robot: RobotModel) -> tuple[set[int], list[Finding]]:

@@ -77,13 +77,10 @@ def _clean_one(
     where = f"{file}, {source.column.column}"
     values = channel.values[order.index] * source.factor
     present = np.isfinite(values)
-    if not present.all():
-        rows = order.index[~present] + 1
-        findings.append(
-            about_rows("note", "missing_values", where, rows, "rows without a number were dropped")
-        )
     t, x, row = order.t, values, order.rows  # shared by all signals of a clock: a log may be large
     if not present.all():
+        text = "rows without a number were dropped"
+        findings.append(about_rows("note", "missing_values", where, row[~present], text))
         t, x, row = t[present], x[present], row[present]
     if source.angle:
         raw = np.sign(source.factor) * abs(source.column.ratio)  # a whole turn in the column's unit

@@ -18,30 +18,12 @@ from .units import FACTORS, Quantity, canonical, of_name
 
 Unit = Annotated[
     Literal[
-        "rad",
-        "deg",
-        "turns",
-        "ticks",
-        "m",
-        "mm",
-        "rad/s",
-        "deg/s",
-        "turns/s",
-        "rpm",
-        "ticks/s",
-        "m/s",
-        "mm/s",
-        "N·m",
-        "mN·m",
-        "N",
-        "A",
-        "mA",
-        "V",
-        "%",
-        "raw",
+        "rad", "deg", "turns", "ticks", "m", "mm",
+        "rad/s", "deg/s", "turns/s", "rpm", "ticks/s", "m/s", "mm/s",
+        "N·m", "mN·m", "N", "A", "mA", "V", "%", "raw",
     ],
     BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text),
-]
+]  # fmt: skip
 TimeUnit = Annotated[
     Literal["s", "ms", "us", "ns", "date"],
     BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text),
@@ -191,10 +173,7 @@ class File:
     offset: Plain = 0.0
 
 
-Matrix = Annotated[
-    tuple[tuple[Plain, ...], ...],
-    Field(min_length=1),
-]
+Matrix = Annotated[tuple[tuple[Plain, ...], ...], Field(min_length=1)]
 
 
 @config

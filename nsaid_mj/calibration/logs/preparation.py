@@ -319,7 +319,7 @@ def _saturated(
             text += "between levels or saturates; the rows are used"
             findings.append(Finding("warning", "saturated", where, text, data={"share": share}))
             continue
-        edges = np.flatnonzero(np.diff(np.r_[False, flat, False].astype(int))).reshape(-1, 2)
+        edges = signals.runs(flat)
         last = len(signal.t) - 1
         spans[name] = np.column_stack(
             [signal.t[np.maximum(edges[:, 0] - 1, 0)], signal.t[np.minimum(edges[:, 1], last)]]

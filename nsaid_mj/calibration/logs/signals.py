@@ -64,6 +64,11 @@ class Order(NamedTuple):
     rows: np.ndarray
 
 
+def runs(chosen: np.ndarray) -> np.ndarray:
+    """(k, 2) first row of every run of chosen (N,) rows, and the first one after it."""
+    return np.flatnonzero(np.diff(np.r_[False, chosen, False].astype(int))).reshape(-1, 2)
+
+
 def order(t: Array) -> Order:
     """Puts a clock in order: drops rows that repeat or step back, follows one that restarts."""
     index = np.flatnonzero(np.isfinite(t))
@@ -71,7 +76,7 @@ def order(t: Array) -> Order:
     while True:
         behind = np.zeros(len(t), bool)
         behind[1:] = t[1:] < np.maximum.accumulate(t)[:-1]
-        edges = np.flatnonzero(np.diff(np.r_[False, behind, False].astype(int))).reshape(-1, 2)
+        edges = runs(behind)
         long = edges[np.diff(edges, axis=1)[:, 0] > _RESET]
         if not len(long):
             break
@@ -124,8 +129,7 @@ def outliers(t: Array, x: Array) -> np.ndarray:
     single = peak & (from_cubic > np.maximum(3 * nearby, floor))
     from_median = np.abs(x - ndimage.median_filter(x, 7, mode="nearest"))
     far = single | (from_median > np.maximum(10 * nearby, floor))
-    edges = np.flatnonzero(np.diff(np.r_[False, far, False].astype(int))).reshape(-1, 2)
-    short = [np.arange(start, end) for start, end in edges if end - start <= 3]
+    short = [np.arange(start, end) for start, end in runs(far) if end - start <= 3]
     return np.concatenate(short) if short else np.zeros(0, int)
 
 
@@ -182,7 +186,7 @@ def flat_extremes(x: Array, period: float) -> np.ndarray:
     shortest = max(5, round(0.01 / period))
     for extreme in (x.max(), x.min()):
         at = np.abs(x - extreme) <= 1e-9 * spread
-        edges = np.flatnonzero(np.diff(np.r_[False, at, False].astype(int))).reshape(-1, 2)
+        edges = runs(at)
         long = edges[edges[:, 1] - edges[:, 0] >= shortest]
         following = x[~at].max() if extreme == x.max() else x[~at].min()
         if len(long) and at.sum() > 6 * np.sum(np.abs(x - following) <= 1e-9 * spread):

@@ -221,6 +221,5 @@ def _unread(file: Path, columns: formats.Columns) -> list[Finding]:
         text = f"{len(problems)} of {total} rows {how}, the first is row {problems[0][0]} "
         text += f"({problems[0][1]})"
         data = {"count": len(problems), "rows": [row for row, _ in problems[:100]]}
-        findings = Finding(level, code, file.name, text, data={**data, "of": total})
-        found.append(findings)
+        found.append(Finding(level, code, file.name, text, data={**data, "of": total}))
     return found

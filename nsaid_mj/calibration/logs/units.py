@@ -12,78 +12,44 @@ Quantity = Literal["position", "velocity", "command"]
 TURN = 2 * pi
 
 FACTORS: Mapping[Quantity, Mapping[str, float]] = {
-    "position": {
-        "rad": 1.0,
-        "deg": pi / 180,
-        "turns": TURN,
-        "ticks": TURN,  # over the counts per turn
-        "m": 1.0,
-        "mm": 1e-3,
+    "position": {  # ticks: over the counts per turn
+        "rad": 1.0, "deg": pi / 180, "turns": TURN, "ticks": TURN, "m": 1.0, "mm": 1e-3,
     },
     "velocity": {
-        "rad/s": 1.0,
-        "deg/s": pi / 180,
-        "turns/s": TURN,
-        "rpm": TURN / 60,
-        "ticks/s": TURN,
-        "m/s": 1.0,
-        "mm/s": 1e-3,
+        "rad/s": 1.0, "deg/s": pi / 180, "turns/s": TURN, "rpm": TURN / 60, "ticks/s": TURN,
+        "m/s": 1.0, "mm/s": 1e-3,
     },
     "command": {
-        "N·m": 1.0,
-        "mN·m": 1e-3,
-        "N": 1.0,
-        "A": 1.0,
-        "mA": 1e-3,
-        "V": 1.0,
-        "%": 1.0,
-        "raw": 1.0,
+        "N·m": 1.0, "mN·m": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3, "V": 1.0, "%": 1.0, "raw": 1.0,
     },
-}
+}  # fmt: skip
 """Factor from each unit to the unit of `Log`: rad or m, rad/s or m/s, and `si` of a command."""
 
 TIME = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 """Nanoseconds in each unit of time."""
 
 _ALIASES = {
-    "radian": "rad",
-    "radians": "rad",
-    "degree": "deg",
-    "degrees": "deg",
-    "°": "deg",
-    "rev": "turns",
-    "revs": "turns",
-    "turn": "turns",
-    "counts": "ticks",
-    "rads": "rad/s",
-    "radps": "rad/s",
-    "rad_s": "rad/s",
-    "degps": "deg/s",
-    "deg_s": "deg/s",
-    "dps": "deg/s",
-    "°/s": "deg/s",
-    "mps": "m/s",
-    "m_s": "m/s",
-    "nm": "N·m",
-    "n·m": "N·m",
-    "n.m": "N·m",
-    "n*m": "N·m",
-    "mnm": "mN·m",
-    "amp": "A",
-    "amps": "A",
-    "ampere": "A",
-    "milliamps": "mA",
-    "volt": "V",
-    "volts": "V",
-    "percent": "%",
-    "µs": "us",
-    "μs": "us",
-    "usec": "us",
-    "msec": "ms",
-    "nsec": "ns",
-    "sec": "s",
-    "secs": "s",
-    "seconds": "s",
+    alias: unit
+    for unit, aliases in {
+        "rad": "radian radians",
+        "deg": "degree degrees °",
+        "turns": "rev revs turn",
+        "ticks": "counts",
+        "rad/s": "rads radps rad_s",
+        "deg/s": "degps deg_s dps °/s",
+        "m/s": "mps m_s",
+        "N·m": "nm n·m n.m n*m",
+        "mN·m": "mnm",
+        "A": "amp amps ampere",
+        "mA": "milliamps",
+        "V": "volt volts",
+        "%": "percent",
+        "us": "µs μs usec",
+        "ms": "msec",
+        "ns": "nsec",
+        "s": "sec secs seconds",
+    }.items()
+    for alias in aliases.split()
 }
 _KNOWN = {name.lower(): name for names in FACTORS.values() for name in names} | {
     name: name for name in TIME
