@@ -45,12 +45,13 @@ def zeros(logs: Sequence[ServoLog]) -> Array:
 def covariance_of(
     simulated: Simulated, fit: OutputError, prior: Prior, cluster: Indices, zero: Array
 ) -> tuple[Array, Array]:
-    """(k, k) of the parameters, and their (k, n) change by offsets (n,) of the targets' zeros.
+    """(k, k) of the parameters, and their (k, 2 n) change by offsets `zero` (n,), and by play.
 
     The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
-    plus the prior's part A⁻¹ P A⁻¹, plus that of the offset. Residuals of a simulation are
+    plus the prior's part A⁻¹ P A⁻¹, plus that of the zeros. Residuals of a simulation are
     correlated over seconds, and a motion that the structure misses is missed throughout a log:
-    independent residuals would make intervals many times too narrow.
+    independent residuals would make intervals many times too narrow. Play is not in it: it leaves
+    no residual, but hardly moves joints whose load keeps its side.
     """
     weight = weights(simulated, fit.residual, fit.sigma)
     free, P = prior.free, np.diag(prior.deviation[prior.free] ** -2.0)
@@ -68,4 +69,5 @@ def covariance_of(
     moved[free] = A @ weighted.T @ offset
     own = _NUMERICAL**2 * np.eye(len(free))
     out[np.ix_(free, free)] = jackknife + A @ P @ A + own
-    return out + moved @ moved.T, moved
+    by_zero = moved[:, : len(zero)]
+    return out + by_zero @ by_zero.T, moved

@@ -28,7 +28,7 @@ _SPREAD = np.array([3.0, 3.0, 3.0, 1.0, 1.5])
 # of a critically damped servo, T²/4, and delays of serial buses within 20
 _SWEEPS = 8  # at most, over all joints, with the loads of the others' simulated motion
 _SETTLED = 0.2  # change of that motion, over the residual, at which they end
-_KNOWN = 0.25  # relative deviation of g below which gravity determines kp
+_KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
 _PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances add
 _UNTOLD = 2.0  # standard deviation of ln θ above which a joint says nothing of the others
 _SATURATES = 0.97  # largest robust residual with a limit of force over that without, to accept it
@@ -151,10 +151,10 @@ def estimate(
     cluster, zero = clusters(logs), zeros(logs)
     simulated = [fitted.simulated(j) for j in range(len(kp))]
     spread = [
-        covariance_of(own, fit, prior, cluster, zero[[j]])[0][GRAVITY, GRAVITY]
+        covariance_of(own, fit, prior, cluster, zero[[j]])
         for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True))
     ]
-    known = np.sqrt(spread) < _KNOWN
+    known = np.array([_reveals(C[GRAVITY, GRAVITY], moved[GRAVITY, 1]) for C, moved in spread])
     common = _common(fits, known, kp)
     for j in np.flatnonzero(~known):
         mean, deviation = priors[j].mean.copy(), priors[j].deviation.copy()
@@ -262,6 +262,14 @@ def _saturated(found: _Fitted, limits: Array) -> Array:
     return out
 
 
+def _reveals(variance: float, play: float) -> bool:
+    """Whether gravity determines ln kp: by its variance, and by its change with play of the gear.
+
+    A joint that carries little weight sinks by its gear's play, which looks like a soft servo.
+    """
+    return bool(max(np.sqrt(variance), abs(play)) < _KNOWN)
+
+
 def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
     """(n,) ln g where gravity does not determine it: the others' mean, or the model file's."""
     g = [fit.x[GRAVITY] for fit, sure in zip(fits, known, strict=True) if sure]
@@ -278,7 +286,9 @@ def _with_load(
     whole, moved = covariance_of(found.arm, fit, found.prior, np.tile(cluster, n), zero)
     pairs = [found.joint(j) for j in range(n)]
     at = np.arange(n) * len(pairs[0][0].x)
-    known = np.sqrt(np.diag(whole)[at + GRAVITY]) < _KNOWN
+    known = np.array([
+        _reveals(whole[k, k], moved[k, n + j]) for j, k in enumerate((at + GRAVITY).tolist())
+    ])  # fmt: skip
     common, joints, scale = _common([f for f, _ in pairs], known, kp), [], len(fit.x) - 4
     for j, (one, _) in enumerate(pairs):
         logs_of, place = [log.joint(j) for log in own], slice(at[j], at[j] + len(one.x))

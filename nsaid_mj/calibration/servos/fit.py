@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ...parameters import Array, Indices
+from .logs import ServoLog
 from .simulation import NONE, Effects, JointLog, simulate
 
 NAMES = ("T", "f", "g", "a", "d")
@@ -17,6 +18,9 @@ _ROUNDS, _TRIES = 40, 8  # of the fit; of a step
 _ENOUGH = 1e-5  # relative decrease of the cost at which the fit ends
 _LONGEST = 1.0  # step of ln θ
 EFFECTIVE = 1.5  # independent samples per second, since residuals of a simulation are correlated
+PLAY = 2.0
+"""Half the usual play of a servo's gears, over the deviation of its zero: makers of hobby servos
+with steps of 1.5 mrad state up to 9 mrad of play, and fine encoders come with finer gears."""
 _WINDOW = 2.0  # in which foreign forces are looked for [s]
 _FAR = 6.0  # residual of such a window over the median one
 
@@ -73,9 +77,27 @@ class Simulated(Protocol):
         """(N, k) central differences of the residual by the free parameters."""
         ...
 
-    def moved(self, x: Array, offset: Array) -> Array:
-        """(N, n) change of the residual by offsets (n,) [rad or m] of the joints' targets."""
+    def moved(self, x: Array, zero: Array) -> Array:
+        """(N, 2 n) change of the residual by what the logs cannot show.
+
+        First by offsets `zero` (n,) [rad or m] of the joints' targets, then by play of their gears:
+        a joint sinks by `PLAY` times that to the side to which its load pulls it.
+        """
         ...
+
+
+def _offset(log: JointLog | ServoLog, zero: Array, _: Array) -> Array:
+    return log.target + zero
+
+
+def _play(log: JointLog | ServoLog, zero: Array, g: Array) -> Array:
+    sunk = g * log.load
+    side = sunk / (np.abs(sunk) + zero / 4)  # friction holds a joint that hardly sinks
+    return log.target - PLAY * zero * (side - side.mean(axis=0))  # a constant side is an offset
+
+
+SHIFTS = _offset, _play
+"""Targets (N,) or (N, n) as offsets `zero`, and play, move the joints, from log, zero and g."""
 
 
 class JointFit:
@@ -96,10 +118,13 @@ class JointFit:
         theta, own = np.exp(x), self.effects
         return np.concatenate([simulate(log, theta, own) - log.position for log in self.logs])
 
-    def moved(self, x: Array, offset: Array) -> Array:
-        """(N, 1) change of the residual by an offset (1,) of the targets."""
-        logs = [log._replace(target=log.target + offset) for log in self.logs]
-        return (JointFit(logs, self.used).residual(x) - self.residual(x))[:, None]
+    def moved(self, x: Array, zero: Array) -> Array:
+        """(N, 2) change of the residual by an offset `zero` (1,) of the targets, and by play."""
+        g, found = np.exp(x[GRAVITY]), []
+        for shift in SHIFTS:
+            logs = [log._replace(target=shift(log, zero, g)) for log in self.logs]
+            found.append(JointFit(logs, self.used).residual(x) - self.residual(x))
+        return np.column_stack(found)
 
     def jacobian(self, x: Array, free: Indices) -> Array:
         """(N, k) derivatives by the free ln θ."""

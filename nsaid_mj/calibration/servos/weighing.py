@@ -8,7 +8,7 @@ all logs, free and loaded ones.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +17,7 @@ import scipy.linalg
 from ...parameters import Array, Indices
 from ..data import RobotModel
 from ..payloads import Load, carrier, with_mass
-from .fit import STEP, OutputError, Prior, minimise, undisturbed
+from .fit import GRAVITY, SHIFTS, STEP, OutputError, Prior, minimise, undisturbed
 from .logs import ServoLog, weighed, without_armature
 from .simulation import simulate
 
@@ -25,6 +25,8 @@ _OWN = 5  # parameters of a joint
 _UNSURE = 1.0  # standard deviation of ln s before the log
 _REACH = 0.15  # of each coordinate of a load whose place is not known [m]
 _SHIFT = 5e-3  # of central differences of the place [m]
+
+Shift = Callable[[ServoLog], Array]
 
 
 class Arm:
@@ -65,26 +67,28 @@ class Arm:
             self._weighed = x[-4:].copy(), logs
         return self._weighed[1]
 
-    def positions(self, x: Array, offset: Array | float = 0.0) -> list[Array]:
-        """(N, n) simulated positions of every log [rad or m], with all targets moved."""
+    def positions(self, x: Array, shift: Shift = lambda log: log.target) -> list[Array]:
+        """(N, n) simulated positions of every log [rad or m], with shifted targets (N, n)."""
         theta, found = np.exp(x[:-4]).reshape(-1, _OWN), []
         for log in self.logs(x):
-            joints = [log._replace(target=log.target + offset).joint(j) for j in range(len(theta))]
-            each = zip(joints, theta, strict=True)
+            moved = log._replace(target=shift(log))
+            each = ((moved.joint(j), own) for j, own in enumerate(theta))
             found.append(np.column_stack([simulate(joint, own) for joint, own in each]))
         return found
 
-    def residual(self, x: Array, offset: Array | float = 0.0) -> Array:
-        """(n N,) residuals over `sigma`, joint after joint; with all targets moved."""
-        found = zip(self.positions(x, offset), self._logs, strict=True)
+    def residual(self, x: Array, shift: Shift = lambda log: log.target) -> Array:
+        """(n N,) residuals over `sigma`, joint after joint; with shifted targets (N, n)."""
+        found = zip(self.positions(x, shift), self._logs, strict=True)
         apart = np.concatenate([q - log.position for q, log in found])
         return np.asarray(apart / self.sigma, dtype=np.float64).T.ravel()
 
-    def moved(self, x: Array, offset: Array) -> Array:
-        """(n N, n) change of the residual by offsets (n,) [rad or m] of the joints' targets."""
-        change = self.residual(x, offset) - self.residual(x)
-        blocks = scipy.linalg.block_diag(*change.reshape(len(self.sigma), -1))
-        return np.asarray(blocks.T, dtype=np.float64)
+    def moved(self, x: Array, zero: Array) -> Array:
+        """(n N, 2 n) change of the residual by offsets `zero` (n,) of the targets, and by play."""
+        blocks, before, g = [], self.residual(x), np.exp(x[GRAVITY:-4:_OWN])
+        for shift in SHIFTS:
+            change = self.residual(x, lambda log, own=shift: own(log, zero, g)) - before
+            blocks.append(scipy.linalg.block_diag(*change.reshape(len(self.sigma), -1)).T)
+        return np.hstack(blocks)
 
     def jacobian(self, x: Array, free: Indices) -> Array:
         """(n N, k) central differences; a joint's own parameters change its own rows alone."""

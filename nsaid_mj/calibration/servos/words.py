@@ -29,7 +29,7 @@ _LABELS = (
 _ARMATURE = NAMES.index("a")
 _WIDEST = 3.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 20
 _HEAVIER = "Take a heavier load, or more motions with the arm stretched out."
-_CONVENTION = "a convention: no gravity acts on this joint; only kv/kp, f/kp and armature/kp count"
+_CONVENTION = "a convention: gravity hardly loads this joint; only kv/kp, f/kp, armature/kp count"
 
 
 def parameters(
