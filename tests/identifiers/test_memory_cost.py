@@ -14,7 +14,7 @@ from nsaid_mj.identifiers.memory.statistics import Memory, MemoryConfig, Recorde
 from nsaid_mj.log import EXACT
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import SensorNoise
-from nsaid_mj.quotient.cost import Quotient, Remembered, positive
+from nsaid_mj.quotient.cost import Quotient, Remembered
 from tests.support.remembered import Log, driven, noisy, remember
 from tests.support.strategies import seeds
 
@@ -178,7 +178,7 @@ def test_the_quotient_is_normalised_by_positive_parameters_only(name):
     own = memory.means.gramian[:, space.actuators][:, :, space.actuators].any(axis=(1, 2))
     rest = np.setdiff1d(np.arange(len(space)), space.actuators)
     assert own.any() and (found.effort[np.ix_(own, rest)] == 0).all()
-    assert (found.effort[:, positive(space) == 0] == 0).all()
+    assert (found.effort[:, space.geometries != "positive"] == 0).all()
 
 
 def test_an_unused_actuator_does_not_enter_the_quotient():
@@ -212,8 +212,8 @@ def test_a_row_without_an_actuator_is_normalised_by_the_others():
     space, gramian = log.plant.system.space, memory.means.gramian.copy()
     dragged = Remembered.of(memory.means, space)
     assert dragged is not None and (dragged.effort[:2, space.actuators] == 0).all()
-    gramian[:2, positive(space) > 0] = 0.0
-    gramian[:2, :, positive(space) > 0] = 0.0
+    gramian[:2, space.geometries == "positive"] = 0.0
+    gramian[:2, :, space.geometries == "positive"] = 0.0
     found = Remembered.of(memory.means._replace(gramian=gramian), space)
     assert found is not None
     own = found.effort[:, space.actuators]

@@ -92,9 +92,9 @@ class Rows:
     def __len__(self) -> int:
         return len(self.log.t)
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def rows(self, name: str, rows: slice | int) -> np.ndarray:
         assert name == "theta_hat"
-        return self._theta_hat
+        return self._theta_hat[rows]
 
 
 def known_of(found: Ran, widening: float = 1.0) -> Known:

@@ -96,6 +96,13 @@ WRONG = st.one_of(
 )
 
 
+def test_added_mass_that_is_not_physical_is_refused():
+    """Hypothesis found it: a coupling that is a thousand times too large."""
+    wrong = changed(numbers("remus100"), ("added_mass", "Y_rdot"), 1930.0)
+    with pytest.raises(NsaidError, match="added mass"):
+        made("remus100", wrong)
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())

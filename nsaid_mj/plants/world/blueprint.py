@@ -149,7 +149,10 @@ def simulated(
     mismatch and faults, `files` the shapes.
     """
     theta, system = blueprint.theta if theta is None else theta, blueprint.system
-    body, acting = blueprint.split(theta)
+    try:
+        body, acting = blueprint.split(theta)
+    except ValueError as error:
+        raise _unphysical(files.sheet.parent.name, error) from error
     spec = vehicle_spec(files, dt, *body, blueprint.size, system.n)
     spec.option.gravity = [0, 0, -blueprint.gravity]
     command_inputs(spec, system.n_u)
@@ -162,13 +165,14 @@ def simulated(
     except InvalidInput:
         raise
     except ValueError as error:
-        raise InvalidInput(
-            f"vehicle {spec.modelname}",
-            "a body that MuJoCo can simulate",
-            error,
-            "Check mass and inertia in its vehicle.toml.",
-        ) from error
+        raise _unphysical(spec.modelname, error) from error
     return made.failing(config.faults, config)
+
+
+def _unphysical(name: str, error: ValueError) -> InvalidInput:
+    expected = "a body that MuJoCo can simulate"
+    remedy = "Check mass, inertia and added mass in its vehicle.toml."
+    return InvalidInput(f"vehicle {name}", expected, error, remedy)
 
 
 @config
