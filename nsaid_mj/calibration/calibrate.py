@@ -71,33 +71,39 @@ def calibrate(
     made = build(robot, recordings, validation, options, told)
     found += made.findings
     _refuse(found)
-    told("fitting")
-    problems = [made.problem, *made.alternatives]
-    if robot.weightless:
-        problems = [rescaled(each, known) for each in problems]
-    problem, *others = (with_known(each, known) for each in problems)
-    fit, share = tempered_fit(problem)
-    told("estimating intervals")
-    exact = precision(problem, fit, share)
-    if others:
-        changes = np.array([_change(problem, fit, other, share) for other in others])
-        exact = exact._replace(structure=changes)
-    left = followed(
-        problem, fit.theta, exact.covariance, share, made.suspects(fit.theta), made.noisier
-    )
+    told("fitting and estimating intervals")
+    problem, fit, share, exact = _estimated(made, robot.weightless, known)
+    tried, theta = made.suspects(fit.theta), fit.theta
+    left = followed(problem, theta, exact.covariance, share, tried, made.noisier)
     told("predicting held-out parts")
-    joints = _joints(made, problem, fit.theta, share, robot)
+    joints = _joints(made, problem, theta, share, robot)
     doubted, exact = _judged(problem, exact, left, joints, arm)
     fitted = Fitted(made, problem, fit, exact, share, options.coupled)
     result = _identification(robot, recordings, fitted, joints, [*found, *doubted], known, begin)
     level = options.level | _without_offset(result)
-    if options.columns is not None or level == options.level:
-        return result
-    told("fitting without an offset whose interval holds 0")
-    options = replace(options, level=level)
-    return calibrate(
-        robot, recordings, validation, options, known=known, findings=findings, told=told
-    )
+    if options.columns is None and level != options.level:
+        told("fitting without an offset whose interval holds 0")
+        again = replace(options, level=level)
+        return calibrate(
+            robot, recordings, validation, again, known=known, findings=findings, told=told
+        )
+    return result
+
+
+def _estimated(
+    made: Structured, weightless: bool, known: Mapping[str, float]
+) -> tuple[Problem, Fit, Array, Precision]:
+    """The problem with known values, its fit, (n,) rows per independent row, and the precision."""
+    problems = [made.problem, *made.alternatives]
+    if weightless:
+        problems = [rescaled(each, known) for each in problems]
+    problem, *others = (with_known(each, known) for each in problems)
+    fit, share = tempered_fit(problem)
+    exact = precision(problem, fit, share)
+    if others:
+        changes = np.array([_change(problem, fit, other, share) for other in others])
+        exact = exact._replace(structure=changes)
+    return problem, fit, share, exact
 
 
 def _without_offset(result: Identification) -> frozenset[str]:

@@ -67,24 +67,21 @@ def load_urdf(
         check_masses(path, root)
         warn_of_mimics(path, root)
     findings += resolve_meshes(root, path)
-    xml = etree.tostring(root, encoding="unicode")
-    whole = _pinocchio(path, xml, base == "free")
+    whole = _pinocchio(path, xml := etree.tostring(root, encoding="unicode"), base == "free")
     names = [name for name in list(whole.names)[1:] if name not in followers]
     locked = locked_joints(names, lock, joints)
     findings += weld(followers, set(names) - locked)
     q = _configuration(whole, followers)
-    locked |= set(followers)
     may_float = {"free": [], "held": names[:1]}.get(base or "", names)
     floating = {n for n in may_float if whole.joints[whole.getJointId(n)].nv == 6} - locked
     findings += [Finding("warning", "base_held", f"joint {name}", _HELD) for name in floating]
-    locked |= floating
+    locked |= floating | set(followers)
     model = reduced(whole, pin.GeometryModel(), locked, q)[0]
     check_tree(str(path), model, base)
     if base is not None:
         check_inertias(str(path), model)
     else:
         findings += make_physical(model, body_names(model))
-
     moving = tuple(joint_names(model))
     first = model.nv - len(moving)  # 6 if the base is free
     return RobotModel(
