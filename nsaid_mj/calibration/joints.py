@@ -73,6 +73,8 @@ FILE, WEIGHTLESS = 0.25, 3.0
 """Standard deviations of the logarithm of the links' weight: for a model file, whose masses omit
 cables, covers and oil, or come from CAD with one density; and for a mere guess."""
 
+_BLOCK = 2000  # rows whose regressors are computed at once
+
 BASIC = frozenset({"rotor", "viscous", "coulomb"})
 
 _WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
@@ -145,7 +147,7 @@ class JointRows:
                 parts.append((number, segment, centres, motion))
         self._commands = [(s, smooth_commands(s, chosen)) for _, s, _, _ in parts]
         self._motions = [motion for *_, motion in parts]
-        self.links = self.joined(lambda m: torque_rows(robot.model, m.q, m.v, m.a))
+        self.links = np.concatenate([self._links(motion) for motion in self._motions])
         self.diagonal = {
             "rotor": self.joined(lambda m: m.a),
             "viscous": self.joined(lambda m: m.v),
@@ -172,6 +174,16 @@ class JointRows:
     def joined(self, function: Callable[[Smooth], Array]) -> Array:
         """(N, ...) rows of a function of the smoothed motion."""
         return np.concatenate([self.chosen.rows(function(m)) for m in self._motions])
+
+    def _links(self, motion: Smooth) -> Array:
+        """(N, n, 10 b) rows of the links' columns, in blocks: an hour of them would fill memory."""
+        half, found = len(self.chosen.kernel) // 2, []
+        centres = self.chosen.centres(len(motion.t))
+        for first in range(0, len(centres), _BLOCK):
+            some = centres[first : first + _BLOCK]
+            q, v, a = (x[some[0] - half : some[-1] + half + 1] for x in motion[1:4])
+            found.append(self.chosen.rows(torque_rows(self.robot.model, q, v, a)))
+        return np.concatenate(found)
 
     def _at_speeds(self, function: Callable[[Smooth, Array], Array]) -> Array:
         """(speeds, N, n) rows of a function of the motion and of tanh(v/s), s in `SPEEDS`."""

@@ -27,7 +27,7 @@ import scipy.linalg
 import scipy.special
 
 from ..evaluation.result import Explains
-from ..parameters import Array
+from ..parameters import Array, Indices
 from .findings import Finding
 from .fit import cost_of, gramians
 from .precision import Precision
@@ -113,12 +113,7 @@ def followed(
         if not any(beyond):
             break
         if noisier and rows.noisy is None:
-            other, again = noisier(theta)
-            rows.noisy = _Rows(other.select(thin), theta, share, rows.weight)
-            left = [
-                own._replace(noisy=rows.noisy.outside(s.columns[thin], own.suspect.columns[thin]))
-                for own, s in zip(left, again, strict=True)
-            ]
+            left = rows.with_noise(left, *noisier(theta), theta, share, thin)
             continue
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
         suspect = left[best].suspect
@@ -292,6 +287,22 @@ class _Rows:
         """
         length = np.maximum(np.linalg.norm(self.weighed(unit), axis=0), 1e-300)
         return _outside(self.weighed(columns) / length, self._own)
+
+    def with_noise(
+        self,
+        left: list[_Candidate],
+        noisy: Problem,
+        suspects: list[Suspect],
+        theta: Array,
+        share: Array,
+        thin: Indices,
+    ) -> list[_Candidate]:
+        """The candidates once the problem and the suspects with noise twice are known."""
+        self.noisy = own = _Rows(noisy.select(thin), theta, share, self.weight)
+        return [
+            each._replace(noisy=own.outside(s.columns[thin], each.suspect.columns[thin]))
+            for each, s in zip(left, suspects, strict=True)
+        ]
 
     def trial(self, candidate: _Candidate) -> _Trial:
         """The effect of a candidate."""
