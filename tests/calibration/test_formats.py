@@ -1,6 +1,8 @@
 """Every binary format gives the channels that its own library wrote."""
 
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -17,6 +19,15 @@ from tests.support.flight_logs import write_dataflash, write_ulog
 from tests.support.robot_logs import JOINTS, columns, motion, two_joints
 
 CLEAN = columns(2.0)
+
+
+@pytest.fixture
+def closed(tmp_path: Path) -> Iterator[None]:
+    yield
+    handles = Path("/proc/self/fd")
+    if handles.exists():
+        still = [handle.readlink() for handle in handles.iterdir() if handle.is_symlink()]
+        assert [path for path in still if path.is_relative_to(tmp_path)] == []
 
 
 def assert_clean(table: Table, tolerance: float = 1e-12) -> None:
@@ -51,7 +62,7 @@ def test_an_arrow_stream_with_lists_and_dates(tmp_path):
     np.testing.assert_allclose(found.channels["q_1"].t, CLEAN["t"], atol=1e-8)
 
 
-def test_npz(tmp_path):
+def test_npz(tmp_path, closed):
     q, v, u = motion(CLEAN["t"])
     np.savez(tmp_path / "log.npz", t=CLEAN["t"], q=q, dq=v, tau=u, names=np.array(JOINTS))
     found = read(tmp_path / "log.npz")
@@ -59,7 +70,7 @@ def test_npz(tmp_path):
     np.testing.assert_allclose(found.channels["tau_1"].values, CLEAN["tau2"])
 
 
-def test_a_run_of_ours_without_its_estimates(tmp_path):
+def test_a_run_of_ours_without_its_estimates(tmp_path, closed):
     q, v, u = motion(CLEAN["t"])
     widths = {"t": 0, "q": 2, "v": 2, "u": 2, "theta_hat": 3}
     writer = RecordWriter(tmp_path / "record.arrow", widths, {"names": []}, 100)
@@ -72,7 +83,7 @@ def test_a_run_of_ours_without_its_estimates(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["ros1", "ros2", "mcap", "single mcap"])
-def test_bags_match_their_joints_by_name(tmp_path, kind):
+def test_bags_match_their_joints_by_name(tmp_path, closed, kind):
     path = write_bag(
         tmp_path / ("log.bag" if kind == "ros1" else "log"), kind.split()[-1], CLEAN["t"]
     )
@@ -92,7 +103,7 @@ def test_empty_efforts_are_no_channels(tmp_path):
     assert not [name for name in found.channels if "effort" in name]
 
 
-def test_ulog(tmp_path):
+def test_ulog(tmp_path, closed):
     values = {name: column for name, column in CLEAN.items() if name != "t"}
     found = read(write_ulog(tmp_path / "log.ulg", {"arm_state": (values, CLEAN["t"] + 5)}))
     assert found.origin == 5_000_000_000
@@ -100,7 +111,7 @@ def test_ulog(tmp_path):
     assert_clean(Table(found.source, renamed, found.origin))
 
 
-def test_dataflash(tmp_path):
+def test_dataflash(tmp_path, closed):
     values = {name: column for name, column in CLEAN.items() if name != "t"}
     found = read(write_dataflash(tmp_path / "log.bin", {"ARM": (values, CLEAN["t"] + 5)}))
     renamed = {name.removeprefix("ARM/"): c for name, c in found.channels.items()}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import defaultdict
 from pathlib import Path
 
@@ -36,21 +37,22 @@ def read(path: Path) -> list[Columns]:
     check_size(path, path.stat().st_size)
     rows: dict[tuple[str, tuple[str, ...]], list[list[float]]] = defaultdict(list)
     unread: dict[str, str] = {}
-    reader, numbers_read = DFReader_binary(str(path), zero_time_base=True), 0
-    while (message := reader.recv_msg()) is not None:
-        values = message.to_dict()
-        kind = values.pop("mavpackettype")
-        if "TimeUS" not in values:
-            if kind != "FMT":  # the declarations of the others
-                unread[kind] = "messages without a time"
-            continue
-        instance = values.get("I", values.get("C", 0))
-        name = f"{kind}_{instance}" if isinstance(instance, int) and instance else kind
-        numbers = {k: x for k, x in values.items() if isinstance(x, int | float)}
-        unread |= {f"{name}/{k}": "text" for k in values.keys() - numbers.keys()}
-        rows[name, tuple(numbers)].append(list(numbers.values()))
-        numbers_read += len(numbers)
-        check_size(path, 8 * numbers_read)
+    numbers_read = 0
+    with contextlib.closing(DFReader_binary(str(path), zero_time_base=True)) as reader:
+        while (message := reader.recv_msg()) is not None:
+            values = message.to_dict()
+            kind = values.pop("mavpackettype")
+            if "TimeUS" not in values:
+                if kind != "FMT":  # the declarations of the others
+                    unread[kind] = "messages without a time"
+                continue
+            instance = values.get("I", values.get("C", 0))
+            name = f"{kind}_{instance}" if isinstance(instance, int) and instance else kind
+            numbers = {k: x for k, x in values.items() if isinstance(x, int | float)}
+            unread |= {f"{name}/{k}": "text" for k in values.keys() - numbers.keys()}
+            rows[name, tuple(numbers)].append(list(numbers.values()))
+            numbers_read += len(numbers)
+            check_size(path, 8 * numbers_read)
     found = []
     for (name, fields), table in rows.items():
         dense = dict(zip(fields, np.array(table, np.float64).T, strict=True))
