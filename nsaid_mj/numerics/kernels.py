@@ -14,19 +14,16 @@ from typing import Any, cast
 
 from llvmlite import binding, ir
 from numba import NumbaError, config, njit, typeof, types
-from numba.extending import lower_builtin, type_callable, typeof_impl
+from numba.extending import typeof_impl
 
 from ..errors import DamagedKernelCache, NoKernelCache
 from .cache import FOLDER, one_process
+from .compiler import INLINE, OneFlags, Part
 from .stopwatch import timed
 
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
 vector, matrix, cube, table = f8[::1], f8[:, ::1], f8[:, :, ::1], i8[:, ::1]
 
-FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "nogil": True}
-"""Division by 0 gives inf or NaN, as in numpy, and numba compiles no error messages. Without `_nrt`
-it counts no references to the arrays of a call, half of a stage's time; nothing is allocated."""
-INLINE: Any = {"forceinline": True}
 _njit = cast("Any", njit)  # whose type has no dict of options
 
 
@@ -48,22 +45,6 @@ def kernel(signature: Any = None, *calls: Any, **options: Any) -> Any:
 def inlined(kernel: Any) -> Any:
     """A kernel with a signature as a part of its callers: a call passes every array's size, too."""
     return kernel if config.DISABLE_JIT else Part(kernel.py_func, kernel.signature, INLINE)
-
-
-class Part:
-    """A helper or routine, which is compiled when the first function that calls it is.
-
-    It has one signature: without, numba compiles one for every literal integer given.
-    """
-
-    def __init__(self, function: Callable[..., Any], signature: Any, options: Any):
-        self.py_func, self.signature = function, signature
-        self._options = options if signature is None else FAST | options
-
-    @cached_property
-    def part(self) -> Any:
-        """The function of numba's that its callers contain."""
-        return _njit(self.signature, no_cpython_wrapper=True, **self._options)(self.py_func)
 
 
 class Kernel(Part):
@@ -90,20 +71,14 @@ class Kernel(Part):
     ):
         super().__init__(function, signature, {"nogil": True} | options)
         own = {"cache": True, "no_cpython_wrapper": inner} | self._options
+        if signature is not None:
+            own["pipeline_class"] = OneFlags
         self.function = self._called = _njit(**own)(function)
         self.calls, self._loaded = calls, False
         if inner:
             self._called = njit(lambda *x: self(*x))  # noqa: PLW0108
         self.symbol = f"{function.__module__}.{function.__name__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
-        if signature is not None:
-
-            def typed(*_: Any) -> Any:
-                return signature
-
-            typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
-            type_callable(self)(lambda _: typed)
-            lower_builtin(self, *signature.args)(self._call)
 
     def __call__(self, *arguments: Any) -> Any:
         """Calls it from Python; raises TypeError if its signature has other types."""
@@ -139,6 +114,11 @@ class Kernel(Part):
                 timed(function, signature)
             function.disable_compile()
         self._loaded = True
+
+    @cached_property
+    def part(self) -> Any:
+        """What compiled functions contain of one without a signature."""
+        return _njit(no_cpython_wrapper=True, **self._options)(self.py_func)
 
     @cached_property
     def address(self) -> int:
@@ -184,7 +164,6 @@ def callees(values: Iterable[Any]) -> Iterator[Kernel]:
             yield from callees(named(value.py_func))
 
 
-@typeof_impl.register(Part)
-def _type_of(part: Part, _: Any) -> Any:
-    called = isinstance(part, Kernel) and part.signature is not None  # by its address, see `_call`
-    return None if called else typeof(part.part)
+@typeof_impl.register(Kernel)
+def _type_of(kernel: Kernel, _: Any) -> Any:
+    return typeof(kernel.part) if kernel.signature is None else None

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from .kernels import FAST, f8, inlined, kernel, matrix, vector, void
+from .compiler import FAST
+from .kernels import f8, inlined, kernel, matrix, vector, void
 
 
 @kernel(f8(matrix, matrix))

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from numba import types
 
+from ..numerics.compiler import FAST
 from ..numerics.kernels import (
-    FAST,
     boolean,
     cube,
     f8,

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from numba import njit
 
-from nsaid_mj.numerics.kernels import FAST, f8, kernel, vector
+from nsaid_mj.numerics.compiler import FAST
+from nsaid_mj.numerics.kernels import f8, kernel, vector
 from nsaid_mj.plants.world.stepping import track
 
 COUNT = """

@@ -1,0 +1,95 @@
+"""How numba compiles the parts of a kernel: once for all kernels, and optimised only within them.
+
+Numba by itself optimises a function for every function that contains it, and translates it to
+machine code although only its callers run; and it compares all options of a compilation at every
+operator. Both together are a quarter of the time of compiling.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from functools import cache, cached_property
+from typing import Any, cast
+
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, Flags
+from numba.core.registry import cpu_target
+from numba.extending import lower_builtin, type_callable
+
+FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "nogil": True}
+"""Division by 0 gives inf or NaN, as in numpy, and numba compiles no error messages. Without `_nrt`
+it counts no references to the arrays of a call, half of a stage's time; nothing is allocated."""
+INLINE: Any = {"forceinline": True}
+
+
+class _Options(Flags):
+    """Options that are compared by identity; numba must not change them."""
+
+    __slots__ = ()
+    __hash__, __eq__ = object.__hash__, cast("Any", object.__eq__)
+    copy = cast("Any", lambda self: self)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        assert name == "_values", f"numba sets {name}: compile without OneFlags"
+        super().__setattr__(name, value)
+
+
+_shared = cache(_Options)
+
+
+class OneFlags(Compiler):
+    """Numba's compiler, with one object for equal options."""
+
+    def __init__(self, *given: Any):
+        typing, target, library, arguments, returned, flags, variables = given
+        own = _shared(flags)
+        super().__init__(typing, target, library, arguments, returned, own, variables)
+
+
+class _Unoptimised(JITCodeLibrary):
+    """Code of a part for its callers: the steps that only running it needs are left out."""
+
+    def _optimize_final_module(self) -> None: ...
+
+    def _finalize_final_module(self) -> None: ...
+
+
+class Part:
+    """A helper or routine, which is compiled when the first function that calls it is.
+
+    Its signature alone says what its calls return: numba infers no types through it.
+    """
+
+    def __init__(self, function: Callable[..., Any], signature: Any, options: Any):
+        self.py_func, self.signature = function, signature
+        self._options = options if signature is None else FAST | options
+        if signature is not None:
+
+            def typed(*_: Any) -> Any:
+                return signature
+
+            typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
+            type_callable(self)(lambda _: typed)
+            lower_builtin(self, *signature.args)(self._call)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Its text, run by Python."""
+        return self.py_func(*arguments)
+
+    @cached_property
+    def _made(self) -> Any:
+        """What numba makes of it."""
+        flags, library = Flags(), _Unoptimised(cpu_target.target_context.codegen(), "part")
+        flags.error_model, flags.nrt = self._options["error_model"], self._options["_nrt"]
+        flags.forceinline = self._options.get("forceinline", False)
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        contexts = cpu_target.typing_context, cpu_target.target_context
+        kinds = self.signature.args, self.signature.return_type
+        return OneFlags(*contexts, library, *kinds, flags, {}).compile_extra(self.py_func)
+
+    def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Code that calls it."""
+        context.active_code_library.add_linking_library(self._made.library)
+        made = self._made.fndesc
+        return context.call_internal_no_propagate(builder, made, signature, arguments)[1]
