@@ -1,8 +1,9 @@
-"""How numba compiles the parts of a kernel: once for all kernels, and optimised only within them.
+"""How numba compiles parts of kernels: once for all kernels, and optimised only within them.
 
-Numba by itself optimises a function for every function that contains it, and translates it to
-machine code although only its callers run; and it compares all options of a compilation at every
-operator. Both together are a quarter of the time of compiling.
+By itself numba optimises a function for every function that contains it, translates it to machine
+code although only its callers run, and compares all options of a compilation at every operator.
+Without these steps a robot's first run compiles in three quarters of the time. Two methods of
+numba's that its manual does not describe are overridden: a numba without them is only slower.
 """
 
 from __future__ import annotations
@@ -48,11 +49,12 @@ class OneFlags(Compiler):
 
 
 class _Unoptimised(JITCodeLibrary):
-    """Code of a part for its callers: the steps that only running it needs are left out."""
+    """Code of a part for its callers, without the steps that only running it needs."""
 
     def _optimize_final_module(self) -> None: ...
 
-    def _finalize_final_module(self) -> None: ...
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
 
 
 class Part:

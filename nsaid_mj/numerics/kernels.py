@@ -33,7 +33,7 @@ def helper(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def routine(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Marks a larger function that only functions of one kernel call."""
+    """Marks a larger function, which need not become part of every function that calls it."""
     return lambda f: f if config.DISABLE_JIT else Part(f, signature, options)
 
 

@@ -55,7 +55,6 @@ from .compiled import (
     inlined,
     kernel,
     matrix,
-    routine,
     table,
     vector,
     void,
@@ -146,7 +145,7 @@ def _add_square_wrench(state, frame, inertia, at, motion, own, x):
     add_pushed(motion, own + VELOCITY, x, 6, 1.0, motion, own + WRENCH)
 
 
-@routine(void(STRUCTURE, vector, index, vector, WORKSPACE))
+@helper(void(STRUCTURE, vector, index, vector, WORKSPACE))
 def _load(structure, state, ground, theta, work):
     """Writes every body's own inertia and wrench under θ."""
     bodies, entries, values = structure.bodies, structure.entries, structure.values
@@ -225,7 +224,7 @@ def _gather(bodies, state, work, force):
                     inertia[parent * INERTIA + i] += inertia[b * INERTIA + i]
 
 
-@routine(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
+@helper(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
 def write_equations(structure, state, w, theta, work, force):
     """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
     bodies, rotors = structure.bodies, structure.rotors

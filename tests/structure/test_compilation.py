@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numba import njit
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Flags
 
 from nsaid_mj.numerics.compiler import FAST
 from nsaid_mj.numerics.kernels import f8, kernel, vector
@@ -68,6 +70,17 @@ def test_a_kernel_called_by_address_gives_the_same_numbers_and_has_no_text_in_th
     assert any(line.startswith("declare") for line in about)
     assert not any(line.startswith("define") for line in about)
     assert "sqrt" not in text
+
+
+@pytest.mark.parametrize(
+    "owner,names",
+    [
+        (JITCodeLibrary, ["_optimize_final_module", "_finalize_final_module"]),
+        (Flags, ["copy", "_values"]),
+    ],
+)
+def test_numba_has_what_makes_compiling_parts_fast(owner, names):
+    assert all(name in dir(owner) for name in names)
 
 
 def test_a_kernel_refuses_other_types():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import f8, helper, index, routine, vector, void
+from ..compiled import f8, helper, index, vector, void
 from ..spatial import add_cross
 from .kind import LISTED, Kind
 
@@ -84,7 +84,7 @@ def drag_by_speed(c, at, x):
         x[F + i] = -c[at + i] * speed * x[i]
 
 
-@routine(FLOW_OF)
+@helper(FLOW_OF)
 def strip_drag(c, at, x):
     """−|v_⊥| v_⊥ ds, summed over strips ds of a cylinder with a known axis.
 
@@ -106,7 +106,7 @@ def strip_drag(c, at, x):
         x[F + 5] += push * (px * vy - py * vx)
 
 
-@routine(void(index, vector, index, vector))
+@helper(void(index, vector, index, vector))
 def write_fluid(kind, c, at, x):
     """Writes the wrench of a kind of this file."""
     if kind == WEIGHT:

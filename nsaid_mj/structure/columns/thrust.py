@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import f8, helper, index, routine, vector, void
+from ..compiled import f8, helper, index, vector, void
 from ..spatial import add_cross
 from .curve import follow_curve
 from .fluid import FLOW_OF, WRENCH_OF, F
@@ -122,7 +122,7 @@ def fin_drag(c, at, x, u):
     add_cross(c, at, x, F, 1.0, x, F + 3)
 
 
-@routine(void(index, vector, index, vector, f8))
+@helper(void(index, vector, index, vector, f8))
 def write_thrust(kind, c, at, x, u):
     """Writes the wrench of a kind of this file."""
     if kind in (THRUSTER, NOZZLE, ROTOR):

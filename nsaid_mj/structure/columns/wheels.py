@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import f8, helper, index, routine, vector, void
+from ..compiled import f8, helper, index, vector, void
 from .fluid import WRENCH_OF, F
 from .kind import Kind
 
@@ -36,7 +36,7 @@ def tyre(c, at, x, u):
     x[F + 5] = c[at] * x[F + 1]
 
 
-@routine(void(index, vector, index, vector, f8))
+@helper(void(index, vector, index, vector, f8))
 def write_wheel(kind, c, at, x, u):
     """Writes the wrench of a kind of this file."""
     if kind == TYRE:
