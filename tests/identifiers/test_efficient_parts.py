@@ -275,6 +275,20 @@ def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.Mo
     assert lengths[4:] == [111], "when time is up, whatever the length"
 
 
+@pytest.mark.parametrize("piece", [1, 7, 50])
+def test_trials_follow_the_same_blocks_however_samples_come(piece: int) -> None:
+    """Their bits, and a share of their cost, depend on the blocks."""
+    followed: list[int] = []
+    one: Any = SimpleNamespace(hypothesis=SimpleNamespace(offset=0.0, kind="loss"), evidence=0.0)
+    one.followed = lambda _law, _system, part: followed.append(len(part.t) - 1) or one
+    log, law = Log(np.arange(51) * 0.002, *np.zeros((3, 51, 1))), SimpleNamespace(window=50)
+    trials: Any = Trials((one,), None, None, log.first(1), 0)  # type: ignore[arg-type]
+    for start in range(0, 50, piece):
+        part = log.part(start, min(start + piece, 50) + 1)
+        trials = trying.follow_trials(law, SimpleNamespace(), trials, part)  # type: ignore[arg-type]
+    assert followed == [16, 16, 16, 2] and trials.reached == 50
+
+
 def tried(hypothesis: Hypothesis, evidence: float) -> Any:
     """A trial whose innovations are those of chance."""
     kalman = filter_at(np.zeros(1), np.zeros(1), np.ones(1), np.eye(1))
