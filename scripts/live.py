@@ -2,11 +2,13 @@
 
     python scripts/live.py [--seconds 60]  # ur5 at 500 Hz, then bluerov2 at 100 Hz
     python scripts/live.py --soak 60       # an hour of ur5, with the memory of both processes
+    python scripts/live.py --robot ur5 --faults "loss 0.4 of 3 at 8 s"
 
 Beside the time that passes in an update stands the processor's time that it takes, and how many of
 the updates longer than 1 ms another process interrupted: nobody but the machine delays those. The
 robot is simulated beforehand and its samples are handed over in real time, again from the start
-when they end, with a gap between. The figures of docs/live.md are from here.
+when they end, with a gap between, which does not count in the estimate's age. The figures of
+docs/live.md are from here.
 """
 
 from __future__ import annotations
@@ -25,16 +27,19 @@ import nsaid_mj
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
+from nsaid_mj.plants import parse_faults
 
+_RATES = {"ur5": 500.0, "bluerov2": 100.0}  # samples per second [Hz]
 _SIMULATED = 20.0  # length of the motion that is repeated [s]
 _SKIPPED = 1.0  # beginning that does not count, as caches are cold [s]
 _PAUSE = 1.0  # gap between two repetitions [s]
 _MEMORY = 20.0  # time between two looks at the memory [s]
 
 
-def motion(robot: str, rate: float) -> Log:
-    """A stretch of a robot's noisy measurements."""
+def motion(robot: str, rate: float, faults: str) -> Log:
+    """A stretch of a robot's noisy measurements, with faults as in `nsaid run --faults`."""
     scenario = replace(load(robot), duration=_SIMULATED, dt=1 / rate, sensors="noisy")
+    scenario = replace(scenario, plant=replace(scenario.plant, faults=parse_faults(faults)))
     setup = Setup.of(scenario)
     with setup.plant.running():
         return setup.simulate()
@@ -58,9 +63,9 @@ def histogram(seconds: np.ndarray) -> str:
     return ", ".join(f"{np.mean(seconds * 1e6 <= bound):.2%} ≤ {bound} µs" for bound in bounds)
 
 
-def measure(robot: str, rate: float, seconds: float) -> None:
+def measure(robot: str, rate: float, seconds: float, faults: str) -> None:
     """Prints the figures of one robot."""
-    log, memory = motion(robot, rate), []
+    log, memory = motion(robot, rate, faults), []
     rows = [log.at(k) for k in range(len(log.t))]
     count, period = round(seconds * rate), float(log.t[-1]) + _PAUSE
     updates, ages = np.full((count, 3), -1.0), np.full(count, np.inf)  # they do not grow
@@ -82,8 +87,8 @@ def measure(robot: str, rate: float, seconds: float) -> None:
             passed, taken = time.perf_counter() - now, time.thread_time() - own
             after = resource.getrusage(resource.RUSAGE_THREAD).ru_nivcsw
             updates[k] = passed, taken, after - before
-            if estimate is not None and estimate.t <= t:
-                ages[k] = t - estimate.t
+            if estimate is not None:
+                ages[k] = (k + 1 - estimate.samples) / rate
             if k % round(_MEMORY * rate) == round(0.5 * _MEMORY * rate):
                 memory.append((resident(os.getpid()), resident(law)))
         last = identifier.estimate
@@ -109,7 +114,11 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--soak", type=float, metavar="MINUTES")
+    parser.add_argument("--robot", choices=_RATES, help="this one alone")
+    parser.add_argument("--faults", default="", help="of the simulated robot")
     chosen = parser.parse_args()
-    measure("ur5", 500.0, 60.0 * chosen.soak if chosen.soak else chosen.seconds)
-    if not chosen.soak:
-        measure("bluerov2", 100.0, chosen.seconds)
+    seconds = 60.0 * chosen.soak if chosen.soak else chosen.seconds
+    alone = chosen.robot or ("ur5" if chosen.soak else None)
+    for robot, rate in _RATES.items():
+        if alone in (None, robot):
+            measure(robot, rate, seconds, chosen.faults)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -56,20 +56,21 @@ def structured_arm(
     told("choosing columns and delays")
     choice, notes = choose(rows, options.coupled, options.delay, options.columns)
     rows.gain = expected_gains(rows, choice)[0]
-    problem, others = rows.problem(choice), []
+    problem, others = rows.problem(choice), iter(())
     faults += fit_checks(rows, choice)
     if not _refused(faults):
         faults += reversed_commands(rows, choice, problem)
     if not _refused(faults):
         told("fitting delays")
-        choice, others, said = _finished(rows, choice, problem, options)
+        choice, doubt, said = _finished(rows, choice, problem, options)
+        others = _alternatives(rows, choice, doubt)
         notes, problem = [*notes, *said], rows.problem(choice)
     checked = None
     if validation is not None:
         validation = finer(validation)
         checked = rows.like(validation, filter_for(validation, chosen.cutoff)).problem(choice)
 
-    def noisier(theta: Array) -> tuple[Problem, list[Suspect]]:
+    def noisier(theta: Array) -> tuple[Problem, Iterator[Suspect]]:
         other = rows.like(finer(twice_as_noisy(measured)), chosen)
         again = other.problem(choice)
         return again, arm_suspects(other, choice, again, theta)
@@ -77,7 +78,7 @@ def structured_arm(
     parts = zip(robot.joints, choice.columns, choice.speed, choice.delay.tolist(), strict=True)
     return Structured(
         problem,
-        tuple(others),
+        others,
         checked,
         tuple(Velocity(name, tuple(sorted(own)), SPEEDS[s], d) for name, own, s, d in parts),
         (*notes, *slow, *faults),
@@ -95,10 +96,10 @@ def _refused(findings: list[Finding]) -> bool:
 
 def _finished(
     rows: JointRows, choice: Choice, problem: Problem, options: Options
-) -> tuple[Choice, list[Problem], list[Finding]]:
-    """The choice completed by fits of the whole structure, other plausible problems, and notes.
+) -> tuple[Choice, float | None, list[Finding]]:
+    """The choice completed by fits of the whole structure, the deviation of its delays, and notes.
 
-    `problem` is that of the choice so far.
+    `problem` is that of the choice so far. The deviation [s] is None for given delays.
     """
     notes, doubt = [], None
     if any("load" in columns for columns in choice.columns):
@@ -109,6 +110,11 @@ def _finished(
     if options.columns is None:
         choice, said = with_constants(rows, choice, options.level)
         notes += said
+    return choice, doubt, notes
+
+
+def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Iterator[Problem]:
+    """Other plausible problems; `doubt` is the standard deviation of the delays [s], if any."""
     trials, last = [], len(SPEEDS) - 1
     if doubt is not None:
         trials.append(replace(choice, delay=choice.delay + _DOUBT * doubt))
@@ -117,9 +123,9 @@ def _finished(
     for step in (-1, 1):
         speeds = tuple(min(max(s + step, 0), last) for s in choice.speed)
         trials.append(replace(choice, speed=speeds))
+    yield from map(rows.problem, trials)
     narrow = filter_for(rows.recordings, _NARROWER * rows.chosen.cutoff)
-    others = [*map(rows.problem, trials), rows.like(rows.recordings, narrow).problem(choice)]
-    return choice, others, notes
+    yield rows.like(rows.recordings, narrow).problem(choice)
 
 
 def _weighed(rows: JointRows) -> RobotModel:

@@ -94,15 +94,16 @@ def _estimated(
     made: Structured, weightless: bool, known: Mapping[str, float]
 ) -> tuple[Problem, Fit, Array, Precision]:
     """The problem with known values, its fit, (n,) rows per independent row, and the precision."""
-    problems = [made.problem, *made.alternatives]
-    if weightless:
-        problems = [rescaled(each, known) for each in problems]
-    problem, *others = (with_known(each, known) for each in problems)
+
+    def informed(each: Problem) -> Problem:
+        return with_known(rescaled(each, known) if weightless else each, known)
+
+    problem = informed(made.problem)
     fit, share = tempered_fit(problem)
     exact = precision(problem, fit, share)
-    if others:
-        changes = np.array([_change(problem, fit, other, share) for other in others])
-        exact = exact._replace(structure=changes)
+    changes = [_change(problem, fit, informed(other), share) for other in made.alternatives]
+    if changes:
+        exact = exact._replace(structure=np.array(changes))
     return problem, fit, share, exact
 
 

@@ -19,7 +19,7 @@ Association 89(428), 1994).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -87,8 +87,8 @@ def followed(
     theta: Array,
     covariance: Array,
     share: Array,
-    suspects: list[Suspect],
-    noisier: Callable[[Array], tuple[Problem, list[Suspect]]] | None = None,
+    suspects: Iterable[Suspect],
+    noisier: Callable[[Array], tuple[Problem, Iterable[Suspect]]] | None = None,
 ) -> tuple[Followed, ...]:
     """The suspects that the residuals of a fit follow, in the order in which they enter.
 
@@ -97,15 +97,16 @@ def followed(
         theta: (p,) θ̂.
         covariance: (p, p) of θ̂ under the fit's own structure: H⁻¹.
         share: (n,) rows per effectively independent row, as in the fit.
-        suspects: to be tried.
+        suspects: to be tried; of a long log, only some rows of each are kept.
         noisier: gives rows and suspects at θ (p,) of the same motion with twice the variance of the
             sensors' noise; None if suspects do not depend on the measured motion.
     """
     every = -(-len(problem.t) // _MANY)
     thin, share = np.arange(0, len(problem.t), every), share / every
     rows = _Rows(problem.select(thin) if every > 1 else problem, theta, share)
-    level = _CHANCE / max(len(suspects), 1)
-    left = [_Candidate(s, rows.outside(s.columns[thin], s.columns[thin])) for s in suspects]
+    thinned = (s._replace(columns=s.columns[thin]) for s in suspects)
+    left = [_Candidate(s, rows.outside(s.columns, s.columns)) for s in thinned]
+    level = _CHANCE / max(len(left), 1)
     entered: list[tuple[Suspect, float, Array]] = []
     while left and len(entered) < _MOST:
         trials = [rows.trial(each) for each in left]
@@ -124,7 +125,7 @@ def followed(
     found = []
     if not entered:
         return ()
-    columns = [suspect.columns[thin] for suspect, _, _ in entered]
+    columns = [suspect.columns for suspect, _, _ in entered]
     coefficients = rows.coefficients(columns)
     for (suspect, certain, explained), Z, gamma in zip(entered, columns, coefficients, strict=True):
         if suspect.size is not None and gamma[0] <= 0:  # with the others it is not possible
@@ -292,7 +293,7 @@ class _Rows:
         self,
         left: list[_Candidate],
         noisy: Problem,
-        suspects: list[Suspect],
+        suspects: Iterable[Suspect],
         theta: Array,
         share: Array,
         thin: Indices,
@@ -300,7 +301,7 @@ class _Rows:
         """The candidates once the problem and the suspects with noise twice are known."""
         self.noisy = own = _Rows(noisy.select(thin), theta, share, self.weight)
         return [
-            each._replace(noisy=own.outside(s.columns[thin], each.suspect.columns[thin]))
+            each._replace(noisy=own.outside(s.columns[thin], each.suspect.columns))
             for each, s in zip(left, suspects, strict=True)
         ]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -56,7 +56,8 @@ class Structured(NamedTuple):
 
     Attributes:
         problem: rows of the training logs.
-        alternatives: problems of other plausible structures and filters, for the sensitivity of θ̂.
+        alternatives: problems of other plausible structures and filters, for the sensitivity of θ̂,
+            each made when it is asked for: those of a long log are large. They can be read once.
         checked: rows of the validation log; None without one.
         velocities: the choice for every velocity.
         findings: what was tried and noticed.
@@ -69,12 +70,12 @@ class Structured(NamedTuple):
     """
 
     problem: Problem
-    alternatives: tuple[Problem, ...]
+    alternatives: Iterator[Problem]
     checked: Problem | None
     velocities: tuple[Velocity, ...]
     findings: tuple[Finding, ...]
     cutoff: float
     links: Array
     delays: Array
-    suspects: Callable[[Array], list[Suspect]] = lambda _: []
-    noisier: Callable[[Array], tuple[Problem, list[Suspect]]] | None = None
+    suspects: Callable[[Array], Iterable[Suspect]] = lambda _: ()
+    noisier: Callable[[Array], tuple[Problem, Iterable[Suspect]]] | None = None

@@ -26,7 +26,9 @@ _SMALL = 0.1  # of the rms force: below it the inverse force of a dead zone stay
 PLAYS = (0.002, 0.006, 0.02)  # of gears [rad or m], with which free links are simulated
 
 
-def arm_suspects(rows: JointRows, choice: Choice, problem: Problem, theta: Array) -> list[Suspect]:
+def arm_suspects(
+    rows: JointRows, choice: Choice, problem: Problem, theta: Array
+) -> Iterator[Suspect]:
     """Suspects of a tree of joints, at θ̂ (p,), links first, of the fit with structure `choice`."""
     links, rotor = theta[: rows.links.shape[2]], np.zeros(len(rows.robot.joints))
     model = with_inertias(rows.robot.model, links, 0 * rotor)  # rotors are columns of their own
@@ -36,11 +38,9 @@ def arm_suspects(rows: JointRows, choice: Choice, problem: Problem, theta: Array
     for j, columns in enumerate(choice.columns):
         if "rotor" in columns:
             rotor[j] = theta[problem.space.index(f"rotor_{j + 1}")]
-    return [
-        *_kinematic(rows, model, rotor, residual, rows.links @ links),
-        *(_between(needed, stated, residual) for needed, stated in either),
-        *_own(rows, choice),
-    ]
+    yield from _kinematic(rows, model, rotor, residual, rows.links @ links)
+    yield from (_between(needed, stated, residual) for needed, stated in either)
+    yield from _own(rows, choice)
 
 
 def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
@@ -95,8 +95,7 @@ def _kinematic(
             columns.append(rows.joined(lambda m, weight=weight: weight(m.q)))
         remedy = "Check how the base is mounted; if it is tilted, tilt the model's gravity."
         yield Suspect("gravity across the model's vertical", "", np.stack(columns, 2), remedy)
-    moves = _Moves(model)
-    found = [rows.joined(lambda m, k=k: moves.change(m, k)) for k in range(4 + len(PLAYS))]
+    found = _changes(rows, model)
     twists = _rates(rows, torque)
     answered = _answered(rows, model, rotor, residual)
     for j, name in enumerate(names):
@@ -117,6 +116,12 @@ def _kinematic(
         for play, columns in zip(PLAYS, plays, strict=True):
             yield Suspect("backlash", name, columns, remedy,
                           lambda x, play=play: f"about {1e3 * x * play:.2g} mrad")  # fmt: skip
+
+
+def _changes(rows: JointRows, model: pin.Model) -> list[Array]:
+    """(N, n, n) changes of the torques for every kind of `_Moves`."""
+    moves = _Moves(model)
+    return [rows.joined(lambda m, k=k: moves.change(m, k)) for k in range(4 + len(PLAYS))]
 
 
 class _Moves:

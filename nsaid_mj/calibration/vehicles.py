@@ -202,7 +202,7 @@ def structured_vehicle(
                 data: dict[str, object] = {"columns": sorted(columns)}
                 findings.append(Finding("note", "columns", "", text, data=data))
     problem = rows.problem(delay, columns, drive)
-    others = (rows.problem(delay, frozenset(), drive),) if columns else ()
+    others = [frozenset[str]()] if columns else []
     checked = None
     if validation is not None:
         filters = filter_for(validation, chosen.cutoff)
@@ -212,14 +212,14 @@ def structured_vehicle(
     own = tuple(sorted(columns)), np.nan, float(np.median(delay))
     return Structured(
         problem,
-        others,
+        (rows.problem(delay, other, drive) for other in others),
         checked,
         tuple(Velocity(name, *own) for name in velocity_names(robot)),
         tuple(findings),
         chosen.cutoff,
         np.zeros(0),
         delay,
-        lambda theta: list(command_suspects(problem.Y[:, :, at] * theta[at], labels)),
+        lambda theta: command_suspects(problem.Y[:, :, at] * theta[at], labels),
     )
 
 

@@ -1,5 +1,7 @@
 """Structures that are not the robot's: the interval holds, or the verdict is not "yes"."""
 
+import weakref
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -105,6 +107,22 @@ def test_noise_that_a_suspect_shares_with_the_residuals_is_no_effect(size: float
 
     left = followed(problem, fit.theta, exact.covariance, np.ones(2), [suspect], noisier)
     assert blamed and len(left) == (size > 0)
+
+
+def test_whole_columns_of_many_suspects_are_not_held_together():
+    problem, true, _ = bent(0.8)
+    held = []
+
+    def suspects() -> Iterator[Suspect]:
+        for _ in range(6):
+            columns = true.columns.copy()
+            held.append(weakref.ref(columns))
+            yield true._replace(columns=columns)
+            del columns
+            assert sum(one() is not None for one in held) <= 1
+
+    fit, exact, _ = left_in(problem)
+    assert followed(problem, fit.theta, exact.covariance, np.ones(2), suspects())
 
 
 def test_a_column_of_the_fit_is_no_suspect():

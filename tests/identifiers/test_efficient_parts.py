@@ -21,6 +21,7 @@ from nsaid_mj.identifiers.efficient.faults.evidence import Jump
 from nsaid_mj.identifiers.efficient.faults.hypotheses import (
     Hypothesis,
     appear_slowly,
+    everything,
     hypotheses_of,
     inexact,
     nothing,
@@ -259,6 +260,7 @@ def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.Mo
     window, lengths = 10, []
     tried: Any = SimpleNamespace(evidence=0.0)
     tried.followed = lambda *_: tried
+    monkeypatch.setattr(trying, "_hopeful", lambda _, each: each)
     monkeypatch.setattr(
         trying, "_repeated", lambda one, a, b, trials, c: lengths.append(len(trials.log.t)) or one
     )
@@ -273,6 +275,23 @@ def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.Mo
     late = log.last(11)._replace(t=log.t[-11:] + 1)
     trying.follow_trials(law, SimpleNamespace(), trials, late)  # type: ignore[arg-type]
     assert lengths[4:] == [111], "when time is up, whatever the length"
+
+
+@pytest.mark.parametrize("piece", [1, 7, 50])
+def test_trials_follow_the_same_blocks_however_samples_come(
+    piece: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their bits, and a share of their cost, depend on the blocks."""
+    followed: list[int] = []
+    monkeypatch.setattr(trying, "_hopeful", lambda _, each: each)
+    one: Any = SimpleNamespace(hypothesis=SimpleNamespace(offset=0.0, kind="loss"), evidence=0.0)
+    one.followed = lambda _law, _system, part: followed.append(len(part.t) - 1) or one
+    log, law = Log(np.arange(51) * 0.002, *np.zeros((3, 51, 1))), SimpleNamespace(window=50)
+    trials: Any = Trials((one,), None, None, log.first(1), 0)  # type: ignore[arg-type]
+    for start in range(0, 50, piece):
+        part = log.part(start, min(start + piece, 50) + 1)
+        trials = trying.follow_trials(law, SimpleNamespace(), trials, part)  # type: ignore[arg-type]
+    assert followed == [10] * 5 and trials.reached == 50
 
 
 def tried(hypothesis: Hypothesis, evidence: float) -> Any:
@@ -302,6 +321,18 @@ def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fa
     assert late is not None and late.trial is each[0]
     left = [trial.hypothesis.kind for trial in trying.narrowed(law, trials, 0.1).each]
     assert left == ["none", "payload", "loss"]
+
+
+def test_hopeless_faults_are_dropped_within_a_window_once_one_explains_the_motion() -> None:
+    made = plant("bluerov2")
+    what = {h.kind: h for h in reversed(hypotheses_of(made.system, made.truth))}
+    free = everything(made.system, made.truth), inexact(made.system, made.truth)[-1]
+    best, near, far = tried(what["loss"], 0.0), tried(what["bias"], -999.0), what["payload"]
+    each = best, near, tried(far, -1001.0), tried(free[0], -5000.0), tried(free[1], 5000.0)
+    law: Any = Law(0, None, None, None, 0.0, 10, None, None)  # type: ignore[arg-type]
+    assert trying._hopeful(law, each) == (*each[:2], *each[3:])
+    best.squares = 1e6
+    assert trying._hopeful(law, each) == each, "another one may have yet to learn a large change"
 
 
 def test_a_slow_change_that_leaves_no_covariance_is_rounding(

@@ -59,11 +59,11 @@ def _negative(P, k, x):
     return False
 
 
-@routine(void(vector, i8, i8, f8, vector, vector, matrix, matrix, vector))
-def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state):
+@routine(void(vector, i8, i8, f8, vector, vector, matrix, matrix, vector, vector))
+def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state, along):
     """Projects θ̂ and the state onto plane · θ = bound, in the metric P⁻¹.
 
-    plane (p,) is 0 but for the parameters from `start` to `end`.
+    plane (p,) is 0 but for the parameters from `start` to `end`; along (p,) is workspace.
     """
     missing, variance = bound, 0.0
     for i in range(start, end):
@@ -73,10 +73,12 @@ def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state):
     if not variance > 0.0:
         return
     for k in range(theta.shape[0]):
-        own = 0.0
-        for j in range(start, end):
-            own += Ptt[k, j] * scale[j] * plane[j]
-        theta[k] += scale[k] * own * missing / variance
+        along[k] = 0.0
+    for j in range(start, end):  # by rows of the symmetric P: without a loop-carried sum
+        for k in range(theta.shape[0]):
+            along[k] += Ptt[j, k] * scale[j] * plane[j]
+    for k in range(theta.shape[0]):
+        theta[k] += scale[k] * along[k] * missing / variance
     for k in range(state.shape[0]):
         own = 0.0
         for j in range(start, end):
@@ -104,7 +106,7 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane, x
         for j in cone.positive:
             if not theta[j] >= margin[j]:
                 plane[j], outside = 1.0, True
-                _onto(plane, j, j + 1, 2.0 * margin[j], theta, scale, Ptt, Pxt, state)
+                _onto(plane, j, j + 1, 2.0 * margin[j], theta, scale, Ptt, Pxt, state, x)
         for block in range(cone.blocks.shape[0]):
             row = cone.blocks[block]
             start, end, k, first, last = row[0], row[1], row[2], row[3], row[4]
@@ -121,7 +123,7 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane, x
                     plane[at] += cone.weights[e] * x[i] * x[j]
                 for j in range(start, end):
                     bound += 2.0 * plane[j] * margin[j]
-                _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state)
+                _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state, x)
         if not outside:
             return
     share = 1.0

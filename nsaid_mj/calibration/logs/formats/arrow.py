@@ -110,7 +110,8 @@ def numpy_column(column: pa.ChunkedArray, decimal: str = ".") -> np.ndarray:
     if pa.types.is_integer(kind) and not column.null_count:
         return column.to_numpy().astype(np.int64)
     if pa.types.is_floating(kind) or pa.types.is_integer(kind):
-        return column.cast(pa.float64(), safe=False).to_numpy()
+        own = column.cast(pa.float64(), safe=False).to_numpy()
+        return own.copy()  # Arrow's pool would keep the memory once the log is cleaned
     if pa.types.is_boolean(kind) or pa.types.is_null(kind):
         return np.array([np.nan if x is None else float(x) for x in column.to_pylist()])
     texts = np.array([str(x) if x is not None else "" for x in column.to_pylist()], dtype=object)

@@ -25,9 +25,11 @@ from .signals import Signals
 from .trial import Trial
 
 _DROPPED = 1e-9  # probability below which a hypothesis is dropped
+_HOPELESS = 1000.0  # evidence below that of the best single fault at which another one is dropped
 _CERTAIN = 0.995  # probability at which a hypothesis is accepted
 _LONGEST = 1.0  # time after which the most probable one is accepted [s]
 _NEAR = 200.0  # evidence that repeating a trial of a sensor's error can gain
+_TOGETHER = 10  # samples along which trials run at once: one by one takes four times as long
 _PASSES, _BETTER = 4, 0.99  # repeated linearisations of a trial, and what each must achieve
 _PATIENT = ("several", "bias", "payload")
 """Kinds not accepted early, nor is a structure that is not exact: with all of θ free it explains a
@@ -45,6 +47,7 @@ class Trials(NamedTuple):
         samples: in the current window.
         counted: sample of the log from which on innovations count as evidence.
         due: length of the log from which the trials are repeated, at a window's end.
+        reached: sample of the log that the trials have reached; later ones wait, see `_TOGETHER`.
     """
 
     each: tuple[Trial | BiasTrial, ...]
@@ -54,6 +57,7 @@ class Trials(NamedTuple):
     samples: int
     counted: int = 0
     due: int = 0
+    reached: int = 0
 
     @property
     def begin(self) -> float:
@@ -83,7 +87,7 @@ def begin_trials(
             each.append(Trial.begin(start, signals.under(h), h, law.scale))
     rest = log.part(k, len(log.t))
     tried = tuple(trial.followed(law, system, rest, signals) for trial in each)
-    return Trials(tried, start, signals, rest, len(rest.t) - 1)
+    return Trials(tried, start, signals, rest, len(rest.t) - 1, reached=len(rest.t) - 1)
 
 
 def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log) -> Trials:
@@ -92,15 +96,38 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
     They are repeated when the log is twice as long as the last time, or time is up, so that all
     repetitions together cost no more than a few along the whole log.
     """
-    each = tuple(trial.followed(law, system, log) for trial in trials.each)
     known = trials.log.first(len(trials.log.t) - 1).joined(log)
-    trials = trials._replace(each=each, log=known, samples=trials.samples + len(log.t) - 1)
+    each, reached, last = trials.each, trials.reached, len(known.t) - 1
+    samples = trials.samples + len(log.t) - 1
+    while reached < last if samples >= law.window else reached + _TOGETHER <= last:
+        some = known.part(reached, min(reached + _TOGETHER, last) + 1)
+        each = _hopeful(law, tuple(trial.followed(law, system, some) for trial in each))
+        reached += len(some.t) - 1
+    trials = trials._replace(each=each, log=known, samples=samples, reached=reached)
     over = float(log.t[-1]) - trials.begin >= _LONGEST
-    if trials.samples < law.window or (len(known.t) < trials.due and not over):
+    if samples < law.window or (len(known.t) < trials.due and not over):
         return trials
     least = max(trial.evidence for trial in each) - _NEAR
     each = tuple(_repeated(trial, law, system, trials, least) for trial in each)
     return trials._replace(each=each, due=2 * len(known.t) - 1)
+
+
+def _hopeful(law: Law, each: tuple[Trial | BiasTrial, ...]) -> tuple[Trial | BiasTrial, ...]:
+    """The trials without hopeless single faults, most of all after a few samples, if one explains.
+
+    Those in which much of θ is free neither decide nor are dropped, as in `narrowed`.
+    """
+    single = [trial for trial in each if _is_single(trial.hypothesis)]
+    best = max(single, key=lambda trial: trial.evidence, default=None)
+    if best is None or not explains(law, best):
+        return each
+    least = best.evidence - _HOPELESS
+    return tuple(t for t in each if t.evidence >= least or not _is_single(t.hypothesis))
+
+
+def _is_single(hypothesis: Hypothesis) -> bool:
+    """Whether it is of a single fault, or none, and leaves little of θ free."""
+    return hypothesis.share == 0 and hypothesis.kind != "several"
 
 
 def narrowed(law: Law, trials: Trials, window: float) -> Trials:
@@ -121,8 +148,7 @@ def narrowed(law: Law, trials: Trials, window: float) -> Trials:
         each = tuple(trial.forgetting() for trial in trials.each)
         trials = trials._replace(counted=len(trials.log.t) - 1)
     else:
-        what = [trial.hypothesis for trial in trials.each]
-        single = np.array([h.share == 0 and h.kind != "several" for h in what])
+        single = np.array([_is_single(trial.hypothesis) for trial in trials.each])
         least = _DROPPED * np.where(single, share[single].max(initial=0.0), 1.0)
         each = tuple(trial for trial, kept in zip(trials.each, share >= least, strict=True) if kept)
     return trials._replace(each=each, samples=0)
