@@ -24,6 +24,8 @@ from .errors import InvalidInput
 from .log import Log, Measurement, Middle
 from .parameters import Array, Indices, ParameterSpace, finite
 
+_TOGETHER = 64  # samples whose mass matrices are computed together
+
 
 class Motion(Protocol):
     """All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
@@ -115,8 +117,11 @@ class SecondOrderSystem(ABC):
         """(N, n, p) W of N samples."""
 
     @abstractmethod
+    def _mass_tensors(self, q: Array) -> Array:
+        """(N, n, n, p), entry [k, j] is W_M(q_k, e_j): M(q_k, θ) = tensor · θ for every θ."""
+
     def _mass_tensor(self, q: Array) -> Array:
-        """(n, n, p), entry [j] is W_M(q, e_j): M(q, θ) = tensor · θ for every θ."""
+        return self._mass_tensors(q[None])[0]
 
     @abstractmethod
     def _transport(self, q: Array, v: Array) -> Array:
@@ -244,9 +249,9 @@ class SecondOrderSystem(ABC):
         q, _ = self.split(x)
         theta = self.space.check(theta)
 
-        def matrices(q: Array) -> Array:  # one tensor (n, n, p) at a time
-            found = [self._mass_tensor(row) @ theta for row in q]
-            return np.array(found).reshape(-1, self.n, self.n)
+        def matrices(q: Array) -> Array:  # some tensors (n, n, p) at a time
+            parts = (q[k : k + _TOGETHER] for k in range(0, max(len(q), 1), _TOGETHER))
+            return np.concatenate([self._mass_tensors(part) @ theta for part in parts])
 
         return _batched(matrices, (self.m,), q)
 

@@ -1,10 +1,12 @@
 """Fixtures and settings for all tests."""
 
+import gc
 import sys
 from pathlib import Path
 
 import pytest
 
+gc.set_threshold(50_000)  # as the command line does
 pytest.register_assert_rewrite("tests.support", "tests.recovery.direction")
 
 DEAREST = (

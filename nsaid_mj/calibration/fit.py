@@ -85,34 +85,39 @@ class Prior:
         w = self._size.weights
         return float(w @ theta / (w @ self._start)), w / (w @ theta)
 
-    def _deviations(self, theta: Array) -> tuple[Array, Array]:
-        """(p + 1,) standardised deviations of single parameters and of the size, from the prior.
-
-        Their derivatives (p + 1, p) follow.
-        """
-        p, (size, slope) = len(theta), self._of(theta)
-        off, rows, change = np.zeros(p + 1), np.zeros((p + 1, p)), np.log(size)
+    def _deviations(self, theta: Array) -> Array:
+        """(p + 1,) standardised deviations of single parameters and of the size, from the prior."""
+        p, change, off = len(theta), np.log(self._of(theta)[0]), np.zeros(len(theta) + 1)
         if self._size is not None:
-            off[p], rows[p] = change / self._size.deviation, slope / self._size.deviation
-        at, tied = self.positive, self._tied[self.positive]
-        off[at] = np.log(theta[at] / self._start[at]) - tied * change
-        rows[at, at] = 1 / theta[at]
-        rows[at] -= tied[:, None] * slope
+            off[p] = change / self._size.deviation
+        at = self.positive
+        off[at] = np.log(theta[at] / self._start[at]) - self._tied[at] * change
         at = self._free
-        share = np.exp(-self._tied[at] * change)
-        off[at] = share * theta[at] - self._start[at]
+        off[at] = np.exp(-self._tied[at] * change) * theta[at] - self._start[at]
+        off[:p] *= self._precision
+        return off
+
+    def _slopes(self, theta: Array) -> Array:
+        """(p + 1, p) derivatives of the deviations."""
+        p, (size, slope), rows = len(theta), self._of(theta), np.zeros((len(theta) + 1, len(theta)))
+        if self._size is not None:
+            rows[p] = slope / self._size.deviation
+        at = self.positive
+        rows[at, at] = 1 / theta[at]
+        rows[at] -= self._tied[at, None] * slope
+        at = self._free
+        share = np.exp(-self._tied[at] * np.log(size))
         rows[at, at] = share
         rows[at] -= (self._tied[at] * share * theta[at])[:, None] * slope
-        off[:p] *= self._precision
         rows[:p] *= self._precision[:, None]
-        return off, rows
+        return rows
 
     def value(self, theta: Array) -> float:
         """D(θ, θ̂(0)); infinite outside the cone."""
         outside = not (theta[self.positive] > 0).all()
         if outside or (self._size is not None and not self._size.weights @ theta > 0):
             return np.inf
-        off = self._deviations(theta)[0]
+        off = self._deviations(theta)
         total = 0.5 * float(off @ off)
         if self._cone is not None:
             own = theta[self._matrix]
@@ -126,7 +131,7 @@ class Prior:
 
         Only the size and stated values have a part along θ.
         """
-        off, rows = self._deviations(theta)
+        off, rows = self._deviations(theta), self._slopes(theta)
         gradient, hessian = rows.T @ off, rows.T @ rows
         if self._cone is not None:
             at, own = self._matrix, theta[self._matrix]

@@ -142,7 +142,8 @@ def _form(
             items[name] = (name, nested, field(default_factory=nested))
         elif not rest:
             items[name] = _flag(scenario, path, name)
-    return make_dataclass("Flags", items.values(), frozen=True, kw_only=True)
+    short = {"__module__": __package__}  # tyro looks for comments in the file of the module
+    return make_dataclass("Flags", items.values(), frozen=True, kw_only=True, namespace=short)
 
 
 def _helps(cls: type) -> dict[str, str]:

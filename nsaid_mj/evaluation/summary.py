@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -273,6 +274,7 @@ def versions() -> dict[str, str]:
     return own | {name: found for name in _PACKAGES if (found := _version_of(name))}
 
 
+@cache
 def _version_of(package: str) -> str:
     """Version of an installed package; empty if it is not installed, as some are optional."""
     try:

@@ -76,7 +76,7 @@ def minimise(
 
     basis (p, k) are the directions in which θ may move; None for all.
     """
-    theta, decrement, hessian = start, np.inf, np.eye(len(start))
+    theta, decrement, hessian, value = start, np.inf, np.eye(len(start)), None
     for _ in range(rules.steps):
         gradient, hessian = objective.derivatives(theta)
         if basis is None:
@@ -90,22 +90,28 @@ def minimise(
         length = objective.length(theta, way)
         if length > rules.close:
             share = min(1.0, rules.reach / max(length, 1e-300))
-            way, fall = _shortened(objective, theta, share * way, rules.halvings)
+            before = objective.value(theta) if value is None else value
+            way, value = _shortened(objective, theta, share * way, rules.halvings, before)
+            fall = before - value
         else:
             ahead = float(objective.gradient(theta + way) @ way)
-            way, fall = way / (1 + max(0.0, -ahead / slope)), np.inf
+            way, fall, value = way / (1 + max(0.0, -ahead / slope)), np.inf, None
         theta = theta + way
         if not way.any() or fall < rules.fall:
             break
     return Reached(theta, decrement, hessian)
 
 
-def _shortened(objective: Objective, theta: Array, way: Array, most: int) -> tuple[Array, float]:
-    """The first of way, way/2, way/4 … that lowers the objective, and by how much; 0 if none."""
-    before = objective.value(theta)
+def _shortened(
+    objective: Objective, theta: Array, way: Array, most: int, before: float
+) -> tuple[Array, float]:
+    """The first of way, way/2, way/4 … that lowers the objective, or 0, and the objective there.
+
+    `before` is the objective at theta.
+    """
     for _ in range(most):
         after = objective.value(theta + way)
         if after <= before + 1e-12 * abs(before):
-            return way, before - after
+            return way, after
         way = 0.5 * way
-    return 0 * way, 0.0
+    return 0 * way, before

@@ -34,8 +34,9 @@ class SampledSystem(SecondOrderSystem):
     def _whole(self, t: Array, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         return self._moving(q, v, w, a) - self.forces(t, q, v, u)
 
-    def _mass_tensor(self, q: Array) -> Array:
-        return np.stack([self._W_M(q, e) for e in np.eye(self.n)])
+    def _mass_tensors(self, q: Array) -> Array:
+        found = [self._W_M(row, e) for row in q for e in np.eye(self.n)]
+        return np.array(found).reshape(-1, self.n, self.n, self.p)
 
     def _transport(self, q: Array, v: Array) -> Array:
         step = DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))  # Ṁ v to about 1e-10

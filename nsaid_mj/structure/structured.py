@@ -195,9 +195,10 @@ class StructuredSystem(StructuredKinematics):
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         return self._regressors(q[None], v[None], u[None], w[None], a[None])[0]
 
-    def _mass_tensor(self, q: Array) -> Array:
-        still = np.zeros((self.n, self.n))
-        return self._moving(q[None].repeat(self.n, axis=0), still, still, np.eye(self.n))
+    def _mass_tensors(self, q: Array) -> Array:
+        N, n, still = len(q), self.n, np.zeros((len(q) * self.n, self.n))
+        W = self._moving(q.repeat(n, axis=0), still, still, np.tile(np.eye(n), (N, 1)))
+        return W.reshape(N, n, n, self.p)
 
     def _transport(self, q: Array, v: Array) -> Array:
         v, size, own = plain(v), (self.n, self.p), self._memory

@@ -23,7 +23,7 @@ from nsaid_mj.cli import commands as cli
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run as run_alone
-from nsaid_mj.experiment.scenario import field_at
+from nsaid_mj.experiment.scenario import Scenario, field_at
 from nsaid_mj.identifiers import Status
 from nsaid_mj.studies.sweep import Plan, run, seed_of, varied
 from nsaid_mj.studies.sweep_engine import Engine
@@ -263,6 +263,11 @@ def test_an_impossible_engine_is_refused(settings: dict) -> None:
         Engine("lokey")
 
 
+def test_the_time_after_which_a_run_hangs_is_the_one_given_or_grows_with_the_run() -> None:
+    assert Engine(timeout=7.0).time(ROV) == 7.0
+    assert Engine().time(ROV) == 120.0 + 20.0 * (ROV.duration + ROV.held_out)
+
+
 def test_an_engine_that_is_not_installed_says_how_to_get_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -403,7 +408,8 @@ def test_bad_input_is_one_line_and_writes_nothing(
 
 def test_failures_are_retried_only_on_request(fates: Path, tmp_path: Path) -> None:
     plan = Plan(str(fates), load(str(fates)), {"excitation.fate": ("errs",)}, seeds=1)
-    assert run(plan, tmp_path / "out", Engine(jobs=1), quiet=True).lost
+    (row,) = run(plan, tmp_path / "out", Engine(jobs=1), quiet=True).lost
+    assert row["failure"] == "ZeroDivisionError: by nought"
     mended = Path(f"{fates}.mended")
     mended.touch()
     assert run(plan, tmp_path / "out", Engine(jobs=1), quiet=True).lost
@@ -434,29 +440,30 @@ def test_a_failed_run_is_listed_with_its_command_and_exits_with_1(
     assert f"nsaid run {fates} --excitation.fate=dies --seed={seed_of(0, 0)}" in said.out
 
 
-def test_a_run_that_dies_or_hangs_does_not_affect_the_others(fates: Path, tmp_path: Path) -> None:
-    named = ("dies", "kills", "hangs", "errs", "lives")
-    scenario = load(str(fates))
-    alone = Plan(str(fates), scenario, {"excitation.fate": ("lives",)}, seeds=1)
-    begin = time.monotonic()
-    assert not run(alone, tmp_path / "compiled", Engine(jobs=1), quiet=True).lost
-    timeout = 2.0 + round(3 * (time.monotonic() - begin))  # a run alone, child and all, thrice
-    plan = Plan(str(fates), scenario, {"excitation.fate": named}, seeds=1)
-    found = run(plan, tmp_path / "out", Engine(jobs=2, timeout=timeout), quiet=True)
+def test_a_run_that_dies_or_hangs_does_not_affect_the_others(
+    fates: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    named = ("dies", "hangs", "kills", "lives")
+
+    def timeout(engine: Engine, scenario: Scenario) -> float:
+        return 1.0 if scenario.excitation.fate == "hangs" else PATIENCE
+
+    monkeypatch.setattr(Engine, "time", timeout)
+    plan = Plan(str(fates), load(str(fates)), {"excitation.fate": named}, seeds=1)
+    found = run(plan, tmp_path / "out", Engine(jobs=2), quiet=True)
     why = {
         "lives": None,
         "dies": "its process died: exit code 3",
         "kills": "its worker died",
-        "hangs": f"not finished within {timeout:g} s",
-        "errs": "ZeroDivisionError: by nought",
+        "hangs": "not finished within 1 s",
     }
     assert [row["run"] for row in found.rows] == list(range(len(plan)))
     assert [row["failure"] for row in found.rows] == [
         why[row["excitation.fate"]] for row in found.rows
     ]
     assert found.rows[-1]["theta_perp_ratio"] > 0
-    assert "kills" in found.command(found.rows[1])
-    assert str(found.rows[1]["seed"]) in found.command(found.rows[1])
+    assert "kills" in found.command(found.rows[2])
+    assert str(found.rows[2]["seed"]) in found.command(found.rows[2])
     page = write(found)[0].read_text()
     assert all(words in page for words in why.values() if words)
     table = pq.read_table(tmp_path / "out" / TABLE)

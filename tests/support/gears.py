@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -65,9 +66,10 @@ def mjcf(gears: Sequence[Gear] = RIGID, spring: float = 0.0, rest: float = 0.0) 
     )
 
 
+@cache
 def log(
     text: str,
-    gears: Sequence[Gear],
+    gears: tuple[Gear, ...],
     seed: int,
     drag: Callable[[np.ndarray, mujoco.MjData], np.ndarray] | None = None,
     seconds: float = 20.0,
@@ -88,14 +90,15 @@ def log(
     rates = 2 * np.pi * rng.uniform(0.1, 1.2, (6, 2))
     sizes, phases = rng.uniform(0.3, 1.0, (6, 2)) / rates, rng.uniform(0, 6.28, (6, 2))
     sizes *= 1.5 / np.sqrt(np.sum((sizes * rates) ** 2, axis=0))
+    times = STEP * np.arange(round(seconds / STEP))
+    angles = np.multiply.outer(times, rates) + phases
+    aims = np.sum(sizes * (np.sin(angles) - np.sin(phases)), axis=1)
+    speeds = np.sum(sizes * rates * np.cos(angles), axis=1) * np.minimum(1.0, times)[:, None]
+    stiffness, damping = np.array([400, 150]) / GAIN, np.array([40, 15]) / GAIN
     rows = []
-    for k in range(round(seconds / STEP)):
-        angle = rates * data.time + phases
-        aim = np.sum(sizes * (np.sin(angle) - np.sin(phases)), axis=0)
-        rate = np.sum(sizes * rates * np.cos(angle), axis=0) * min(1.0, data.time)
-        q, v = data.qpos[motors].copy(), data.qvel[motors].copy()
-        torque = np.array([400, 150]) * (aim - q) + np.array([40, 15]) * (rate - v)
-        data.ctrl[:] = torque / GAIN
+    for k, (aim, speed) in enumerate(zip(aims, speeds, strict=True)):
+        q, v = data.qpos[motors], data.qvel[motors]
+        data.ctrl[:] = stiffness * (aim - q) + damping * (speed - v)
         if k % EVERY == 0:
             twist = [data.joint(f"{n} gear").qpos[0] if g.load_side else 0.0
                      for n, g in zip(JOINTS, gears, strict=True)]  # fmt: skip

@@ -17,7 +17,7 @@ from numba import njit
 from ...parameters import Array
 from .estimate import JointEstimate
 from .fit import EFFECTIVE, GRAVITY
-from .simulation import NONE, STEP, JointLog, row
+from .simulation import NONE, STEP, JointLog, move
 from .start import LEAST, start
 
 _BEGIN = 10.0  # of the first log, whose regression is the filter's start [s]
@@ -89,7 +89,7 @@ def _follow(t, target, position, load, inertia, limit, theta, x, P, used, noise,
     `noise` is the variance of a position [rad²], `power` the density of accelerations [rad²/s³].
     """
     held, ends, F, eye = 0, np.empty((2, 2)), np.eye(5), np.eye(5)
-    last = theta.copy()
+    last, spare, own = theta.copy(), np.empty(len(t)), (t, target, load, inertia, limit)
     for i in range(len(t)):
         if i:
             for k in range(5):
@@ -97,14 +97,12 @@ def _follow(t, target, position, load, inertia, limit, theta, x, P, used, noise,
                     y = x.copy()
                     y[k] += _CHANGES[k] * (1 - 2 * side)
                     last[:3] = np.exp(y[2:])
-                    ends[side, 0], ends[side, 1], _ = row(
-                        t, target, load, inertia, limit, last, NONE, STEP, i - 1, held, y[0], y[1]
+                    ends[side, 0], ends[side, 1], _ = move(
+                        *own, last, NONE, STEP, i - 1, i, held, y[0], y[1], spare
                     )
                 F[:2, k] = (ends[0] - ends[1]) / (2 * _CHANGES[k])
             last[:3] = np.exp(x[2:])
-            x[0], x[1], held = row(
-                t, target, load, inertia, limit, last, NONE, STEP, i - 1, held, x[0], x[1]
-            )
+            x[0], x[1], held = move(*own, last, NONE, STEP, i - 1, i, held, x[0], x[1], spare)
             P[:] = F @ P @ F.T
             h = t[i] - t[i - 1]
             P[0, 0] += power * h**3 / 3

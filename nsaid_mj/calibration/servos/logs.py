@@ -194,7 +194,7 @@ def weighed(model: pin.Model, log: ServoLog, q: Array | None = None) -> ServoLog
     """
     data, load, inertia = model.createData(), np.empty_like(log.position), log.inertia.copy()
     for k, at in enumerate(positions(model, log.position)):
-        inertia[k] = np.diag(pin.crba(model, data, at))
+        inertia[k] = pin.crba(model, data, at).diagonal()
     q = log.position if q is None else q
     moving = q is not log.position
     v = np.gradient(q, log.t, axis=0) if moving else np.zeros_like(q)

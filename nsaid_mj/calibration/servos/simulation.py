@@ -67,25 +67,19 @@ def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
         theta: (5,) T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
         effects: beyond the equation.
     """
-    out = np.empty(len(log.t))
-    start, own = log.position[0], log.limit
-    _simulate(log.t, log.target, start, log.load, log.inertia, own, theta, effects, STEP, out)
+    out, last = np.empty(len(log.t)), len(log.t) - 1
+    out[0] = q = log.position[0]
+    apart = log.t, log.target, log.load, log.inertia, log.limit
+    move(*apart, theta, effects, STEP, 0, last, 0, q, 0.0, out)
     return out
 
 
-@njit(cache=True)
-def _simulate(t, target, q, load, inertia, limit, theta, effects, longest, out):
-    """Positions at all samples."""
-    held, v = 0, 0.0
-    out[0] = q
-    for i in range(len(t) - 1):
-        q, v, held = row(t, target, load, inertia, limit, theta, effects, longest, i, held, q, v)
-        out[i + 1] = q
+@njit(cache=True, error_model="numpy")
+def move(t, target, load, inertia, limit, theta, effects, longest, first, last, held, q, v, out):
+    """Writes the positions after sample `first` up to sample `last` to `out` (N,).
 
-
-@njit(cache=True)
-def row(t, target, load, inertia, limit, theta, effects, longest, i, held, q, v):
-    """Position, velocity and number of the target in force at sample i + 1, from those at i.
+    Returns position, velocity and number of the target in force at sample `last`, from those at
+    sample `first`.
 
     Steps of the θ-method; the joint sticks where friction can hold what drives it. θ between 1/2
     and 1 makes the decay of a speed by damping alone, exp(−h T/J), exact, so that steps may be
@@ -94,34 +88,36 @@ def row(t, target, load, inertia, limit, theta, effects, longest, i, held, q, v)
     """
     T, f, g, a, d = theta
     stribeck, rising = effects
-    last = len(t) - 1
-    steps = int(np.ceil((t[i + 1] - t[i]) / longest))
-    h = (t[i + 1] - t[i]) / steps
-    J = a + g * (inertia[i] + inertia[i + 1]) / 2
-    decay, resisted = h * T / J, h * T + h * h / 2
-    part = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
-    for s in range(steps):
-        begin = t[i] + s * h - d
-        while held < last and t[held + 1] <= begin:
-            held += 1
-        at, k, area = begin, held, 0.0
-        while k < last and t[k + 1] < begin + h:
-            area += target[k] * (t[k + 1] - at)
-            at = t[k + 1]
-            k += 1
-        area += target[k] * (begin + h - at)
-        w = (s + 0.5) / steps
-        hold = g * ((1 - w) * load[i] + w * load[i + 1])
-        error, grip = area - h * q, h * (f + rising * abs(hold))
-        if stribeck > 0:
-            grip += h * stribeck * np.exp(-((v / FALL) ** 2))
-        drive = (J - (1 - part) * resisted) * v + error - h * hold
-        before, v = v, 0.0
-        if abs(drive) > grip:
-            v = (drive - np.sign(drive) * grip) / (J + part * resisted)
-        servo = error - resisted * ((1 - part) * before + part * v)
-        if abs(servo) > h * g * limit:
-            drive = J * before + np.sign(servo) * h * g * limit - h * hold
-            v = np.sign(drive) * max(abs(drive) - grip, 0.0) / J
-        q += h * ((1 - part) * before + part * v)
+    end = len(t) - 1
+    for i in range(first, last):
+        steps = int(np.ceil((t[i + 1] - t[i]) / longest))
+        h = (t[i + 1] - t[i]) / steps
+        J = a + g * (inertia[i] + inertia[i + 1]) / 2
+        decay, resisted = h * T / J, h * T + h * h / 2
+        part = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
+        for s in range(steps):
+            begin = t[i] + s * h - d
+            while held < end and t[held + 1] <= begin:
+                held += 1
+            at, k, area = begin, held, 0.0
+            while k < end and t[k + 1] < begin + h:
+                area += target[k] * (t[k + 1] - at)
+                at = t[k + 1]
+                k += 1
+            area += target[k] * (begin + h - at)
+            w = (s + 0.5) / steps
+            hold = g * ((1 - w) * load[i] + w * load[i + 1])
+            error, grip = area - h * q, h * (f + rising * abs(hold))
+            if stribeck > 0:
+                grip += h * stribeck * np.exp(-((v / FALL) ** 2))
+            drive = (J - (1 - part) * resisted) * v + error - h * hold
+            before, v = v, 0.0
+            if abs(drive) > grip:
+                v = (drive - np.sign(drive) * grip) / (J + part * resisted)
+            servo = error - resisted * ((1 - part) * before + part * v)
+            if abs(servo) > h * g * limit:
+                drive = J * before + np.sign(servo) * h * g * limit - h * hold
+                v = np.sign(drive) * max(abs(drive) - grip, 0.0) / J
+            q += h * ((1 - part) * before + part * v)
+        out[i + 1] = q
     return q, v, held

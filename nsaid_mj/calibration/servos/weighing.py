@@ -9,6 +9,7 @@ all logs, free and loaded ones.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +27,30 @@ _UNSURE = 1.0  # standard deviation of ln s before the log
 _REACH = 0.15  # of each coordinate of a load whose place is not known [m]
 _SHIFT = 5e-3  # of central differences of the place [m]
 
+_PLACES = 0.1 * np.array(
+    [np.zeros(3), *np.eye(3), *-np.eye(3), *(1 - np.eye(3))]
+)  # of 1 kg that tell what it does anywhere: its inertia is quadratic in its place [m]
+
 Shift = Callable[[ServoLog], Array]
+
+
+def _quadratic(place: Array) -> Array:
+    """(..., 10) products of 1, x, y and z of places (..., 3), of degree two at most."""
+    one = np.concatenate([np.ones_like(place[..., :1]), place], axis=-1)
+    first, second = np.triu_indices(4)
+    return np.asarray(one[..., first] * one[..., second], dtype=np.float64)
+
+
+def _with_share(log: ServoLog, unit_loads: Sequence[ServoLog], shares: Array) -> ServoLog:
+    """The log of an arm that carries shares (10,) [kg] of the unit loads."""
+    alone, *others = unit_loads
+    found = {}
+    for name in ("load", "inertia"):
+        base = getattr(alone, name)
+        found[name] = base + sum(
+            share * (getattr(one, name) - base) for share, one in zip(shares, others, strict=True)
+        )
+    return log._replace(**found)
 
 
 class Arm:
@@ -54,18 +78,23 @@ class Arm:
         self.sigma, self.used = sigma, np.tile(used, len(sigma))  # (n,), (n N,)
         own = np.concatenate([np.gradient(log.t) for log in logs])
         self.spacing: Array = np.tile(own, len(sigma))
-        self._weighed: tuple[Array, Sequence[ServoLog]] = np.full(4, np.nan), ()
 
     def logs(self, x: Array) -> Sequence[ServoLog]:
         """The logs, loaded ones with the loads that μ and the place in x make."""
-        if not np.array_equal(x[-4:], self._weighed[0]):
-            heavy = with_mass(self._model, self.joint, float(np.exp(x[-4])), x[-3:])
-            own = iter(self._motions or ())
-            logs = [
-                weighed(heavy, log, next(own, None)) if log.loaded else log for log in self._logs
-            ]
-            self._weighed = x[-4:].copy(), logs
-        return self._weighed[1]
+        shares = np.exp(x[-4]) * np.linalg.solve(_quadratic(_PLACES).T, _quadratic(x[-3:]))
+        own = iter(self._unit_loads)
+        return [_with_share(log, next(own), shares) if log.loaded else log for log in self._logs]
+
+    @cached_property
+    def _unit_loads(self) -> list[list[ServoLog]]:
+        """Each loaded log of the arm alone, and of the arm with 1 kg at every one of `_PLACES`."""
+        models = [self._model, *(with_mass(self._model, self.joint, 1.0, at) for at in _PLACES)]
+        logs = [log for log in self._logs if log.loaded]
+        motions = self._motions or [None] * len(logs)
+        return [
+            [weighed(model, log, q) for model in models]
+            for log, q in zip(logs, motions, strict=True)
+        ]
 
     def positions(self, x: Array, shift: Shift = lambda log: log.target) -> list[Array]:
         """(N, n) simulated positions of every log [rad or m], with shifted targets (N, n)."""

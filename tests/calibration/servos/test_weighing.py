@@ -4,8 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.payloads import Load
+from nsaid_mj.calibration.payloads import Load, with_mass
 from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo_mjcf
+from nsaid_mj.calibration.servos.logs import weighed, without_armature
+from nsaid_mj.calibration.servos.weighing import Arm
 from nsaid_mj.errors import InvalidInput
 
 from .simulated import KP, MODEL, PLACE, arm, log, write
@@ -57,6 +59,20 @@ def test_stiffness_is_that_of_the_servos_and_not_of_the_file_s_masses(result):
 def test_the_place_of_the_load_is_told(result):
     (found,) = [f for f in result.findings if f.code == "weighed"]
     np.testing.assert_allclose(found.data["place"], PLACE, atol=0.015)
+
+
+def test_a_load_anywhere_is_a_combination_of_those_at_ten_places(files):
+    given = servo_logs(MODEL, files, loads=LOADS)
+    assert given is not None
+    parts = ("t", "position", "load", "inertia")
+    logs = [one._replace(**{k: getattr(one, k)[:50] for k in parts}) for one in given.logs]
+    arm = Arm(given.robot, logs, LOADS[0], np.ones(6), np.ones(200))
+    for mass, place in ((0.2, PLACE), (1.5, (-0.4, 0.3, 0.2))):
+        heavy = with_mass(without_armature(given.robot.model), arm.joint, mass, np.array(place))
+        for one, found in zip(logs, arm.logs(np.array([np.log(mass), *place])), strict=True):
+            expected = weighed(heavy, one) if one.loaded else one
+            np.testing.assert_allclose(found.load, expected.load, atol=1e-12)
+            np.testing.assert_allclose(found.inertia, expected.inertia, atol=1e-12)
 
 
 def test_the_exported_file_has_the_true_masses(result, tmp_path):
