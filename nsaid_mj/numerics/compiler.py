@@ -9,6 +9,7 @@ numba's that its manual does not describe are overridden: a numba without them i
 from __future__ import annotations
 
 import inspect
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cache, cached_property
 from typing import Any, cast
@@ -57,10 +58,15 @@ class _Unoptimised(JITCodeLibrary):
         self._finalized = True
 
 
-class Part:
-    """A helper or routine, which is compiled when the first function that calls it is.
+class Compiled(ABC):
+    """A function that compiled functions call.
 
     Its signature alone says what its calls return: numba infers no types through it.
+
+    Args:
+        function: its text.
+        signature: its types; if None, compiled functions cannot call it before it is compiled.
+        options: of `numba.njit`; with a signature, on top of `FAST`.
     """
 
     def __init__(self, function: Callable[..., Any], signature: Any, options: Any):
@@ -74,6 +80,18 @@ class Part:
             typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
             type_callable(self)(lambda _: typed)
             lower_builtin(self, *signature.args)(self._call)
+
+    @abstractmethod
+    def __call__(self, *arguments: Any) -> Any:
+        """Calls it from Python."""
+
+    @abstractmethod
+    def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Code that calls it."""
+
+
+class Part(Compiled):
+    """A helper or routine, which is compiled when the first function that calls it is."""
 
     def __call__(self, *arguments: Any) -> Any:
         """Its text, run by Python."""

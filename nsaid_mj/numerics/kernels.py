@@ -18,7 +18,7 @@ from numba.extending import typeof_impl
 
 from ..errors import DamagedKernelCache, NoKernelCache
 from .cache import FOLDER, one_process
-from .compiler import INLINE, OneFlags, Part
+from .compiler import INLINE, Compiled, OneFlags, Part
 from .stopwatch import timed
 
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
@@ -47,7 +47,7 @@ def inlined(kernel: Any) -> Any:
     return kernel if config.DISABLE_JIT else Part(kernel.py_func, kernel.signature, INLINE)
 
 
-class Kernel(Part):
+class Kernel(Compiled):
     """A function that Python calls, and that compiled functions call by its address.
 
     Every other function numba compiles again with each function that calls it, directly or not.
