@@ -2,8 +2,8 @@
 
 By itself numba optimises a function for every function that contains it, translates it to machine
 code although only its callers run, and compares all options of a compilation at every operator.
-Without these steps a robot's first run compiles in three quarters of the time. Two methods of
-numba's that its manual does not describe are overridden: a numba without them is only slower.
+Without these steps a robot's first run compiles in three quarters of the time. The methods of
+numba's that are overridden for this are not in its manual: a numba without them is only slower.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from functools import cache, cached_property
-from typing import Any, cast
+from functools import cached_property
+from typing import Any
 
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, Flags
@@ -26,26 +26,23 @@ INLINE: Any = {"forceinline": True}
 
 
 class _Options(Flags):
-    """Options that are compared by identity; numba must not change them."""
+    """Options that are compared by what was set, and not one by one with their defaults."""
 
     __slots__ = ()
-    __hash__, __eq__ = object.__hash__, cast("Any", object.__eq__)
-    copy = cast("Any", lambda self: self)
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        assert name == "_values", f"numba sets {name}: compile without OneFlags"
-        super().__setattr__(name, value)
+    def __hash__(self) -> int:
+        return len(self._values)
 
-
-_shared = cache(_Options)
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Options) and self._values == other._values
 
 
-class OneFlags(Compiler):
-    """Numba's compiler, with one object for equal options."""
+class FastCompiler(Compiler):
+    """Numba's compiler, with options that are compared fast."""
 
     def __init__(self, *given: Any):
         typing, target, library, arguments, returned, flags, variables = given
-        own = _shared(flags)
+        own = _Options(flags)
         super().__init__(typing, target, library, arguments, returned, own, variables)
 
 
@@ -106,7 +103,7 @@ class Part(Compiled):
         flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
         contexts = cpu_target.typing_context, cpu_target.target_context
         kinds = self.signature.args, self.signature.return_type
-        return OneFlags(*contexts, library, *kinds, flags, {}).compile_extra(self.py_func)
+        return FastCompiler(*contexts, library, *kinds, flags, {}).compile_extra(self.py_func)
 
     def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         """Code that calls it."""

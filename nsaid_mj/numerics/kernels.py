@@ -18,7 +18,7 @@ from numba.extending import typeof_impl
 
 from ..errors import DamagedKernelCache, NoKernelCache
 from .cache import FOLDER, one_process
-from .compiler import INLINE, Compiled, OneFlags, Part
+from .compiler import INLINE, Compiled, FastCompiler, Part
 from .stopwatch import timed
 
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
@@ -70,9 +70,8 @@ class Kernel(Compiled):
         **options: Any,
     ):
         super().__init__(function, signature, {"nogil": True} | options)
-        own = {"cache": True, "no_cpython_wrapper": inner} | self._options
-        if signature is not None:
-            own["pipeline_class"] = OneFlags
+        own = {"cache": True, "no_cpython_wrapper": inner, "pipeline_class": FastCompiler}
+        own |= self._options
         self.function = self._called = _njit(**own)(function)
         self.calls, self._loaded = calls, False
         if inner:
@@ -118,7 +117,8 @@ class Kernel(Compiled):
     @cached_property
     def part(self) -> Any:
         """What compiled functions contain of one without a signature."""
-        return _njit(no_cpython_wrapper=True, **self._options)(self.py_func)
+        own = {"no_cpython_wrapper": True, "pipeline_class": FastCompiler} | self._options
+        return _njit(**own)(self.py_func)
 
     @cached_property
     def address(self) -> int:

@@ -76,7 +76,7 @@ def test_a_kernel_called_by_address_gives_the_same_numbers_and_has_no_text_in_th
     "owner,names",
     [
         (JITCodeLibrary, ["_optimize_final_module", "_finalize_final_module"]),
-        (Flags, ["copy", "_values"]),
+        (Flags(), ["_values"]),
     ],
 )
 def test_numba_has_what_makes_compiling_parts_fast(owner, names):
