@@ -2,8 +2,8 @@
 
 By itself numba optimises a function for every function that contains it, translates it to machine
 code although only its callers run, and compares all options of a compilation at every operator.
-Without these steps a robot's first run compiles in three quarters of the time. The methods of
-numba's that are overridden for this are not in its manual: a numba without them is only slower.
+Without these steps a robot's first run compiles in three quarters of the time. What is overridden
+for this is not in numba's manual; pyproject.toml names the versions with which it was tried.
 """
 
 from __future__ import annotations
