@@ -7,7 +7,7 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, printable
 from ..resources import print_json, reading
 from .folders import check_writable
 from .grammar import Inspect, names_in
@@ -48,7 +48,7 @@ def inspect_log(chosen: Inspect) -> int:
 
         print_inspection(found, Console(highlight=False))
         for path in files:
-            print(path)
+            print(printable(str(path)))
     refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
     return UNUSABLE if refused else EXPLAINED
 

@@ -15,7 +15,7 @@ import numpy as np
 import tyro
 from tyro.conf import arg
 
-from ..errors import InvalidInput, UnknownName
+from ..errors import InvalidInput, UnknownName, printable
 from ..experiment.library import load
 from ..resources import print_json
 from .grammar import numbers_in
@@ -135,7 +135,7 @@ def report(chosen: Report) -> int:
     if sweep.damaged:
         print(f"nsaid: {sweep.damaged}; the same `nsaid sweep` makes them again", file=sys.stderr)
     for path in sweep_report.write(sweep):
-        print(path)
+        print(printable(str(path)))
     return 0
 
 

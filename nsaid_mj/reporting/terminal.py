@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from rich import markup
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table as Grid
 
+from ..errors import printable
 from ..evaluation.result import LEVELS, Mark
 from ..robot.findings import Finding
 from .pages import Cell, Items, Link, Page, Panel, Table, Text, count
 
 _COLOURS = {"good": "green", "fair": "yellow", "poor": "red", "weak": "bright_black"}
 _NOTES, _GRAVE = 6, 40  # largest printed number of notes, and of findings of any graver level
+
+
+def escape(text: str) -> str:
+    """A text as it is, for the console: no markup, no control characters."""
+    return markup.escape(printable(text))
 
 
 def print_page(page: Page, console: Console) -> None:
@@ -35,7 +41,7 @@ def print_page(page: Page, console: Console) -> None:
             console.print()
         print_panels(section.panels, console)
     for k, line in enumerate(page.commands):
-        console.print(f"{'' if k else chr(10)}  {line}", soft_wrap=True, markup=False)
+        console.print(f"{'' if k else chr(10)}  {printable(line)}", soft_wrap=True, markup=False)
 
 
 def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
