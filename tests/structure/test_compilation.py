@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from numba import njit
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Flags
 
 from nsaid_mj.numerics.compiler import FAST
-from nsaid_mj.numerics.kernels import f8, kernel, vector
+from nsaid_mj.numerics.kernels import f8, helper, kernel, vector
 from nsaid_mj.plants.world.stepping import track
 
 COUNT = """
@@ -72,15 +71,19 @@ def test_a_kernel_called_by_address_gives_the_same_numbers_and_has_no_text_in_th
     assert "sqrt" not in text
 
 
-@pytest.mark.parametrize(
-    "owner,names",
-    [
-        (JITCodeLibrary, ["_optimize_final_module", "_finalize_final_module"]),
-        (Flags(), ["_values"]),
-    ],
-)
-def test_numba_has_what_makes_compiling_parts_fast(owner, names):
-    assert all(name in dir(owner) for name in names)
+@pytest.mark.parametrize("marked,count", [(helper(f8(f8)), 1), (njit(f8(f8), **FAST), 2)])
+def test_a_part_is_optimised_only_with_its_caller(marked, count, monkeypatch):
+    optimised, whole = [], JITCodeLibrary._optimize_final_module
+
+    def counted(library: JITCodeLibrary) -> None:
+        optimised.append(library)
+        whole(library)
+
+    monkeypatch.setattr(JITCodeLibrary, "_optimize_final_module", counted)
+    square: Any = marked(lambda x: x * x)
+    above: Any = njit(f8(f8), **FAST)(lambda x: square(x) + 1.0)
+    assert above(3.0) == 10.0
+    assert len(optimised) == count
 
 
 def test_a_kernel_refuses_other_types():
