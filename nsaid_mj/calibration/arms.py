@@ -18,7 +18,7 @@ from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
 from .links import file_links
 from .problem import Problem, mean_squares
 from .residuals import Suspect
-from .selection import choose, refined, with_constants
+from .selection import choose, refined, with_constants, with_speeds
 from .smoothing import filter_for, twice_as_noisy
 from .smoothing import refined as finer
 from .structure import Options, Structured, Velocity
@@ -42,8 +42,8 @@ def structured_arm(
 ) -> Structured:
     """Chooses columns and delays of every joint and makes the rows of the fit.
 
-    `robot` is a tree of joints with a motor on each, `recordings` are training logs, `validation`
-    is a log that takes no part in the fit, or None; `told` is called with the name of every stage.
+    `robot` is a tree of joints, `recordings` are training logs, `validation` is a log that takes no
+    part in the fit, or None; `told` is called with the name of every stage.
     """
     told("filtering")
     slow, measured, recordings = rate_checks(recordings.rate), recordings, finer(recordings)
@@ -107,6 +107,8 @@ def _finished(
     if options.delay is None:
         choice, doubt, note = refined(rows, choice)
         notes.append(note)
+    if len(rows.driven) < len(rows.robot.joints):
+        choice = with_speeds(rows, choice)
     if options.columns is None:
         choice, said = with_constants(rows, choice, options.level)
         notes += said

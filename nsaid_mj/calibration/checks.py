@@ -52,14 +52,16 @@ def _swapped(
     rows: JointRows, choice: Choice, u: Array, names: tuple[str, ...], short: list[int]
 ) -> list[Finding]:
     """Commands that explain another joint's motion much better than their own."""
-    k = len(names)
+    driven = rows.driven
     errors = np.array(
-        [[rms(held_out_errors(rows, choice, u[:, c], j)) for c in range(k)] for j in range(k)]
+        [[rms(held_out_errors(rows, choice, u[:, c], j)) for c in driven] for j in driven]
     )
-    errors[short] = np.where(np.eye(k, dtype=bool)[short], 1e-3, 2.0)
+    names = tuple(names[j] for j in driven)
+    short = [place for place, j in enumerate(driven) if j in short]
+    errors[short] = np.where(np.eye(len(driven), dtype=bool)[short], 1e-3, 2.0)
     own = np.diag(errors)
     _, best = scipy.optimize.linear_sum_assignment(np.log(np.minimum(errors, 2.0) + 1e-9))
-    moved = [j for j in range(k) if best[j] != j]
+    moved = [j for j in range(len(driven)) if best[j] != j]
     change = np.log(errors[moved, best[moved]] / own[moved])
     if not moved or change.mean() > np.log(_SWAPPED) or change.max() >= 0:
         return []  # a swap helps both
@@ -84,12 +86,12 @@ def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list
     structure is `choice`, is better with −u.
     """
     u, names = rows.commands(choice.delay), rows.robot.joints
-    suspects = [j for j in range(len(names)) if _driven_by_friction(rows, choice, u[:, j], j)]
+    gains = zip(rows.driven, problem.space.actuators, strict=True)
+    suspects = [(j, at) for j, at in gains if _driven_by_friction(rows, choice, u[:, j], j)]
     if not suspects:
         return []
     findings, own = [], minimise(problem).cost
-    for j in suspects:
-        at = problem.space.actuators[j]
+    for j, at in suspects:
         Y = problem.Y.copy()
         Y[:, :, at] *= -1
         turned = replace(problem, Y=Y)

@@ -52,3 +52,12 @@ class Recordings:
     command_units: tuple[str, ...]
     quantisation: Array
     findings: tuple[Finding, ...] = ()
+
+    def driven(self, robot: RobotModel) -> list[int]:
+        """Numbers of the joints with a motor, from 0.
+
+        A joint has none if it is passive in the model file and has no command in the logs.
+        """
+        commanded = np.any([np.any(s.log.u != 0.0, axis=0) for s in self.segments], axis=0)
+        passive = [joint in robot.passive for joint in robot.joints]
+        return [int(j) for j in np.flatnonzero(commanded | ~np.array(passive, bool))]

@@ -17,6 +17,7 @@ from ..robot.mjcf_export import write_mjcf
 from ..robot.tables import write_sysid, write_yaml
 from ..robot.urdf import write_urdf
 from .findings import Finding
+from .joints import joint_of
 from .replay import replay
 from .result import Identification
 
@@ -88,9 +89,11 @@ def _file_name(name: str) -> str:
 
 
 def _of(result: Identification, block: str, k: int) -> Array:
-    """(k,) parameters of a block of one per joint."""
-    values = [p.value for p in result.of(block)]
-    return np.array(values) if len(values) == k else np.zeros(k)
+    """(k,) parameters of a block of at most one per joint; 0 for joints without."""
+    values = np.zeros(k)
+    for parameter in result.of(block):
+        values[joint_of(parameter.name)] = parameter.value
+    return values
 
 
 def _followed(result: Identification, values: Identified) -> Finding:

@@ -159,18 +159,26 @@ def gramians(problem: Problem) -> Sums:
     return Sums.of(problem.Y, problem.usable)
 
 
-def cost_of(parts: Sums, space: ParameterSpace) -> Quotient:
-    """R with weights N_i; raises `NoEstimate` if no command has an effect."""
-    means = parts.means
+def cost_of(problem: Problem, parts: Sums) -> Quotient:
+    """R with weights N_i; raises `NoEstimate` if no command has an effect.
+
+    Residuals of a passive joint are measured relative to the force of its inertia at its rms
+    acceleration: relative to the other joints' commands they would vanish with its link.
+    """
+    means, space, inertia = parts.means, problem.space, problem.inertia
     effort = efforts(means, space)
     if effort is None:
         raise NoEstimate("No command has an effect on the motion", "Check the columns of u.")
+    if inertia is not None:
+        passive = ~means[:, space.actuators, space.actuators].any(axis=1)
+        effort = effort[:, :, None] * np.eye(len(space))
+        effort[passive] = inertia[passive, :, None] * inertia[passive, None]
     return Quotient(means, effort, parts.counts)
 
 
 def posterior(problem: Problem, parts: Sums) -> Posterior:
     """J of a problem with the given Gramians of its rows."""
-    return Posterior(cost_of(parts, problem.space), Prior(problem))
+    return Posterior(cost_of(problem, parts), Prior(problem))
 
 
 def minimise(problem: Problem, parts: Sums | None = None, start: Array | None = None) -> Fit:

@@ -1,4 +1,4 @@
-"""Rows of a tree of joints with a motor on each: links, friction of every kind, gains.
+"""Rows of a tree of joints: links, friction of every kind, gains of motors.
 
 The balance of joint j, in the notation of docs/theory.md:
 
@@ -19,7 +19,15 @@ import scipy
 from ..parameters import Array, Block, Geometry, ParameterSpace
 from ..robot.identified import with_inertias
 from .data import Recordings, RobotModel
-from .links import file_links, link_blocks, size_of_links, torque_rows, weight_columns, weight_of
+from .links import (
+    file_links,
+    link_blocks,
+    own_inertia,
+    size_of_links,
+    torque_rows,
+    weight_columns,
+    weight_of,
+)
 from .payloads import Load, payloads
 from .problem import Problem, Size, mean_squares
 from .smoothing import Filter, Smooth, delayed, smooth, smooth_commands
@@ -124,6 +132,7 @@ class JointRows:
         diagonal: name of a column → (N, n) entries on the joints' own rows; "coulomb", "stribeck"
             and "load" have a further leading axis for `SPEEDS`.
         loading: (10 b,) parameters of the links whose weight loads the friction.
+        driven: numbers of the d joints with a motor, from 0.
         usable: (N, n) whether a row may be used.
         t: (N,) times of the rows [s].
         segment: (N,) number of the segment of each row.
@@ -140,6 +149,7 @@ class JointRows:
     ):
         self.robot, self.recordings, self.chosen, self.loads = robot, recordings, chosen, loads
         self.gain, self.spread, parts = gain, spread + np.zeros(len(gain)), []
+        self.driven = recordings.driven(robot)
         for number, segment in enumerate(recordings.segments):
             motion = smooth(segment, chosen)
             centres = chosen.centres(len(motion.t))
@@ -158,8 +168,8 @@ class JointRows:
             "coulomb": self._at_speeds(lambda _, slip: slip),
             "stribeck": self._at_speeds(lambda m, slip: slip * np.exp(-((m.v / STRIBECK) ** 2))),
         }
-        moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self._motions])
-        self._weight = weight_columns(robot.model, moving)
+        self._moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self._motions])
+        self._weight = weight_columns(robot.model, self._moving)
         self.reweigh(file_links(robot.model))
         self.usable = np.concatenate([m.usable[c] for _, _, c, m in parts])
         self.t = np.concatenate([m.t[c] for _, _, c, m in parts])
@@ -218,17 +228,20 @@ class JointRows:
     def problem(self, choice: Choice) -> Problem:
         """The fit of a structure, with columns and delays of `choice`."""
         model, u = self.robot.model, self.commands(choice.delay)
-        force = np.maximum(self.gain * np.sqrt(mean_squares(u, self.usable)), 1e-9)  # typical
-        own = file_links(model)
+        own, driven = file_links(model), self.driven
+        effort = self.links @ own  # that of the links, where no motor acts
+        effort[:, driven] = u[:, driven] * self.gain[driven]
+        force = np.maximum(np.sqrt(mean_squares(effort, self.usable)), 1e-9)  # typical
+        commands = -u[:, :, None] * np.eye(u.shape[1])[:, driven]
         parts = [
             *self._on_joints(choice, force), *self._couplings(choice, force), *self._payloads(),
-            (self._gains(), -u[:, :, None] * np.eye(u.shape[1]), self.gain, self.spread),
+            (self._gains(), commands, self.gain[driven], self.spread[driven]),
         ]  # fmt: skip
         blocks, columns, prior, spread = zip(*parts, strict=True)
         space = ParameterSpace((*link_blocks(model), *blocks))
         size = size_of_links(model, self.links[self.usable], self._weight)
         stated = np.zeros(len(space), dtype=bool)
-        stated[space.actuators] = self.spread < TRUSTED
+        stated[space.actuators] = self.spread[driven] < TRUSTED
         return Problem(
             space,
             np.concatenate([self.links, *columns], axis=2),
@@ -243,13 +256,23 @@ class JointRows:
                 WEIGHTLESS if self.robot.weightless else FILE,
                 stated,
             ),
+            None if len(driven) == u.shape[1] else self._inertia(space),
         )
+
+    def _inertia(self, space: ParameterSpace) -> Array:
+        """(n, p) forces of inertia of each joint at its rms acceleration, see `Problem.inertia`."""
+        found, moving = np.zeros((len(self.gain), len(space))), self.diagonal["rotor"]
+        found[:, : self.links.shape[2]] = own_inertia(self.robot.model, self._moving)
+        for parameter in space.names:
+            if parameter.startswith("rotor"):
+                found[joint_of(parameter), space.index(parameter)] = 1.0
+        return found * np.sqrt(mean_squares(moving, self.usable))[:, None]
 
     def _slides(self, joint: int) -> bool:
         return self.robot.model.joints[joint + 1].shortname().startswith("JointModelP")
 
     def _on_joints(self, choice: Choice, force: Array) -> Iterator[Part]:
-        """Rotors, friction, springs and offsets; force (k,) is typical of the actuators."""
+        """Rotors, friction, springs and offsets; force (k,) is typical of each joint."""
         robot, n = self.robot, len(self.robot.joints)
         nominal = {"rotor": robot.rotor, "viscous": robot.damping, "coulomb": robot.friction}
         for name, column in COLUMNS.items():
@@ -308,17 +331,21 @@ class JointRows:
             yield payload.block, columns, payload.prior, np.full(10, np.inf)
 
     def _gains(self) -> Block:
-        force = [("N·m", "N")[self._slides(j)] for j in range(len(self.gain))]
-        units = zip(force, self.recordings.command_units, strict=True)
+        units, driven = self.recordings.command_units, self.driven
         return Block(
             "motor gain",
-            tuple(f"gain_{j + 1}" for j in range(len(force))),
-            tuple(f"{newton}/{unit or 'unit'}" for newton, unit in units),
-            self.gain,
+            tuple(f"gain_{j + 1}" for j in driven),
+            tuple(f"{('N·m', 'N')[self._slides(j)]}/{units[j] or 'unit'}" for j in driven),
+            self.gain[driven],
             "positive",
             True,
-            labels=tuple(f"gain of {name}" for name in self.robot.joints),
+            labels=tuple(f"gain of {self.robot.joints[j]}" for j in driven),
         )
+
+
+def joint_of(parameter: str) -> int:
+    """Number of the joint, from 0, of a parameter such as `gain_3`."""
+    return int(parameter.rpartition("_")[2]) - 1
 
 
 def nearest_friction(problem: Problem, theta: Array) -> tuple[Array, Array]:

@@ -97,7 +97,7 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     steps, arm = sum(len(log.t) for log in logs) - 1, robot.system is None
     known = log_robot(robot, found.recordings, fitted.made, fitted.problem, fitted.coupled)
     scenario = measured_scenario(known, law, rate, noise_levels(logs), _ERROR, steps)
-    unexplained = unexplained_commands(fitted).tolist() if arm else []
+    unexplained = unexplained_forces(fitted).tolist() if arm else []
     scenario = replace(scenario, identifier=_configured(law, tuple(unexplained)))
     whole = known.robot_of(robot)
     identifiers = identifiers_of(scenario, whole)
@@ -158,14 +158,14 @@ def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
     )
 
 
-def unexplained_commands(fitted: Fitted) -> Array:
-    """(n,) density of the commands that an arm's batch fit does not explain [units², times s].
+def unexplained_forces(fitted: Fitted) -> Array:
+    """(n,) density of an arm's unexplained forces, over the last gain [units², times s].
 
     Residuals of variance σ² at intervals h, of which one in `share` counts as independent, affect
-    the motion like a white command of density σ² h share.
+    the motion like a white force of density σ² h share.
     """
     problem, theta = fitted.problem, fitted.fit.theta
-    residual = problem.residual(theta) / theta[problem.space.actuators]
+    residual = problem.residual(theta) / theta[problem.space.actuators[-1]]
     return (
         mean_squares(residual, problem.usable) * fitted.share * float(np.median(np.diff(problem.t)))
     )

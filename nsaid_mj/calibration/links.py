@@ -26,6 +26,19 @@ def torque_rows(model: pin.Model, coordinates: Array, v: Array, a: Array) -> Arr
     return found
 
 
+def own_inertia(model: pin.Model, coordinates: Array) -> Array:
+    """(n, 10 b) mean columns of M_jj of every joint j at up to 300 of the coordinates (N, n)."""
+    some = coordinates[:: -(-len(coordinates) // _POSES) or 1]
+    weightless, ones = pin.Model(model), np.ones((len(some), 1))
+    weightless.gravity = pin.Motion.Zero()
+    return np.array(
+        [
+            torque_rows(weightless, some, 0.0 * ones * unit, ones * unit)[:, j].mean(axis=0)
+            for j, unit in enumerate(np.eye(model.nv))
+        ]
+    )
+
+
 def weight_columns(model: pin.Model, coordinates: Array) -> Array:
     """(K n, 10 b) columns of the links' weight at up to 300 of the coordinates (N, n)."""
     some = coordinates[:: -(-len(coordinates) // _POSES) or 1]

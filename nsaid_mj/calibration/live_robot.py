@@ -53,7 +53,7 @@ class LiveRobot(MeasuredRobot):
 
 
 def _arm(model: RobotModel, gain: float | None) -> Robot:
-    """A tree of joints with rotor inertia, viscous and Coulomb friction and a motor on each.
+    """A tree of joints with rotor inertia and viscous and Coulomb friction, and motors.
 
     What the file does not state is guessed by order of magnitude: a geared motor needs about a
     twentieth of its largest force to overcome friction of either kind, and its rotor alone
@@ -61,7 +61,8 @@ def _arm(model: RobotModel, gain: float | None) -> Robot:
     replaces it; see `nominal_scales`.
     """
     tree, nominal, k = model.model, nominal_scales(model.model, ArmPlant()), len(model.joints)
-    gains = np.abs(model.gain) if gain is None else np.full(k, gain)
+    driven = [j for j, name in enumerate(model.joints) if name not in model.passive]
+    gains = np.abs(model.gain[driven]) if gain is None else np.full(len(driven), gain)
     limit = tree.effortLimit[tree.nv - k :]
     force = np.where(np.isfinite(limit) & (limit > 0), limit, nominal.command)
     friction = _FRICTION * force
@@ -70,9 +71,9 @@ def _arm(model: RobotModel, gain: float | None) -> Robot:
     rotor, viscous, coulomb = (
         np.where(own > 0, own, other) for own, other in zip(given, guess, strict=True)
     )
-    command = nominal.command / gains
+    friction, command = {"viscous": viscous, "coulomb": coulomb}, nominal.command[driven] / gains
     scales = replace(
-        nominal, rotor=rotor, viscous=viscous, coulomb=coulomb, gain=gains, command=command
+        nominal, rotor=rotor, gain=gains, command=command, driven=tuple(driven), **friction
     )
     system = CompiledMultibody(tree, scales, np.full(k, _FRICTION_SPEED))
     prior = np.concatenate([file_links(tree), rotor, viscous, coulomb, gains])

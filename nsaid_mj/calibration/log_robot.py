@@ -28,7 +28,7 @@ from ..structure.single_body import LEVEL
 from ..structure.structure import Structure
 from ..structure.structured import StructuredKinematics, StructuredSystem
 from .data import Recordings, RobotModel
-from .joints import COLUMNS, STRIBECK
+from .joints import COLUMNS, STRIBECK, joint_of
 from .measured import MeasuredRobot
 from .models import load_robot_model
 from .problem import Problem
@@ -202,7 +202,8 @@ class LogRobot(MeasuredRobot):
                 slip = {"other": other, "sign": sign, "speed": speed}
                 at = space.index(f"coupling_coulomb_{pair}")
                 found.append(Column("shared_coulomb", at, dof=one, **slip))
-        for j, at in enumerate(space.actuators):
+        for at in space.actuators:
+            j = joint_of(space.names[at])
             found.append(Column("motor", int(at), dof=j, input=j))
         return found
 

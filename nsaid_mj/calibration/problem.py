@@ -53,6 +53,8 @@ class Problem:
             `free` ones; not used for matrices, whose prior is the barrier's divergence.
         known: (p,) whether a parameter is known and keeps the prior's value.
         size: fixes the common scale; None where every prior value holds as it is.
+        inertia: (n, p) m_i with m_iᵀθ the force of inertia that a velocity's own rms acceleration
+            takes; None unless some joints are passive.
     """
 
     space: ParameterSpace
@@ -64,6 +66,7 @@ class Problem:
     spread: Array
     known: Mask
     size: Size | None = None
+    inertia: Array | None = None
 
     def select(self, rows: Indices | Mask) -> Problem:
         """The problem of some of the rows (N,), as indices or a mask."""

@@ -70,8 +70,8 @@ def departures(
     folder = robot.file.resolve().parent
     mj = _compiled(mjcf_text(robot, values, folder), folder)
     joints = JointMap(mj, robot.joints)
-    driven, joint_ids = mj.actuator_trnid[:, 0], [mj.joint(name).id for name in robot.joints]
-    command = [int(np.flatnonzero(driven == joint)[0]) for joint in joint_ids]
+    joint_ids = [mj.joint(name).id for name in robot.joints]
+    command = {joint_ids.index(j): a for a, j in reversed([*enumerate(mj.actuator_trnid[:, 0])])}
     substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
     mj.opt.timestep = 1 / (recordings.rate * substeps)
     found = [np.zeros((0, len(robot.joints)))]
@@ -86,7 +86,7 @@ def departures(
 def _simulate(
     mj: Any,
     joints: JointMap,
-    command: list[int],
+    command: dict[int, int],
     segment: Segment,
     samples: int,
     substeps: int,
@@ -94,13 +94,13 @@ def _simulate(
 ) -> Array:
     """(windows, samples, n) errors of position in one of `every` so many windows of a segment.
 
-    `mj` is MuJoCo's model, `command` (n,) the index of each joint's motor; each of the `samples`
-    time steps of a window takes `substeps` steps of the simulation.
+    `mj` is MuJoCo's model, `command` the number of the motor of each joint that has one, by the
+    joint's; each of the `samples` time steps of a window takes `substeps` steps of the simulation.
     """
     log = segment.log
     starts = np.arange(0, len(log.t) - samples, samples * every)
     if not len(starts):
-        return np.zeros((0, samples, len(command)))
+        return np.zeros((0, samples, log.v.shape[1]))
     data, kind = mujoco.MjData(mj), mujoco.mjtState.mjSTATE_FULLPHYSICS
     state = np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
     for row, k in zip(state, starts, strict=True):
@@ -108,7 +108,8 @@ def _simulate(
         mujoco.mj_getState(mj, data, row, kind)
     control = np.zeros((len(starts), samples * substeps, mj.nu))
     within = starts[:, None] + np.arange(samples)
-    control[:, :, command] = np.repeat(log.u[within], substeps, axis=1)
+    u = log.u[within][:, :, list(command)]
+    control[:, :, list(command.values())] = np.repeat(u, substeps, axis=1)
     with quiet():  # a simulation that diverges has a large error
         found: Any = rollout.rollout(mj, data, state, control)[0]
     position = joints.angles(found[:, substeps - 1 :: substeps])

@@ -265,8 +265,8 @@ class _Rows:
         power = mean_squares(residual, used)
         own = used / np.sqrt(np.where(power > 0, power, np.inf) * share)
         self.weight = own if weight is None else weight
-        effort = cost_of(gramians(problem), problem.space).effort
-        scaled = effort * theta / (effort @ theta**2)[:, None]  # as residuals are relative to u
+        cost = cost_of(problem, gramians(problem))
+        scaled = cost.pull(theta) / cost.efforts(theta)[:, None]  # as residuals are relative to u
         X = (problem.Y - residual[:, :, None] * scaled) * self.weight[:, :, None]
         self.X_T = X.reshape(-1, len(theta)).T
         unit = self.X_T * problem.space.scale[:, None]

@@ -49,7 +49,7 @@ def choose(
     choice = Choice((basic,) * k, (1,) * k, shared, coupled)
     if delay is None:
         choice, shared, findings = _with_delays(rows, choice)
-    for j in range(k):
+    for j in rows.driven:  # a passive joint has no command to predict
         own, told, errors = _choose_joint(rows, choice, j, columns is None)
         if choice.delay[j] != shared[j]:
             delays = choice.delay.copy()
@@ -158,8 +158,8 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
         errors[number] = [_unexplained(u[:, j], *bases[j]) for j in range(k)]
     best = int(np.argmin(np.log(errors) @ rows.usable.sum(axis=0)))
     found, findings = np.zeros(k), []
-    for j, name in enumerate(rows.robot.joints):
-        at = int(np.argmin(errors[:, j]))
+    for j in rows.driven:
+        at, name = int(np.argmin(errors[:, j])), rows.robot.joints[j]
         if at != best:
             u = [rows.commands(np.full(k, d))[:, j] for d in candidates[[best, at]]]
             if not _insists(*(held_out_errors(rows, choice, x, j) for x in u)):
@@ -186,12 +186,13 @@ def with_constants(
 
     Joint by joint, with the links' columns free for each, weight would replace both. A stiffness
     below 0 is no spring but an error that grows with the position, such as a wrong gear ratio; it
-    is left to the residuals. `level` are names of joints without an offset of their own.
+    is left to the residuals. `level` are names of joints without an offset of their own, as are
+    passive ones.
     """
     (best, _), findings = _shared_errors(rows.problem(choice)), []
     for j, name in enumerate(rows.robot.joints):
         for column, words in (("offset", "a constant offset"), ("spring", "a spring")):
-            if column == "offset" and name in level:
+            if column == "offset" and (name in level or j not in rows.driven):
                 continue
             trial = choice.at(j, "offset", column)
             errors, found = _shared_errors(rows.problem(trial))
@@ -201,6 +202,18 @@ def with_constants(
                 findings.append(Finding("note", "columns", name, text, data={"columns": [column]}))
                 choice, best = trial, errors
     return choice, findings
+
+
+def with_speeds(rows: JointRows, choice: Choice) -> Choice:
+    """The choice with the best s of Coulomb friction at passive joints, by the physical fit."""
+    best = _shared_errors(rows.problem(choice))[0]
+    for j in set(range(len(rows.robot.joints))) - set(rows.driven):
+        for speed in range(len(SPEEDS)):
+            trial = choice.at(j, speed=speed)
+            errors = _shared_errors(rows.problem(trial))[0]
+            if worthwhile(best, errors, _WORTH):
+                choice, best = trial, errors
+    return choice
 
 
 def _shared_errors(problem: Problem) -> tuple[Array, dict[str, float]]:
@@ -213,7 +226,7 @@ def _shared_errors(problem: Problem) -> tuple[Array, dict[str, float]]:
     for _, part in folds(problem, _FOLDS):
         own = gramians(part)
         theta = minimise(problem, whole - own, start).theta
-        level = cost_of(own, problem.space).levels(theta)
+        level = cost_of(problem, own).levels(theta)
         used = (own.counts > 0) & (level > 0)
         found.append(np.exp(0.5 * np.sum(np.log(level[used]))))
     return np.array(found), dict(zip(problem.space.names, start.tolist(), strict=True))

@@ -12,9 +12,9 @@ import numpy as np
 from numba import types
 
 from ..bounds import Config, config
-from ..parameters import Array
+from ..parameters import Array, Indices
 from ..structure.arrays import AT_Q, CIRCLE, KIND, Slopes, StructureArrays, Workspace, memory_of
-from ..structure.compiled import SLOPES, STRUCTURE, WORKSPACE, f8, kernel, matrix, vector, void
+from ..structure.compiled import SLOPES, STRUCTURE, WORKSPACE, f8, i8, kernel, matrix, vector, void
 from ..structure.forces import ALL, write_forces
 from ..structure.kinematics import place
 from ..structure.stage import require
@@ -26,14 +26,16 @@ class Tracking(NamedTuple):
     """Parameters of a computed-torque controller for an arm on a fixed base.
 
     Attributes:
-        structure: of the arm; every joint has a motor.
+        structure: of the arm.
+        driven: (d,) numbers of the joints that have a motor.
         theta: (p,) the controller's model θ̂₀; the gains of the motors come last.
         series: the reference trajectory of the joints.
         omega: bandwidth of the tracking loop [rad/s].
-        limit: (n,) largest commands, > 0.
+        limit: (d,) largest commands, > 0.
     """
 
     structure: StructureArrays
+    driven: Indices
     theta: Array
     series: Series
     omega: float
@@ -45,7 +47,8 @@ class TrackingMemory(NamedTuple):
 
     Attributes:
         desired: (n, 3) position, velocity and acceleration.
-        a: (n,) requested acceleration.
+        a: (n,) requested acceleration, 0 of passive joints.
+        force: (n,) that it requires.
         still: (n,) zeros.
         stage: workspace of a stage.
         slopes: workspace of derivatives.
@@ -53,6 +56,7 @@ class TrackingMemory(NamedTuple):
 
     desired: Array
     a: Array
+    force: Array
     still: Array
     stage: Workspace
     slopes: Slopes
@@ -60,27 +64,30 @@ class TrackingMemory(NamedTuple):
 
 def tracking_workspace(tracking: Tracking) -> TrackingMemory:
     """Allocates the workspace of `computed_torque`."""
-    n = len(tracking.limit)
-    own = np.empty((n, 3)), np.empty(n), np.zeros(n)
+    n = len(tracking.series.centre)
+    own = np.empty((n, 3)), np.zeros(n), np.empty(n), np.zeros(n)
     return TrackingMemory(*own, *memory_of(tracking.structure, n))
 
 
-TRACKING = types.NamedTuple((STRUCTURE, vector, SERIES, f8, vector), Tracking)
-TRACKING_MEMORY = types.NamedTuple((matrix, vector, vector, WORKSPACE, SLOPES), TrackingMemory)
+TRACKING = types.NamedTuple((STRUCTURE, i8[::1], vector, SERIES, f8, vector), Tracking)
+TRACKING_MEMORY = types.NamedTuple(
+    (matrix, vector, vector, vector, WORKSPACE, SLOPES), TrackingMemory
+)
 
 
 @kernel(void(TRACKING, f8, vector, vector, TRACKING_MEMORY, vector))
 def computed_torque(tracking, t, q, v, workspace, u):
-    """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (n,).
+    """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (d,).
 
-    The command is limited like a motor's: a model far from the truth can make the sampled loop
-    unstable, whose motion then stays bounded. q (m,) and v (n,) are measured.
+    Passive joints swing as they will: a is 0 for them, and what they do otherwise is a disturbance
+    of the loop. The command is limited like a motor's: a model far from the truth can make the
+    sampled loop unstable, whose motion then stays bounded. q (m,) and v (n,) are measured.
     """
-    structure, theta, series, omega, limit = tracking
-    desired, a, still, work, slopes = workspace
-    bodies, gain = structure.bodies, theta.shape[0] - v.shape[0]
+    structure, driven, theta, series, omega, limit = tracking
+    desired, a, force, still, work, slopes = workspace
+    bodies, gain = structure.bodies, theta.shape[0] - driven.shape[0]
     fourier(series, t, desired)
-    for i in range(v.shape[0]):
+    for i in driven:
         at = bodies[i, AT_Q]
         if bodies[i, KIND] == CIRCLE:  # error along the shorter arc
             c, s = np.cos(desired[i, 0]), np.sin(desired[i, 0])
@@ -90,9 +97,9 @@ def computed_torque(tracking, t, q, v, workspace, u):
         a[i] = desired[i, 2] + 2 * omega * (desired[i, 1] - v[i]) + omega**2 * error
     place(structure, q, v, slopes.state)
     write_forces(structure, slopes.state, q, v, still, ALL, work.scratch, slopes.F)
-    require(structure, slopes.state, slopes.F, v, a, theta, work, u)
-    for i in range(v.shape[0]):
-        u[i] = min(max(u[i] / theta[gain + i], -limit[i]), limit[i])
+    require(structure, slopes.state, slopes.F, v, a, theta, work, force)
+    for k in range(driven.shape[0]):
+        u[k] = min(max(force[driven[k]] / theta[gain + k], -limit[k]), limit[k])
 
 
 class Driver(ABC):

@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 
 from ..bounds import Number, Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
-from ..parameters import Array
+from ..parameters import Array, Indices
 from ..structure.joints import JointTree
 from ..structure.structured import plain
 from ..system import SecondOrderSystem
@@ -29,7 +29,7 @@ LIMIT = 5.0
 
 @config
 class FourierTracking(DriverConfig):
-    """Every joint tracks a random finite Fourier series.
+    """Every joint tracks a random finite Fourier series; passive ones swing freely.
 
     Attributes:
         fundamental: frequency of the first harmonic [Hz].
@@ -37,8 +37,8 @@ class FourierTracking(DriverConfig):
         reach: share of each joint's range and speed limits that the trajectory uses, in (0, 1].
         bandwidth: of the tracking loop [Hz].
         speed: peak speed of every joint [rad/s or m/s]; None takes `reach` of the nominal speeds.
-        joints: numbers of the joints that move, from 1; the others are held at the middle of their
-            range. None moves all.
+        joints: numbers of the joints that are moved, from 1; the others that have actuators are
+            held at the middle of their range. None moves all.
         limit: largest command, as a multiple of what the joint's nominal inertia, weight and
             friction require at its nominal speed.
     """
@@ -52,7 +52,7 @@ class FourierTracking(DriverConfig):
     limit: Positive = LIMIT
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
-        """Makes the driver; raises `InvalidInput` unless a fixed base's joints all have motors."""
+        """Makes the driver; raises `InvalidInput` unless the robot is an arm on a fixed base."""
         system = fixed_arm(system, "an arm on a fixed base", "Use MultisineCommand.")
         moving = np.isin(np.arange(1, system.n + 1), self.joints or np.arange(1, system.n + 1))
         if self.joints is not None and moving.sum() != len(set(self.joints)):
@@ -67,6 +67,7 @@ class FourierTracking(DriverConfig):
             (self.fundamental, self.harmonics),
             rng,
         )
+        moving &= np.isin(np.arange(system.n), system.driven)
         trajectory.series.coefficients[~moving] = 0.0
         return follow(system, prior, trajectory.series, self.bandwidth, self.limit)
 
@@ -93,16 +94,9 @@ def follow(
         series: the desired motion.
         bandwidth: of the loop [Hz].
         limit: largest commands of motors over those of operation.
-
-    Raises:
-        InvalidInput: some joints are passive.
     """
-    if system.n_u < system.n:
-        kind = f"{system.scales.actuator}s"
-        expected, got = f"{kind} on every joint", f"{system.n_u} {kind} on {system.n} joints"
-        raise InvalidInput("excitation", expected, got, "Use MultisineCommand: efforts.")
     if system.scales.actuator == "servo":
-        return Targets(series)
+        return Targets(series, system.driven)
     omega = 2 * np.pi * bandwidth
     return ComputedTorque(system, prior, series, omega, limit * system.scales.command)
 
@@ -126,15 +120,19 @@ class Follower(Driver):
 
 
 class Targets(Follower):
-    """The desired motion itself, as targets of position servos."""
+    """The desired motion itself, as targets of the position servos of the joints `driven` (d,)."""
+
+    def __init__(self, series: Series, driven: Indices):
+        super().__init__(series)
+        self._driven = driven
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """(n,) targets."""
-        return self.desired(t)[0]
+        """(d,) targets."""
+        return self.desired(t)[0, self._driven]
 
     def compiled(self, t: Array) -> Array:
-        """(k, n) targets at t (k,)."""
-        return np.array([self.desired(each)[0] for each in t])
+        """(k, d) targets at t (k,)."""
+        return np.array([self.desired(each)[0, self._driven] for each in t])
 
 
 class ComputedTorque(Follower):
@@ -145,17 +143,18 @@ class ComputedTorque(Follower):
         prior: (p,) θ̂₀.
         series: the desired motion.
         omega: bandwidth ω of the tracking loop [rad/s].
-        limit: (n,) largest commands, > 0.
+        limit: (d,) largest commands, > 0.
     """
 
     def __init__(self, system: JointTree, prior: Array, series: Series, omega: float, limit: Array):
         super().__init__(series)
-        self._tracking = Tracking(system.structure.arrays, np.array(prior), series, omega, limit)
+        arm, model = (system.structure.arrays, system.driven), np.array(prior)
+        self._tracking = Tracking(*arm, model, series, omega, limit)
         self._workspace = tracking_workspace(self._tracking)
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        """(n,) command u."""
-        u = np.empty(len(v))
+        """(d,) command u."""
+        u = np.empty(len(self._tracking.driven))
         computed_torque(self._tracking, t, plain(q), plain(v), self._workspace, u)
         return u
 

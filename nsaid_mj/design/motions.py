@@ -52,7 +52,7 @@ class JointMotions:
         moving: (n,) whether a joint moves.
 
     Raises:
-        InvalidInput: the system is not an arm on a fixed base.
+        InvalidInput: the system is not an arm on a fixed base, or some joints are passive.
     """
 
     parallel = True
@@ -63,6 +63,10 @@ class JointMotions:
         if not isinstance(system, JointTree) or system.group:
             kind, remedy = type(system).__name__, "Design a vehicle's."
             raise InvalidInput("design", "an arm on a fixed base", kind, remedy)
+        if system.n_u < system.n:
+            got = f"{system.n_u} on {system.n} joints"
+            remedy = "For passive joints use a random motion: `nsaid run arm --robot FILE`."
+            raise InvalidInput("design", "a motor on every joint", got, remedy)
         self.experiment, self.limits, self.base = experiment, limits, base
         self._structure, self._n = system.structure.arrays, system.n
         self._harmonics = np.arange(1.0, base.harmonics + 1)

@@ -20,7 +20,7 @@ from .forces import ESTIMATED, Arrows
 from .layout import live_blueprint, words
 from .scene import Scene
 from .series import Curves, excitation, groups, velocity_names
-from .text import drawable
+from .text import application
 from .viewer import GRPC_PORT, LOCAL, WEB_PORT, free_port, has_display, listening, program, serving
 
 _PERIOD = 0.05  # between two updates, in simulated time and in wall time [s]
@@ -115,7 +115,7 @@ class Live(Observer):
         drawn = words("Forces: estimated (orange)" if self._arrows else "", magnified)
         layout = live_blueprint(self._space, camera, drawn)
         address = self._open() if has_display() else self._serve()
-        rec = rr.RecordingStream(drawable(f"nsaid_mj {self._name} live"))
+        rec = rr.RecordingStream(application(f"{self._name} live"))
         rec.connect_grpc(address, default_blueprint=layout)
         self._scene.log_shapes(rec, camera, ghost=self._arrows is not None)
         if self._arrows:

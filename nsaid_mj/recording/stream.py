@@ -17,7 +17,7 @@ import rerun_bindings
 from ..parameters import Array
 from ..resources import atomic_write
 from .series import Curves
-from .text import drawable
+from .text import application, drawable
 
 _MARKDOWN = rr.MediaType.MARKDOWN
 
@@ -43,7 +43,7 @@ def write(
     Raises:
         NotWritten: the file cannot be written.
     """
-    rec = rr.RecordingStream(drawable(f"nsaid_mj {name}"))
+    rec = rr.RecordingStream(application(name))
     memory = rec.memory_recording()
     _send_blueprint(rec, layout)
     try:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 _WORDS = {
     "\\_": "_",  # Markdown's; within a word neither is interpreted
     "W(t, x, v, θ) P̄_⊥ θ̄_P⊥": "the force of the observable error",
@@ -19,6 +21,11 @@ _FONT = (  # ranges of Inter, the viewer's font, that names and units may need
     (0x2074, 0x208E), (0x2190, 0x2199), (0x2202, 0x2202), (0x2206, 0x2206), (0x2211, 0x2212),
     (0x221A, 0x221A), (0x221E, 0x221E), (0x2248, 0x2248), (0x2260, 0x2260), (0x2264, 0x2265),
 )  # fmt: skip
+
+
+def application(name: str) -> str:
+    """Name of the application of a recording: Rerun warns of full stops and other marks in it."""
+    return re.sub(r"[^\w -]", "-", drawable(f"nsaid_mj {name}"))
 
 
 def drawable(text: str) -> str:

@@ -77,7 +77,7 @@ class Identified:
         damping: (n,) viscous friction [N·m·s/rad or N·s/m].
         friction: (n,) Coulomb friction [N·m or N].
         friction_speed: (n,) speed at which Coulomb friction saturates [rad/s or m/s].
-        gain: (n,) force per unit of command [N·m or N].
+        gain: (n,) force per unit of command [N·m or N]; 0 for joints without a motor.
         anchor: what fixed the common scale of masses, frictions and gains, in words.
         parameters: all parameters with their intervals, for tables.
         notes: further remarks for readers of the exported files.

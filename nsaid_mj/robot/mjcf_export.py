@@ -154,7 +154,8 @@ def _built(robot: RobotModel, values: Identified) -> Node:
         bodies.append(body)
     section = SubElement(root, "actuator")
     for k, name in enumerate(robot.joints):
-        _add_motor(section, robot, name, float(values.gain[k]))
+        if values.gain[k]:
+            _add_motor(section, robot, name, float(values.gain[k]))
     return root
 
 
@@ -239,7 +240,7 @@ def _set_inertial(body: Node, inertia: pin.Inertia) -> None:
 def _set_motors(
     root: Node, robot: RobotModel, values: Identified, mj: Any, names: list[str]
 ) -> tuple[str, ...]:
-    """Gives every joint a motor with the identified gain; returns remarks.
+    """Gives every joint with a gain a motor; returns remarks.
 
     It is the first of its actuators, if that is a motor; further motors stay, and servos go.
     """
@@ -260,7 +261,7 @@ def _set_motors(
             elements[kept[0]].tag = "general"  # a <motor> has no gain
             elements[kept[0]].set("gear", numbers(gear))
             elements[kept[0]].set("gainprm", numbers(values.gain[k] / gear[0]))
-        else:
+        elif values.gain[k]:
             replaced += [joint] if own else []
             _add_motor(section, robot, joint, float(values.gain[k]))
     remove_references(root, dropped, ("actuator",), "actuator")

@@ -111,9 +111,8 @@ class Planned(Driver):
         self._series = Series(np.ones(1), np.zeros((n, 2)), np.zeros(n))
         limit = 5.0 * system.scales.command
         omega = 2 * np.pi * _BANDWIDTH
-        self._tracking = Tracking(
-            system.structure.arrays, np.array(prior), self._series, omega, limit
-        )
+        arm, model = (system.structure.arrays, system.driven), np.array(prior)
+        self._tracking = Tracking(*arm, model, self._series, omega, limit)
         self._workspace = tracking_workspace(self._tracking)
 
     def start(self) -> tuple[Array, Array]:

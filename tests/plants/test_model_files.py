@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.control import FourierTracking, MultisineCommand
-from nsaid_mj.errors import InvalidInput, RobotChanged
+from nsaid_mj.errors import RobotChanged
+from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.plants.world.simulated import SimulatedRobot
 from tests.support.plants import assert_engines_agree
@@ -64,13 +65,15 @@ def test_theta_makes_the_same_plant_again(file):
     assert np.allclose(again.truth, plant.truth, rtol=1e-12, atol=1e-12)
 
 
-def test_tracking_needs_a_motor_on_every_joint_and_a_multisine_none(file):
+def test_motors_are_driven_and_a_passive_joint_swings(file):
     plant, rng = built(file), np.random.default_rng(0)
-    with pytest.raises(InvalidInput, match="1 motors on 2 joints"):
-        FourierTracking().build(plant.system, plant.truth, rng)
+    driver = FourierTracking(speed=1.0).build(plant.system, plant.truth, rng)
+    log = trajectory(plant, driver, 3000)
+    errors = plant.system.angles(log.q) - np.array([driver.desired(t)[0] for t in log.t])
+    assert log.u.shape == (3001, 1)
+    assert np.abs(errors[:, 0]).max() < 0.1 < np.ptp(plant.system.angles(log.q), axis=0).min()
     driver = MultisineCommand().build(plant.system, plant.truth, rng)
-    position = np.zeros(2)
-    assert driver.command(0.1, plant.position(position), position).shape == (1,)
+    assert driver.command(0.1, plant.position(np.zeros(2)), np.zeros(2)).shape == (1,)
 
 
 def test_an_mjcf_brings_frictions_rotors_and_shapes(tmp_path):

@@ -43,7 +43,7 @@ class Layout(NamedTuple):
     Attributes:
         positions: k sources of positions.
         velocities: sources of velocities; empty to differentiate positions.
-        commands: n_u sources of commands.
+        commands: n_u sources of commands, None for passive joints, whose command is 0.
         coupling: (n, n) joint velocities per motor velocity; None for a vehicle.
         torque: (n_u, n_u) joint commands per motor command; None for a vehicle.
         vehicle: form of a pose and twist; None for joints, and for a vehicle's own coordinates.
@@ -52,7 +52,7 @@ class Layout(NamedTuple):
 
     positions: tuple[Source, ...]
     velocities: tuple[Source | None, ...]
-    commands: tuple[Source, ...]
+    commands: tuple[Source | None, ...]
     coupling: Array | None = None
     torque: Array | None = None
     vehicle: Vehicle | None = None
@@ -61,12 +61,12 @@ class Layout(NamedTuple):
     @property
     def sources(self) -> tuple[Source, ...]:
         """All sources: positions, velocities, commands."""
-        return (*self.positions, *filter(None, self.velocities), *self.commands)
+        return (*self.positions, *filter(None, (*self.velocities, *self.commands)))
 
     @property
     def command_units(self) -> tuple[str, ...]:
         """SI unit of each command; "" where the map states none."""
-        return tuple(si(s.column.unit_as("command")) for s in self.commands)
+        return tuple(si(s.column.unit_as("command")) if s else "" for s in self.commands)
 
     def q(self, raw: Array) -> Array:
         """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k).
@@ -107,7 +107,7 @@ class Layout(NamedTuple):
 
     def u(self, raw: Array) -> Array:
         """Commands (N, n_u) from scaled sources (N, n_u)."""
-        offsets = np.array([s.column.offset for s in self.commands])
+        offsets = np.array([s.column.offset if s else 0.0 for s in self.commands])
         return _mixed(raw, self.torque) + offsets
 
 
@@ -126,18 +126,22 @@ def layout(mapping: Map | None, robot: RobotModel, channels: list[str]) -> Layou
     if robot.system is not None:
         return _of_vehicle(mapping, robot, channels)
     if not mapping.joints:
-        mapping = _with_joints(mapping, matching.match(channels, robot.joints))
+        mapping = _with_joints(mapping, matching.match(channels, robot.joints, robot.passive))
     remedy = f"The robot's actuated joints are {', '.join(robot.joints)}."
     for joint in set(mapping.joints) ^ set(robot.joints):
         stated = "a joint that the robot lacks" if joint in mapping.joints else "no entry"
         expected = "one entry for each actuated joint"
         raise InvalidInput(f"map: joints.{joint}", expected, stated, remedy)
     joints = [mapping.joints[name] for name in robot.joints]
+    for name, joint in zip(robot.joints, joints, strict=True):
+        if joint.command is None and name not in robot.passive:
+            expected = "a column, as the joint has a motor in the model file"
+            raise InvalidInput(f"map: joints.{name}.command", expected, "none", remedy)
     n = len(joints)
     made = Layout(
         tuple(_source("position", j.position, _turns(j.position)) for j in joints),
         tuple(_source("velocity", j.velocity) if j.velocity else None for j in joints),
-        tuple(_source("command", j.command) for j in joints),
+        tuple(_source("command", j.command) if j.command else None for j in joints),
         np.linalg.inv(matrix("position", mapping.coupling.position, n)),
         matrix("torque", mapping.coupling.torque, n),
     )

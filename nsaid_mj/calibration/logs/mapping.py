@@ -135,14 +135,15 @@ class Joint:
 
     Attributes:
         position: of the joint, or of its motor (then with `ratio`).
-        command: current, torque, or any other command or measurement of the actuator.
+        command: current, torque, or any other command or measurement of the actuator; None for a
+            joint that is passive in the model file.
         velocity: None to differentiate the position.
         rest: rows with a lower speed are not used [rad/s or m/s]; the speed's noise sets another
             limit, and the higher one applies.
     """
 
     position: Column
-    command: Column
+    command: Column | None = None
     velocity: Column | None = None
     rest: Level = 0.0
 

@@ -53,13 +53,18 @@ class Match(NamedTuple):
     rank: int
 
 
-def match(channels: Sequence[str], joints: Sequence[str]) -> Map:
-    """The map of channels whose names give joint and quantity, for the robot's actuated joints.
+def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str] = ()) -> Map:
+    """The map of channels whose names give joint and quantity, for the robot's moving joints.
+
+    The `passive` ones among them need no command.
 
     Raises:
         UnmatchedChannels: a joint has no position or command, or there are several candidates.
     """
-    groups = candidates(channels, joints)
+    groups, needed = candidates(channels, joints), joints
+    if passive and not groups["command"]:
+        needed = [joint for joint in joints if joint not in passive]
+        groups["command"] = candidates(channels, needed)["command"]
     chosen: dict[Quantity, dict[str, str]] = {}
     missing, reasons = [], []
     for quantity, found in groups.items():
@@ -70,15 +75,16 @@ def match(channels: Sequence[str], joints: Sequence[str]) -> Map:
             reasons.append(f"{_NAMES[quantity].capitalize()} could be {' or '.join(found)}.")
         elif quantity != "velocity":
             missing.append(f"the {_NAMES[quantity]} of every joint")
-            reasons.append(_lacking(quantity, channels, joints))
+            own = needed if quantity == "command" else joints
+            reasons.append(_lacking(quantity, channels, own))
     if missing:
         raise UnmatchedChannels(missing, [*reasons, *_fewer(channels, joints)], channels)
-    velocities = chosen.get("velocity", {})
+    velocities, commands = chosen.get("velocity", {}), chosen["command"]
     return Map(
         joints={
             joint: Joint(
                 position=Column(column=chosen["position"][joint]),
-                command=Column(column=chosen["command"][joint]),
+                command=Column(column=commands[joint]) if joint in commands else None,
                 velocity=Column(column=velocities[joint]) if joint in velocities else None,
             )
             for joint in joints

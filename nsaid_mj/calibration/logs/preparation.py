@@ -15,7 +15,7 @@ from . import signals
 from .cleaning import Recording, about_rows, clean
 from .continuous import with_angles
 from .joining import join
-from .layout import Layout, layout, pose_velocity
+from .layout import Layout, Source, layout, pose_velocity
 from .mapping import Map
 from .rest import Rest, Stretch, cut_rest, limits_stated, moving_part, rows_of
 from .signals import Signal
@@ -62,7 +62,7 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     if robot.system is None:
         made, said = _without_dead_velocities(made, recordings)
         findings += said
-    quanta = [_quantum(s.column.column, s.factor, recordings) for s in made.commands]
+    quanta = [_quantum(s.column.column, s.factor, recordings) if s else 0.0 for s in made.commands]
     del tables  # a log may be large, and what was read is not needed besides what was cleaned
     cleaned = _cleaned(recordings, made, findings)
     if not cleaned:
@@ -239,12 +239,14 @@ def _segments(
 def _log(grid: Array, found: dict[str, Signal], made: Layout, hold: bool, rate: float) -> Log:
     """q, v and u on a grid."""
 
-    def on_grid(names: list[str], held: bool = False) -> Array:
-        return np.column_stack([signals.resample(found[name], grid, held) for name in names])
+    def on_grid(sources: Sequence[Source | None], held: bool = False) -> Array:
+        signal = [found[s.column.column] if s else None for s in sources]
+        columns = [signals.resample(x, grid, held) if x else 0.0 * grid for x in signal]
+        return np.column_stack(columns)
 
-    q_raw = on_grid([s.column.column for s in made.positions])
+    q_raw = on_grid(made.positions)
     q = made.q(q_raw)
-    u = made.u(on_grid([s.column.column for s in made.commands], hold))
+    u = made.u(on_grid(made.commands, hold))
     if made.vehicle is not None and made.velocities[0] is None:
         v = signals.low_pass(pose_velocity(q, rate), signals.bandwidth(rate) / (0.5 * rate))
     else:
@@ -302,6 +304,8 @@ def _saturated(
     torque = np.eye(len(made.commands)) if made.torque is None else made.torque
     diagonal = np.array_equal(torque, np.diag(np.diag(torque)))
     for j, (command, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
+        if command is None:
+            continue
         name = command.column.column
         signal = found[name]
         flat = signals.flat_extremes(signal.x, signal.period)

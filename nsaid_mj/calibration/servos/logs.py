@@ -68,7 +68,7 @@ def servo_map(
     are matched by name, and a log that holds torques or currents as well counts as one of them.
     """
     if mapping is not None and mapping.joints:
-        targets = all(joint.command.is_position for joint in mapping.joints.values())
+        targets = all(j.command and j.command.is_position for j in mapping.joints.values())
         return dict(mapping.joints) if targets else None
     channels = list(dict.fromkeys(name for table in tables for name in table.channels))
     found = candidates(channels, joints)
@@ -157,7 +157,8 @@ def _stretches(
     """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
     found, findings = clean(recording, made)
     measured = [found[source.column.column] for source in made.positions]
-    wanted = [found[source.column.column] for source in made.commands]
+    targets = [source.column for source in made.commands if source]
+    wanted = [found[column.column] for column in targets]
     if min(len(signal.t) for signal in found.values()) < 10:
         return [], findings
     t = measured[0].t
@@ -175,7 +176,7 @@ def _stretches(
         q = np.column_stack([np.interp(own, s.t, s.x) for s in measured])
         u = np.column_stack([signals.resample(s, own, hold=True) for s in wanted])
         q += [source.column.zero for source in made.positions]
-        u += [source.column.zero for source in made.commands]
+        u += [column.zero for column in targets]
         u = np.clip(u, limits[:, 0], limits[:, 1])
         logs.append(ServoLog(recording.source, own, u, q, np.empty_like(q), np.empty_like(q)))
     if len(logs) > 1:

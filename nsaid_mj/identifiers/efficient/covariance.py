@@ -51,9 +51,10 @@ def keep_above_rounding(P, L):
 def _add_unexplained(density, dt, theta, L, spread, rows):
     """Adds M̂⁻¹ D M̂⁻¹/dt to the covariance of c, the last n columns of `rows` (n, 3n).
 
-    L is the factor that `solve_positive` left; `spread` (2n, 2n) is workspace.
+    D is `density` (n,) times the square of the last motor's gain, the last of theta (p,). L is the
+    factor that `solve_positive` left; `spread` (2n, 2n) is workspace.
     """
-    n, gains = density.shape[0], theta[theta.shape[0] - density.shape[0] :]
+    n, gain = density.shape[0], theta[theta.shape[0] - 1]
     columns = spread[:n]
     for i in range(n):
         for j in range(columns.shape[1]):
@@ -62,7 +63,7 @@ def _add_unexplained(density, dt, theta, L, spread, rows):
     for i in range(n):
         for j in range(n):
             for k in range(n):
-                own = density[k] * gains[k] * gains[k] / dt
+                own = density[k] * gain * gain / dt
                 rows[i, 2 * n + j] += columns[i, k] * columns[j, k] * own
 
 

@@ -30,8 +30,8 @@ class Law(NamedTuple):
         gamma: γ.
         window: samples over which innovations are tested.
         walk: (p,) variance that θ, relative to itself, gains per second [1/s]; 0 where constant.
-        unexplained: (n,) density of the noise of the commands of motors, one on every velocity,
-            whose gains are the last parameters [units of command, squared, times s]; (0,) if there
+        unexplained: (n,) density of the noise of the force on every velocity, over the gain of the
+            last motor, the last parameter [units of its command, squared, times s]; (0,) if there
             is none.
     """
 

@@ -34,8 +34,9 @@ class EfficientConfig(Config):
         linearisation: γ, standard deviation of the error of a step's linearisation relative to that
             of the effect of θ in it.
         innovation_window: time over which innovations are tested against chance [s].
-        unexplained: density of what the structure does not explain in the commands of motors, one
-            on every velocity [units of command, squared, times s]; none for an exact structure.
+        unexplained: density of the force on every velocity that the structure does not explain,
+            over the last motor's gain [units of its command, squared, times s]; none for an exact
+            structure.
     """
 
     _path = "identifier.efficient"
@@ -88,11 +89,11 @@ class FilterAlone:
         window = max(10, round(config.innovation_window / dt))
         gamma = config.linearisation
         unexplained = np.array(config.unexplained, dtype=np.float64)
-        motors = np.arange(system.p - system.n, system.p)[: len(unexplained)]
-        if len(unexplained) and not np.array_equal(motors, system.space.actuators):
+        motor = system.p - 1 in system.space.actuators
+        if len(unexplained) and (len(unexplained) != system.n or not motor):
             raise InvalidInput(
-                "identifier.efficient.unexplained", "none, unless each joint has a motor",
-                f"{len(unexplained)} numbers", "Give one for every motor, or none.",
+                "identifier.efficient.unexplained", f"{system.n} numbers, for a robot with motors",
+                len(unexplained), "Give one for every velocity, or none.",
             )  # fmt: skip
         self.law = Law(
             system.forward, cone, scale, margin_of(cone, scale), gamma, window,
