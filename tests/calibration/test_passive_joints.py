@@ -93,6 +93,14 @@ def test_residuals_of_a_passive_joint_have_a_reference_of_their_own(identified):
     assert max(ratio.values()) < 2 * min(ratio.values())
 
 
+def test_an_inspections_map_is_accepted(tmp_path):
+    model, log, _ = logged("cartpole", tmp_path)
+    out, words = tmp_path / "inspection", ["--model", str(model), "--log", str(log)]
+    command(["inspect", str(log), "--model", str(model), "--out", str(out)])
+    words += ["--map", str(out / "map.toml"), "--out", str(tmp_path / "out"), "--quiet"]
+    assert command(["identify", *words]) == 0
+
+
 def test_an_online_law_follows_its_log(tmp_path):
     model, log, _ = logged("acrobot", tmp_path)
     words = ["identify", "--model", str(model), "--log", str(log), "--law", "efficient"]

@@ -85,7 +85,8 @@ def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
     if robot.system is not None:
         parts.append(_vehicle(tables, robot))
     else:
-        found, targets = candidates(names, robot.joints), match_targets(names, robot.joints)
+        found = candidates(names, robot.joints, robot.passive)
+        targets = match_targets(names, robot.joints)
         goals = set(targets.values())
         measured = [g for g in found["position"].values() if goals.isdisjoint(g.values())]
         if targets and len(measured) == 1 and any(f.code == "servo" for f in robot.findings):
@@ -170,7 +171,7 @@ def _time(tables: Sequence[Table]) -> str:
 def _joint(joint: str, found: dict[Quantity, dict[str, dict[str, str]]]) -> str:
     lines = [f"\n[joints.{_key(joint)}]\n"]
     for quantity, groups in found.items():
-        choices = [by_joint[joint] for by_joint in groups.values()]
+        choices = [by_joint[joint] for by_joint in groups.values() if joint in by_joint]
         lines += [_entry(quantity, name, len(choices) > 1) for name in choices]
         if not choices:
             lines.append(f'# {quantity} = {{ column = "…" }}\n')

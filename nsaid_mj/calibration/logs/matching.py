@@ -61,10 +61,7 @@ def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str]
     Raises:
         UnmatchedChannels: a joint has no position or command, or there are several candidates.
     """
-    groups, needed = candidates(channels, joints), joints
-    if passive and not groups["command"]:
-        needed = [joint for joint in joints if joint not in passive]
-        groups["command"] = candidates(channels, needed)["command"]
+    groups = candidates(channels, joints, passive)
     chosen: dict[Quantity, dict[str, str]] = {}
     missing, reasons = [], []
     for quantity, found in groups.items():
@@ -75,7 +72,8 @@ def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str]
             reasons.append(f"{_NAMES[quantity].capitalize()} could be {' or '.join(found)}.")
         elif quantity != "velocity":
             missing.append(f"the {_NAMES[quantity]} of every joint")
-            own = needed if quantity == "command" else joints
+            idle = passive if quantity == "command" else ()
+            own = [joint for joint in joints if joint not in idle]
             reasons.append(_lacking(quantity, channels, own))
     if missing:
         raise UnmatchedChannels(missing, [*reasons, *_fewer(channels, joints)], channels)
@@ -137,10 +135,11 @@ def _fewer(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
 
 
 def candidates(
-    channels: Iterable[str], joints: Sequence[str]
+    channels: Iterable[str], joints: Sequence[str], passive: Sequence[str] = ()
 ) -> dict[Quantity, dict[str, dict[str, str]]]:
     """For each quantity, the groups of channels that cover all joints: joint to channel by group.
 
+    Where no group of commands covers all of them, it may lack those of `passive` joints.
     Measured quantities take precedence over setpoints of the same quantity, and names of joints
     over numbers, which may belong to another arm in the log.
     """
@@ -151,7 +150,11 @@ def candidates(
         if by_joint:
             numbered = not set(joints) <= set(members)
             complete[quantity].setdefault((rank, numbered), {})[group] = by_joint
-    return {quantity: ranks[min(ranks)] if ranks else {} for quantity, ranks in complete.items()}
+    found = {quantity: ranks[min(ranks)] if ranks else {} for quantity, ranks in complete.items()}
+    if passive and not found["command"]:
+        driven = [joint for joint in joints if joint not in passive]
+        found["command"] = candidates(channels, driven)["command"]
+    return found
 
 
 def _members(
