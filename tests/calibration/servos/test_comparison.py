@@ -84,9 +84,9 @@ def test_a_horizon_of_nought_predicts_every_row_from_the_one_before(folder, give
     one, path, k = given.logs[0], folder / "damped.xml", 200
     names = ("t", "target", "position", "load", "inertia")
     part = one._replace(**{name: getattr(one, name)[k:300] for name in names})
-    whole, rest = (rollout(path, JOINTS, log, None, 0.0) for log in (one, part))
+    whole, rest = (rollout(path, JOINTS, log, horizon=0.0) for log in (one, part))
     np.testing.assert_allclose(rest[3:-1], whole[k + 3 : 299], atol=1e-4)
-    free = rollout(path, JOINTS, part, None)
+    free = rollout(path, JOINTS, part)
     assert np.abs(free - part.position).mean() > 5 * np.abs(rest - part.position).mean()
 
 

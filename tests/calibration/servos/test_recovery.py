@@ -139,8 +139,8 @@ def test_the_exported_file_follows_a_new_motion(result, given, tmp_path):
     assert new is not None
     delays = [servo.delay for servo in result.servos]
     own, before = (
-        np.abs(rollout(file, JOINTS, new.logs[0], delay) - new.logs[0].position).mean()
-        for file, delay in ((path, delays), (MODEL, 0.0))
+        np.abs(rollout(file, JOINTS, new.logs[0]) - new.logs[0].position).mean()
+        for file in (path, MODEL)
     )
     assert own < 1e-3
     assert before > 10e-3
