@@ -11,8 +11,8 @@ from ...parameters import Array, Indices
 from .logs import ServoLog
 from .simulation import NONE, Effects, JointLog, simulate
 
-NAMES = ("T", "f", "g", "a", "d")
-GRAVITY = NAMES.index("g")
+DAMPING, FRICTION, GRAVITY, ARMATURE, DELAY = range(5)
+"""Places of T, f, g, a and d in θ."""
 STEP = 0.04  # of central differences of ln θ; smooths over samples that stick or slip
 _ROUNDS, _TRIES = 40, 8  # of the fit; of a step
 _ENOUGH = 1e-5  # relative decrease of the cost at which the fit ends
