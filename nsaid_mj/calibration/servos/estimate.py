@@ -18,9 +18,11 @@ from .effects import effects_of
 from .fit import (
     DAMPING,
     DELAY,
+    EFFECTIVE,
     GRAVITY,
     OutputError,
     Prior,
+    effective_rate,
     minimise,
 )
 from .joint_fits import fit_free
@@ -29,6 +31,7 @@ from .simulation import JointLog
 from .weighing import Weighed, weigh
 
 _KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
+_LEAST_SAG = 0.25  # variation of a joint's sinking under its load, over the deviation of its zero
 _PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances add
 _UNTOLD = 2.0  # standard deviation of ln θ above which a joint says nothing of the others
 _CONTRADICTS = 0.8  # residual with an own kp over that with the others' mean, below which it stays
@@ -58,6 +61,7 @@ class JointEstimate(NamedTuple):
             not.
         slides: whether the joint is a slide, whose f is in m and whose g is in m/N.
         travel: between its extreme positions [rad or m].
+        effective: independent samples of the residual per second.
     """
 
     x: Array
@@ -72,6 +76,7 @@ class JointEstimate(NamedTuple):
     limit: float = np.inf
     slides: bool = False
     travel: float = np.inf
+    effective: float = EFFECTIVE
 
     @property
     def judged(self) -> bool:
@@ -162,7 +167,7 @@ def estimate(
         loaded = [log._replace(limit=free[0].limit) for log in loaded]
         rest = np.ones(sum(len(log.t) for log in loaded))
         found = weigh(robot, [*free, *loaded], load, fits, priors, np.append(used, rest))
-        return _with_load(found, [*free, *loaded], kp, slide)
+        return _with_load(found, logs, kp, slide)
     cluster, zero = clusters(logs), zeros(logs)
     simulated = [fitted.simulated(j) for j in range(len(kp))]
     spread = [
@@ -174,6 +179,7 @@ def estimate(
         and _follows(own.logs, fit, used)
         for of, own, fit in zip(spread, simulated, fits, strict=True)
     ])  # fmt: skip
+    known &= _sag(logs, [fit.x for fit in fits]) > _LEAST_SAG * zero
     common = _common(fits, known, kp)
     for j in np.flatnonzero(~known):
         prior = Prior(priors[j].mean.copy(), priors[j].deviation.copy())
@@ -207,6 +213,12 @@ def _reveals(variance: float, play: float) -> bool:
     return bool(max(np.sqrt(variance), abs(play)) < _KNOWN)
 
 
+def _sag(logs: Sequence[ServoLog], x: Sequence[Array]) -> Array:
+    """(n,) how much the joints' sinking under gravity varies along logs [rad or m]."""
+    load = np.concatenate([log.load for log in logs])
+    return np.exp([own[GRAVITY] for own in x]) * load.std(axis=0)
+
+
 def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
     """(n,) ln g where gravity does not determine it: the others' mean, or the model file's."""
     g = [fit.x[GRAVITY] for fit, sure in zip(fits, known, strict=True) if sure]
@@ -227,6 +239,7 @@ def _with_load(
     known = np.array([
         _reveals(whole[k, k], moved[k, n + j]) for j, k in enumerate((at + GRAVITY).tolist())
     ])  # fmt: skip
+    known &= _sag(logs, [f.x for f, _ in pairs]) > _LEAST_SAG * zero
     common, joints, scale = _common([f for f, _ in pairs], known, kp), [], len(fit.x) - 4
     for j, (one, _) in enumerate(pairs):
         logs_of, place = [log.joint(j) for log in own], slice(at[j], at[j] + len(one.x))
@@ -300,6 +313,7 @@ def _judged(
         float(np.sqrt(covariance[GRAVITY, GRAVITY])),
         limit=logs[0].limit,
         travel=travel,
+        effective=effective_rate(logs, fit.residual),
     )
 
 
