@@ -19,6 +19,7 @@ from .fit import (
     DAMPING,
     DELAY,
     EFFECTIVE,
+    FRICTION,
     GRAVITY,
     OutputError,
     Prior,
@@ -194,9 +195,10 @@ def estimate(
         change = float(found.moved[GRAVITY, 0])
         quantile = np.array([found.quantile(c) for c in _directions(fit.x)])
         one = _judged(own.logs, fit, bool(known[j]), used, found.covariance, quantile, change)
-        judged.append(one._replace(zero=float(zero[j]), slides=slide[j]))
         if not one.poor:
-            effects += effects_of(robot.joints[j], UNITS[slide[j]], own, fit, prior, cluster)
+            named = effects_of(robot.joints[j], UNITS[slide[j]], own, fit, prior, cluster)
+            one, effects = _with_effects(one, named), [*effects, *named]
+        judged.append(one._replace(zero=float(zero[j]), slides=slide[j]))
     return Estimate(_moderated(judged, cluster), used, None, tuple(effects))
 
 
@@ -217,6 +219,15 @@ def _sag(logs: Sequence[ServoLog], x: Sequence[Array]) -> Array:
     """(n,) how much the joints' sinking under gravity varies along logs [rad or m]."""
     load = np.concatenate([log.load for log in logs])
     return np.exp([own[GRAVITY] for own in x]) * load.std(axis=0)
+
+
+def _with_effects(joint: JointEstimate, effects: Sequence[Finding]) -> JointEstimate:
+    """The estimate, whose interval of friction includes half of what this changes with speed."""
+    sizes = [f.data["size"] for f in effects if f.data["effect"] == "stribeck"]
+    excess = float(np.sum(np.array(sizes, dtype=np.float64)))
+    wider = np.zeros((5, 5))
+    wider[FRICTION, FRICTION] = (0.25 * excess / joint.theta[FRICTION]) ** 2
+    return joint._replace(covariance=joint.covariance + wider)
 
 
 def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
