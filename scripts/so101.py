@@ -15,7 +15,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import stats
 
 from nsaid_mj.calibration.servos import (
@@ -43,8 +42,8 @@ def main() -> None:
     halves(given)
 
 
-def error(given: ServoLogs, path: Path, k: int, delay: ArrayLike = 0.0) -> np.ndarray:
-    """(n,) mean absolute errors of log k [mrad], by a file and the delays of its targets [s]."""
+def error(given: ServoLogs, path: Path, k: int, delay: float | None = None) -> np.ndarray:
+    """(n,) mean absolute errors of log k [mrad], by a file, with its delays or another [s]."""
     log = given.logs[k]
     found = rollout(path, given.robot.joints, log, delay)
     return 1e3 * np.abs(found - log.position).mean(axis=0)
@@ -63,8 +62,8 @@ def leave_one_out(given: ServoLogs) -> None:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "identified.xml")
             write_servo_mjcf(result, path)
-            rows.append(error(given, path, k, [servo.delay for servo in result.servos]))
-            late.append(error(given, path, k))
+            rows.append(error(given, path, k))
+            late.append(error(given, path, k, 0.0))
         assert given.robot.source is not None
         before.append(error(given, given.robot.source, k))
         cells = " | ".join(f"{x:.1f}" for x in [*rows[-1], rows[-1].mean(), before[-1].mean()])

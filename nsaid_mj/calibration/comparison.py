@@ -22,10 +22,9 @@ from .data import Recordings, RobotModel
 from .export import identified
 from .models import load_robot_model
 from .replay import departures
-from .servos.estimate import DELAYS, late
 from .servos.export import rollout, write_servo_mjcf
 from .servos.identify import ServoLogs, identify_servos
-from .servos.logs import ServoLog
+from .servos.logs import DELAYS, ServoLog, late
 from .servos.sysid import write_by_toolbox
 from .structure import Options
 from .sysid import by_toolbox, delayed
@@ -189,8 +188,8 @@ def _fitted_servos(given: ServoLogs, model: str, told: Told) -> list[_Part]:
 
 def _part(log: ServoLog, rows: slice) -> ServoLog:
     """A part of a log."""
-    q, u, load, inertia = (x[rows] for x in (log.position, log.target, log.load, log.inertia))
-    return ServoLog(log.source, log.t[rows], u, q, load, inertia)
+    u, q, load, mass = (x[rows] for x in (log.target, log.position, log.load, log.mass))
+    return ServoLog(log.source, log.t[rows], u, q, load, mass)
 
 
 def _followed_late(given: ServoLogs) -> Score:

@@ -236,17 +236,16 @@ def _followed(
     source, joints = result.robot.source, result.robot.joints
     logs = [log for log in (others or given).logs if not log.loaded]  # of the file's own links
     assert source is not None  # a model with servos comes from a file
-    delays = [servo.delay for servo in result.servos]
-    simulated = [rollout(path, joints, log, delays) for log in logs]
-    nominal = [rollout(source, joints, log, 0.0) for log in logs]
+    simulated = [rollout(path, joints, log) for log in logs]
+    nominal = [rollout(source, joints, log) for log in logs]
     own, before = (
         np.mean([np.abs(q - log.position).mean(axis=0) for q, log in pairs], axis=0) * 1e3
         for pairs in (zip(simulated, logs, strict=True), zip(nominal, logs, strict=True))
     )
-    what = ", ".join(dict.fromkeys(log.source for log in logs))
+    what, unit = ", ".join(dict.fromkeys(log.source for log in logs)), result.robot.small_unit
     text = (
-        f"MuJoCo, driven by the targets alone, departs from {what} by {own.mean():.1f} mrad in the "
-        f"mean with the exported file and the delays, and by {before.mean():.1f} mrad with yours"
+        f"MuJoCo, driven by the targets alone, departs from {what} by {own.mean():.1f} {unit} in "
+        f"the mean with the exported file and its delays, and by {before.mean():.1f} with yours"
     )
     data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
     level = "note" if own.mean() < before.mean() else "warning"

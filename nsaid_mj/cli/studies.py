@@ -25,6 +25,7 @@ from .process import code_of
 
 if TYPE_CHECKING:
     from ..calibration.comparison import Score
+    from ..robot.model import RobotModel
 
 
 _MOST_SEEDS = 10_000  # of a comparison
@@ -190,20 +191,20 @@ def compare_on_logs(arguments: Sequence[str]) -> int:
     if not files or not chosen.log:
         expected = "a model file and a log, or more of them"
         raise InvalidInput("--models", expected, " ".join(chosen.models) or "none", _SUCH)
-    joints, scores = _compared(chosen, files[0])
+    robot, scores = _compared(chosen, files[0])
     if chosen.json:
-        print_json(document(joints, scores))
+        print_json(document(robot.joints, scores))
     elif not chosen.quiet:
         from rich.console import Console
 
         from ..reporting.identification.servos import print_scores
 
-        print_scores(scores, Console())
+        print_scores(scores, robot.small_unit, Console())
     return 0
 
 
-def _compared(chosen: CompareModels, first: str) -> tuple[tuple[str, ...], tuple[Score, ...]]:
-    """The joints of the first model, and the scores."""
+def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Score, ...]]:
+    """The first model, and the scores."""
     from ..calibration.comparison import compare_arms, compare_servos
     from ..calibration.identify import coupled, recordings_of
     from ..calibration.logs import read_map
@@ -215,7 +216,7 @@ def _compared(chosen: CompareModels, first: str) -> tuple[tuple[str, ...], tuple
     with Progress("compare", quiet=chosen.quiet or chosen.json) as progress:
         given = servo_logs(first, chosen.log, chosen.map)
         if given is not None:
-            return given.robot.joints, compare_servos(given, chosen.models, progress.say)
+            return given.robot, compare_servos(given, chosen.models, progress.say)
         robot = load_robot_model(first)
         if robot.system is not None:
             remedy = "Vehicles are judged by `nsaid identify --validate`."
@@ -223,8 +224,7 @@ def _compared(chosen: CompareModels, first: str) -> tuple[tuple[str, ...], tuple
         mapping = None if chosen.map is None else read_map(chosen.map)
         recordings = recordings_of(chosen.log, mapping, robot)
         options = Options(coupled=coupled(mapping))
-        say = progress.say
-        return robot.joints, compare_arms(robot, recordings, chosen.models, options, say)
+        return robot, compare_arms(robot, recordings, chosen.models, options, progress.say)
 
 
 def document(joints: tuple[str, ...], scores: tuple[Score, ...]) -> list[dict[str, Any]]:

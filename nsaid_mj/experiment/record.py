@@ -26,6 +26,8 @@ from ..resources import create, json_of, path_of, writing
 
 BATCH_SECONDS = 0.9
 FILE = "record.arrow"
+TARGET_DELAYS = "target_delays"
+"""Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts."""
 
 
 class RecordWriter:
@@ -126,7 +128,7 @@ class Record:
             from t on, `v_hat` (N, n), `theta_hat` (N, p), `pivot` (N,) M̂'s smallest pivot, `spent`
             (N,) decrease of the conserved quantity by implicit steps, `pe` and `pe_perp` (N,) the
             online levels of (2) and (75); for every rival R also `v_hat_R` and `theta_hat_R`.
-        metadata: `scenario` (JSON text), `names`, `units`, `scale`, `r`.
+        metadata: `scenario` (JSON text), `names`, `units`, `scale`, `r`; see `TARGET_DELAYS`.
         complete: whether the stream was closed; that of a killed run was not.
     """
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..errors import BadRobot, InvalidInput, UnknownName
 from ..parameters import Array
+from ..structure.joints import moving_joints, slides
 from ..structure.optional import pin
 from .findings import Finding
 
@@ -22,11 +23,13 @@ class Servos(NamedTuple):
         kp: (k,) stiffness [N·m/rad or N/m].
         kv: (k,) damping [N·m·s/rad or N·s/m].
         range: (k, 2) least and largest target [rad or m]; ±inf without limit.
+        delay: (k,) from a target to the servo [s]; see `tree.target_delays`.
     """
 
     kp: Array
     kv: Array
     range: Array
+    delay: Array
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,12 @@ class RobotModel:
     def weightless(self) -> bool:
         """Whether the model file has no masses, so that all inertias are guesses."""
         return any(finding.code == "no_masses" for finding in self.findings)
+
+    @property
+    def small_unit(self) -> str:
+        """Unit of a thousandth of the joints' positions."""
+        kinds = {slides(joint) for joint in moving_joints(self.model)}
+        return " or ".join(("mrad", "mm")[kind] for kind in sorted(kinds))
 
 
 LOCK = "Lock it, if it stood still in the log: `--lock {}`."

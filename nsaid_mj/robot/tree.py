@@ -94,6 +94,9 @@ def pose(position: Array, wxyz: Array) -> pin.SE3:
     return pin.SE3(pin.Quaternion(*wxyz).normalized().toRotationMatrix(), np.array(position))
 
 
+TARGET_DELAY = "target_delay"
+"""Custom numeric of an MJCF: delays of all actuators' targets [s], which MuJoCo does not apply."""
+
 _KINDS = {  # of Pinocchio's joints: along an axis, and the general one
     mujoco.mjtJoint.mjJNT_HINGE: ("JointModelR", "JointModelRevoluteUnaligned"),
     mujoco.mjtJoint.mjJNT_SLIDE: ("JointModelP", "JointModelPrismaticUnaligned"),
@@ -274,7 +277,7 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
 
 def position_servos(mj: Any, names: Sequence[str], joints: Sequence[str]) -> Servos | None:
     """The servos of k joints of a MuJoCo model; None unless each has one, and no other actuator."""
-    found = []
+    found, delays = [], target_delays(mj)
     for joint in joints:
         own = actuators_of(mj, names.index(joint))
         if len(own) != 1 or mj.actuator_biastype[own[0]] != mujoco.mjtBias.mjBIAS_AFFINE:
@@ -284,9 +287,26 @@ def position_servos(mj: Any, names: Sequence[str], joints: Sequence[str]) -> Ser
             return None
         limited = mj.actuator_ctrllimited[own[0]]
         limits = mj.actuator_ctrlrange[own[0]] if limited else [-np.inf, np.inf]
-        found.append((gain, -bias[2], *limits))
-    kp, kv, low, high = np.array(found, dtype=np.float64).reshape(-1, 4).T
-    return Servos(kp, kv, np.column_stack([low, high])) if found else None
+        found.append((gain, -bias[2], *limits, delays[own[0]]))
+    kp, kv, low, high, delay = np.array(found, dtype=np.float64).reshape(-1, 5).T
+    return Servos(kp, kv, np.column_stack([low, high]), delay) if found else None
+
+
+def target_delays(mj: Any) -> Array:
+    """(nu,) delays of a MuJoCo model's targets [s]: of its actuators, or of `TARGET_DELAY`.
+
+    Raises:
+        InvalidInput: `TARGET_DELAY` does not have a number for every actuator.
+    """
+    delays = mj.actuator_delay.copy()
+    if TARGET_DELAY in {mj.numeric(i).name for i in range(mj.nnumeric)}:
+        stated = mj.numeric(TARGET_DELAY).data
+        if len(stated) != mj.nu or not np.all((stated >= 0) & (stated <= 1)):
+            expected = f"a delay from 0 to 1 s for each of {mj.nu} actuators"
+            remedy = "Correct the file's <custom>."
+            raise InvalidInput(f"numeric {TARGET_DELAY}", expected, stated.tolist(), remedy)
+        delays = np.where(delays > 0, delays, stated)
+    return delays
 
 
 def is_motor(mj: Any, actuator: int) -> bool:

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.errors import RobotChanged
+from nsaid_mj.errors import InvalidInput, RobotChanged
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.plants import ArmPlant, Loss, Mismatch
@@ -132,6 +132,39 @@ def test_targets_that_are_delayed_move_the_arm_later(file):
     same = np.abs(at[1].q[half:] - at[0].q[half:]).max()
     later = np.abs(at[1].q[half:] - at[0].q[half - steps : -steps]).max()
     assert later < 0.2 * same
+
+
+DELAYS = '<mujoco><custom><numeric name="target_delay" data=".012 .03"/></custom>'
+
+
+def test_delays_of_a_file_are_simulated_and_identified(file, tmp_path):
+    """The record's u is what acts; read as a log, its targets are as early as they were issued."""
+    from dataclasses import replace
+
+    from nsaid_mj.calibration.servos import identify_servos, servo_logs
+    from nsaid_mj.experiment.loop import run
+
+    scenario = replace(load("arm"), plant=ArmPlant(str(file), spread=0.0), duration=12.0, dt=2e-3)
+    issued = Setup.of(replace(scenario, duration=1.0)).driver().compiled(2e-3 * np.arange(6001))
+    file.write_text(file.read_text().replace("<mujoco>", DELAYS))
+    law = replace(scenario.identifier, law="paper")
+    done = run(replace(scenario, identifier=law), tmp_path / "run")
+    every = scenario.record_every
+    for k, steps in enumerate((6, 15)):
+        late = np.r_[np.repeat(issued[:1, k], steps), issued[:-steps, k]]
+        np.testing.assert_allclose(done.record["u"][:, k], late[::every], atol=1e-12)
+    log = servo_logs(file, [tmp_path / "run"])
+    assert log is not None
+    found = identify_servos(log)
+    assert [s.delay for s in found.servos] == pytest.approx([0.012, 0.03], abs=1e-3)
+    assert [s.kp for s in found.servos] == pytest.approx([12, 8], rel=0.05)
+
+
+@pytest.mark.parametrize("delays", [".01", ".01 -.02", ".01 2"])
+def test_delays_that_a_file_cannot_have_are_refused(file, delays):
+    file.write_text(file.read_text().replace("<mujoco>", DELAYS.replace(".012 .03", delays)))
+    with pytest.raises(InvalidInput, match="a delay from 0 to 1 s for each of 2 actuators"):
+        ArmPlant(str(file)).build(1e-3, 0)
 
 
 def test_an_arm_with_servos_on_some_joints_says_that_it_gets_motors(file):

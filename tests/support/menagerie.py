@@ -67,6 +67,11 @@ SOFT_ARM = STIFF_ARM._replace(
     friction=np.array([2.0, 3.0, 1.5, 0.7]), armature=np.array([0.30, 0.35, 0.25, 0.12]),
     delay=0.012, rate=100.0, tick=2 * np.pi / 2**14, speed=2.0,
 )  # fmt: skip
+HEAVY_ARM = Robot(
+    "heavy_arm.xml", _ARM, np.array([20.0, 40.0, 22.0, 9.0]), np.array([0.8, 1.6, 0.9, 0.4]),
+    np.array([0.2, 0.4, 0.3, 0.15]), np.array([0.02, 0.02, 0.015, 0.01]), 0.02, 50.0,
+    2 * np.pi / 4096, -np.ones(4), np.ones(4), 2.5, 5e-4,
+)  # fmt: skip
 LEG = Robot(
     "leg.xml", ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint"), np.array([20.0, 21.0, 19.5]),
     np.array([0.55, 0.6, 0.7]), np.array([0.2, 0.25, 0.3]), np.array([0.011, 0.013, 0.025]),

@@ -27,7 +27,14 @@ def identified_servos(used, file=None):
     if file is not None:
         robot = load_tree(str(file))
     joint = JointEstimate(
-        np.log([0.06, 0.02, 0.08, 2e-3, 0.015]), 0.01 * np.eye(5), 2.0, True, 0.0, 2e-3, 2e-2, 0.1
+        np.log([0.06, 0.02, 0.08, 2e-3, 0.015]),
+        0.01 * np.eye(5),
+        np.full(6, 2.0),
+        True,
+        0.0,
+        2e-3,
+        2e-2,
+        0.1,
     )
     scale = MassScale(np.log(1.3), 0.03, 2.0, np.zeros(3), np.full(3, 0.01))
     return ServoIdentification(

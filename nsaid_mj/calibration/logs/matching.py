@@ -96,14 +96,27 @@ def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, s
     A target's name has its joint and a word such as `target` or `goal` beside words of positions:
     `target_elbow`, `elbow.goal_position`, `action.elbow.pos`.
     """
+    groups = _targets(channels, joints)
+    found = [by_joint for members in groups if (by_joint := _by_joint(members, joints))]
+    return found[0] if len(found) == 1 else {}
+
+
+def lacking_targets(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
+    """The joints without a target where names give one to others; empty if none has or all have."""
+    most = max(_targets(channels, joints), key=len, default={})
+    lacking = [joint for joint in joints if joint not in most]
+    return lacking if len(lacking) < len(joints) else []
+
+
+def _targets(channels: Iterable[str], joints: Sequence[str]) -> list[dict[str, str]]:
+    """Groups of channels of position targets, by joint (its name, or a number as text)."""
     groups: dict[str, dict[str, str]] = defaultdict(dict)
     others = _OTHER | WORDS["velocity"] | (WORDS["command"] - {"cmd", "command"})
     for channel in channels:
         joint, rest = _joint_of(words(channel), joints)
         if joint and set(rest) & _TARGET and not set(rest) & others:
             groups[" ".join(rest)].setdefault(joint, channel)
-    found = [by_joint for members in groups.values() if (by_joint := _by_joint(members, joints))]
-    return found[0] if len(found) == 1 else {}
+    return list(groups.values())
 
 
 def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str]) -> str:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
+from scipy import stats
 
 from ...parameters import Array, Indices
 from .fit import OutputError, Prior, Simulated, weights
@@ -42,10 +44,56 @@ def zeros(logs: Sequence[ServoLog]) -> Array:
     return np.minimum(_TICKS * np.array(ticks), OFFSET)
 
 
+class Spread(NamedTuple):
+    """How far k fitted parameters may be off.
+
+    Attributes:
+        covariance: (k, k) of them.
+        moved: (k, 2 n) their change by offsets of the zeros, and by play.
+        free: (f,) indices of the fitted ones.
+        jackknife: (f, f) part of the covariance that differences between clusters give.
+        information: (G, f, f) of every cluster.
+        inverse: (f, f) of all clusters' information and the prior's.
+    """
+
+    covariance: Array
+    moved: Array
+    free: Indices
+    jackknife: Array
+    information: Array
+    inverse: Array
+
+    def quantile(self, direction: Array) -> float:
+        """Of Student's t, for the 95 % interval of a combination of the parameters (k,).
+
+        If one log holds most of what is known of it, so that the others say little of its
+        variance, there are fewer degrees of freedom than clusters. They are Satterthwaite's (Bell
+        and McCaffrey, Survey Methodology 28, 2002), more where the jackknife is a small part of
+        the variance, and at most those of equal clusters.
+        """
+        c, most = direction[self.free], len(self.information) - 1
+        part = float(c @ self.jackknife @ c)
+        if part <= 0:
+            return float(stats.t.ppf(0.975, most))
+        own, A = self.information, self.inverse
+        left_out = np.linalg.solve(
+            np.linalg.inv(A) - own, np.broadcast_to(c, own[..., 0].shape)[..., None]
+        )[..., 0]
+        scores = np.einsum("gij,gj->gi", own, left_out)
+        seen = scores @ A
+        M = np.diag(np.einsum("gi,gi->g", scores, left_out)) - 2 * seen @ scores.T
+        M += seen @ own.sum(axis=0) @ seen.T
+        M += M.mean() - M.mean(axis=0) - M.mean(axis=1)[:, None]
+        degrees = (
+            np.trace(M) ** 2 / np.sum(M**2) * (direction @ self.covariance @ direction / part) ** 2
+        )
+        return float(stats.t.ppf(0.975, np.clip(degrees, 1.0, most)))
+
+
 def covariance_of(
     simulated: Simulated, fit: OutputError, prior: Prior, cluster: Indices, zero: Array
-) -> tuple[Array, Array]:
-    """(k, k) of the parameters, and their (k, 2 n) change by offsets `zero` (n,), and by play.
+) -> Spread:
+    """The covariance of the parameters, and their change by offsets `zero` (n,) and by play.
 
     The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
     plus the prior's part A⁻¹ P A⁻¹, plus that of the zeros. Residuals of a simulation are
@@ -56,18 +104,20 @@ def covariance_of(
     weight = weights(simulated, fit.residual, fit.sigma)
     free, P = prior.free, np.diag(prior.deviation[prior.free] ** -2.0)
     weighted = fit.jacobian * weight[:, None]
-    H, count = weighted.T @ fit.jacobian + P, int(cluster.max()) + 1
-    A = np.linalg.inv(H)
-    shifts = []
+    count, H, shifts = int(cluster.max()) + 1, weighted.T @ fit.jacobian + P, []
+    information = np.empty((count, *H.shape))
     for k in range(count):
         own = cluster == k
-        rest = H - weighted[own].T @ fit.jacobian[own]
-        shifts.append(np.linalg.solve(rest, weighted[own].T @ fit.residual[own]))
-    jackknife = np.cov(np.array(shifts).T, bias=True) * max(count - 1, 1)
+        information[k] = weighted[own].T @ fit.jacobian[own]
+        score = weighted[own].T @ fit.residual[own]
+        shifts.append(np.linalg.solve(H - information[k], score))
+    A: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
+    apart = np.array(shifts) - np.mean(shifts, axis=0)
+    jackknife = apart.T @ apart * max(count - 1, 1) / count
     out, offset = np.zeros((len(fit.x), len(fit.x))), simulated.moved(fit.x, zero)
     moved = np.zeros((len(fit.x), offset.shape[1]))
     moved[free] = A @ weighted.T @ offset
     own = _NUMERICAL**2 * np.eye(len(free))
     out[np.ix_(free, free)] = jackknife + A @ P @ A + own
     by_zero = moved[:, : len(zero)]
-    return out + by_zero @ by_zero.T, moved
+    return Spread(out + by_zero @ by_zero.T, moved, free, jackknife, information, A)

@@ -1,4 +1,4 @@
-"""All joints of a servo arm: fits, windows with foreign forces, covariances, the origin of kp."""
+"""All joints of a servo arm: fits, covariances, the origin of kp."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy import stats
 
 from ...parameters import Array, Indices
 from ...structure.joints import moving_joints, slides
@@ -16,24 +15,30 @@ from ..payloads import Load
 from ..problem import Mask
 from .covariance import OFFSET, clusters, covariance_of, zeros
 from .effects import effects_of
-from .fit import GRAVITY, JointFit, OutputError, Prior, minimise, undisturbed
-from .logs import ServoLog, weighed, without_armature
-from .simulation import JointLog, simulate
-from .start import start
+from .fit import (
+    DAMPING,
+    DELAY,
+    EFFECTIVE,
+    FRICTION,
+    GRAVITY,
+    OutputError,
+    Prior,
+    effective_rate,
+    minimise,
+)
+from .joint_fits import fit_free
+from .logs import DELAYS, TRAVEL, ServoLog, late
+from .simulation import JointLog
 from .weighing import Weighed, weigh
 
-_DELAY = 0.015  # before the log [s]
-_SPREAD = np.array([3.0, 3.0, 3.0, 1.0, 1.5])
-# standard deviations of ln θ before the log: T, f and g nearly free; a within a factor of 7 of that
-# of a critically damped servo, T²/4, and delays of serial buses within 20
-_SWEEPS = 8  # at most, over all joints, with the loads of the others' simulated motion
-_SETTLED = 0.2  # change of that motion, over the residual, at which they end
 _KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
+_LEAST_SAG = 0.25  # variation of a joint's sinking under its load, over the deviation of its zero
 _PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances add
 _UNTOLD = 2.0  # standard deviation of ln θ above which a joint says nothing of the others
-_SATURATES = 0.97  # largest robust residual with a limit of force over that without, to accept it
+_CONTRADICTS = 0.8  # residual with an own kp over that with the others' mean, below which it stays
 UNITS = ("mrad", "mm")  # of a thousandth of a hinge's and a slide's position
-DELAYS = np.arange(0.0, 0.31, 0.01)  # of a target that follows perfectly [s]
+_NEARLY = 0.8  # error over that of a simple prediction, above which the model explains nothing
+_STILL = 1e-3  # error of a simple prediction for a joint that hardly moves [rad or m]
 
 
 class JointEstimate(NamedTuple):
@@ -42,7 +47,8 @@ class JointEstimate(NamedTuple):
     Attributes:
         x: (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
         covariance: (5, 5) of ln θ̂, from scores clustered by log or block; 0 for fixed ones.
-        quantile: of Student's t, which turns deviations into 95 % intervals.
+        quantile: (6,) of Student's t, which turn deviations of T, f, kp, a, d and T + d into 95 %
+            intervals.
         gravity: whether gravity determines kp; otherwise it is a convention.
         offset: change of ln kp by an offset between the zeros of target and position, which is part
             of the covariance.
@@ -55,11 +61,13 @@ class JointEstimate(NamedTuple):
         limit: force or torque at which the servo saturated in the logs [N·m or N]; inf if it did
             not.
         slides: whether the joint is a slide, whose f is in m and whose g is in m/N.
+        travel: between its extreme positions [rad or m].
+        effective: independent samples of the residual per second.
     """
 
     x: Array
     covariance: Array
-    quantile: float
+    quantile: Array
     gravity: bool
     offset: float
     error: float
@@ -68,6 +76,18 @@ class JointEstimate(NamedTuple):
     zero: float = OFFSET
     limit: float = np.inf
     slides: bool = False
+    travel: float = np.inf
+    effective: float = EFFECTIVE
+
+    @property
+    def judged(self) -> bool:
+        """Whether it moves enough for the model to be better than a simple prediction."""
+        return self.simple > _STILL
+
+    @property
+    def poor(self) -> bool:
+        """Whether a simple prediction is nearly as good as the model."""
+        return self.judged and self.error > _NEARLY * self.simple
 
     @property
     def theta(self) -> Array:
@@ -125,7 +145,8 @@ def estimate(
     """Fits every joint alone, masks windows with foreign forces, and fits again.
 
     Where gravity does not determine kp, it is the geometric mean over the joints where it does, or
-    the model file's if there are none. Logs with a load are fitted after the free ones, together.
+    the model file's if there are none, unless the residual is then larger. Logs with a load are
+    fitted after the free ones, together.
 
     Args:
         robot: the model.
@@ -140,126 +161,50 @@ def estimate(
     loaded = [log for log in logs if log.loaded]
     limits = np.full(len(kp), np.inf) if limits is None else limits
     slide = [slides(joint) for joint in moving_joints(robot.model)]
-    fitted = _free_of_loads(robot, free, limits, told)
+    fitted = fit_free(free, limits, told)
     free, fits, priors, used = fitted
     if load is not None:
         told("weighing the load")
         loaded = [log._replace(limit=free[0].limit) for log in loaded]
         rest = np.ones(sum(len(log.t) for log in loaded))
         found = weigh(robot, [*free, *loaded], load, fits, priors, np.append(used, rest))
-        return _with_load(found, [*free, *loaded], kp, slide)
+        return _with_load(found, logs, kp, slide)
     cluster, zero = clusters(logs), zeros(logs)
     simulated = [fitted.simulated(j) for j in range(len(kp))]
     spread = [
         covariance_of(own, fit, prior, cluster, zero[[j]])
         for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True))
     ]
-    known = np.array([_reveals(C[GRAVITY, GRAVITY], moved[GRAVITY, 1]) for C, moved in spread])
+    known = np.array([
+        _reveals(of.covariance[GRAVITY, GRAVITY], of.moved[GRAVITY, 1])
+        and _follows(own.logs, fit, used)
+        for of, own, fit in zip(spread, simulated, fits, strict=True)
+    ])  # fmt: skip
+    known &= _sag(logs, [fit.x for fit in fits]) > _LEAST_SAG * zero
     common = _common(fits, known, kp)
     for j in np.flatnonzero(~known):
-        mean, deviation = priors[j].mean.copy(), priors[j].deviation.copy()
-        mean[GRAVITY], deviation[GRAVITY] = common[j], 0.0
-        priors[j] = Prior(mean, deviation)
-        fits[j] = minimise(simulated[j], fits[j].x, priors[j])
+        prior = Prior(priors[j].mean.copy(), priors[j].deviation.copy())
+        prior.mean[GRAVITY], prior.deviation[GRAVITY] = common[j], 0.0
+        fixed = minimise(simulated[j], fits[j].x, prior)
+        unsure = spread[j].covariance[GRAVITY, GRAVITY] > (2 * _KNOWN) ** 2
+        if unsure or fits[j].sigma > _CONTRADICTS * fixed.sigma:
+            fits[j], priors[j] = fixed, prior  # else the links' inertia reveals that kp is another
     judged, effects = [], []
     for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True)):
-        covariance, offset = covariance_of(own, fit, prior, cluster, zero[[j]])
-        change, sure = float(offset[GRAVITY, 0]), bool(known[j])
-        one = _judged(own.logs, fit, sure, used, cluster, covariance, change)
+        found = covariance_of(own, fit, prior, cluster, zero[[j]])
+        change = float(found.moved[GRAVITY, 0])
+        quantile = np.array([found.quantile(c) for c in _directions(fit.x)])
+        one = _judged(own.logs, fit, bool(known[j]), used, found.covariance, quantile, change)
+        if not one.poor:
+            named = effects_of(robot.joints[j], UNITS[slide[j]], own, fit, prior, cluster)
+            one, effects = _with_effects(one, named), [*effects, *named]
         judged.append(one._replace(zero=float(zero[j]), slides=slide[j]))
-        effects += effects_of(robot.joints[j], UNITS[slide[j]], own, fit, prior, cluster)
     return Estimate(_moderated(judged, cluster), used, None, tuple(effects))
 
 
-class _Fitted(NamedTuple):
-    """Fits of every joint to the free logs.
-
-    Attributes:
-        logs: with the loads of their simulated motion.
-        fits: of every joint.
-        priors: of its parameters.
-        used: (N,) 1 of samples in use.
-    """
-
-    logs: list[ServoLog]
-    fits: list[OutputError]
-    priors: list[Prior]
-    used: Array
-
-    def simulated(self, j: int) -> JointFit:
-        """The simulation of a joint."""
-        return JointFit([log.joint(j) for log in self.logs], self.used)
-
-    def refitted(self, logs: list[ServoLog]) -> _Fitted:
-        """Fits to the logs with other loads or limits."""
-        found = self._replace(logs=logs)
-        fits = [
-            minimise(found.simulated(j), fit.x, prior)
-            for j, (fit, prior) in enumerate(zip(self.fits, self.priors, strict=True))
-        ]
-        return found._replace(fits=fits)
-
-
-def _free_of_loads(
-    robot: RobotModel,
-    logs: list[ServoLog],
-    limits: Array,
-    told: Callable[[str], None],
-) -> _Fitted:
-    """Fits of all joints to the free logs, without windows of foreign forces."""
-    told("fitting every servo alone")
-    found = _Fitted(logs, [], [], np.ones(sum(len(log.t) for log in logs)))
-    for j in range(len(limits)):
-        own = found.simulated(j)
-        first = np.log(start(own.logs))
-        guess = np.r_[first[:3], 2 * first[0] - np.log(4), np.log(_DELAY)]
-        found.priors.append(Prior(guess, _SPREAD))
-        found.fits.append(minimise(own, first, found.priors[-1]))
-    used = found.used
-    for j, fit in enumerate(found.fits):
-        used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
-    told("fitting all servos together, without foreign forces")
-    found = _together(robot, found._replace(used=used))
-    limited = _saturated(found, limits)
-    if np.isfinite(limited).any():
-        found = found.refitted([log._replace(limit=limited) for log in found.logs])
-        found = _together(robot, found)
-    return found
-
-
-def _together(robot: RobotModel, found: _Fitted) -> _Fitted:
-    """The fits with the loads of all joints' simulated motion, until that settles."""
-    model, before = without_armature(robot.model), np.inf
-    for _ in range(_SWEEPS):
-        thetas = [np.exp(fit.x) for fit in found.fits]
-        moved = [
-            np.column_stack([simulate(log.joint(j), theta) for j, theta in enumerate(thetas)])
-            for log in found.logs
-        ]
-        change = np.sqrt(np.mean((np.concatenate(moved) - before) ** 2, axis=0))
-        if np.all(change < [_SETTLED * fit.sigma for fit in found.fits]):
-            break
-        before = np.concatenate(moved)
-        found = found.refitted(
-            [weighed(model, log, q) for log, q in zip(found.logs, moved, strict=True)]
-        )
-    return found
-
-
-def _saturated(found: _Fitted, limits: Array) -> Array:
-    """(n,) limits of the servos' forces [N·m or N] where the logs show them; else inf.
-
-    Model files state limits that the servo does not have, so a limit must lower the residual.
-    """
-    out, logs = np.full(len(limits), np.inf), [log._replace(limit=limits) for log in found.logs]
-    limited = found._replace(logs=logs)
-    for j, fit in enumerate(found.fits):
-        own = limited.simulated(j)
-        if np.isinf(limits[j]) or np.array_equal(own.residual(fit.x), fit.residual):
-            continue
-        if minimise(own, fit.x, found.priors[j]).sigma < _SATURATES * fit.sigma:
-            out[j] = limits[j]
-    return out
+def _directions(x: Array) -> Array:
+    """(6, 5) combinations of x (5,): its entries, and T + d."""
+    return np.vstack([np.eye(5), [np.exp(x[DAMPING]), 0.0, 0.0, 0.0, np.exp(x[DELAY])]])
 
 
 def _reveals(variance: float, play: float) -> bool:
@@ -268,6 +213,21 @@ def _reveals(variance: float, play: float) -> bool:
     A joint that carries little weight sinks by its gear's play, which looks like a soft servo.
     """
     return bool(max(np.sqrt(variance), abs(play)) < _KNOWN)
+
+
+def _sag(logs: Sequence[ServoLog], x: Sequence[Array]) -> Array:
+    """(n,) how much the joints' sinking under gravity varies along logs [rad or m]."""
+    load = np.concatenate([log.load for log in logs])
+    return np.exp([own[GRAVITY] for own in x]) * load.std(axis=0)
+
+
+def _with_effects(joint: JointEstimate, effects: Sequence[Finding]) -> JointEstimate:
+    """The estimate, whose interval of friction includes half of what this changes with speed."""
+    sizes = [f.data["size"] for f in effects if f.data["effect"] == "stribeck"]
+    excess = float(np.sum(np.array(sizes, dtype=np.float64)))
+    wider = np.zeros((5, 5))
+    wider[FRICTION, FRICTION] = (0.25 * excess / joint.theta[FRICTION]) ** 2
+    return joint._replace(covariance=joint.covariance + wider)
 
 
 def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
@@ -283,12 +243,14 @@ def _with_load(
     n, fit, own = len(kp), found.fit, found.arm.logs(found.fit.x)
     cluster = clusters(logs)
     zero = zeros(logs)
-    whole, moved = covariance_of(found.arm, fit, found.prior, np.tile(cluster, n), zero)
+    spread = covariance_of(found.arm, fit, found.prior, np.tile(cluster, n), zero)
+    whole, moved = spread.covariance, spread.moved
     pairs = [found.joint(j) for j in range(n)]
     at = np.arange(n) * len(pairs[0][0].x)
     known = np.array([
         _reveals(whole[k, k], moved[k, n + j]) for j, k in enumerate((at + GRAVITY).tolist())
     ])  # fmt: skip
+    known &= _sag(logs, [f.x for f, _ in pairs]) > _LEAST_SAG * zero
     common, joints, scale = _common([f for f, _ in pairs], known, kp), [], len(fit.x) - 4
     for j, (one, _) in enumerate(pairs):
         logs_of, place = [log.joint(j) for log in own], slice(at[j], at[j] + len(one.x))
@@ -297,9 +259,12 @@ def _with_load(
         apart = np.zeros(len(fit.x))  # ln kp = ln s − ln g = ln m − ln μ − ln g
         apart[[at[j] + GRAVITY, scale]] = 1.0
         offset = float(moved[at[j] + GRAVITY, j]) if known[j] else 0.0
-        made = _judged(
-            logs_of, one, bool(known[j]), found.used, cluster, whole[place, place], offset
-        )
+        directions = np.zeros((6, len(fit.x)))
+        directions[:, place] = _directions(one.x)
+        directions[GRAVITY] = apart
+        quantile = np.array([spread.quantile(c) for c in directions])
+        C, sure = whole[place, place], bool(known[j])
+        made = _judged(logs_of, one, sure, found.used, C, quantile, offset)
         scaled = float(np.sqrt(apart @ whole @ apart))
         joints.append(made._replace(scaled=scaled, zero=float(zero[j]), slides=slide[j]))
     deviation = np.sqrt(np.diag(whole)[scale:])
@@ -309,7 +274,7 @@ def _with_load(
         MassScale(
             float(found.prior.mean[scale] - fit.x[scale]),
             float(deviation[0]),
-            joints[0].quantile,
+            spread.quantile(np.eye(len(fit.x))[scale]),
             fit.x[scale + 1 :],
             deviation[1:],
         ),
@@ -342,32 +307,37 @@ def _judged(
     fit: OutputError,
     gravity: bool,
     used: Array,
-    cluster: Indices,
     covariance: Array,
+    quantile: Array,
     offset: float,
 ) -> JointEstimate:
     """An estimate with its covariance, and the error of predictions without a model."""
-    position = np.concatenate([log.position for log in logs])
-    constant = np.abs(position - np.median(position[used > 0])) @ used / used.sum()
-    best = min(late(logs, used, delay) for delay in DELAYS)
+    error, simple, travel = _errors(logs, fit, used)
     return JointEstimate(
         fit.x,
         covariance,
-        float(stats.t.ppf(0.975, max(int(cluster.max()), 1))),
+        quantile,
         gravity,
         offset,
-        float(np.abs(fit.residual) @ used / used.sum()),
-        min(best, float(constant)),
+        error,
+        simple,
         float(np.sqrt(covariance[GRAVITY, GRAVITY])),
         limit=logs[0].limit,
+        travel=travel,
+        effective=effective_rate(logs, fit.residual),
     )
 
 
-def late(logs: Sequence[JointLog], used: Array, delay: float) -> float:
-    """Mean absolute error of the target at a delay [rad or m], of the samples (N,) in use."""
-    errors = [
-        log.target[np.clip(np.searchsorted(log.t, log.t - delay, side="right") - 1, 0, None)]
-        - log.position
-        for log in logs
-    ]
-    return float(np.abs(np.concatenate(errors)) @ used / used.sum())
+def _errors(logs: Sequence[JointLog], fit: OutputError, used: Array) -> tuple[float, float, float]:
+    """Mean absolute error of a fit, that without a model, and the joint's travel [rad or m]."""
+    position = np.concatenate([log.position for log in logs])
+    constant = np.abs(position - np.median(position[used > 0])) @ used / used.sum()
+    best = min(late(logs, used, delay) for delay in DELAYS)
+    error = float(np.abs(fit.residual) @ used / used.sum())
+    return error, min(best, float(constant)), float(np.ptp(position))
+
+
+def _follows(logs: Sequence[JointLog], fit: OutputError, used: Array) -> bool:
+    """Whether a joint moves, and as its model says: its numbers mean something only then."""
+    error, simple, travel = _errors(logs, fit, used)
+    return travel > TRAVEL and not (simple > _STILL and error > _NEARLY * simple)

@@ -20,7 +20,7 @@ from ...plants.world.coordinates import JointMap
 from ...plants.world.quiet import quiet
 from ...resources import write_text
 from ...robot.mjcf_file import compile_file
-from ...robot.tree import actuators_of, joint_names
+from ...robot.tree import TARGET_DELAY, actuators_of, joint_names, target_delays
 from ...robot.xml import numbers
 from .logs import ServoLog
 from .result import Servo, ServoIdentification
@@ -35,9 +35,9 @@ _IMMOVABLE = 1e8  # [kg·m² or kg]
 _REMARK = """ Servos identified by nsaid from logs of targets and positions.
 {verdict}
 kp, kv, armature and frictionloss are identified; damping is part of kv; forcerange is removed where
-no saturation was seen. Targets act after the delays below, which this file does not have: shift the
-targets, or set the actuators' `delay` and `nsample` (MuJoCo 4) and fill the buffers with the first
-targets (mj_initCtrlHistory), as a buffer of zeros pulls the arm to 0. Biases of the targets: 0.
+no saturation was seen. Targets act after the delays below, which MuJoCo ignores and nsaid applies:
+shift the targets, or set the actuators' `delay` and `nsample` (MuJoCo 4) and fill the buffers with
+the first targets (mj_initCtrlHistory), as a buffer of zeros pulls the arm to 0. Their bias is 0.
 {masses}{joints} """
 
 
@@ -56,6 +56,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     joints = {e.get("name"): e for body in root.findall("worldbody") for e in body.iter("joint")}
     actuators = [e for section in root.findall("actuator") for e in section if e.tag != "!"]
     actuators = [e for e in actuators if isinstance(e.tag, str)]
+    delays = target_delays(mj)
     for servo in result.servos:
         index = actuators_of(mj, names.index(servo.name))[0]
         if servo.name not in joints or len(actuators) != mj.nu:
@@ -70,6 +71,8 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
             "solreffriction": _QUICK,
         }
         _set_actuator(actuators[index], servo)
+        delays[index] = servo.delay
+    _state_delays(root, delays)
     for scale in result.scale:
         if root.find("compiler") is None:
             root.insert(0, Element("compiler"))
@@ -92,9 +95,18 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     write_text(path, ElementTree.tostring(root, encoding="unicode") + "\n")
 
 
+def _state_delays(root: Element, delays: Array) -> None:
+    """States the delays (nu,) [s] of all actuators' targets."""
+    for custom in root.findall("custom"):
+        for old in custom.findall(f"numeric[@name='{TARGET_DELAY}']"):
+            custom.remove(old)
+    custom = ElementTree.SubElement(root, "custom")
+    ElementTree.SubElement(custom, "numeric", name=TARGET_DELAY, data=numbers(delays))
+
+
 def _set_actuator(element: Element, servo: Servo) -> None:
     """Gives an actuator its gains."""
-    for key in ("dampratio", "timeconst", "forcerange", "damping", "armature"):
+    for key in ("dampratio", "timeconst", "forcerange", "damping", "armature", "delay", "nsample"):
         element.attrib.pop(key, None)
     element.set("forcelimited", "false" if servo.limit is None else "true")
     if servo.limit is not None:
@@ -117,7 +129,7 @@ def rollout(
     path: Path,
     joints: Sequence[str],
     log: ServoLog,
-    delay: ArrayLike | None = 0.0,
+    delay: ArrayLike | None = None,
     horizon: float = np.inf,
 ) -> Array:
     """(N, n) positions of an MJCF driven open loop by a log's targets, in full MuJoCo.
@@ -136,11 +148,11 @@ def rollout(
     spec, mj, _ = compile_file(path)
     names = joint_names(mj)
     servos = [actuators_of(mj, names.index(joint))[0] for joint in joints]
-    if delay is not None:
-        for i, late in zip(servos, np.broadcast_to(delay, len(servos)), strict=True):
-            spec.actuators[i].delay = late
-            spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
-        mj = spec.compile()
+    delay = target_delays(mj)[servos] if delay is None else np.broadcast_to(delay, len(servos))
+    for i, late in zip(servos, delay, strict=True):
+        spec.actuators[i].delay = late
+        spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
+    mj = spec.compile()
     mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
     data, where = mujoco.MjData(mj), JointMap(mj, joints)
     hold_others(mj, data, where)

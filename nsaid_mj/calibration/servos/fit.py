@@ -11,8 +11,8 @@ from ...parameters import Array, Indices
 from .logs import ServoLog
 from .simulation import NONE, Effects, JointLog, simulate
 
-NAMES = ("T", "f", "g", "a", "d")
-GRAVITY = NAMES.index("g")
+DAMPING, FRICTION, GRAVITY, ARMATURE, DELAY = range(5)
+"""Places of T, f, g, a and d in θ."""
 STEP = 0.04  # of central differences of ln θ; smooths over samples that stick or slip
 _ROUNDS, _TRIES = 40, 8  # of the fit; of a step
 _ENOUGH = 1e-5  # relative decrease of the cost at which the fit ends
@@ -213,6 +213,15 @@ def windows(logs: Sequence[JointLog]) -> Indices:
         found.append(own + count)
         count += own[-1] + 1
     return np.concatenate(found)
+
+
+def effective_rate(logs: Sequence[JointLog], residual: Array) -> float:
+    """Independent samples per second of a residual (N,), from the variance of windows' means."""
+    window = windows(logs)
+    mean = np.bincount(window, residual) / np.maximum(np.bincount(window), 1)
+    correlated = _WINDOW * float(np.var(mean)) + 1e-300
+    most = 1 / float(np.median(np.diff(logs[0].t)))
+    return float(np.clip(np.var(residual) / correlated, EFFECTIVE / 3, most))
 
 
 def undisturbed(logs: Sequence[JointLog], residual: Array, sigma: float) -> Array:

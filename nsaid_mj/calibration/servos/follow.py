@@ -3,7 +3,7 @@
 It needs no velocity. Predictions are those of `simulation`, with exact stick–slip, differentiated
 numerically. What the structure does not explain counts as noise of the command, as large as the
 batch fit's residual and with as few independent samples. Armature and delay are the fit's, and so
-is kp where gravity does not determine it.
+are kp where gravity does not determine it, and the other joints' motion.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def _followed(logs: Sequence[JointLog], fit: JointEstimate, x: Array, used: Arra
     """The filter of one joint, from ln T, ln f, ln g (3,)."""
     theta, inertia = fit.theta.copy(), np.concatenate([log.inertia for log in logs])
     J = theta[3] + theta[GRAVITY] * float(inertia.mean())
-    power = np.pi / 2 * fit.error**2 / EFFECTIVE  # density of the residual [rad²·s]
+    power = np.pi / 2 * fit.error**2 / fit.effective  # density of the residual [rad²·s]
     x, P = np.r_[0.0, 0.0, x], np.diag(np.r_[0.0, 0.0, _SPREAD**2])
     if not fit.gravity:
         x[2 + GRAVITY], P[2 + GRAVITY] = fit.x[GRAVITY], 0.0

@@ -21,7 +21,7 @@ from ..models import load_robot_model
 from ..payloads import Load, carrier, check_loads
 from .estimate import Estimate, estimate
 from .follow import follow
-from .logs import ServoLog, read_servo_logs, servo_map
+from .logs import ServoLog, coupled, read_servo_logs, servo_map
 from .result import ServoIdentification
 from .words import (
     apart,
@@ -179,8 +179,10 @@ def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:
     """T, f/kp and kp of every joint by the filter, at the end of the free logs."""
     free = [log for log in given.logs if not log.loaded]
     used = found.used[: sum(len(log.t) for log in free)]
-    n = len(given.robot.joints)
-    filters = follow([[log.joint(j) for log in free] for j in range(n)], found.joints, used)
+    theta = np.array([joint.theta for joint in found.joints])
+    apart = [coupled(log, theta)[1] for log in free]
+    own = [[log.joint(j) for log in apart] for j in range(len(theta))]
+    filters = follow(own, found.joints, used)
     return tuple(
         p
         for k, (name, fit, one) in enumerate(

@@ -17,13 +17,20 @@ from ..links import positions
 from ..logs import Map, signals
 from ..logs.checks import beyond_limits
 from ..logs.cleaning import Recording, clean
+from ..logs.errors import UnmatchedChannels
 from ..logs.joining import join
 from ..logs.layout import Layout, Source
 from ..logs.mapping import Column, Joint
-from ..logs.matching import candidates, match_targets
+from ..logs.matching import candidates, lacking_targets, match_targets
 from ..logs.tables import Table
-from .simulation import JointLog
+from .simulation import STEP, JointLog, move_arm
 
+DELAYS = np.arange(0.0, 0.31, 0.01)
+"""Delays of a target that is followed perfectly [s]."""
+TRAVEL = 5e-3
+"""Least travel of a joint that moves [rad or m]."""
+_LEADS = 0.8  # error of an early target over that of a late one, below which columns are swapped
+_SPAN = 0.02  # half of that over which speeds are differences of positions [s]
 _SHORTEST = 2.0  # shorter stretches between gaps are left out [s]
 
 
@@ -35,9 +42,9 @@ class ServoLog(NamedTuple):
         t: (N,) times [s].
         target: (N, n) of the servos [rad or m], clipped to their `ctrlrange`.
         position: (N, n) measured [rad or m].
-        load: (N, n) torque or force that gravity, and the other joints' motion where it is known,
-            require of each joint [N·m or N].
-        inertia: (N, n) diagonal of the mass matrix without armatures [kg·m² or kg].
+        load: (N, n) torque or force that gravity and the joints' speeds, and the other joints'
+            accelerations where they are known, require of each joint [N·m or N].
+        mass: (N, n, n) mass matrix without armatures [kg·m², kg·m or kg].
         loaded: whether the arm carries a weighed load.
         limit: (n,) largest force of each servo [N·m or N]; None without limits.
     """
@@ -47,16 +54,15 @@ class ServoLog(NamedTuple):
     target: Array
     position: Array
     load: Array
-    inertia: Array
+    mass: Array
     loaded: bool = False
     limit: Array | None = None
 
     def joint(self, j: int) -> JointLog:
         """The log of one joint, for its simulation."""
-        columns = (self.target, self.position, self.load, self.inertia)
+        columns = (self.target[:, j], self.position[:, j], self.load[:, j], self.mass[:, j, j])
         limit = np.inf if self.limit is None else float(self.limit[j])
-        apart = (np.ascontiguousarray(part[:, j]) for part in columns)
-        return JointLog(self.t, *apart, limit=limit)
+        return JointLog(self.t, *map(np.ascontiguousarray, columns), limit=limit)
 
 
 def servo_map(
@@ -66,6 +72,9 @@ def servo_map(
 
     A map holds targets if the unit of each `command` is one of positions; without a map, channels
     are matched by name, and a log that holds torques or currents as well counts as one of them.
+
+    Raises:
+        UnmatchedChannels: only some joints have a target.
     """
     if mapping is not None and mapping.joints:
         targets = all(j.command and j.command.is_position for j in mapping.joints.values())
@@ -73,6 +82,10 @@ def servo_map(
     channels = list(dict.fromkeys(name for table in tables for name in table.channels))
     found = candidates(channels, joints)
     targets = match_targets(channels, joints)
+    lacking = lacking_targets(channels, joints)
+    if not targets and lacking:
+        reason = "If a joint stood still, lock it: `--lock JOINT`."
+        raise UnmatchedChannels([f"the target of {joint}" for joint in lacking], [reason], channels)
     measured = [
         g for g in found["position"].values() if not set(g.values()) & set(targets.values())
     ]
@@ -132,9 +145,29 @@ def read_servo_logs(
     speeds = [np.abs(np.gradient(log.position, log.t, axis=0)) for log in logs]
     fast = np.quantile(np.concatenate(speeds), 0.95, axis=0)
     findings += beyond_limits(np.concatenate([log.position for log in logs]), fast, robot)
+    findings += _motionless(logs)
     if any(f.level == "refusal" for f in findings):
         raise UnusableLog(tuple(findings))
     return tuple(weighed(model, log) for log in logs), tuple(findings)
+
+
+def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
+    """Refusals of logs in which no joint moves, or positions move before their targets."""
+    travel = np.ptp(np.concatenate([log.position for log in logs]), axis=0)
+    moving = np.flatnonzero(travel > TRAVEL)
+    if not len(moving):
+        text = f"no joint moves by more than {1e3 * TRAVEL:g} mrad or mm"
+        remedy = "Record motions of every joint, slow and fast, with stops and reversals."
+        return (Finding("refusal", "no_motion", "", text, remedy),)
+    used, early = np.ones(sum(len(log.t) for log in logs)), []
+    for j in moving:
+        own = [JointLog(log.t, log.target[:, j], log.position[:, j], log.t, log.t) for log in logs]
+        behind, ahead = (min(late(own, used, x * side) for x in DELAYS) for side in (1, -1))
+        early.append(ahead < _LEADS * behind)
+    if np.mean(early) <= 0.5:
+        return ()
+    text = "most joints move before their targets do: the columns of both seem to be swapped"
+    return (Finding("refusal", "swapped_targets", "", text, "Swap them, in a map.toml."),)
 
 
 def _layout(columns: dict[str, Joint], joints: Sequence[str]) -> Layout:
@@ -178,31 +211,54 @@ def _stretches(
         q += [source.column.zero for source in made.positions]
         u += [column.zero for column in targets]
         u = np.clip(u, limits[:, 0], limits[:, 1])
-        logs.append(ServoLog(recording.source, own, u, q, np.empty_like(q), np.empty_like(q)))
+        logs.append(ServoLog(recording.source, own, u, q, np.empty(0), np.empty(0)))
     if len(logs) > 1:
         logs = [log._replace(source=f"{log.source} at {log.t[0]:.0f} s") for log in logs]
     return logs, findings
 
 
 def weighed(model: pin.Model, log: ServoLog, q: Array | None = None) -> ServoLog:
-    """The log with the loads of a model's links.
+    """The log with mass matrices and loads of a model's links.
 
     Args:
         model: without armatures; the log's payload, if it carries one, is part of a link.
         log: of targets and positions.
         q: (N, n) positions of a simulated motion [rad or m], with what joints exert on each other;
-            None for the measured ones, at rest.
+            None for the measured ones, without what accelerations exert.
     """
-    data, load, inertia = model.createData(), np.empty_like(log.position), log.inertia.copy()
+    data, load = model.createData(), np.empty_like(log.position)
+    mass = np.empty((*load.shape, load.shape[1]))
     for k, at in enumerate(positions(model, log.position)):
-        inertia[k] = pin.crba(model, data, at).diagonal()
-    q = log.position if q is None else q
-    moving = q is not log.position
-    v = np.gradient(q, log.t, axis=0) if moving else np.zeros_like(q)
-    a = np.gradient(v, log.t, axis=0) if moving else v
+        mass[k] = pin.crba(model, data, at)
+    mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)
+    if q is None:
+        q, a = log.position, np.zeros_like(load)
+        ends = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_SPAN, _SPAN))
+        early, late = ([np.interp(t, log.t, x) for x in q.T] for t in ends)
+        v = (np.transpose(late) - np.transpose(early)) / (2 * _SPAN)
+    else:
+        v = np.gradient(q, log.t, axis=0)
+        a = np.gradient(v, log.t, axis=0)
     for k, at in enumerate(positions(model, q)):
-        load[k] = pin.rnea(model, data, at, v[k], a[k]) - inertia[k] * a[k]
-    return log._replace(load=load, inertia=inertia)
+        load[k] = pin.rnea(model, data, at, v[k], a[k])
+    load -= np.einsum("kjj,kj->kj", mass, a)
+    return log._replace(load=load, mass=mass)
+
+
+def coupled(log: ServoLog, theta: Array) -> tuple[Array, ServoLog]:
+    """(N, n) positions of all joints, simulated together, and the log with the loads they exert.
+
+    Args:
+        log: with loads that do not include accelerations.
+        theta: (n, 5) of `simulation.simulate`.
+    """
+    q, v = np.empty_like(log.position), np.zeros_like(log.position)
+    q[0] = log.position[0]
+    limit = np.full(len(theta), np.inf) if log.limit is None else log.limit
+    move_arm(log.t, log.target, log.load, log.mass, limit, theta, STEP, q, v)
+    a = np.gradient(v, log.t, axis=0)
+    others = np.einsum("kji,ki->kj", log.mass, a) - np.einsum("kjj,kj->kj", log.mass, a)
+    return q, log._replace(load=log.load + others)
 
 
 def without_armature(model: pin.Model) -> pin.Model:
@@ -210,3 +266,13 @@ def without_armature(model: pin.Model) -> pin.Model:
     found = pin.Model(model)
     found.armature = np.zeros(found.nv)
     return found
+
+
+def late(logs: Sequence[JointLog], used: Array, delay: float) -> float:
+    """Mean absolute error of the target at a delay [rad or m], of the samples (N,) in use."""
+    errors = [
+        log.target[np.clip(np.searchsorted(log.t, log.t - delay, side="right") - 1, 0, None)]
+        - log.position
+        for log in logs
+    ]
+    return float(np.abs(np.concatenate(errors)) @ used / used.sum())

@@ -5,9 +5,9 @@ Divided by the servo's stiffness kp, joint j of an arm obeys
     (a + g M_jj) q̈ = u(t − d) − q − T q̇ − f sgn q̇ − g Γ_j(q),
 
 with g = 1/kp [rad/(N·m)], T = (kv + damping)/kp [s], f = friction/kp [rad], a = armature/kp [s²]
-and the target's delay d [s]. Gravity Γ_j and inertia M_jj are those of the model file at given
-positions, which decouples the joints: first the measured ones, then those of a simulation, whose
-Γ_j includes what the other joints' accelerations and speeds exert on this one.
+and the target's delay d [s]. Gravity Γ_j and inertia M_jj are those of the model file at the
+measured positions. Γ_j includes what the other joints' speeds and accelerations exert on this one:
+the latter are those of a simulation of all joints together, which decouples the joints' fits.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ...parameters import Array
 
 STEP = 4e-3
 """Longest step of the simulation [s]."""
+_ITERATIONS, _SAME = 30, 1e-7  # over joints at most; until speeds change less [rad/s or m/s]
 FALL = 0.1  # speed at which Stribeck friction has fallen to 1/e [rad/s or m/s]
 
 
@@ -75,6 +76,20 @@ def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
 
 
 @njit(cache=True, error_model="numpy")
+def _area(t, target, held, begin, h):
+    """Integral of a target from `begin` over h, and the number of that in force at `begin`."""
+    end = len(t) - 1
+    while held < end and t[held + 1] <= begin:
+        held += 1
+    at, k, area = begin, held, 0.0
+    while k < end and t[k + 1] < begin + h:
+        area += target[k] * (t[k + 1] - at)
+        at = t[k + 1]
+        k += 1
+    return area + target[k] * (begin + h - at), held
+
+
+@njit(cache=True, error_model="numpy")
 def move(t, target, load, inertia, limit, theta, effects, longest, first, last, held, q, v, out):
     """Writes the positions after sample `first` up to sample `last` to `out` (N,).
 
@@ -88,7 +103,6 @@ def move(t, target, load, inertia, limit, theta, effects, longest, first, last, 
     """
     T, f, g, a, d = theta
     stribeck, rising = effects
-    end = len(t) - 1
     for i in range(first, last):
         steps = int(np.ceil((t[i + 1] - t[i]) / longest))
         h = (t[i + 1] - t[i]) / steps
@@ -96,15 +110,7 @@ def move(t, target, load, inertia, limit, theta, effects, longest, first, last, 
         decay, resisted = h * T / J, h * T + h * h / 2
         part = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
         for s in range(steps):
-            begin = t[i] + s * h - d
-            while held < end and t[held + 1] <= begin:
-                held += 1
-            at, k, area = begin, held, 0.0
-            while k < end and t[k + 1] < begin + h:
-                area += target[k] * (t[k + 1] - at)
-                at = t[k + 1]
-                k += 1
-            area += target[k] * (begin + h - at)
+            area, held = _area(t, target, held, t[i] + s * h - d, h)
             w = (s + 0.5) / steps
             hold = g * ((1 - w) * load[i] + w * load[i + 1])
             error, grip = area - h * q, h * (f + rising * abs(hold))
@@ -121,3 +127,51 @@ def move(t, target, load, inertia, limit, theta, effects, longest, first, last, 
             q += h * ((1 - part) * before + part * v)
         out[i + 1] = q
     return q, v, held
+
+
+@njit(cache=True, error_model="numpy")
+def move_arm(t, target, load, mass, limit, theta, longest, q, v):
+    """Writes positions and velocities (N, n) of all joints from the first row on, see `move`.
+
+    Steps are those of `move` with the other joints' accelerations, by Gauss–Seidel iterations:
+    they converge as the mass matrix is positive definite, where simulations of single joints with
+    the others' last motion do not (a heavy arm with soft servos).
+    """
+    n = q.shape[1]
+    held, change, now = np.zeros(n, np.int64), np.zeros(n), np.zeros((7, n))
+    J, part, resisted, error, hold, grip, place = now
+    place[:] = q[0]
+    for i in range(len(t) - 1):
+        steps = int(np.ceil((t[i + 1] - t[i]) / longest))
+        h, M, speed = (t[i + 1] - t[i]) / steps, (mass[i] + mass[i + 1]) / 2, v[i].copy()
+        for j in range(n):
+            T, f, g, a, _ = theta[j]
+            J[j] = a + g * M[j, j]
+            decay, resisted[j], grip[j] = h * T / J[j], h * T + h * h / 2, h * f
+            part[j] = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
+        for s in range(steps):
+            w = (s + 0.5) / steps
+            for j in range(n):
+                begin = t[i] + s * h - theta[j, 4]
+                area, held[j] = _area(t, target[:, j], held[j], begin, h)
+                error[j] = area - h * place[j]
+                hold[j] = h * theta[j, 2] * ((1 - w) * load[i, j] + w * load[i + 1, j])
+            for _ in range(_ITERATIONS):
+                largest = 0.0
+                for j in range(n):
+                    g = theta[j, 2]
+                    held_by = hold[j] + g * (M[j] @ change - M[j, j] * change[j])
+                    drive = (J[j] - (1 - part[j]) * resisted[j]) * speed[j] + error[j] - held_by
+                    slipping = max(abs(drive) - grip[j], 0.0)
+                    new = np.sign(drive) * slipping / (J[j] + part[j] * resisted[j])
+                    servo = error[j] - resisted[j] * ((1 - part[j]) * speed[j] + part[j] * new)
+                    if abs(servo) > h * g * limit[j]:
+                        drive = J[j] * speed[j] + np.sign(servo) * h * g * limit[j] - held_by
+                        new = np.sign(drive) * max(abs(drive) - grip[j], 0.0) / J[j]
+                    largest = max(largest, abs(new - speed[j] - change[j]))
+                    change[j] = new - speed[j]
+                if largest < _SAME:
+                    break
+            place += h * (speed + part * change)
+            speed += change
+        q[i + 1], v[i + 1] = place, speed

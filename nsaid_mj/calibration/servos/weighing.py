@@ -45,7 +45,7 @@ def _with_share(log: ServoLog, unit_loads: Sequence[ServoLog], shares: Array) ->
     """The log of an arm that carries shares (10,) [kg] of the unit loads."""
     alone, *others = unit_loads
     found = {}
-    for name in ("load", "inertia"):
+    for name in ("load", "mass"):
         base = getattr(alone, name)
         found[name] = base + sum(
             share * (getattr(one, name) - base) for share, one in zip(shares, others, strict=True)

@@ -11,13 +11,12 @@ from ...evaluation.result import Explains, Parameter, Status
 from ..findings import Finding
 from ..payloads import Load
 from .estimate import JointEstimate, MassScale
-from .fit import GRAVITY, NAMES
+from .fit import ARMATURE, GRAVITY
 from .follow import Followed
+from .logs import TRAVEL
 from .result import Servo
 
-_NEARLY = 0.8  # error over that of a simple prediction, above which the model explains nothing
 _TOLD = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
-_STILL = 1e-3  # error of a simple prediction for a joint that hardly moves [rad or m]
 _LABELS = (
     ("T", "damping over kp", ("s", "s")),
     ("f", "friction over kp", ("rad", "m")),
@@ -26,9 +25,10 @@ _LABELS = (
     ("d", "delay of the target", ("s", "s")),
     ("armature", "armature", ("kg·m²", "kg")),
 )  # units of hinges and slides
-_ARMATURE = NAMES.index("a")
-_WIDEST = 3.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 20
+_WIDEST = 7.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 1,000
 _HEAVIER = "Take a heavier load, or more motions with the arm stretched out."
+_UNEXPLAINED = "the model does not explain this joint's motion"
+_UNMOVED = "the joint hardly moves"
 _CONVENTION = "a convention: gravity hardly loads this joint; only kv/kp, f/kp, armature/kp count"
 
 
@@ -38,16 +38,23 @@ def parameters(
     """Six parameters of a joint, numbered k, with 95 % intervals, under the true masses."""
     found, C = [], joint.covariance
     ln_kp = (0.0 if scale is None else scale.log) - joint.x[GRAVITY]
-    rotor = C[_ARMATURE, _ARMATURE] + joint.scaled**2 - 2 * C[_ARMATURE, GRAVITY]
-    values = np.r_[joint.x, joint.x[_ARMATURE] + ln_kp]
+    rotor = C[ARMATURE, ARMATURE] + joint.scaled**2 - 2 * C[ARMATURE, GRAVITY]
+    values = np.r_[joint.x, joint.x[ARMATURE] + ln_kp]
     deviations = np.sqrt(np.r_[np.diag(C), max(rotor, 0.0)])
     values[GRAVITY], deviations[GRAVITY] = ln_kp, joint.scaled
-    for (short, label, units), x, deviation in zip(_LABELS, values, deviations, strict=True):
-        half = min(joint.quantile * float(deviation), _WIDEST)
+    halves = np.minimum(joint.quantile * deviations, _WIDEST)
+    halves[-1] = min(joint.quantile[[GRAVITY, ARMATURE]].max() * deviations[-1], _WIDEST)
+    doubt = _UNEXPLAINED if joint.poor else _UNMOVED if joint.travel <= TRAVEL else ""
+    if not joint.gravity:
+        halves[[GRAVITY, -1]] = _WIDEST
+    if doubt:
+        halves[:] = _WIDEST
+    for (short, label, units), x, half in zip(_LABELS, values, halves.tolist(), strict=True):
         status: Status = "identified" if half < _TOLD else "only in combination"
         combination = "" if half < _TOLD or short in {"f", "kp"} else _lag(joint)
         if short in {"kp", "armature"} and not joint.gravity:
-            half, status, combination = _WIDEST, "only in combination", _CONVENTION
+            combination = _CONVENTION
+        combination = doubt or combination
         value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
         about = f"{label} of {name}"
         found.append(
@@ -75,7 +82,7 @@ def by_filter(
     x[:3], variance[:3] = filtered.x[-1], filtered.deviation[-1] ** 2
     kp = variance[GRAVITY] + fit.offset**2 + (0.0 if scale is None else scale.deviation**2)
     own = fit._replace(
-        x=x, covariance=np.diag(variance), quantile=INTERVAL, scaled=float(np.sqrt(kp))
+        x=x, covariance=np.diag(variance), quantile=np.full(6, INTERVAL), scaled=float(np.sqrt(kp))
     )
     return tuple(p for p in parameters(name, k, own, scale) if p.name[:1] in "Tfk")
 
@@ -95,7 +102,7 @@ def _lag(joint: JointEstimate) -> str:
     """The combination of damping, armature and delay that a slow motion determines."""
     T, d = joint.theta[0], joint.theta[4]
     slope = np.array([T, 0.0, 0.0, 0.0, d])
-    lag, half = T + d, joint.quantile * float(np.sqrt(slope @ joint.covariance @ slope))
+    lag, half = T + d, float(joint.quantile[-1] * np.sqrt(slope @ joint.covariance @ slope))
     return (
         "a slow motion determines only the lag of damping, armature and delay, kv/kp + delay: "
         f"{lag * 1e3:.0f} ms ± {half * 1e3:.0f}"
@@ -143,8 +150,8 @@ def verdict(
     servos: Sequence[Servo], joints: Sequence[JointEstimate]
 ) -> tuple[Explains, str, tuple[Finding, ...]]:
     """Whether the model explains the logs better than predictions without a model."""
-    moving = [k for k, joint in enumerate(joints) if joint.simple > _STILL]
-    poor = [k for k in moving if joints[k].error > _NEARLY * joints[k].simple]
+    moving = [k for k, joint in enumerate(joints) if joint.judged]
+    poor = [k for k, joint in enumerate(joints) if joint.poor]
     findings = [
         Finding(
             "warning",
@@ -186,13 +193,14 @@ def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> t
     found = []
     if others:
         source = "the mean of the others" if told else "the model file's"
+        source += " unless the motion contradicts that"
         found.append(
             Finding(
                 "note",
                 "kp_convention",
                 ", ".join(others),
                 f"gravity does not reveal kp, which is {source}; the motion depends on kv/kp, f/kp "
-                "and armature/kp alone",
+                "and armature/kp",
             )
         )
     for s, joint in zip(servos, joints, strict=True):

@@ -17,7 +17,7 @@ from pydantic import model_validator
 from ...bounds import Config, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
-from ...parameters import Array
+from ...parameters import Array, Indices
 from ...robot.shapes import VisualMesh
 from ...structure.sensing import displaced
 from ...system import SecondOrderSystem
@@ -100,6 +100,8 @@ class Plant(ABC):
         substeps: steps of MuJoCo in a time step.
         delay: time steps from a command to the actuators.
         targets: whether commands are positions; until one arrives, servos hold the first.
+        late: (n_u,) time steps from a target to its servo, which are known: a measurement's u is
+            what acts. None without.
         mismatches: effects that the structure does not model, in words.
         faults: of actuators, sensors or the plant during a run.
         gain_places: for each command, the indices of its actuator's gains in MuJoCo's userdata;
@@ -116,6 +118,7 @@ class Plant(ABC):
     passive: Any | None = None  # a compiled callback, kept alive here
     delay: int = 0
     targets: bool = False
+    late: Indices | None = None
     mismatches: tuple[str, ...] = ()
     faults: tuple[Fault, ...] = ()
     gain_places: Sequence[Sequence[int]] = ()
@@ -191,6 +194,8 @@ class Plant(ABC):
         self.model, self.data = sound.model, sound.data
         mujoco.mj_resetData(self.model, self.data)
         self._delayed_commands = deque([np.zeros(self.system.n_u)] * self.delay)
+        kept = 0 if self.late is None else int(self.late.max())
+        self._issued: deque[Array] = deque(maxlen=kept + 1)
         self._place(position, velocity)
         self.model.actuator_gainprm[:] = sound.gainprm
         self._variants[()] = Variant.of(self.model, self.data, self.gain_places)
@@ -276,7 +281,8 @@ class Plant(ABC):
         start = round(last.t / self.dt)
         t = self.dt * np.arange(start, start + steps + 1, dtype=np.float64)
         faulty = self._held or self._biases is not None
-        steady = not self.delay and not faulty and self.t + steps * self.dt < self._next_edge
+        delayed = self.delay or self.late is not None
+        steady = not delayed and not faulty and self.t + steps * self.dt < self._next_edge
         law = driver.compiled(t) if steady else None
         if law is None or self.reading is None:
             return self._drive_stepwise(driver, last, t, sensors)
@@ -303,7 +309,12 @@ class Plant(ABC):
         q = self.position(coordinates)
         if self._biases is not None:
             q, v = displaced(self.system, q, self._biases[0]), v + self._biases[1]
-        return Measurement(t, q, v, driver.command(t, q, v))
+        u = driver.command(t, q, v)
+        if self.late is not None:
+            self._issued.append(u)
+            ago = np.minimum(self.late, len(self._issued) - 1)
+            u = np.array([self._issued[-1 - k][j] for j, k in enumerate(ago)])
+        return Measurement(t, q, v, u)
 
     def step(self, u: Array) -> None:
         """Advances by one time step, in substeps of RK4, with the command u (n_u,) held."""

@@ -112,9 +112,10 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
     )
 
 
-def print_scores(scores: Sequence[Score], console: Console) -> None:
-    """Prints how far models depart from logs, as means over all joints."""
-    heads = ("model", "0.2 s\n[mrad]", "2 s\n[mrad]", "log\n[mrad]", "one step\nNRMSE", "CPU\n[s]")
+def print_scores(scores: Sequence[Score], unit: str, console: Console) -> None:
+    """Prints how far models depart from logs, as means over all joints in a unit of 1/1000."""
+    heads = ["model", *(f"{time}\n[{unit}]" for time in ("0.2 s", "2 s", "log"))]
+    heads += ["one step\nNRMSE", "CPU\n[s]"]
     lines: list[list[Cell]] = []
     for score in scores:
         numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]

@@ -82,11 +82,11 @@ def test_a_simulation_that_starts_again_departs_less(scores):
 def test_a_horizon_of_nought_predicts_every_row_from_the_one_before(folder, given):
     """What was simulated earlier does not matter, but for targets that are still on their way."""
     one, path, k = given.logs[0], folder / "damped.xml", 200
-    names = ("t", "target", "position", "load", "inertia")
+    names = ("t", "target", "position", "load", "mass")
     part = one._replace(**{name: getattr(one, name)[k:300] for name in names})
-    whole, rest = (rollout(path, JOINTS, log, None, 0.0) for log in (one, part))
+    whole, rest = (rollout(path, JOINTS, log, horizon=0.0) for log in (one, part))
     np.testing.assert_allclose(rest[3:-1], whole[k + 3 : 299], atol=1e-4)
-    free = rollout(path, JOINTS, part, None)
+    free = rollout(path, JOINTS, part)
     assert np.abs(free - part.position).mean() > 5 * np.abs(rest - part.position).mean()
 
 

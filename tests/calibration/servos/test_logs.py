@@ -1,5 +1,7 @@
 """Which logs are of targets and positions, and what is read from them."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from nsaid_mj.calibration.logs.inspection import inspect
 from nsaid_mj.calibration.logs.matching import match_targets
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
-from nsaid_mj.errors import InvalidInput
+from nsaid_mj.errors import InvalidInput, NsaidError
 from nsaid_mj.resources import asset
 
 from .simulated import JOINTS, MODEL, write
@@ -75,6 +77,25 @@ def test_a_map_s_command_is_a_target_if_its_unit_is_that_of_a_position(motion, t
     np.testing.assert_allclose(found.logs[0].position, q, atol=1e-6)
     np.testing.assert_allclose(found.logs[0].target[:, 1], u[:, 1], atol=1e-6)
     assert servo_logs(MODEL, [path], mapped("N·m")) is None
+
+
+def test_logs_of_a_hurried_owner_are_refused_with_a_remedy(motion, tmp_path):
+    """Columns of targets and positions swapped; an arm that stands still; one joint missing."""
+    t, u, q = motion
+    noise = np.random.default_rng(0).integers(-1, 2, u.shape) * 1.5e-3
+    refusals = [
+        (q, u, "swapped"),
+        (u, 0 * u + noise, "no joint moves"),
+        (u, q, "target of gripper"),
+    ]
+    for k, (targets, positions, said) in enumerate(refusals):
+        path = write(tmp_path / f"log_{k}.csv", t, targets, positions)
+        if "gripper" in said:
+            path.write_text(path.read_text().replace("target_gripper", "other"))
+        with pytest.raises(NsaidError, match=said) as refused:
+            servo_logs(MODEL, [path])
+        assert re.search(r"map\.toml|Record motions|--lock", str(refused.value))
+    assert servo_logs(MODEL, [write(tmp_path / "sound.csv", t, u, q)]) is not None
 
 
 def test_a_few_seconds_are_refused(motion, tmp_path):

@@ -64,7 +64,7 @@ def test_the_place_of_the_load_is_told(result):
 def test_a_load_anywhere_is_a_combination_of_those_at_ten_places(files):
     given = servo_logs(MODEL, files, loads=LOADS)
     assert given is not None
-    parts = ("t", "position", "load", "inertia")
+    parts = ("t", "position", "load", "mass")
     logs = [one._replace(**{k: getattr(one, k)[:50] for k in parts}) for one in given.logs]
     arm = Arm(given.robot, logs, LOADS[0], np.ones(6), np.ones(200))
     for mass, place in ((0.2, PLACE), (1.5, (-0.4, 0.3, 0.2))):
@@ -72,7 +72,7 @@ def test_a_load_anywhere_is_a_combination_of_those_at_ten_places(files):
         for one, found in zip(logs, arm.logs(np.array([np.log(mass), *place])), strict=True):
             expected = weighed(heavy, one) if one.loaded else one
             np.testing.assert_allclose(found.load, expected.load, atol=1e-12)
-            np.testing.assert_allclose(found.inertia, expected.inertia, atol=1e-12)
+            np.testing.assert_allclose(found.mass, expected.mass, atol=1e-12)
 
 
 def test_the_exported_file_has_the_true_masses(result, tmp_path):

@@ -5,6 +5,7 @@ import pytest
 
 from nsaid_mj.calibration.payloads import Load
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
+from nsaid_mj.calibration.servos.covariance import Spread
 from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale, _moderated
 from nsaid_mj.calibration.servos.follow import Followed
 from nsaid_mj.calibration.servos.words import (
@@ -28,7 +29,7 @@ def joint(deviations=(0.05,) * 5, *, gravity=True, offset=0.0, error=2e-3, simpl
     covariance = np.diag(np.square(deviations))
     scaled = float(deviations[2])
     return JointEstimate(
-        np.log(THETA), covariance, 2.0, gravity, offset, error, simple, scaled
+        np.log(THETA), covariance, np.full(6, 2.0), gravity, offset, error, simple, scaled
     )  # fmt: skip
 
 
@@ -111,6 +112,25 @@ def test_a_model_that_a_late_target_equals_explains_nothing(errors, explains):
     poor = [name for name, e in zip("ab", errors, strict=True) if e > 0.8]
     assert [f.where for f in findings if f.code == "no_better_than_simple"] == poor
     assert ("does not explain" in sentence) == (explains == "no")
+
+
+def test_numbers_of_a_joint_that_stands_still_or_is_not_explained_mean_nothing():
+    for own in (joint(error=18e-3), joint()._replace(travel=1e-3)):
+        found = parameters("elbow", 1, own, None)
+        assert {p.status for p in found} == {"only in combination"}
+        assert min(p.high / p.low for p in found) > 1e6
+    assert status(joint(), "T") == status(joint(), "kp") == "identified"
+
+
+@pytest.mark.parametrize(("share", "least", "most"), [(1.0, 2.77, 2.9), (50.0, 8.0, 12.71)])
+def test_a_variance_that_one_log_decides_gives_a_wide_interval(share, least, most):
+    """Of five logs, of which one says `share` times as much of the parameter as another."""
+    information = np.array([share, 1, 1, 1, 1]).reshape(5, 1, 1)
+    inverse, one = 1 / information.sum(axis=0), np.ones((1, 1))
+    spread = Spread(one, 0 * one, np.arange(1), one, information, inverse)
+    assert least < spread.quantile(np.ones(1)) < most
+    certain = spread._replace(covariance=100 * one)  # all but a hundredth is not from the logs
+    assert certain.quantile(np.ones(1)) == pytest.approx(2.776, abs=1e-3)
 
 
 def test_a_joint_that_hardly_moves_is_not_judged():

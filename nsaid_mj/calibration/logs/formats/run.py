@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import BadRun
-from ....experiment.record import FILE, Record
+from ....experiment.record import FILE, TARGET_DELAYS, Record
 from ..errors import UnreadableLog
 from . import Columns, check_size
 
@@ -21,6 +21,8 @@ def recognises(path: Path, _head: bytes) -> bool:
 
 def read(path: Path) -> list[Columns]:
     """The columns `t`, `q_0` …, `v_0` …, `u_0` … of a run.
+
+    Of position servos it holds `target_0` … at the times at which the targets were issued.
 
     Raises:
         UnreadableLog: the record is damaged, empty, or beyond the limit.
@@ -36,6 +38,11 @@ def read(path: Path) -> list[Columns]:
     values: dict[str, np.ndarray] = {"t": record["t"]}
     if missing := [name for name in "qvu" if name not in record.columns]:
         raise UnreadableLog(path, f"its record has no column {missing[0]}", "Run it again.")
-    for name in "qvu":
+    delays = record.metadata.get(TARGET_DELAYS)
+    for name in "qvu" if delays is None else "qv":
         values |= {f"{name}_{k}": column for k, column in enumerate(record[name].T)}
-    return [Columns(values)]
+    targets = [
+        Columns({"t": record["t"] - delay, f"target_{k}": record["u"][:, k]})
+        for k, delay in enumerate(delays or ())
+    ]
+    return [Columns(values), *targets]

@@ -1,0 +1,151 @@
+"""Fits of all joints of a servo arm to logs without a load, and windows with foreign forces."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...parameters import Array
+from .fit import (
+    ARMATURE,
+    DAMPING,
+    DELAY,
+    JointFit,
+    OutputError,
+    Prior,
+    minimise,
+    undisturbed,
+    weights,
+)
+from .logs import ServoLog, coupled
+from .start import start
+
+_DELAY = 0.015  # before the log [s]
+_SPREAD = np.array([3.0, 3.0, 3.0, 1.0, 1.5])
+# standard deviations of ln θ before the log: T, f and g nearly free; a within a factor of 7 of that
+# of a critically damped servo, T²/4, and delays of serial buses within 20
+_ALIKE = np.array([1.0, 3.0, 3.0, 1.0, 0.5])
+# the same about T and d that the joints have in common, within factors of 7 and 2.7
+_SWEEPS = 8  # at most, over all joints, with the loads of the others' simulated motion
+_SETTLED = 0.2  # change of that motion, over the residual, at which they end
+_LOWER = 0.97  # largest robust residual with a limit of force over that without, to accept it
+
+
+class Fitted(NamedTuple):
+    """Fits of every joint to the free logs.
+
+    Attributes:
+        logs: with the loads of their simulated motion.
+        fits: of every joint.
+        priors: of its parameters.
+        used: (N,) 1 of samples in use.
+    """
+
+    logs: list[ServoLog]
+    fits: list[OutputError]
+    priors: list[Prior]
+    used: Array
+
+    def simulated(self, j: int) -> JointFit:
+        """The simulation of a joint."""
+        return JointFit([log.joint(j) for log in self.logs], self.used)
+
+    def refitted(self, logs: list[ServoLog]) -> Fitted:
+        """Fits to the logs with other loads or limits."""
+        found = self._replace(logs=logs)
+        fits = [
+            minimise(found.simulated(j), fit.x, prior)
+            for j, (fit, prior) in enumerate(zip(self.fits, self.priors, strict=True))
+        ]
+        return found._replace(fits=fits)
+
+
+def fit_free(
+    logs: list[ServoLog],
+    limits: Array,
+    told: Callable[[str], None],
+) -> Fitted:
+    """Fits of all joints to the free logs, without windows of foreign forces."""
+    told("fitting every servo alone")
+    found = Fitted(logs, [], [], np.ones(sum(len(log.t) for log in logs)))
+    for j in range(len(limits)):
+        own = found.simulated(j)
+        first = np.log(start(own.logs))
+        guess = np.r_[first[:3], _critical(first[0]), np.log(_DELAY)]
+        found.priors.append(Prior(guess, _SPREAD))
+        found.fits.append(minimise(own, first, found.priors[-1]))
+    used = found.used
+    for j, fit in enumerate(found.fits):
+        used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
+    told("fitting all servos together, without foreign forces")
+    found = _together(logs, _alike(found._replace(used=used)))
+    limited = _saturated(found, limits)
+    if np.isfinite(limited).any():
+        found = _together([log._replace(limit=limited) for log in logs], found)
+    return found
+
+
+def _alike(found: Fitted) -> Fitted:
+    """Priors of T, a and d about what the joints have in common.
+
+    A log of slow motion reveals only the sum of a joint's T and d, and either could be nearly 0
+    without its neighbours: servos of one arm are alike, and one bus carries their targets.
+    """
+    at = np.array([DAMPING, DELAY])
+    x = np.array([fit.x[at] for fit in found.fits])
+    variances = np.empty_like(x)
+    for j, (fit, prior) in enumerate(zip(found.fits, found.priors, strict=True)):
+        rows = weights(found.simulated(j), fit.residual, fit.sigma)
+        H = (fit.jacobian.T * rows) @ fit.jacobian + np.diag(prior.deviation**-2.0)
+        variances[j] = np.diag(np.linalg.inv(H))[at]
+    weight = 1 / (_ALIKE[at] ** 2 + variances)
+    (T, d), deviation = np.average(x, axis=0, weights=weight), _ALIKE.copy()
+    deviation[at] = np.sqrt(_ALIKE[at] ** 2 + 1 / weight.sum(axis=0))  # the mean is uncertain, too
+    priors = []
+    for prior in found.priors:
+        mean = prior.mean.copy()
+        mean[[DAMPING, ARMATURE, DELAY]] = T, _critical(T), d
+        priors.append(Prior(mean, deviation))
+    return found._replace(priors=priors)
+
+
+def _critical(T: float) -> float:
+    """ln a of a critically damped servo, T²/4, from ln T."""
+    return 2 * T - float(np.log(4))
+
+
+def _together(logs: Sequence[ServoLog], found: Fitted) -> Fitted:
+    """The fits with the loads of all joints' simulated motion, until that settles.
+
+    Args:
+        logs: without the loads of accelerations.
+        found: fits to start from.
+    """
+    before = np.inf
+    for _ in range(_SWEEPS):
+        theta = np.exp([fit.x for fit in found.fits])
+        moved, exerting = zip(*(coupled(log, theta) for log in logs), strict=True)
+        now = np.concatenate(moved)
+        change = np.sqrt(np.mean((now - before) ** 2, axis=0))
+        if np.all(change < [_SETTLED * fit.sigma for fit in found.fits]):
+            break
+        before, found = now, found.refitted(list(exerting))
+    return found
+
+
+def _saturated(found: Fitted, limits: Array) -> Array:
+    """(n,) limits of the servos' forces [N·m or N] where the logs show them; else inf.
+
+    Model files state limits that the servo does not have, so a limit must lower the residual.
+    """
+    out, logs = np.full(len(limits), np.inf), [log._replace(limit=limits) for log in found.logs]
+    limited = found._replace(logs=logs)
+    for j, fit in enumerate(found.fits):
+        own = limited.simulated(j)
+        if np.isinf(limits[j]) or np.array_equal(own.residual(fit.x), fit.residual):
+            continue
+        if minimise(own, fit.x, found.priors[j]).sigma < _LOWER * fit.sigma:
+            out[j] = limits[j]
+    return out
