@@ -174,7 +174,7 @@ def followed(
     return Run(
         scenario=scenario,
         folder=folder,
-        record=Record.read(folder),
+        record=Record.opened(folder),
         system=system,
         prior=robot.prior,
         identifiers=identifiers,

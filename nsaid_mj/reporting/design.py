@@ -15,7 +15,7 @@ from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Mark, judged
 from ..evaluation.summary import versions
-from ..evaluation.words import number
+from ..parameters import number
 from . import pages
 from .pages import Figure, Items, Page, Panel, Section, Table, Text
 from .panels import Panel as Plot

@@ -15,6 +15,7 @@ from ..evaluation.result import Mark, Result
 from ..evaluation.run_result import figures_of
 from ..evaluation.verify import ROWS, Verdict, verify
 from ..experiment.loop import Run
+from ..parameters import rounded
 from ..resources import RECORDING
 from . import pages, report_panels
 from .pages import Figures, Fold, Items, Page, Section, Table, Text
@@ -197,7 +198,7 @@ def _confidence(summary: dict[str, Any], gains: Sequence[pages.Figure]) -> list[
     worst = [
         [
             ", ".join(f"{weight:+.2f} {label[name]}" for name, weight in row["parameters"].items()),
-            f"±{100 * row['deviation']:.2g} %",
+            f"±{rounded(100 * row['deviation'], 2)} %",
             "below the noise" if row["below_noise"] else "",
         ]
         for row in stated["worst_known"]
@@ -227,9 +228,9 @@ def _checks(summary: dict[str, Any]) -> str:
     """How far the run agrees with the theory: conserved quantity and excitation."""
     said = []
     if (drift := summary.get("conserved_drift")) is not None:
-        said.append(f"Relative drift of the conserved quantity θ̂ᵀΓ⁻¹θ̂: {drift:.1e}.")
+        said.append(f"Relative drift of the conserved quantity θ̂ᵀΓ⁻¹θ̂: {rounded(drift, 2)}.")
     levels = [
-        f"{summary[key]:.2g} N·m·s in ({equation})"
+        f"{rounded(summary[key], 2)} N·m·s in ({equation})"
         for key, equation in (("pe_level_perp", "75"), ("pe_level", "2"))
         if summary.get(key) is not None
     ]
