@@ -213,15 +213,15 @@ def _confidence(summary: dict[str, Any], gains: Sequence[pages.Figure]) -> list[
 
 def _relative_to(result: Result) -> str:
     """What the tables of parameters are relative to."""
-    told = "Estimates are determined up to the unobservable directions below."
+    words = "Estimates are determined up to the unobservable directions below."
     if any(p.true is not None for p in result.parameters):
-        told += (
+        words += (
             " For comparison, prior and estimate are multiplied by the one factor that makes the "
             "mean of the estimated gains equal to the true one."
         )
     if any(p.status for p in result.parameters):
-        told += f" {_HELD} What the motion reveals only in sums has none."
-    return told
+        words += f" {_HELD} What the motion reveals only in sums has none."
+    return words
 
 
 def _checks(summary: dict[str, Any]) -> str:
@@ -256,11 +256,11 @@ def statements(verdicts: Sequence[Verdict]) -> list[Table]:
 def unobservable(summary: dict[str, Any]) -> list[pages.Panel]:
     """The five directions that concern most parameters, and the others by block."""
     lines = summary["unobservable"]
-    told = evaluation.unobservable_lines(summary)
+    entries = evaluation.unobservable_lines(summary)
     sizes = {line["direction"]: len(line["labels"]) for line in lines}
-    scales = [entry for entry in told if entry[0].startswith("common scale")]
+    scales = [entry for entry in entries if entry[0].startswith("common scale")]
     others = sorted(
-        (entry for entry in told if entry not in scales),
+        (entry for entry in entries if entry not in scales),
         key=lambda entry: -sizes.get(entry[0], len(lines)),
     )
     ordered = [(what, f"{fix}.") for what, fix in scales + others]

@@ -139,8 +139,8 @@ def _figures(row: Row, several: bool = True) -> list[str]:
     cells = []
     for _, key in FIGURES:
         worst = several and key != "wall_s"
-        told = _digits(row.median[key]) + (f" ({_digits(row.worst[key])})" if worst else "")
-        cells.append(told + (f" {row.over_bound[key]:.3g}×" if key in row.over_bound else ""))
+        cell = _digits(row.median[key]) + (f" ({_digits(row.worst[key])})" if worst else "")
+        cells.append(cell + (f" {row.over_bound[key]:.3g}×" if key in row.over_bound else ""))
     return cells
 
 

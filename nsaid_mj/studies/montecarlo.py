@@ -282,7 +282,7 @@ def monte_carlo(
 
 
 def rows_of(
-    scenario: Scenario, todo: Sequence[int], jobs: int | None, shared: bool, told: Seen = float
+    scenario: Scenario, todo: Sequence[int], jobs: int | None, shared: bool, report: Seen = float
 ) -> Iterator[list[Row]]:
     """Yields groups of rows of the draws to do, as they become available.
 
@@ -295,7 +295,7 @@ def rows_of(
 
     def seen(progress: float) -> None:
         _check(stopped)
-        told(progress)
+        report(progress)
 
     try:
         if shared:
