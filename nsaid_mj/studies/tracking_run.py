@@ -14,7 +14,7 @@ import numpy as np
 from ..evaluation.result import Mark, judged
 from ..evaluation.tracking import Motion
 from ..numerics.threads import single_threaded
-from ..parameters import Array
+from ..parameters import Array, rounded
 from ..recording.tracking import record
 from ..reporting import pages, plots
 from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
@@ -111,11 +111,15 @@ def verdict_of(table: Table) -> Mark | None:
     }
     if not ratios:
         return None
-    factors = ", ".join(f"{law} {ratio} times" for law, ratio in ratios.items())
-    measure = table.heads[1].replace("[", "in ").removesuffix("]")
-    words = f"Tracking error smaller than the conventional law's: {factors} ({measure})."
-    better = all(float(ratio) > 1 for ratio in ratios.values())
-    return judged("yes" if better else "partly", words)
+    better = {law: float(ratio) > 1 for law, ratio in ratios.items()}
+    factors = ", ".join(
+        f"{law} {ratio} times smaller"
+        if better[law]
+        else f"{law} {rounded(1 / float(ratio))} times larger"
+        for law, ratio in ratios.items()
+    )
+    words = f"Tracking error compared with the conventional law's: {factors} (rms)."
+    return judged("yes" if all(better.values()) else "partly", words)
 
 
 def _missing(plan: Plan, done: list[Course]) -> list[Finding]:

@@ -206,7 +206,7 @@ def test_the_table_fits_a_terminal_and_lists_failures():
     stream = io.StringIO()
     print_table(made, Console(file=stream, width=80, highlight=False))
     table, failures = stream.getvalue().split("Medians over the seeds")
-    assert "1.2e-3 (–)" in table and "…" not in table
+    assert "0.0012 (–)" in table and "…" not in table
     assert "[at] t = 1 s" in failures
     for method in compare.METHODS:
         assert method in table
