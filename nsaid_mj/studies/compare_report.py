@@ -20,8 +20,8 @@ from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
 from ..reporting.palette import BAD, COLOURS, INK, LAWS
 from ..reporting.terminal import print_panels
 from ..robot.findings import Finding
-from .cells import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
-from .cells import LAWS as OURS
+from .compare_results import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
+from .compare_results import LAWS as OURS
 from .sweep_results import digits
 
 _DECIDES = "theta_perp_ratio"

@@ -15,9 +15,9 @@ from nsaid_mj.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers import ConventionalAID
 from nsaid_mj.studies import compare, compare_report
-from nsaid_mj.studies.cells import rows
 from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World
 from nsaid_mj.studies.compare_report import lines, print_table, write_pictures
+from nsaid_mj.studies.compare_results import rows
 from tests.reporting.markup import Page
 
 SCALAR = load("scalar_rov")
