@@ -97,9 +97,9 @@ def _choose_joint(
     used, speed = sorted(choice.columns[joint]), SPEEDS[choice.speed[joint]]
     text = (
         f"friction columns {', '.join(used)} with s = {speed:g}; held-out NRMSE {first:.3f} → "
-        f"{rms(best):.3f} (tried: {'; '.join(tried) or 'nothing else'})"
+        f"{rms(best):.3f}, the best of {len(tried) + 1} choices"
     )
-    data = {"columns": used, "speed": speed, "held_out": rms(best)}
+    data = {"columns": used, "speed": speed, "held_out": rms(best), "tried": tried}
     return choice, Finding("note", "columns", rows.robot.joints[joint], text, data=data), best
 
 
