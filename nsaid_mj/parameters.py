@@ -7,6 +7,7 @@ magnitude before any measurement; every norm, rank and projection in this packag
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,6 +23,11 @@ Indices = NDArray[np.intp]
 Geometry = Literal["free", "positive", "pseudo_inertia", "spd", "tied"]
 
 _SIZES = {"pseudo_inertia": 10}
+
+ABSENT = "–"
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_LEAST, _MOST = 1e-3, 1e5  # numbers outside are written as powers of ten,
+_FINEST = 1e-4  # unless they are rounded to this or more
 
 
 def finite(name: str, value: ArrayLike, shape: tuple[int, ...], remedy: str) -> Array:
@@ -55,6 +61,36 @@ def phrase(labels: Iterable[str]) -> str:
         else ", ".join(what)
         for part, what in parts.items()
     )
+
+
+def number(value: float, quantum: float | None = None, significant: int = 4) -> str:
+    """A number with so many digits, or rounded to a quantum: 0.031, −12.5, 3.2·10⁻⁵."""
+    if not math.isfinite(value):
+        return ABSENT if math.isnan(value) else ("∞" if value > 0 else "−∞")
+    size = abs(value)
+    if quantum is None or not 0 < quantum < math.inf:
+        quantum = 10.0 ** (math.floor(math.log10(size)) + 1 - significant) if size else 1.0
+        trim = True
+    else:
+        quantum, trim = 10.0 ** math.floor(math.log10(quantum) + 1e-9), False
+    if size < quantum / 2:
+        text = "0"
+    elif (_LEAST <= size < _MOST or quantum >= _FINEST) and quantum < 1e3:
+        digits = max(0, -round(math.log10(quantum)))
+        text = f"{round(size / quantum) * quantum:.{digits}f}"
+        text = text.rstrip("0").rstrip(".") if trim and "." in text else text
+    else:
+        digits = max(0, math.floor(math.log10(size)) - round(math.log10(quantum)))
+        factor, _, power = f"{size:.{min(digits, 3)}e}".partition("e")
+        factor = factor.rstrip("0").rstrip(".") if trim and "." in factor else factor
+        text = f"{factor}·10{str(int(power)).translate(_SUPERSCRIPTS)}"
+    return f"−{text}" if value < 0 and text != "0" else text
+
+
+def rounded(value: float, digits: int = 3) -> str:
+    """A number in few digits, a power of ten only below 1e-4 and from 1e5: 0.00021, 1.8·10⁻⁶."""
+    text = f"{value:.{digits}g}"
+    return number(value, significant=digits) if "e" in text else text
 
 
 @dataclass(frozen=True)

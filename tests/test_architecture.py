@@ -234,13 +234,13 @@ def test_mujoco_coordinates_are_converted_only_in_plants():
     assert users <= {"plants", "baselines"}
 
 
-def test_only_experiment_setup_imports_the_rehearsal():
+def test_only_experiment_setup_imports_the_expected_gramian():
     """An identifier is handed a Gramian; it does not simulate one."""
     users = {
         m
         for m, path in FILES.items()
         for node in nodes(path)
-        if isinstance(node, ast.ImportFrom) and node.module == "rehearsal"
+        if isinstance(node, ast.ImportFrom) and node.module == "expected_gramian"
     }
     assert users == {"experiment.setup"}
 

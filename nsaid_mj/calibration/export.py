@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import NsaidError
-from ..evaluation.words import number
-from ..parameters import Array
+from ..parameters import Array, number
 from ..robot.identified import Coupling, Identified, Parameter, Spring, with_inertias
 from ..robot.mjcf_export import write_mjcf
 from ..robot.tables import write_sysid, write_yaml

@@ -15,6 +15,7 @@ from ..evaluation.confidence import INTERVAL, gain_deviations
 from ..evaluation.misfit import misfit_of
 from ..evaluation.result import gravest_first
 from ..experiment.loop import Observer, Robot, Run, followed
+from ..experiment.record import Record
 from ..experiment.scenario import Scenario
 from ..experiment.source import Logs
 from ..identifiers import Identifier, NullspaceAID, State, Status
@@ -103,6 +104,7 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     identifiers = identifiers_of(scenario, whole)
     watch = _Watch(identifiers[""], max(1.0, round(steps / _ROWS)) / rate)
     run = followed(scenario, whole, Logs(logs), identifiers, folder, [watch])
+    run.record = Record.read(folder)  # which may be temporary
     t, theta, deviation = (np.array(column) for column in zip(*watch.rows, strict=True))
     misfit = misfit_of(run)
     if misfit:

@@ -97,9 +97,9 @@ def _choose_joint(
     used, speed = sorted(choice.columns[joint]), SPEEDS[choice.speed[joint]]
     text = (
         f"friction columns {', '.join(used)} with s = {speed:g}; held-out NRMSE {first:.3f} → "
-        f"{rms(best):.3f} (tried: {'; '.join(tried) or 'nothing else'})"
+        f"{rms(best):.3f}, the best of {len(tried) + 1} choices"
     )
-    data = {"columns": used, "speed": speed, "held_out": rms(best)}
+    data = {"columns": used, "speed": speed, "held_out": rms(best), "tried": tried}
     return choice, Finding("note", "columns", rows.robot.joints[joint], text, data=data), best
 
 
@@ -286,11 +286,16 @@ def refined(rows: JointRows, choice: Choice) -> tuple[Choice, float, Finding]:
     final = replace(choice, delay=choice.delay + correction)
     deviation = float(1 / np.sqrt(curvature)) if curvature > 0 else h
     delays = dict(zip(rows.robot.joints, final.delay.tolist(), strict=True))
-    words = ", ".join(f"{name} {delay * 1e3:+.1f}" for name, delay in delays.items())
+    words = ", ".join(f"{name} {_ms(delay)}" for name, delay in delays.items())
     if np.ptp(final.delay) < 1e-9:
-        words = f"{final.delay[0] * 1e3:+.1f} for all"
+        words = f"{_ms(final.delay[0])} for all"
     text = f"commands act later than recorded, by [ms]: {words}"
     return final, deviation, Finding("note", "delay", "", text, data=dict(delays))
+
+
+def _ms(delay: float) -> str:
+    """A delay [s] in milliseconds with its sign; never −0.0."""
+    return f"{round(delay * 1e3, 1) + 0.0:+.1f}"
 
 
 def _basis(rows: JointRows, choice: Choice, joint: int) -> tuple[Indices, Array]:

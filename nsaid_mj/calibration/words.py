@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from ..evaluation.result import EXPLAINS, Mark
-from ..evaluation.words import ABSENT, estimate, number
+from ..evaluation.words import estimate
+from ..parameters import ABSENT, number
 from .law_result import AlongLog
 from .result import Identification, JointFit
 

@@ -64,13 +64,13 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
             limits=limited,
             seed=chosen.seed,
             effort=chosen.effort,
-            told=progress.tell,
+            report=progress.tell,
         )
-        told = prediction.predict(found, progress.tell)
+        predicted = prediction.predict(found, progress.tell)
         progress.say("counting harmonics")
         ranks = harmonics.ranks(experiment, found.limits)
-        written = files.write(found, told, ranks, files.scenario_of(found, scenario), folder)
-        document = files.document(found, told, ranks, folder.name)
+        written = files.write(found, predicted, ranks, files.scenario_of(found, scenario), folder)
+        document = files.document(found, predicted, ranks, folder.name)
         progress.say("trying the experiment on a draw of the prior")
         trial = tried(found)
         written += [
@@ -147,4 +147,4 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
         return Scenario.from_json(path.read_bytes()).excitation
     from .. import design
 
-    return design.design(design.Experiment.of(scenario), told=progress.tell).driver
+    return design.design(design.Experiment.of(scenario), report=progress.tell).driver

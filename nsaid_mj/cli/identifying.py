@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,7 +95,7 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
             if not (chosen.quiet or chosen.json):
                 _print_notes(error)
             raise
-        result, files = write(result, folder, progress.say)
+        result, files = write(result, folder, progress.say, repeated(chosen))
     if chosen.json:
         print_json(result.summary())
     elif not chosen.quiet:
@@ -109,10 +109,27 @@ def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
     return max(code_of(result.mark), int(ended))
 
 
+def repeated(chosen: Identify) -> str:
+    """The command line of an identification, without where and how its results are told."""
+    words = ["nsaid", "identify", *([chosen.packed] if chosen.packed else [])]
+    for field in fields(Identify):
+        value = getattr(chosen, field.name)
+        if value == field.default or field.name in {"packed", "out", "force", "json", "quiet"}:
+            continue
+        flag, several = f"--{field.name.replace('_', '-')}", isinstance(value, tuple)
+        if field.name in {"known", "load"}:
+            words += [word for each in value for word in (flag, each)]
+        else:
+            words += [flag, *(map(str, value) if several else [str(value)])]
+    return shlex.join(words)
+
+
 def write(
-    result: Identification, folder: Path, told: Callable[[str], None]
+    result: Identification, folder: Path, told: Callable[[str], None], command: str = ""
 ) -> tuple[Identification, list[Path]]:
     """Writes results, report, recording and calibrated models into a folder.
+
+    `command` is the command line of the identification, for the report; empty if unknown.
 
     Returns:
         The result with findings about the exported model, and the files.
@@ -128,7 +145,7 @@ def write(
     from ..reporting import pages
     from ..reporting.identification import page
 
-    files.append(pages.write(page(result), folder))
+    files.append(pages.write(page(result, command), folder))
     from .. import recording
 
     if recording.available():
@@ -209,9 +226,7 @@ def identify_given(
     from .. import recording
     from ..reporting.identification.servos import write_servos
 
-    again = ["nsaid", "identify", *(["--model"] if chosen.log else []), model]
-    again += ["--log", *map(str, chosen.log)] if chosen.log else []
-    commands, folder, files = [shlex.join(again)], path.parent, [path, model_file]
+    commands, folder, files = [repeated(chosen)], path.parent, [path, model_file]
     if recording.available():
         progress.say("writing the recording")
         files.append(recording.record_servos(result, replay, folder / recording.FILE))

@@ -51,7 +51,7 @@ _EFFORT = 60.0  # time of the search on one core [s]
 _SIMULATED = 5e-5  # time of a simulated step of a vehicle [s]
 _FEWEST, _MOST = 96, 6000  # candidates of the search
 
-Told = Callable[[str, float | None], None]
+Report = Callable[[str, float | None], None]
 """Called with the current stage, and its completed share if known."""
 
 
@@ -135,7 +135,7 @@ def design(
     limits: Callable[[Limits], Limits] = lambda found: found,
     seed: int = 0,
     effort: float = 1.0,
-    told: Told = lambda _words, _share: None,
+    report: Report = lambda _words, _share: None,
 ) -> Design:
     """Finds an excitation; equal arguments give equal bits.
 
@@ -146,7 +146,7 @@ def design(
         limits: maps the default limits to those that apply.
         seed: of the search.
         effort: multiplies the number of candidates.
-        told: receives progress.
+        report: receives progress.
 
     Raises:
         InvalidInput, UnknownName: an argument cannot be used, or the system does not allow a
@@ -156,7 +156,7 @@ def design(
     check_criterion(criterion)
     asked = asked_for(wanted, experiment.system.space)
     base = experiment.scenario.excitation
-    told("rehearsing random motions", None)
+    report("rehearsing random motions", None)
     rehearsals = _rehearsals(experiment, base)
     chosen = limits(_default_limits(experiment, base, rehearsals, _MEDIAN))
     largest = limits(_default_limits(experiment, base, rehearsals, _ALL))
@@ -165,13 +165,13 @@ def design(
     else:
         motions = DrivenMotions(experiment, chosen, base)
     rng = np.random.default_rng(seed)
-    told("first stage: Gramian on P_⊥", None)
+    report("first stage: Gramian on P_⊥", None)
     _resolve(motions, asked, rng)
     start = _first_stage(motions, asked, rng)
-    found, candidates = _searched(motions, asked, criterion, start, effort, rng, told)
+    found, candidates = _searched(motions, asked, criterion, start, effort, rng, report)
     if not np.isfinite(found.cost):
         raise NoMotion("no motion could be simulated under the prior", "Widen the limits.")
-    told("checking the motion", None)
+    report("checking the motion", None)
     driver, logs, uses = checked(motions, candidates, largest)
     covariances = np.array(_covariances(motions, logs))
     random = []
@@ -325,7 +325,7 @@ def _searched(
     start: Array,
     effort: float,
     rng: np.random.Generator,
-    told: Told,
+    report: Report,
 ) -> tuple[Found, list[Array]]:
     """The best candidate, most of the search under one draw of the prior, the rest under two.
 
@@ -333,11 +333,11 @@ def _searched(
     """
     count = effort * _evaluations(motions, criterion)
     costs, tries = _Costs(motions, asked, criterion), max(17, int(_FIRST * count))
-    first = minimise(costs, start, _STEP, tries, rng, lambda x: told("searching", _FIRST * x))
+    first = minimise(costs, start, _STEP, tries, rng, lambda x: report("searching", _FIRST * x))
     costs = _Costs(motions, asked, criterion, draws=2)
     tries, later = max(17, int(0.5 * (1 - _FIRST) * count)), 1 - _FIRST
     found = minimise(costs, first.x, _LATER, tries, rng,
-                     lambda x: told("searching", _FIRST + later * x))  # fmt: skip
+                     lambda x: report("searching", _FIRST + later * x))  # fmt: skip
     costs.seen.sort(key=lambda pair: pair[0])
     best = [candidate for _, candidate in costs.seen[:_NEXT]]
     return found._replace(evaluations=first.evaluations + found.evaluations), best

@@ -24,7 +24,7 @@ from ..nullspace import directions
 from ..parameters import Array, phrase
 from ..structure.joints import JointTree
 from ..structure.payload import point_mass
-from .designing import Design, Told
+from .designing import Design, Report
 from .experiment import DRAWS, Experiment
 from .information import PRIOR, bound, rms
 from .limits import coordinates_of, extents_of
@@ -284,12 +284,12 @@ class Prediction:
     remedies: tuple[Remedy, ...]
 
 
-def predict(found: Design, told: Told = lambda _words, _share: None) -> Prediction:
+def predict(found: Design, report: Report = lambda _words, _share: None) -> Prediction:
     """Predicts the results of a designed experiment, and computes what would help."""
     experiment = found.experiment
     space, covariances = experiment.system.space, found.covariances
     weak = [weak_directions(found, P, draw) for draw, P in enumerate(covariances)]
-    told("what would help", None)
+    report("what would help", None)
     others = remedies(found)
     return Prediction(
         _intervals(found),

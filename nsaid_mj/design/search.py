@@ -30,7 +30,7 @@ def minimise(
     step: float,
     evaluations: int,
     rng: np.random.Generator,
-    told: Callable[[float], None] = lambda _share: None,
+    report: Callable[[float], None] = lambda _share: None,
     population: int = 16,
 ) -> Found:
     """Searches from a start.
@@ -41,7 +41,7 @@ def minimise(
         step: standard deviation of the first candidates about it.
         evaluations: least number of candidates to try.
         rng: generator of the candidates.
-        told: called with the completed share of the search.
+        report: called with the completed share of the search.
         population: candidates in a generation.
     """
     d, half = len(start), population // 2
@@ -64,7 +64,7 @@ def minimise(
         if cost[order[0]] < best.cost:
             best = Found(candidates[order[0]], float(cost[order[0]]), 0)
         best = best._replace(evaluations=tried + population)
-        told(min(1.0, (tried + population) / evaluations))
+        report(min(1.0, (tried + population) / evaluations))
         if not np.isfinite(cost[order[0]]):
             continue
         parents = moves[order[:half]]

@@ -25,10 +25,10 @@ _STREAM = {
 
 def result_of(summary: dict[str, Any], space: ParameterSpace | None = None) -> Result:
     """The result of a run from its summary.json; without a space, parameters have no blocks."""
-    told = summary.get("verdict") or summary.get("status", "completed")
+    verdict = summary.get("verdict") or summary.get("status", "completed")
     return Result(
-        explains=explains_of(told),
-        verdict=told,
+        explains=explains_of(verdict),
+        verdict=verdict,
         parameters=_parameters(summary, space),
         findings=_findings(summary),
     )
@@ -118,8 +118,8 @@ def _findings(summary: dict[str, Any]) -> tuple[Finding, ...]:
 
 def mark_of(summary: dict[str, Any]) -> Mark | None:
     """The verdict of a run with its mark; None if the summary, of an earlier version, has none."""
-    told = summary.get("verdict")
-    return judged(explains_of(told), told) if told else None
+    verdict = summary.get("verdict")
+    return judged(explains_of(verdict), verdict) if verdict else None
 
 
 def explains_of(verdict: str) -> Explains:

@@ -22,6 +22,7 @@ from ..experiment.record import Record
 from ..identifiers import ConventionalAID
 from ..identifiers import Status as Ended
 from ..numerics.threads import single_threaded
+from ..parameters import rounded
 from ..resources import write_json
 from .summary import summarize
 from .truth import Truth, truth_of
@@ -120,13 +121,13 @@ def _lyapunov(run: Run, summary: dict[str, Any], premises: str) -> _Outcome:
     bound = summary["lyapunov_bound"]
     if bound > BLIND:
         words = (
-            f"integrator and memory may raise V by up to {bound:.2g} of V(0) in a time step, too "
-            f"much for a check; the largest rise is {rise:.2g}"
+            f"integrator and memory may raise V by up to {rounded(bound, 2)} of V(0) in a time "
+            f"step, too much for a check; the largest rise is {rounded(rise, 2)}"
         )
         return "not applicable", rise, bound, words
     words = (
         f"V rose in {count} of {len(run.record) - 1} time steps by more than integrator and memory "
-        f"explain; the largest rise is {rise:.2g} of V(0), bound {bound:.2g}"
+        f"explain; the largest rise is {rounded(rise, 2)} of V(0), bound {rounded(bound, 2)}"
     )
     return "fails" if count else "holds", rise, bound, words
 
@@ -136,7 +137,7 @@ def _conserved(summary: dict[str, Any]) -> _Outcome:
     drift = summary["conserved_drift"]
     if drift is None:
         return _no("this law conserves nothing")
-    words = f"relative drift {drift:.2g}, bound {DRIFT:g}"
+    words = f"relative drift {rounded(drift, 2)}, bound {DRIFT:g}"
     return "holds" if drift <= DRIFT else "fails", drift, DRIFT, words
 
 
@@ -148,8 +149,8 @@ def _limit(what: str, key: str, run: Run, summary: dict[str, Any], premises: str
     first, last = summary[f"{key}_initial"], summary[key]
     share = last / first if first else 0.0
     words = (
-        f"{what} {first:.2g} at the start, {last:.2g} at the end; ratio {share:.2g}, "
-        f"bound {SETTLED:g}"
+        f"{what} {rounded(first, 2)} at the start, {rounded(last, 2)} at the end; "
+        f"ratio {rounded(share, 2)}, bound {SETTLED:g}"
     )
     if not share < 1 - _ROUNDING:
         return "fails", share, SETTLED, words + "; no decay"
@@ -166,8 +167,8 @@ def _excitation(run: Run, summary: dict[str, Any], premises: str) -> _Outcome:
     if share is None:
         return _no(f"no window of {window:g} s has enough rows; see pe_window")
     words = (
-        f"ε₀ = {level:.2g} N·m·s in the least excited window of {window:g} s, {share:.2g} of its "
-        f"total excitation, bound {UNEXCITED:g}"
+        f"ε₀ = {rounded(level, 2)} N·m·s in the least excited window of {window:g} s, "
+        f"{rounded(share, 2)} of its total excitation, bound {UNEXCITED:g}"
     )
     return "holds" if share > UNEXCITED else "fails", share, UNEXCITED, words
 

@@ -5,16 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from ..parameters import phrase
+from ..parameters import ABSENT, number, phrase, rounded
 from ..system import SecondOrderSystem
 from .figures import CONVERGED
 
 _FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of a generalised force, by unit of its velocity
-
-ABSENT = "–"
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_LEAST, _MOST = 1e-3, 1e5  # numbers outside are written as powers of ten,
-_FINEST = 1e-4  # unless they are rounded to this or more
 
 
 OWN = "NS-AID"
@@ -36,30 +31,6 @@ def force_units(system: SecondOrderSystem) -> list[str]:
     return [_FORCE_UNITS.get(unit, "SI") for unit in system.velocity_units]
 
 
-def number(value: float, quantum: float | None = None, significant: int = 4) -> str:
-    """A number with so many digits, or rounded to a quantum: 0.031, −12.5, 3.2·10⁻⁵."""
-    if not math.isfinite(value):
-        return ABSENT if math.isnan(value) else ("∞" if value > 0 else "−∞")
-    size = abs(value)
-    if quantum is None or not 0 < quantum < math.inf:
-        quantum = 10.0 ** (math.floor(math.log10(size)) + 1 - significant) if size else 1.0
-        trim = True
-    else:
-        quantum, trim = 10.0 ** math.floor(math.log10(quantum) + 1e-9), False
-    if size < quantum / 2:
-        text = "0"
-    elif (_LEAST <= size < _MOST or quantum >= _FINEST) and quantum < 1e3:
-        digits = max(0, -round(math.log10(quantum)))
-        text = f"{round(size / quantum) * quantum:.{digits}f}"
-        text = text.rstrip("0").rstrip(".") if trim and "." in text else text
-    else:
-        digits = max(0, math.floor(math.log10(size)) - round(math.log10(quantum)))
-        factor, _, power = f"{size:.{min(digits, 3)}e}".partition("e")
-        factor = factor.rstrip("0").rstrip(".") if trim and "." in factor else factor
-        text = f"{factor}·10{str(int(power)).translate(_SUPERSCRIPTS)}"
-    return f"−{text}" if value < 0 and text != "0" else text
-
-
 def estimate(value: float, low: float, high: float) -> tuple[str, str]:
     """An estimate and its 95 % interval, rounded to two digits of the interval's half-width."""
     half = (high - low) / 2
@@ -76,7 +47,7 @@ def figure(value: float | None, unit: str) -> str:
     """Formats a figure with three digits, as a percentage if its unit is %; None becomes –."""
     if value is None:
         return "–"
-    return f"{100 * value:.3g} %" if unit == "%" else f"{value:.3g}"
+    return f"{rounded(100 * value)} %" if unit == "%" else rounded(value)
 
 
 def observable_line(summary: dict[str, Any]) -> str:
@@ -107,8 +78,8 @@ def confidence_lines(summary: dict[str, Any]) -> list[str]:
     low = stated["below_noise"]
     lines = [
         f"of {stated['directions']} observable directions, half are known to within "
-        f"±{100 * stated['deviation_median']:.2g} % of ‖θ̂‖, the least known ({worst}) to within "
-        f"±{100 * stated['deviation_largest']:.2g} %" + (f"; {low} below the noise" if low else "")
+        f"±{_share(stated['deviation_median'])} of ‖θ̂‖, the least known ({worst}) to within "
+        f"±{_share(stated['deviation_largest'])}" + (f"; {low} below the noise" if low else "")
     ]
     if (covered := stated.get("covered")) is not None:
         lines.append(f"the 95 % intervals contain the truth in {100 * covered:.0f} % of them")
@@ -175,7 +146,7 @@ def verdict(summary: dict[str, Any]) -> str:
         predicts = "" if residual is None else f", force residual {_share(residual)}"
         where = f"{_share(distance)} from the true set{predicts}"
     if drift := summary.get("misfit_drift"):
-        where += f"; gains drift by up to {100 * drift:.2g} % a minute"
+        where += f"; gains drift by up to {_share(drift)} a minute"
     elif summary.get("misfit") == "some":
         where += (
             "; the structure does not explain everything, so the intervals are "
@@ -209,4 +180,4 @@ def _without_truth(
 
 
 def _share(value: float) -> str:
-    return f"{100 * value:.2g} %"
+    return f"{rounded(100 * value, 2)} %"

@@ -43,7 +43,7 @@ class Run:
     Attributes:
         scenario: the scenario that was run.
         folder: of the run's files.
-        record: the recorded measurements and estimates.
+        record: the recorded measurements and estimates, read from the folder as they are used.
         system: the structure that was identified.
         prior: (p,) θ̂(0).
         identifiers: by name; "" is the scenario's own.
@@ -179,7 +179,7 @@ def followed(
     return Run(
         scenario=scenario,
         folder=folder,
-        record=Record.read(folder),
+        record=Record.opened(folder),
         system=system,
         prior=robot.prior,
         identifiers=identifiers,

@@ -53,7 +53,7 @@ class RecordWriter:
         with writing(path):
             create(path)
             self._inode = path.stat().st_ino
-            self._file = pa.OSFile(str(path), "wb")  # unbuffered
+            self._file = pa.OSFile(os.fsencode(path), "wb")  # unbuffered
         self._stream = pa.ipc.new_stream(self._file, self._schema)
         # Arrow writes the schema only with the first batch, so an empty one is written now
         self._write(pa.RecordBatch.from_pylist([], schema=self._schema))
@@ -205,8 +205,8 @@ class Record:
     def metadata_of(path: Path) -> dict[str, Any]:
         """Reads only the metadata of a run's folder or record file; `BadRun` if unreadable."""
         file = _file_of(path)
-        with _typed(file), pa.OSFile(str(file)) as source, pa.ipc.open_stream(source) as stream:
-            return _metadata(stream.schema)
+        with _typed(file), pa.OSFile(os.fsencode(file)) as source:
+            return _metadata(pa.ipc.open_stream(source).schema)
 
 
 def _file_of(path: Path) -> Path:
@@ -270,7 +270,7 @@ class _Stored(Mapping[str, Array]):
         edges = [0, *(np.flatnonzero(np.diff(places) != size) + 1), len(at)]
         with _typed(self._file), self._file.open("rb") as stream:
             if _state(os.fstat(stream.fileno())) != self._state:
-                raise BadRun(self._file, "it has changed while it was read", "Try again")
+                raise BadRun(self._file, "it has changed since it was opened", "Open it again")
             for a, b in pairwise(edges) if len(at) else ():
                 stream.seek(places[a])
                 stream.readinto(found[a:b].data)
@@ -285,7 +285,7 @@ def _state(stat: os.stat_result) -> tuple[int, int, int]:
 def _scan(file: Path) -> tuple[_Stored, dict[str, Any], bool]:
     """The columns of a stream up to its first damaged batch, its metadata, whether it is whole."""
     places, first, last, complete = [], [0], -np.inf, False
-    with pa.OSFile(str(file)) as source:
+    with pa.OSFile(os.fsencode(file)) as source:
         messages = pa.ipc.MessageReader.open_stream(source)
         begin = next(messages, None)
         if begin is None:

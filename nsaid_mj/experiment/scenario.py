@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self, get_type_hints
 
 import tyro
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic_core import PydanticCustomError, PydanticSerializationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from ..bounds import Config, Name, NonNegative, Positive, Seed, Share, config, refusal
@@ -103,8 +103,17 @@ class Scenario(Config):
         return round(self.duration / self.dt)
 
     def to_json(self) -> str:
-        """The scenario as JSON, including the type of each part."""
-        return json.dumps(_ADAPTER.dump_python(self, mode="json"), indent=2, ensure_ascii=False)
+        """The scenario as JSON, including the type of each part.
+
+        Raises:
+            InvalidInput: a part of a user's own class holds what JSON cannot.
+        """
+        try:
+            found = _ADAPTER.dump_python(self, mode="json")
+        except PydanticSerializationError as error:
+            remedy = "Give the fields of your classes numbers, text, lists or tuples of them."
+            raise InvalidInput("scenario", "what JSON can hold", str(error), remedy) from error
+        return json.dumps(found, indent=2, ensure_ascii=False)
 
     @staticmethod
     def from_json(text: str | bytes) -> Scenario:

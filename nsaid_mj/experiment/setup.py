@@ -28,8 +28,8 @@ from ..parameters import Array, ParameterSpace
 from ..plants import ParametricPlantConfig, Plant, PlantConfig, Sensors
 from ..plants.world.sensors import EXACT_SENSORS
 from ..system import SecondOrderSystem
+from .expected_gramian import expected_gramian
 from .library import place_of
-from .rehearsal import expected_gramian
 from .scenario import Scenario
 
 _PIECE = 5000  # time steps after which a long simulation can be stopped

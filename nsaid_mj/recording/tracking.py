@@ -34,7 +34,7 @@ def record(
     desired: Array,
     errors: Mapping[str, Mapping[str, Array]],
     commands: Mapping[str, Array],
-    told: str,
+    result: str,
 ) -> Path:
     """Writes a recording, atomically, and returns its path.
 
@@ -47,7 +47,7 @@ def record(
         desired: (N, m) the reference's positions, drawn in cyan.
         errors: (N,) norms of the tracking error, by unit and law: plotted as log₁₀.
         commands: (N, n_u) commands as shares of their limits, by law.
-        told: the result in Markdown.
+        result: the result in Markdown.
     """
     t, q, v = motion
     frames, rows = spread(len(t), _FRAMES), spread(len(t), _POINTS)
@@ -68,7 +68,7 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write(file, file.parent.name, layout, {"result": told}, [(t[rows], curves)], draw)
+    return write(file, file.parent.name, layout, {"result": result}, [(t[rows], curves)], draw)
 
 
 def _layout(

@@ -15,7 +15,7 @@ from ..design.trial import Trial
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Mark, judged
 from ..evaluation.summary import versions
-from ..evaluation.words import number
+from ..parameters import number, rounded
 from . import pages
 from .pages import Figure, Items, Page, Panel, Section, Table, Text
 from .panels import Panel as Plot
@@ -28,7 +28,7 @@ _WEAK = (
     "The predicted standard deviation over that before the experiment; the weakest directions of "
     "the published values."
 )
-_HELP = "Each computed like the design itself, for the published values."
+_HELP = "Deviations for the published values, each over that of the design."
 _ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
 
 
@@ -95,9 +95,8 @@ def _helping(document: dict[str, Any]) -> list[str]:
         helped = f"{after} after {remedy}" if after != _NONE else "nothing tried helps"
         lines.append(f"Weak: {words}: {left} of its deviation stays; {helped}.")
     return lines + [
-        f"{words}: {predicted} instead of {_percent(document['predicted_deviation_of_prior'])}, "
-        f"{pages.count(int(weak), 'weak direction')}."
-        for words, predicted, weak in _remedy_rows(document)
+        f"{words}: {share} times the deviation, {pages.count(int(weak), 'weak direction')}."
+        for words, share, weak in _remedy_rows(document)
     ]
 
 
@@ -124,9 +123,10 @@ def _weak_rows(document: dict[str, Any]) -> list[list[str]]:
 
 
 def _remedy_rows(document: dict[str, Any]) -> list[list[str]]:
-    """Other experiments, the deviation they predict, and the weak directions they leave."""
+    """Other experiments, their deviation over the design's, and the weak directions they leave."""
+    own = document["predicted_deviation_of_prior"]
     return [
-        [other["words"], _percent(other["predicted"]), str(other["weak"])]
+        [other["words"], rounded(other["predicted"] / own, 2), str(other["weak"])]
         for other in document["remedies"]
     ]
 
@@ -143,12 +143,8 @@ def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder
     determined: list[Panel] = [Items(statements(document))]
     if weak.lines:
         determined += [Text("Directions that stay weak", head=True), weak, Text(_WEAK, note=True)]
-    designed = [
-        "as designed",
-        _percent(document["predicted_deviation_of_prior"]),
-        str(document["weak_directions"]),
-    ]
-    heads = ["experiment", "predicted deviation", "weak directions"]
+    designed = ["as designed", "1", str(document["weak_directions"])]
+    heads = ["experiment", "deviation over the design's", "weak directions"]
     helps = Table(heads, [designed, *_remedy_rows(document)])
     page = Page(
         heading=robot,

@@ -13,7 +13,7 @@ from rich.console import Console
 from ..calibration.data import Recordings
 from ..calibration.logs.inspection import ChannelFigures, Inspection
 from ..evaluation.result import Mark, gravest_first
-from ..parameters import Array
+from ..parameters import Array, number
 from .drawings import extremes
 from .pages import Cell, Table, Text
 from .palette import BAD, COLOURS
@@ -21,6 +21,7 @@ from .plots import png_of
 from .terminal import print_findings, print_panels
 
 _POINTS = 4000  # of a curve; more are thinned to the extremes of equal parts
+_LISTED = 1000  # channels that are printed, those in use first
 _MOST = 40  # largest number of drawn channels of a log without a map
 
 
@@ -32,12 +33,17 @@ def print_inspection(found: Inspection, console: Console) -> None:
     """
     heads = ("channel", "from", "to", "noise", "step", "flat", "same", "used as")
     for clock in dict.fromkeys(map(_clock, found.channels)):
-        lines = [_cells(channel) for channel in found.channels if _clock(channel) == clock]
+        own = [channel for channel in found.channels if _clock(channel) == clock]
+        more = len(own) - _LISTED
+        if more > 0:
+            own.sort(key=lambda channel: not channel.role)
+        lines = [_cells(channel) for channel in own[:_LISTED]]
         shown = [k for k in range(len(heads)) if any(line[k] not in ("–", "") for line in lines)]
         lines = [[line[k] for k in shown] for line in lines]
         words = (0, len(shown) - 1) if shown[-1] == len(heads) - 1 else (0,)
         table = Table([heads[k] for k in shown], lines, words, most=len(lines))
-        print_panels([Text(clock), table], console)
+        rest = [Text(f"… and {more} more, which --json lists")] if more > 0 else []
+        print_panels([Text(clock), table, *rest], console)
         console.print()
     print_findings(gravest_first(found.findings), console, codes=True)
 
@@ -54,10 +60,10 @@ def _clock(channel: ChannelFigures) -> str:
 def _cells(channel: ChannelFigures) -> list[Cell]:
     return [
         channel.name,
-        f"{channel.low:.4g}",
-        f"{channel.high:.4g}",
-        Mark("", "poor", "constant") if channel.dead else f"{channel.noise:.1g}",
-        f"{channel.quantum:.3g}" if channel.quantum else "–",
+        number(channel.low),
+        number(channel.high),
+        Mark("", "poor", "constant") if channel.dead else number(channel.noise, significant=1),
+        number(channel.quantum, significant=3) if channel.quantum else "–",
         f"{channel.saturated:.1%}" if channel.saturated else "–",
         f"{channel.unchanged:.0%}" if channel.unchanged > 0.005 else "–",
         channel.role,

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..evaluation.result import STATUSES, Mark, Parameter, Result, counts
-from ..evaluation.words import ABSENT, estimate, number
-from ..parameters import Array
+from ..evaluation.words import estimate
+from ..parameters import ABSENT, Array, number
 from .pages import Cell, Fold, Link, Table
 from .panels import Forest, HeatMap, Points
 

@@ -15,6 +15,7 @@ from ..evaluation.result import Mark, Result
 from ..evaluation.run_result import figures_of
 from ..evaluation.verify import ROWS, Verdict, verify
 from ..experiment.loop import Run
+from ..parameters import rounded
 from ..resources import RECORDING
 from . import pages, report_panels
 from .pages import Figures, Fold, Items, Page, Section, Table, Text
@@ -197,7 +198,7 @@ def _confidence(summary: dict[str, Any], gains: Sequence[pages.Figure]) -> list[
     worst = [
         [
             ", ".join(f"{weight:+.2f} {label[name]}" for name, weight in row["parameters"].items()),
-            f"±{100 * row['deviation']:.2g} %",
+            f"±{rounded(100 * row['deviation'], 2)} %",
             "below the noise" if row["below_noise"] else "",
         ]
         for row in stated["worst_known"]
@@ -212,24 +213,24 @@ def _confidence(summary: dict[str, Any], gains: Sequence[pages.Figure]) -> list[
 
 def _relative_to(result: Result) -> str:
     """What the tables of parameters are relative to."""
-    told = "Estimates are determined up to the unobservable directions below."
+    words = "Estimates are determined up to the unobservable directions below."
     if any(p.true is not None for p in result.parameters):
-        told += (
+        words += (
             " For comparison, prior and estimate are multiplied by the one factor that makes the "
             "mean of the estimated gains equal to the true one."
         )
     if any(p.status for p in result.parameters):
-        told += f" {_HELD} What the motion reveals only in sums has none."
-    return told
+        words += f" {_HELD} What the motion reveals only in sums has none."
+    return words
 
 
 def _checks(summary: dict[str, Any]) -> str:
     """How far the run agrees with the theory: conserved quantity and excitation."""
     said = []
     if (drift := summary.get("conserved_drift")) is not None:
-        said.append(f"Relative drift of the conserved quantity θ̂ᵀΓ⁻¹θ̂: {drift:.1e}.")
+        said.append(f"Relative drift of the conserved quantity θ̂ᵀΓ⁻¹θ̂: {rounded(drift, 2)}.")
     levels = [
-        f"{summary[key]:.2g} N·m·s in ({equation})"
+        f"{rounded(summary[key], 2)} N·m·s in ({equation})"
         for key, equation in (("pe_level_perp", "75"), ("pe_level", "2"))
         if summary.get(key) is not None
     ]
@@ -255,11 +256,11 @@ def statements(verdicts: Sequence[Verdict]) -> list[Table]:
 def unobservable(summary: dict[str, Any]) -> list[pages.Panel]:
     """The five directions that concern most parameters, and the others by block."""
     lines = summary["unobservable"]
-    told = evaluation.unobservable_lines(summary)
+    entries = evaluation.unobservable_lines(summary)
     sizes = {line["direction"]: len(line["labels"]) for line in lines}
-    scales = [entry for entry in told if entry[0].startswith("common scale")]
+    scales = [entry for entry in entries if entry[0].startswith("common scale")]
     others = sorted(
-        (entry for entry in told if entry not in scales),
+        (entry for entry in entries if entry not in scales),
         key=lambda entry: -sizes.get(entry[0], len(lines)),
     )
     ordered = [(what, f"{fix}.") for what, fix in scales + others]

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from ..errors import BadRobot
-from ..parameters import Array
+from ..parameters import Array, rounded
 from ..structure.optional import pin
 from .findings import Finding
 
@@ -100,11 +100,11 @@ def moved(link: str, before: tuple[float, Array], after: tuple[float, Array]) ->
     """The finding about a link whose mass [kg] and inertia (3, 3) [kg·m²] were changed."""
     (old, about), (new, changed) = before, after
     was, now = np.linalg.eigvalsh(about), np.linalg.eigvalsh(changed)
-    wrong = f"no body of mass {old:g} kg has principal moments of inertia {_listed(was)} kg·m²"
+    wrong = f"no body of mass {rounded(old)} kg has moments of inertia {_listed(was)} kg·m²"
     given = f"they were changed to {_listed(now)} kg·m²"
     if old != new:
         wrong = "it moves, but has no mass"
-        given = f"it was given {new:.3g} kg and moments of inertia {_listed(now)} kg·m²"
+        given = f"it was given {rounded(new)} kg and moments of inertia {_listed(now)} kg·m²"
     data = {"mass_before": float(old), "mass_after": float(new),
             "moments_before": was.tolist(), "moments_after": now.tolist()}  # fmt: skip
     remedy = "Correct <inertial> in the model file if you know better."
@@ -131,4 +131,4 @@ def plausible_size(lengths: Iterable[float]) -> float:
 
 
 def _listed(values: Iterable[float]) -> str:
-    return ", ".join(f"{value:.3g}" for value in values)
+    return ", ".join(rounded(value) for value in values)

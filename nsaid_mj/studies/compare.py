@@ -28,7 +28,7 @@ from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
 from ..resources import write_json
 from . import compare_report
-from .cells import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
+from .compare_results import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
 from .study import Study, carried_out, write_csv
 
 FILES = ("compare.json", "compare.csv")

@@ -20,8 +20,9 @@ from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
 from ..reporting.palette import BAD, COLOURS, INK, LAWS
 from ..reporting.terminal import print_panels
 from ..robot.findings import Finding
-from .cells import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
-from .cells import LAWS as OURS
+from .compare_results import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
+from .compare_results import LAWS as OURS
+from .sweep_results import digits
 
 _DECIDES = "theta_perp_ratio"
 _HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "gain ratios", "force residual", "time [s]")
@@ -47,8 +48,9 @@ def write(
     methods = len(dict.fromkeys(row.method for row in found))
     seeds = len({cell.seed for cell in cells})
     heads = ["log", "method", *(label for label, _ in FIGURES), "chosen automatically"]
-    table = Table(heads, [_line(row) for row in found], (0, 1, 6))
-    sections = [Section("All methods", [table, Text(f"{_WORST} {_MULTIPLES}", note=True)])]
+    table = Table(heads, [_line(row, seeds > 1) for row in found], (0, 1, 6))
+    notes = " ".join([_WORST] * (seeds > 1) + [_MULTIPLES] * bool(manifest["bound"]))
+    sections = [Section("All methods", [table, *([Text(notes, note=True)] if notes else [])])]
     if shown[2:]:
         more = [Figures(shown[2:], "plots", 6), Text(_BARS, note=True)]
         sections.append(Section("More plots", more))
@@ -116,10 +118,10 @@ def verdict_of(cells: Sequence[Cell]) -> Mark:
     hardest = max(able, key=lambda row: (row.noise, row.duration))
     same = [r for r in able if (r.noise, r.duration) == (hardest.noise, hardest.duration)]
     best = min(same, key=lambda row: row.median[_DECIDES])
-    text = (
-        f"{best.method} comes closest to the true set: {figure(best.median[_DECIDES], '%')} in the "
-        f"median, {figure(best.worst[_DECIDES], '%')} at worst ({_log(best)})."
-    )
+    text = f"{best.method} comes closest to the true set: {figure(best.median[_DECIDES], '%')}"
+    if len({cell.seed for cell in cells}) > 1:
+        text += f" in the median, {figure(best.worst[_DECIDES], '%')} at worst"
+    text += f" ({_log(best)})."
     return judged("yes" if len(able) == len(own) else "partly", text)
 
 
@@ -130,25 +132,18 @@ def _log(row: Row) -> str:
     ).replace(" s", "\u00a0s")
 
 
-def _line(row: Row) -> list[pages.Cell]:
-    return [_log(row), row.method, *_figures(row), "; ".join(row.notes)]
+def _line(row: Row, several: bool) -> list[pages.Cell]:
+    return [_log(row), row.method, *_figures(row, several), "; ".join(row.notes)]
 
 
-def _figures(row: Row, several: bool = True) -> list[str]:
+def _figures(row: Row, several: bool) -> list[str]:
     """Median, worst in brackets if there are several seeds, and the multiple of the bound."""
     cells = []
     for _, key in FIGURES:
         worst = several and key != "wall_s"
-        told = _digits(row.median[key]) + (f" ({_digits(row.worst[key])})" if worst else "")
-        cells.append(told + (f" {row.over_bound[key]:.3g}×" if key in row.over_bound else ""))
+        cell = digits(row.median[key]) + (f" ({digits(row.worst[key])})" if worst else "")
+        cells.append(cell + (f" {row.over_bound[key]:.3g}×" if key in row.over_bound else ""))
     return cells
-
-
-def _digits(value: float) -> str:
-    """Formats a figure with two digits; – if it is not finite."""
-    if not math.isfinite(value):
-        return "–"
-    return (f"{value:.1e}" if value < 0.01 else f"{value:.2g}").replace("e-0", "e-")
 
 
 _SHOWN = FIGURES[:3]
@@ -187,17 +182,20 @@ def lines(cells: Sequence[Cell]) -> dict[str, list[Line]]:
     last = [r for r in found if r.duration == durations[-1]]
     logs = f"{durations[-1]:g} s of data"
     able = [r for r in last if r.method not in _REFERENCES]
+    # the error of gain ratios of a single actuator is 0
+    shown = [(label, key) for label, key in _SHOWN if any(r.median[key] for r in found)]
+    line_of = partial(_panels, shown)
     drawn["wall_time"] = [
-        _line_of(f"{sensors(x)}, {logs}", [r for r in able if r.noise == x], _over_time)
+        line_of(f"{sensors(x)}, {logs}", [r for r in able if r.noise == x], _over_time)
         for x in noises
     ]
     if len(durations) > 1:
         over = partial(_over_length, durations)
         drawn["data_length"] = [
-            _line_of(sensors(x), [r for r in found if r.noise == x], over) for x in noises
+            line_of(sensors(x), [r for r in found if r.noise == x], over) for x in noises
         ]
     if len(noises) > 1:
-        drawn["noise"] = [_line_of(logs, last, partial(_over_noise, noises))]
+        drawn["noise"] = [line_of(logs, last, partial(_over_noise, noises))]
     return drawn
 
 
@@ -214,20 +212,22 @@ def figures(drawn: Mapping[str, Sequence[Line]]) -> list[Figure]:
     found = []
     for label, _ in _SHOWN:
         for stem, of in drawn.items():
-            for line in reversed(of):
+            for line in (line for line in reversed(of) if label in line.panels):
                 title = f"{label.capitalize()} over {_TITLES[stem]}: {line.logs}"
                 legend = [(m, _look(m)[0], _look(m)[2]) for m in line.methods]
                 found.append(plots.page_figure(title, line.panels[label], legend=legend))
     return found
 
 
-def _line_of(logs: str, chosen: list[Row], draw: Callable[..., None]) -> Line:
+def _panels(
+    shown: Sequence[tuple[str, str]], logs: str, chosen: list[Row], draw: Callable[..., None]
+) -> Line:
     methods = list(dict.fromkeys(row.method for row in chosen))
-    return Line(logs, methods, {label: partial(draw, chosen, key) for label, key in _SHOWN})
+    return Line(logs, methods, {label: partial(draw, chosen, key) for label, key in shown})
 
 
 def _picture(of: Sequence[Line]) -> Any:
-    figure, axes = plots.grid(len(of), len(_SHOWN), (12.5, 1.0 + 3.3 * len(of)))
+    figure, axes = plots.grid(len(of), len(of[0].panels), (12.5, 1.0 + 3.3 * len(of)))
     handles: dict[str, Any] = {}
     for row, line in zip(axes, of, strict=True):
         for axis, draw in zip(row, line.panels.values(), strict=True):

@@ -32,6 +32,7 @@ from ..identifiers import Identifier, State, Status
 from ..identifiers.base import Estimates
 from ..identifiers.nullspace_aid import NullspaceIdentifier
 from ..log import Log
+from ..numerics.stopwatch import compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..system import Motion
@@ -170,9 +171,10 @@ def identify(
 
     A draw is its number and its scenario, whose seed draws the prior. Returns one row per draw.
     """
-    begin, steps = time.perf_counter(), max(1, len(course.log.t) - 1)
+    begin, compiled = time.perf_counter(), compile_seconds()
     runs = follow(course, [scenario for _, scenario in draws], seen)
-    cost = 1e6 * (time.perf_counter() - begin) / (len(runs) * steps)
+    spent = time.perf_counter() - begin - (compile_seconds() - compiled)
+    cost = 1e6 * max(spent, 0.0) / (len(runs) * max(1, len(course.log.t) - 1))
     return [_row(*draw, course, run, cost) for draw, run in zip(draws, runs, strict=True)]
 
 
@@ -280,7 +282,7 @@ def monte_carlo(
 
 
 def rows_of(
-    scenario: Scenario, todo: Sequence[int], jobs: int | None, shared: bool, told: Seen = float
+    scenario: Scenario, todo: Sequence[int], jobs: int | None, shared: bool, report: Seen = float
 ) -> Iterator[list[Row]]:
     """Yields groups of rows of the draws to do, as they become available.
 
@@ -293,7 +295,7 @@ def rows_of(
 
     def seen(progress: float) -> None:
         _check(stopped)
-        told(progress)
+        report(progress)
 
     try:
         if shared:

@@ -11,6 +11,7 @@ from rich.console import Console
 
 from ..identifiers import Status
 from ..numerics.threads import single_threaded
+from ..parameters import rounded
 from ..reporting.pages import Page, Section, Table, count
 from ..reporting.progress import announcing, counted
 from ..reporting.terminal import print_page
@@ -123,7 +124,7 @@ def print_summary(sweep: Sweep) -> None:
     ]  # fmt: skip
     many = count(len(sweep.rows), "prior" if shared else "plant")
     kind = "on one motion" if shared else "with its own motion each"
-    spent = f"identifier {cost(sweep):.2g} µs of thread time per run and time step"
+    spent = f"identifier {rounded(cost(sweep), 2)} µs of thread time per run and time step"
     page = Page(
         heading=sweep.folder.name,
         verdict=None,

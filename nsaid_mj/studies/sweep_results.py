@@ -17,6 +17,7 @@ from rich.console import Console
 
 from ..errors import BadRun
 from ..evaluation.result import Mark, judged
+from ..parameters import ABSENT, rounded
 from ..reporting.pages import Page, Section, Table, Text, count
 from ..reporting.terminal import print_page
 from ..resources import atomic_write, json_of
@@ -321,5 +322,5 @@ def cells(group: Group) -> list[str]:
 
 
 def digits(value: float) -> str:
-    """Formats a figure with two digits; – if it is infinite."""
-    return f"{value:.2g}".replace("e-0", "e-") if math.isfinite(value) else "–"
+    """Formats a figure with two digits; – if it is not finite."""
+    return rounded(value, 2) if math.isfinite(value) else ABSENT

@@ -27,7 +27,7 @@ from ..identifiers.cone.law import ConeMetric
 from ..log import Log
 from ..parameters import Array
 from ..plants import Plant
-from ..reporting.pages import Table, Text, count
+from ..reporting.pages import Table, Text
 from ..reporting.terminal import print_panels
 from ..resources import write_json
 from .study import Study, write_csv
@@ -214,7 +214,7 @@ def table_of(plan: Plan, done: list[Course]) -> Table:
     for unit in units:
         heads += [f"rms [m{unit}]", "better by", f"peak [m{unit}]"]
     heads += ["effort", "at limit", "V rises"]
-    rows = []
+    rows, worst = [], " ({})" if len(plan.seeds) > 1 else ""
     for law in plan.laws:
         own = [c.figures for c in done if c.law == law]
         if not own:
@@ -226,7 +226,7 @@ def table_of(plan: Plan, done: list[Course]) -> Table:
             pairs = zip(known, values, strict=False)
             ratio = np.median([a / b for a, b in pairs]) if known else np.nan
             row += [
-                f"{_digits(1e3 * np.median(values))} ({_digits(1e3 * values.max())})",
+                _digits(1e3 * np.median(values)) + worst.format(_digits(1e3 * values.max())),
                 f"{_digits(float(ratio))}×" if law != "conventional" and known else "",
                 _digits(1e3 * float(np.median([float(f[f"peak_{unit}"]) for f in own]))),
             ]
@@ -242,10 +242,11 @@ def table_of(plan: Plan, done: list[Course]) -> Table:
 
 def medians_in_words(plan: Plan) -> str:
     """Explains the figures of the table."""
+    several = len(plan.seeds) > 1
+    whose = f"Medians over {len(plan.seeds)} seeds, worst in brackets, of" if several else "Of"
     return (
-        f"Medians over {count(len(plan.seeds), 'seed')}, worst in brackets, of the last "
-        f"{plan.last:g} s, from true positions; {plan.scenario.sensors} sensors. Effort: largest "
-        "command over its limit."
+        f"{whose} the last {plan.last:g} s, from true positions; {plan.scenario.sensors} sensors. "
+        "Effort: largest command over its limit."
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..evaluation.result import Mark, judged
 from ..evaluation.tracking import Motion
 from ..numerics.threads import single_threaded
-from ..parameters import Array
+from ..parameters import Array, rounded
 from ..recording.tracking import record
 from ..reporting import pages, plots
 from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
@@ -30,8 +30,8 @@ from .tracking import FILES, Course, Plan, courses, medians_in_words, print_tabl
 def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
     """Runs a study, writes its files, page and recording, and prints the table."""
 
-    def made(told: Callable[[str], object]) -> Iterator[Course]:
-        for found in courses(plan, told):
+    def made(say: Callable[[str], object]) -> Iterator[Course]:
+        for found in courses(plan, say):
             first = found.seed == plan.seeds[0]
             yield found if first else replace(found, motion=_thinned(found.motion))
 
@@ -86,11 +86,11 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         notes=["All figures are in tracking.json and tracking.csv."],
         versions=plan.manifest["versions"],
     )
-    told = _told(plan, shown, table)
-    return [pages.write(page, folder), plot, _record(folder, shown, told)]
+    result = _markdown(plan, shown, table)
+    return [pages.write(page, folder), plot, _record(folder, shown, result)]
 
 
-def _told(plan: Plan, shown: list[Course], table: Table) -> str:
+def _markdown(plan: Plan, shown: list[Course], table: Table) -> str:
     """The table in Markdown, for the recording."""
     rows = [
         f"- **{law}**: "
@@ -111,11 +111,15 @@ def verdict_of(table: Table) -> Mark | None:
     }
     if not ratios:
         return None
-    told = ", ".join(f"{law} {ratio} times" for law, ratio in ratios.items())
-    measure = table.heads[1].replace("[", "in ").removesuffix("]")
-    words = f"Tracking error smaller than the conventional law's: {told} ({measure})."
-    better = all(float(ratio) > 1 for ratio in ratios.values())
-    return judged("yes" if better else "partly", words)
+    better = {law: float(ratio) > 1 for law, ratio in ratios.items()}
+    factors = ", ".join(
+        f"{law} {ratio} times smaller"
+        if better[law]
+        else f"{law} {rounded(1 / float(ratio))} times larger"
+        for law, ratio in ratios.items()
+    )
+    words = f"Tracking error compared with the conventional law's: {factors} (rms)."
+    return judged("yes" if all(better.values()) else "partly", words)
 
 
 def _missing(plan: Plan, done: list[Course]) -> list[Finding]:
@@ -131,7 +135,7 @@ def _command(plan: Plan) -> str:
     return shlex.join(words)
 
 
-def _record(folder: Path, shown: list[Course], told: str) -> Path:
+def _record(folder: Path, shown: list[Course], result: str) -> Path:
     first = shown[0]
     tracker, system, motion = first.tracker, first.setup.system, first.motion
     aims = [tracker.reference.desired(t)[0] for t in motion.t.tolist()]
@@ -149,7 +153,7 @@ def _record(folder: Path, shown: list[Course], told: str) -> Path:
         system.position(np.array(aims)),
         errors,
         commands,
-        told,
+        result,
     )
 
 

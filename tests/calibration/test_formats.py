@@ -118,6 +118,22 @@ def test_dataflash(tmp_path, closed):
     assert_clean(Table(found.source, renamed, found.origin), tolerance=1e-5)
 
 
+def test_dataflash_messages_with_a_damaged_time_are_told(tmp_path):
+    times = np.arange(100) * 0.01
+    path = write_dataflash(tmp_path / "log.bin", {"ARM": ({"q": np.sin(times)}, times)})
+    message = 3 + 8 + 4
+    path.write_bytes(damage_time(path.read_bytes(), -40 * message + 3))
+    found = read(path)
+    assert len(found.channels["ARM/q"].t) == 99
+    (finding,) = [f for f in found.findings if f.code == "left_out"]
+    assert "1 of 100 messages, whose time is damaged" in str(finding)
+
+
+def damage_time(content: bytes, at: int) -> bytes:
+    """A log whose eight bytes of a time are all set."""
+    return content[:at] + b"\xff" * 8 + content[at + 8 :]
+
+
 @pytest.mark.parametrize(
     "head,library,extra",
     [

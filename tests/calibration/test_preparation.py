@@ -115,7 +115,7 @@ def test_rows_without_a_number_are_dropped():
     np.testing.assert_allclose(recordings.segments[0].log.q, motion(values["t"])[0], atol=1e-3)
 
 
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 @given(
     st.sets(st.integers(20, 1970), min_size=1, max_size=8),
     st.floats(0.1, 50).filter(lambda size: abs(size / (2 * np.pi) - 1) > 0.15),  # no turns
@@ -132,7 +132,7 @@ def test_outliers_are_found_and_interpolated(rows, size):
 
 
 @given(st.floats(0, 1e-3), st.floats(0, 2e-3), st.integers(0, 100))
-@settings(max_examples=25)
+@settings(max_examples=25, deadline=None)
 def test_noise_and_quantisation_are_no_outliers(noise, step, seed):
     values = columns()
     rng = np.random.default_rng(seed)

@@ -5,16 +5,17 @@ from __future__ import annotations
 import json
 import re
 import runpy
+import shlex
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 
 import nsaid_mj
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
-from nsaid_mj.cli import process
+from nsaid_mj.cli import grammar, identifying, process
 from nsaid_mj.cli.folders import folder_for, title_of
 from nsaid_mj.cli.options import MAIN, Run, parse, repeated
 from nsaid_mj.evaluation import mark_of
@@ -597,3 +598,19 @@ def check_alone(folder: Path, code: int, out: str, err: str) -> None:
     assert [file.name for file in folder.iterdir()] == ["out"]
     stored = Scenario.from_json((folder / "out" / "scenario.json").read_text(encoding="utf-8"))
     assert stored.hash == summary["scenario_hash"]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "tx40",
+        "tx40 --lock joint_1,joint_2 --cutoff 9",
+        "--model a.urdf --log a.csv 'b c.csv' --known gain_1=0.7 --known m=2 --law efficient",
+        "--model a.xml --log logs --load x.csv:0.2kg --map m.toml --validate v.csv --limit 8",
+    ],
+)
+def test_the_command_on_a_page_of_identify_repeats_it(words):
+    chosen = grammar.parse(shlex.split(f"identify {words} --out there --quiet"))
+    assert isinstance(chosen, grammar.Identify)
+    again = grammar.parse(shlex.split(identifying.repeated(chosen))[1:])
+    assert again == replace(chosen, out=None, quiet=False)

@@ -149,7 +149,8 @@ def test_without_recorded_commands_there_is_no_measured_residual(tmp_path):
 
 def test_a_run_without_rows_has_null_figures(tmp_path):
     done = run(ROV, tmp_path)
-    done.record.columns.update({name: rows[:0] for name, rows in done.record.columns.items()})
+    none = {name: rows[:0] for name, rows in done.record.columns.items()}
+    done.record = replace(done.record, columns=none)
     whole, bare = summarize(done, truth_of(done)), summarize(unknown(done), None)
     assert bare["velocity_error_rms"] is None and bare["pe_level"] is None
     assert not bare.keys() & OF_THE_TRUTH

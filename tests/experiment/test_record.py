@@ -1,5 +1,8 @@
 """The record: data written are read back, also from a truncated file."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -70,6 +73,17 @@ def test_an_opened_record_is_not_read_from_a_file_that_has_changed(tmp_path):
     write(tmp_path / FILE, rows(9, seed=1))
     with pytest.raises(BadRun, match="changed"):
         opened["q"]
+
+
+def test_a_record_lies_in_a_folder_of_any_name(tmp_path):
+    folder = Path(os.fsdecode(os.fsencode(tmp_path / "odd") + b"\xff"))
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("names are text here")
+    write(folder / FILE, rows(11))
+    expect(Record.read(folder), rows(11))
+    assert Record.metadata_of(folder) == METADATA
 
 
 @FEW

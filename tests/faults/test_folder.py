@@ -66,7 +66,8 @@ def test_a_corrupt_summary_is_ignored(summary: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
 def test_a_record_that_ends_in_zeros_is_cut_where_they_begin(share: float, tmp_path: Path) -> None:
-    whole = run(replace(SHORT, duration=8.0), tmp_path).record
+    run(replace(SHORT, duration=8.0), tmp_path)
+    whole = Record.read(tmp_path)
     data = (tmp_path / FILE).read_bytes()
     at = int(share * len(data))
     (tmp_path / FILE).write_bytes(data[:at] + bytes(len(data) - at))

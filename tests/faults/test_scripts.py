@@ -91,6 +91,13 @@ def test_a_script_without_a_scenario_says_what_one_is(script, desk):
     assert code == 2 and "defines `scenario = Scenario(…)`" in said.err
 
 
+def test_a_field_that_json_cannot_hold_is_refused(desk):
+    fields = "class MyDriver(DriverConfig):\n    strength: float = object()\n"
+    (desk / "mine.py").write_text(scripted().replace("class MyDriver(DriverConfig):\n", fields))
+    code, said = shell("run", "mine.py", "--quiet", "--out", "out")
+    assert code == 2 and "expected what JSON can hold" in said.err
+
+
 def test_bytes_that_are_no_python_are_refused(desk):
     (desk / "mine.py").write_text("\0")
     code, said = shell("run", "mine.py", "--quiet", "--out", "out")

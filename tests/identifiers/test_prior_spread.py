@@ -106,6 +106,13 @@ def test_a_number_that_was_moved_inside_may_be_anything_below():
     assert np.sqrt(found[1]) == pytest.approx(0.3 / np.sqrt(3), rel=0.05)
 
 
+def test_a_prior_of_any_spread_has_a_finite_covariance():
+    space, theta = random_tree(0)
+    found = drawn_covariance(space, theta, 1e15)
+    assert np.isfinite(found).all() and (np.diag(found) > 0).all()
+    assert (found == drawn_covariance(space, theta, 20.0)).all()
+
+
 @pytest.mark.parametrize("error", [0.0, -0.1, np.nan, np.inf])
 def test_a_prior_without_a_spread_is_refused(error):
     space, theta = random_tree(0)

@@ -17,8 +17,8 @@ import pytest
 from nsaid_mj import (
     evaluation as metrics,
 )
-from nsaid_mj.evaluation.words import number
 from nsaid_mj.experiment.loop import SimulatedRun, run
+from nsaid_mj.parameters import number
 from nsaid_mj.reporting import pages, report
 from nsaid_mj.reporting.palette import COLOURS, LAWS
 from tests.reporting.drawing import points_of, words_of

@@ -15,9 +15,9 @@ from nsaid_mj.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers import ConventionalAID
 from nsaid_mj.studies import compare, compare_report
-from nsaid_mj.studies.cells import rows
 from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World
 from nsaid_mj.studies.compare_report import lines, print_table, write_pictures
+from nsaid_mj.studies.compare_results import rows
 from tests.reporting.markup import Page
 
 SCALAR = load("scalar_rov")
@@ -206,7 +206,7 @@ def test_the_table_fits_a_terminal_and_lists_failures():
     stream = io.StringIO()
     print_table(made, Console(file=stream, width=80, highlight=False))
     table, failures = stream.getvalue().split("Medians over the seeds")
-    assert "1.2e-3 (–)" in table and "…" not in table
+    assert "0.0012 (–)" in table and "…" not in table
     assert "[at] t = 1 s" in failures
     for method in compare.METHODS:
         assert method in table

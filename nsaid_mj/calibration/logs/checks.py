@@ -10,8 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...evaluation.words import number
-from ...parameters import Array
+from ...parameters import Array, number, rounded
 from ...structure.optional import pin
 from ..data import Recordings, RobotModel
 from ..findings import Finding, UnusableLog
@@ -279,8 +278,8 @@ def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -
     units = sorted(set(recordings.command_units))
     stated = ", ".join(unit for unit in units if unit)
     data: dict[str, object] = {"ratio": ratio, "largest": most, "units": units}
-    text = f"commands reach {most:.4g} {stated or '(no unit stated)'}, {ratio:.3g} times what the "
-    text += "model's torques make plausible"
+    text = f"commands reach {number(most)} {stated or '(no unit stated)'}, "
+    text += f"{rounded(ratio)} times what the model's torques make plausible"
     if "A" in units:
         remedy = 'State `unit = "mA"` in map.toml if these are milliamperes.'
         return [Finding("refusal", "milliamps", "", text, remedy, data)]

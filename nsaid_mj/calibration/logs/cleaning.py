@@ -7,8 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...evaluation.words import number
-from ...parameters import Array
+from ...parameters import Array, number
 from ..findings import Finding, Level
 from . import signals
 from .layout import Layout, Source

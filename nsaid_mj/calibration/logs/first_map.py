@@ -24,7 +24,7 @@ _HEAD = """\
 #        of commands: N·m, mN·m, N, A, mA, V, %, raw; of position targets: as of positions
 # sign   -1 if the column counts against the joint's axis
 # ratio  gear ratio, motor turns per joint turn, if the column is of the motor
-# offset added at last, in SI, to reach the zero of the model
+# offset added last, in SI, to reach the zero of the model
 # points [[value, position], [value, position]] in place of all these: positions [rad or m] that
 #        two values stand for, as of a range from -100 to 100
 # rest   rows with a lower speed [rad/s or m/s] are not used

@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...evaluation.words import number
 from ...log import Log
-from ...parameters import Array
+from ...parameters import Array, number
 from ..data import RobotModel, Segment
 from ..findings import Finding
 from . import signals
@@ -153,6 +152,7 @@ def limits_stated(
         f"{joint} {number(limit, significant=2)} ({share:.0%})"
         for joint, limit, share in zip(joints, limits, usable, strict=True)
     )
-    text = f"rows below these speeds are not used (in brackets: share of rows used): {each}"
+    text = "rows below these speeds [rad/s or m/s] are not used "
+    text += f"(in brackets: share of rows used): {each}"
     data: dict[str, object] = {"limits": limits.tolist(), "share": usable.tolist()}
     return Finding("note", "rest_limits", file, text, data=data)

@@ -191,7 +191,7 @@ def _no_numbers(values: dict[str, np.ndarray]) -> list[tuple[str, str]]:
 def _left_out(file: Path, dropped: list[tuple[str, str]], kept: int) -> Finding:
     what = "; ".join(f"{name} ({why})" for name, why in dropped[:_SHOWN])
     what += f"; and {len(dropped) - _SHOWN} more" if len(dropped) > _SHOWN else ""
-    text = f"{len(dropped)} of {len(dropped) + kept} channels were left out: {printable(what)}"
+    text = f"left out {len(dropped)} of {len(dropped) + kept} channels: {printable(what)}"
     return Finding("note", "left_out", file.name, text, data={"columns": dict(dropped)})
 
 
@@ -211,15 +211,14 @@ def _unread(file: Path, columns: formats.Columns) -> list[Finding]:
     """Reports the rows of a table that were skipped, or not read literally."""
     found = []
     total = columns.skipped + (len(next(iter(columns.values.values()))) if columns.values else 0)
-    for code, problems, how in (
-        ("malformed_rows", [p for p in columns.problems if p[1] != formats.STRAY], "were skipped"),
-        ("stray_quotes", [p for p in columns.problems if p[1] == formats.STRAY], "lost a quote"),
-    ):
+    for code, how in (("malformed_rows", "skipped"), ("stray_quotes", "ignored stray quotes in")):
+        stray = code == "stray_quotes"
+        problems = [p for p in columns.problems if (p[1] == formats.STRAY) is stray]
         if not problems:
             continue
         level = "warning" if len(problems) > _FEW * total else "note"
-        text = f"{len(problems)} of {total} rows {how}, the first is row {problems[0][0]} "
-        text += f"({problems[0][1]})"
+        text = f"{how} {len(problems)} of {total} rows; the first is row {problems[0][0]}"
+        text += "" if stray else f" ({problems[0][1]})"
         data = {"count": len(problems), "rows": [row for row, _ in problems[:100]]}
         found.append(Finding(level, code, file.name, text, data={**data, "of": total}))
     return found

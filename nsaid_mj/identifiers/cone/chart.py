@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...numerics.lanes import LANES, over_lanes
+from ...numerics.small_matrices import LANES, over_lanes
 from ...parameters import Block, ParameterSpace
 from ...quotient.barrier import hessian_into, metric_solve
 from ...quotient.cone import (

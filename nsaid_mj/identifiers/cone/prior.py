@@ -10,6 +10,7 @@ from ...quotient.cone import Cone, block_matrix, cone_of, coordinates, read_bloc
 
 _FLOOR = 0.01  # least positive number or diagonal entry of a matrix to draw about, over its scale
 _LEAST = 1e-6  # relative error of a prior; second moments of less are lost in rounding errors
+_MOST = 10.0  # relative error of a prior; second moments of much more overflow
 _EDGE = 1e-3  # least eigenvalue of a matrix of unit diagonal to draw about
 _FREE = 0.1  # least size of a free parameter, over its scale
 
@@ -82,8 +83,8 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
     They are those of a truth that is drawn about θ and, up to terms of higher order in the error,
     of a truth about which θ was drawn. They neglect the common mean of positive numbers, as
     e^{±error} is 1 + error²/6 on average, and the reduction of tied matrices. A positive number
-    that may have been moved inside may have any smaller value as well. An error below 1e-6 counts
-    as that.
+    that may have been moved inside may have any smaller value as well. An error below 1e-6 or
+    above 10 counts as that.
 
     Raises:
         InvalidInput: the error is not > 0, or θ not finite.
@@ -91,7 +92,7 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
     theta = space.check(theta)
     if not (np.isfinite(error) and error > 0):
         raise InvalidInput("error", "a relative error > 0", error, "Give the spread of the prior.")
-    error = max(error, _LEAST)
+    error = min(max(error, _LEAST), _MOST)
     cone, pairing, found = cone_of(space), coordinates(cone_of(space)), np.zeros((len(space),) * 2)
     for block, place in space:
         if block.geometry == "free":

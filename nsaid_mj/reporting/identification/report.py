@@ -16,7 +16,8 @@ from ...calibration.result import Identification
 from ...calibration.timeline import own_shifts, recording_shifts
 from ...evaluation.confidence import INTERVAL
 from ...evaluation.result import STATUSES, Mark, Parameter, counts
-from ...evaluation.words import estimate, number
+from ...evaluation.words import estimate
+from ...parameters import number
 from .. import pages
 from ..pages import Badges, Cell, Figures, Items, Page, Section, Table, Text
 from ..palette import COLOURS

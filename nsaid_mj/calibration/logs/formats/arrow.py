@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -68,7 +69,7 @@ def _batches(path: Path, columns: Sequence[str] | None) -> Iterator[pa.RecordBat
             check_size(path, sum(8 * chunk.num_values for chunk in chunks))
             yield from file.iter_batches(columns=columns, use_threads=False)
         return
-    with pa.OSFile(str(path)) as source:
+    with pa.OSFile(os.fsencode(path)) as source:
         if head.startswith(_FILE):
             file = pa.ipc.open_file(source)
             yield from map(file.get_batch, range(file.num_record_batches))

@@ -13,6 +13,7 @@ from . import Columns, check_size
 
 LIBRARY = "pymavlink"
 
+_LATEST = 1e15  # thirty years [µs]; a time beyond is damaged
 _HEAD = b"\xa3\x95\x80"  # the first message declares the format of formats
 
 
@@ -55,9 +56,13 @@ def read(path: Path) -> list[Columns]:
             check_size(path, 8 * numbers_read)
     found = []
     for (name, fields), table in rows.items():
-        dense = dict(zip(fields, np.array(table, np.float64).T, strict=True))
+        numbers = np.array(table, np.float64)
+        timed = np.abs(numbers[:, fields.index("TimeUS")]) < _LATEST
+        if lost := np.count_nonzero(~timed):
+            unread[name] = f"{lost} of {len(table)} messages, whose time is damaged"
+        dense = dict(zip(fields, numbers[timed].T, strict=True))
         time = np.round(dense.pop("TimeUS") * 1000).astype(np.int64)
-        if dense:
+        if dense and len(time):
             found.append(Columns({f"{name}/{k}": x for k, x in dense.items()}, time))
     if not found:
         raise UnreadableLog(path, "no message has a time", "Record the log again.")

@@ -89,7 +89,7 @@ def _unpacked(path: Path) -> bytes:
     """The bytes of a file, or those that a gzip file holds.
 
     A gzip file is unpacked twice, first block by block, so that one beyond the limit takes no
-    memory.
+    memory, and any other no more than its known size.
     """
     with path.open("rb") as stream:
         packed = stream.read(2) == b"\x1f\x8b"
@@ -102,7 +102,7 @@ def _unpacked(path: Path) -> bytes:
             size += len(block)
             check_size(path, size)
     with gzip.open(path) as stream:
-        return stream.read()
+        return stream.read(size)
 
 
 def _without_stray_quotes(text: bytes, dialect: Dialect) -> tuple[bytes, list[tuple[int, str]]]:
@@ -268,10 +268,9 @@ def _parsed(
         reason = f"{len(bad)} of {len(bad) + table.num_rows} rows do not have {len(dialect.names)} "
         reason += f"fields; the first is row {bad[0][0]} with {bad[0][1]}"
         raise UnreadableLog(path, reason, "Export the log as one table.")
-    values = {}
-    for name in table.column_names:
-        column, table = table.column(0), table.remove_column(0)  # frees what has been converted
-        values[name] = numpy_column(column, dialect.decimal)
+    names, columns = table.column_names, table.columns[::-1]
+    del table
+    values = {name: numpy_column(columns.pop(), dialect.decimal) for name in names}  # frees each
     pa.default_memory_pool().release_unused()
     index = tuple(
         (name, "it has no name, and is empty or counts the rows")

@@ -16,11 +16,12 @@ from nsaid_mj.control import DriverConfig, MultisineCommand
 from nsaid_mj.control.driver import Driver
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.evaluation import summarize, truth_of
+from nsaid_mj.experiment import expected_gramian as simulation
 from nsaid_mj.experiment import loop as experiment
-from nsaid_mj.experiment import rehearsal, setup
+from nsaid_mj.experiment import setup
+from nsaid_mj.experiment.expected_gramian import expected_gramian
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
-from nsaid_mj.experiment.rehearsal import expected_gramian
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.identifiers import NullspaceAID
 from nsaid_mj.identifiers.config import floored_inverse
@@ -150,9 +151,9 @@ def test_a_long_rehearsal_is_subsampled(steps, monkeypatch):
     honest = np.linalg.cholesky
     monkeypatch.setattr(np.linalg, "cholesky", lambda M: solved.append(1) or honest(M))
     expected_gramian(system, Waves(2, 2), THETA, 0.01, steps * 0.01)
-    assert len(solved) <= rehearsal._SAMPLES
-    assert len(solved) > min(steps, rehearsal._SAMPLES) / 2 - 1
-    if steps <= rehearsal._SAMPLES:
+    assert len(solved) <= simulation._SAMPLES
+    assert len(solved) > min(steps, simulation._SAMPLES) / 2 - 1
+    if steps <= simulation._SAMPLES:
         assert len(solved) == steps
 
 
