@@ -99,7 +99,8 @@ def test_a_first_map_offers_every_candidate(tmp_path):
     assert '# command = { column = "current1" }  # choose one' in text
     chosen = text.replace('# command = { column = "tau', 'command = { column = "tau')
     (tmp_path / "map.toml").write_text(chosen, encoding="utf-8")
-    assert read_map(tmp_path / "map.toml").joints["elbow"].command.column == "tau2"
+    found = read_map(tmp_path / "map.toml").joints["elbow"].command
+    assert found is not None and found.column == "tau2"
 
 
 def test_a_first_map_quotes_names_of_joints(tmp_path):

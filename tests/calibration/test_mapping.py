@@ -17,7 +17,7 @@ def chosen(channels: list[str], joints: tuple[str, ...] = JOINTS) -> list[list[s
     """The columns of position, velocity and command of each joint."""
     found = matching.match(channels, joints)
     return [
-        [j.position.column, j.velocity.column if j.velocity else None, j.command.column]
+        [column and column.column for column in (j.position, j.velocity, j.command)]
         for j in (found.joints[name] for name in joints)
     ]
 
@@ -188,8 +188,9 @@ def test_whole_numbers_need_no_decimal_point(tmp_path):
         encoding="utf-8",
     )
     found = read_map(path)
-    assert found.joints["a"].position.factor("position") == -0.01
-    assert found.joints["a"].command.factor("command") == 1e-3
+    joint = found.joints["a"]
+    assert joint.position.factor("position") == -0.01
+    assert joint.command is not None and joint.command.factor("command") == 1e-3
 
 
 def test_a_unit_of_another_quantity_is_refused():
@@ -231,7 +232,7 @@ def test_numbers_and_nesting_beyond_measure_are_refused(tmp_path, text):
 def test_a_robots_only_joint_needs_no_name_in_its_columns():
     found = matching.match(["time", "position", "velocity", "torque", "temperature"], ["hinge"])
     joint = found.joints["hinge"]
-    assert joint.velocity is not None
+    assert joint.velocity is not None and joint.command is not None
     columns = joint.position.column, joint.velocity.column, joint.command.column
     assert columns == ("position", "velocity", "torque")
     with pytest.raises(UnmatchedChannels):

@@ -145,7 +145,8 @@ def test_delays_of_a_file_are_simulated_and_identified(file, tmp_path):
     from nsaid_mj.experiment.loop import run
 
     scenario = replace(load("arm"), plant=ArmPlant(str(file), spread=0.0), duration=12.0, dt=2e-3)
-    issued = Setup.of(replace(scenario, duration=1.0)).driver().compiled(2e-3 * np.arange(6001))
+    driver = Setup.of(replace(scenario, duration=1.0)).driver()
+    issued = np.array([driver.command(t, np.zeros(2), np.zeros(2)) for t in 2e-3 * np.arange(6001)])
     file.write_text(file.read_text().replace("<mujoco>", DELAYS))
     law = replace(scenario.identifier, law="paper")
     done = run(replace(scenario, identifier=law), tmp_path / "run")

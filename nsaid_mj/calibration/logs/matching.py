@@ -163,6 +163,7 @@ def candidates(
         if by_joint:
             numbered = not set(joints) <= set(members)
             complete[quantity].setdefault((rank, numbered), {})[group] = by_joint
+    found: dict[Quantity, dict[str, dict[str, str]]]
     found = {quantity: ranks[min(ranks)] if ranks else {} for quantity, ranks in complete.items()}
     if passive and not found["command"]:
         driven = [joint for joint in joints if joint not in passive]
