@@ -166,7 +166,7 @@ JOINT = {"position": {"column": "q"}, "command": {"column": "u"}}
     "content,field",
     [
         ({"joint": {}}, "joint"),
-        ({"joints": {"a": {"position": {"column": "q"}}}}, "joints.a.command"),
+        ({"joints": {"a": {"command": {"column": "u"}}}}, "joints.a.position"),
         ({"joints": {"a": JOINT | {"position": {"column": "q", "unit": "degr"}}}}, "unit"),
         ({"joints": {"a": JOINT | {"position": {"column": "q", "ratio": 0}}}}, "ratio"),
         ({"joints": {"a": JOINT | {"position": {"column": "q", "sign": 2}}}}, "sign"),

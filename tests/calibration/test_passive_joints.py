@@ -11,7 +11,10 @@ from nsaid_mj.calibration.export import write_models
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.live_robot import LiveRobot
 from nsaid_mj.calibration.logs.errors import UnmatchedChannels
+from nsaid_mj.calibration.logs.layout import layout
+from nsaid_mj.calibration.logs.mapping import Column, Joint, Map
 from nsaid_mj.calibration.logs.matching import match
+from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import InvalidInput
@@ -118,6 +121,14 @@ def test_a_motor_without_a_command_is_still_a_mistake(tmp_path):
     write_csv(tmp_path / "log.csv", {"t": np.arange(9.0), "q_1": np.ones(9), "q_2": np.ones(9)})
     with pytest.raises(UnmatchedChannels, match=r"No channels name a torque .* each of elbow"):
         identify(str(tmp_path / "a.xml"), [tmp_path / "log.csv"])
+
+
+def test_a_map_must_name_the_command_of_a_motor(tmp_path):
+    (tmp_path / "a.xml").write_text(ACROBOT, encoding="utf-8")
+    robot = load_robot_model(str(tmp_path / "a.xml"))
+    joints = {name: Joint(position=Column(column=name)) for name in robot.joints}
+    with pytest.raises(InvalidInput, match=r"joints\.elbow\.command"):
+        layout(Map(joints=joints), robot, list(robot.joints))
 
 
 def test_a_log_with_commands_of_all_joints_keeps_them():
