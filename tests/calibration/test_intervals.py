@@ -1,6 +1,7 @@
 """What makes an interval: each part alone, on problems small enough to know the answer."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -143,8 +144,8 @@ def test_a_swap_helps_every_joint_that_it_moves(monkeypatch, other, told):
         checks, "held_out_errors", lambda rows, choice, u, joint: np.full(5, errors[joint, u[0]])
     )
     commands = np.array([[0, 1]])
-    unread: Any = None
-    found = checks._swapped(unread, unread, commands, ("a", "b"), [])
+    rows: Any = SimpleNamespace(driven=[0, 1])
+    found = checks._swapped(rows, rows, commands, ("a", "b"), [])
     assert bool(found) == told
 
 
