@@ -7,6 +7,7 @@ import math
 from ..evaluation.result import EXPLAINS, Mark
 from ..evaluation.words import estimate
 from ..parameters import ABSENT, number
+from ..structure.joints import slides
 from .law_result import AlongLog
 from .result import Identification, JointFit
 
@@ -37,12 +38,15 @@ def law_gains(along: AlongLog) -> list[list[str]]:
 
 
 def quantity(result: Identification, joint: int) -> tuple[str, str]:
-    """Symbol and unit of a joint's curves: its command, or the force on a vehicle's velocity."""
+    """Symbol and unit of a joint's curves: its command, or forces if not each has an actuator."""
     names, system = [j.name for j in result.joints], result.robot.system
     if system is not None and not set(names) <= set(result.robot.joints):
         units = system.velocity_units
         angular = len(units) == len(names) and units[joint].startswith("rad")
         return ("torque", "N·m") if angular else ("force", "N")
+    if system is None and len(result.gains) < len(names):
+        hinge = not slides(result.robot.model.joints[joint + 1])
+        return ("torque", "N·m") if hinge else ("force", "N")
     units = result.recordings.command_units
     return "u", units[joint] if len(units) == len(names) else ""
 
