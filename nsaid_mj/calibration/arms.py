@@ -126,6 +126,9 @@ def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Itera
         speeds = tuple(min(max(s + step, 0), last) for s in choice.speed)
         trials.append(replace(choice, speed=speeds))
     yield from map(rows.problem, trials)
+    if (rows.spread[rows.driven] == _NOMINAL).any():  # masses may contradict the file's gains
+        own = rows.problem(choice)
+        yield replace(own, spread=np.where(own.spread == _NOMINAL, _GUESSED, own.spread))
     narrow = filter_for(rows.recordings, _NARROWER * rows.chosen.cutoff)
     yield rows.like(rows.recordings, narrow).problem(choice)
 

@@ -96,6 +96,14 @@ def test_residuals_of_a_passive_joint_have_a_reference_of_their_own(identified):
     assert max(ratio.values()) < 2 * min(ratio.values())
 
 
+def test_a_gain_that_contradicts_the_masses_of_its_file_has_a_wide_interval(tmp_path):
+    model, log, truth = logged("cartpole", tmp_path)
+    text = CARTPOLE.replace('joint="rail"/>', 'joint="rail" gear="10"/>')
+    model.write_text(text, encoding="utf-8")
+    (gain,) = (p for p in identify(str(model), [log]).parameters if p.is_gain)
+    assert gain.low < truth["gain_1"] < 0.5 * gain.value and gain.status != "identified"
+
+
 def test_an_inspections_map_is_accepted(tmp_path):
     model, log, _ = logged("cartpole", tmp_path)
     out, words = tmp_path / "inspection", ["--model", str(model), "--log", str(log)]
