@@ -128,7 +128,9 @@ def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Itera
     yield from map(rows.problem, trials)
     if (rows.spread[rows.driven] == _NOMINAL).any():  # masses may contradict the file's gains
         own = rows.problem(choice)
-        yield replace(own, spread=np.where(own.spread == _NOMINAL, _GUESSED, own.spread))
+        at, spread = own.space.actuators, own.spread.copy()
+        spread[at] = np.where(spread[at] == _NOMINAL, _GUESSED, spread[at])
+        yield replace(own, spread=spread)
     narrow = filter_for(rows.recordings, _NARROWER * rows.chosen.cutoff)
     yield rows.like(rows.recordings, narrow).problem(choice)
 

@@ -18,6 +18,7 @@ import scipy
 
 from ..parameters import Array, Block, Geometry, ParameterSpace
 from ..robot.identified import with_inertias
+from ..structure.joints import slides
 from .data import Recordings, RobotModel
 from .links import (
     file_links,
@@ -176,9 +177,10 @@ class JointRows:
         self.segment = np.concatenate([np.full(len(c), number) for number, _, c, _ in parts])
 
     def like(self, recordings: Recordings, chosen: Filter) -> JointRows:
-        """Rows of other recordings or through other filters, with the same gains and loading."""
+        """Rows of other recordings or through other filters, with the same motors and loading."""
         other = JointRows(self.robot, recordings, chosen, self.gain, self.spread, self.loads)
         other.reweigh(self.loading)
+        other.driven = self.driven
         return other
 
     def joined(self, function: Callable[[Smooth], Array]) -> Array:
@@ -228,9 +230,9 @@ class JointRows:
     def problem(self, choice: Choice) -> Problem:
         """The fit of a structure, with columns and delays of `choice`."""
         model, u = self.robot.model, self.commands(choice.delay)
-        own, driven = file_links(model), self.driven
-        effort = self.links @ own  # that of the links, where no motor acts
-        effort[:, driven] = u[:, driven] * self.gain[driven]
+        own, driven, effort = file_links(model), self.driven, u * self.gain
+        passive = np.delete(np.arange(u.shape[1]), driven)
+        effort[:, passive] = self.links[:, passive] @ own
         force = np.maximum(np.sqrt(mean_squares(effort, self.usable)), 1e-9)  # typical
         commands = -u[:, :, None] * np.eye(u.shape[1])[:, driven]
         parts = [
@@ -256,7 +258,7 @@ class JointRows:
                 WEIGHTLESS if self.robot.weightless else FILE,
                 stated,
             ),
-            None if len(driven) == u.shape[1] else self._inertia(space),
+            self._inertia(space) if len(passive) else None,
         )
 
     def _inertia(self, space: ParameterSpace) -> Array:
@@ -269,7 +271,7 @@ class JointRows:
         return found * np.sqrt(mean_squares(moving, self.usable))[:, None]
 
     def _slides(self, joint: int) -> bool:
-        return self.robot.model.joints[joint + 1].shortname().startswith("JointModelP")
+        return slides(self.robot.model.joints[joint + 1])
 
     def _on_joints(self, choice: Choice, force: Array) -> Iterator[Part]:
         """Rotors, friction, springs and offsets; force (k,) is typical of each joint."""

@@ -15,6 +15,7 @@ from ..plants.world.coordinates import JointMap
 from ..plants.world.quiet import quiet
 from ..robot.identified import Identified
 from ..robot.mjcf_export import mjcf_text
+from ..robot.tree import actuators_of
 from .data import Recordings, RobotModel, Segment
 
 _WINDOW = 0.2  # length of a simulation [s]
@@ -71,7 +72,7 @@ def departures(
     mj = _compiled(mjcf_text(robot, values, folder), folder)
     joints = JointMap(mj, robot.joints)
     joint_ids = [mj.joint(name).id for name in robot.joints]
-    command = {joint_ids.index(j): a for a, j in reversed([*enumerate(mj.actuator_trnid[:, 0])])}
+    command = {k: own[0] for k, i in enumerate(joint_ids) if (own := actuators_of(mj, i))}
     substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
     mj.opt.timestep = 1 / (recordings.rate * substeps)
     found = [np.zeros((0, len(robot.joints)))]

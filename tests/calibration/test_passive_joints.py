@@ -88,6 +88,17 @@ def test_a_passive_joint_has_no_gain_and_the_exported_file_no_motor_for_it(ident
     assert followed.level == "note" and "was not simulated" not in followed.text
 
 
+def test_actuators_elsewhere_do_not_disturb_the_replay(tmp_path):
+    """A site's number may be a joint's, and comes first here."""
+    model, log, _ = logged("acrobot", tmp_path)
+    text = ACROBOT.replace("</body></body>", '<site name="a"/><site name="b"/></body></body>')
+    pull = '<actuator><general site="b"/><general site="a" gear="1 0 0 0 0 0"/>'
+    model.write_text(text.replace("<actuator>", pull), encoding="utf-8")
+    (followed,) = write_models(identify(str(model), [log]), tmp_path)[1]
+    exported = followed.data["exported"]
+    assert isinstance(exported, list) and max(exported) < 5e-3
+
+
 def test_residuals_of_a_passive_joint_have_a_reference_of_their_own(identified):
     """Relative to the other joint's command they would vanish with the link: so did its masses."""
     result, truth, _ = identified

@@ -32,7 +32,7 @@ _SILENT = {
 }
 _NRMSE = (
     "NRMSE: rms error of the predicted command over the standard deviation of the measured one; "
-    "predicting the mean gives 1; of a passive joint, rms force over that of inertia and weight. "
+    "predicting the mean gives 1; without an actuator, rms force over that of inertia and weight. "
     "Held out: fifths of the log, each predicted from the others. "
     "Least squares: weighted least squares on the same rows and columns, held out too. "
 )
