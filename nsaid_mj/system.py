@@ -128,8 +128,13 @@ class SecondOrderSystem(ABC):
         """(n, p) regressor of C(x)ᵀ v = Ṁ v − C v, so that d/dt(M v) = F θ + Cᵀ v."""
 
     @abstractmethod
-    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """(29), (10, 31) and M̂'s pivot at a sample (t, q, v, u), for velocity w and estimate θ."""
+    def stages(
+        self, t: Array, q: Array, v: Array, u: Array, w: Array, theta: Array
+    ) -> tuple[Array, Array, Array]:
+        """What `Stage` holds at N samples: (N, n), (N, n, p) and (N,).
+
+        t is (N,), q (N, m), v (N, n), u (N, n_u), w (N, n), theta (N, p).
+        """
 
     # -- along a log -----------------------------------------------------------------------------
 
@@ -285,14 +290,18 @@ class SecondOrderSystem(ABC):
             (N, n) v̇(t, x, w, θ) (29), and (N, n, p) W(t, x, w, v̇) (10).
         """
         q, v = self.split(x)
-        a, W = np.empty((len(t), self.n)), np.empty((len(t), self.n, self.p))
         thetas = np.broadcast_to(theta, (len(t), self.p))
-        for k, row in enumerate(zip(t.tolist(), q, v, u, w, thetas, strict=True)):
-            a[k], W[k], pivot = self.evaluate_at(*row)
-            if not pivot > 0:  # M is not positive definite: solve by LU
-                a[k] = self.acceleration(t[k], x[k], w[k], u[k], thetas[k])
-                W[k] = self._W(float(t[k]), q[k], v[k], w[k], a[k], u[k])
+        a, W, pivots = self.stages(t, q, v, u, w, thetas)
+        for k in np.flatnonzero(~(pivots > 0)):  # M is not positive definite: solve by LU
+            a[k] = self.acceleration(t[k], x[k], w[k], u[k], thetas[k])
+            W[k] = self._W(float(t[k]), q[k], v[k], w[k], a[k], u[k])
         return a, W
+
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """(29), (10, 31) and M̂'s pivot at a sample (t, q, v, u), for velocity w and estimate θ."""
+        rows = (np.asarray(each, dtype=np.float64)[None] for each in (t, q, v, u, w, theta))
+        a, W, pivots = self.stages(*rows)
+        return Stage(a[0], W[0], float(pivots[0]))
 
 
 def _batched(

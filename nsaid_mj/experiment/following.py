@@ -286,9 +286,11 @@ class Loop:
         every = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
         levels = np.empty((len(log.t), 2))
         levels[:] = self.monitor.level, self.monitor.level_perp
-        for j in rows[(k + rows) % every == 0]:
-            stage = system.evaluate_at(*log.at(j), own.v_hat[j], own.theta_hat[j])
-            self.monitor.add(stage.W * system.space.scale, every * scenario.dt)
+        due = rows[(k + rows) % every == 0]
+        x, u = np.hstack([log.q[due], log.v[due]]), log.u[due]
+        _, W = system.evaluate(log.t[due], x, own.v_hat[due], u, own.theta_hat[due])
+        for j, sample in zip(due, W * system.space.scale, strict=True):
+            self.monitor.add(sample, every * scenario.dt)
             levels[j:] = self.monitor.level, self.monitor.level_perp
         first = fresh + -(k + fresh) % scenario.record_every
         pivot = np.where(np.isfinite(own.pivot), own.pivot, 0.0)

@@ -11,7 +11,7 @@ from ..log import Log, Middle
 from ..numerics.interpolation import half_way
 from ..numerics.linalg import evaluate
 from ..parameters import Array
-from ..system import SecondOrderSystem, Stage
+from ..system import SecondOrderSystem
 from .motion_types import TensorMotion, force_regressors
 
 DIFFERENCE = 1e-5
@@ -71,10 +71,16 @@ class GeneralSystem(SampledSystem):
         """Time steps whose motion is in memory at once: a step has four tensors (n, n, p)."""
         return max(1, TENSOR_NUMBERS // (4 * self.n**2 * self.p))
 
-    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """The acceleration (29), the regressor (10, 31) and M̂'s smallest pivot at one sample."""
-        W_C, F = self._W_C(q, v, w), self._F(t, q, v, u)
-        return Stage(*evaluate(self._mass_tensor(q), W_C, F, theta))
+    def stages(
+        self, t: Array, q: Array, v: Array, u: Array, w: Array, theta: Array
+    ) -> tuple[Array, Array, Array]:
+        """The accelerations (29), the regressors (10, 31) and M̂'s smallest pivots."""
+        F, tensors = self.forces(t, q, v, u), self._mass_tensors(q)
+        a, W, pivots = np.empty(v.shape), np.empty(F.shape), np.empty(len(t))
+        for k in range(len(t)):
+            W_C = self._W_C(q[k], v[k], w[k])
+            a[k], W[k], pivots[k] = evaluate(tensors[k], W_C, F[k], np.ascontiguousarray(theta[k]))
+        return a, W, pivots
 
     def midpoints(self, log: Log, hermite: bool) -> Middle:
         """The states half-way between a log's samples."""

@@ -72,16 +72,21 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
             forces_inline(structure, state, position, velocity, u[k], which, work.scratch, entries)
 
 
-@kernel(f8(STRUCTURE, vector, vector, vector, vector, vector, vector, vector, WORKSPACE, vector))
-def accelerate_at(structure, q, v, u, w, theta, state, F, work, a):
-    """Writes â of (29) at one sample into a (n,); returns M̂'s smallest pivot, > 0 on success.
+@kernel(
+    void(
+        STRUCTURE, matrix, matrix, matrix, matrix, matrix, vector, vector, WORKSPACE, matrix, vector
+    )
+)  # fmt: skip
+def accelerate_at(structure, q, v, u, w, theta, state, F, work, a, pivots):
+    """Writes â of (29) at N samples into a (N, n), and M̂'s smallest pivots, > 0 on success.
 
-    q (m,) and v (n,) are measured, u is (n_u,), C multiplies w (n,), theta (p,) is the estimate;
-    state (s,) and F (z,) are workspace.
+    q (N, m) and v (N, n) are measured, u is (N, n_u), C multiplies w (N, n), theta (N, p) are the
+    estimates; state (s,) and F (z,) are workspace.
     """
-    place(structure, q, v, state)
-    write_forces(structure, state, q, v, u, ALL, work.scratch, F)
-    return accelerate(structure, state, F, w, theta, work, a)
+    for k in range(q.shape[0]):
+        place(structure, q[k], v[k], state)
+        write_forces(structure, state, q[k], v[k], u[k], ALL, work.scratch, F)
+        pivots[k] = accelerate(structure, state, F, w[k], theta[k], work, a[k])
 
 
 @routine(void(STRUCTURE, vector, vector, f8, vector, matrix, matrix))

@@ -358,14 +358,26 @@ def require(structure, state, F, v, a, theta, work, force):
     With the F (z,) of no commands, these are the torques of the motors. state (s,) is that of the
     measured state, v and a are (n,), theta (p,).
     """
-    nonzeros, M = structure.nonzeros, work.M
-    write_equations(structure, state, v, theta, work, force)
-    for i in range(force.shape[0]):
-        total = M[i, i] * a[i] - force[i]
-        for j in range(i):
-            total += M[i, j] * a[j]
-        for j in range(i + 1, force.shape[0]):
-            total += M[j, i] * a[j]
-        force[i] = total
+    bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
+    motion, axes = work.motion, bodies.shape[0] * FRAME
+    accumulate(bodies, state, 0, v, motion, VELOCITY)
+    accumulate(bodies, state, RATE, v, motion, DRIFT)
+    accumulate(bodies, state, 0, a, motion, PUSH)
+    for b in range(bodies.shape[0]):
+        for i in range(b * MOTION, b * MOTION + 6):
+            motion[DRIFT + i] += motion[PUSH + i]
+    _load(structure, state, axes + v.shape[0] * FRAME, theta, work)
+    for b in range(bodies.shape[0] - 1, -1, -1):
+        wrench, parent, first = b * MOTION + WRENCH, bodies[b, PARENT], bodies[b, AT_V]
+        for j in range(first, first + bodies[b, COUNT]):
+            force[j] = dot(state, axes + j * FRAME, motion, wrench)
+        if parent >= 0:
+            for i in range(6):
+                motion[parent * MOTION + WRENCH + i] += motion[wrench + i]
+    for r in range(rotors.shape[0]):
+        i, j, k = rotors[r, 0], rotors[r, 1], rotors[r, 2]
+        force[i] += theta[k] * a[j]
+        if i != j:
+            force[j] += theta[k] * a[i]
     for z in range(nonzeros.shape[0]):
         force[nonzeros[z, 0]] -= F[z] * theta[nonzeros[z, 1]]

@@ -10,7 +10,7 @@ import numpy as np
 from ..log import Log, Middle
 from ..numerics.spatial import pose_jacobian, quaternion_of
 from ..parameters import Array, ParameterSpace
-from ..system import SecondOrderSystem, Stage
+from ..system import SecondOrderSystem
 from .arrays import CIRCLE, FALL, FRAME, FREE, PLANAR, StructureArrays
 from .kinematics import place
 from .motion import accelerate_at, along, balance, between
@@ -95,12 +95,18 @@ class StructuredKinematics(SecondOrderSystem):
         own = self._along(q, v, qm, vm, u)
         return StructureMotion(self.structure.arrays, t, v, vm, *own), qm
 
-    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
-        """(29), (10, 31) and M̂'s pivot at one sample; â is the structure's."""
-        a, own, given = np.empty(self.n), self._memory, map(plain, (q, v, u, w, theta))
-        pivot = accelerate_at(self.structure.arrays, *given, own.state, own.F, own.work, a)
-        W = self._W(t, q, v, w, a if pivot > 0 else self._still, u)
-        return Stage(a if pivot > 0 else np.full(self.n, np.nan), W, pivot)
+    def stages(
+        self, t: Array, q: Array, v: Array, u: Array, w: Array, theta: Array
+    ) -> tuple[Array, Array, Array]:
+        """(29), (10, 31) and M̂'s pivots; â is the structure's."""
+        a, pivots, own = np.empty((len(q), self.n)), np.empty(len(q)), self._memory
+        given = map(plain, (q, v, u, w, theta))
+        accelerate_at(self.structure.arrays, *given, own.state, own.F, own.work, a, pivots)
+        failed = ~(pivots > 0)
+        a[failed] = 0.0
+        W = self._whole(t, q, v, w, a, u)
+        a[failed] = np.nan
+        return a, W, pivots
 
     def integrate(self, q: Array, dq: Array) -> Array:
         """(m,) the position reached from q by the tangent step dq (n,)."""

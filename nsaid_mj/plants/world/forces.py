@@ -51,7 +51,7 @@ from ...structure.compiled import (
     vector,
     void,
 )
-from ...structure.forces import add_forces
+from ...structure.forces import ALL, ROLLING, write_forces
 from ...structure.kinematics import place, write_rotation
 from ...structure.stage import write_equations
 from ...structure.structure import Structure
@@ -70,10 +70,10 @@ from .callbacks import (
 from .coordinates import Reading
 
 _TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW = range(5)
-_GROUP, _POSE, _PLACED, _LAYOUT = range(_FLOW + 3, _FLOW + 7)
+_GROUP, _POSE, _LAYOUT = range(_FLOW + 3, _FLOW + 6)
 """Places in userdata: its length; whether commands are activations; their number; whether there is
-inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; whether
-any force depends on the bodies' poses; place, rows and columns of every part."""
+inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; place,
+rows and columns of every part."""
 _DOFS, _THETA, _OWN, _WORK = 10, 11, 12, 22
 _HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
 """Parts of the userdata, after those of `StructureArrays`: every velocity's place in qvel, its
@@ -110,14 +110,14 @@ class Forces:
         layout = [(at, *(*part.shape, 1)[:2]) for at, part in zip(places, parts, strict=False)]
         commands, flow = self.structure.n_u, self.flow
         head = [places[-1], lagged, commands, self.added, *flow, reading.group, reading.free[0]]
-        head.append(self.placed)
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
         return np.concatenate([head, np.ravel(layout), *flat], dtype=np.float64)
 
     def _parts(self, dofs: Any) -> list[Any]:
         """The parts of the userdata, with the places of all velocities (n, 4)."""
         s, n = self.structure, self.structure.n
-        memory = s.m, n, n, 9, n, n, (n, n), (n, n), s.state_size, s.state_size
+        entries = len(s.arrays.nonzeros)
+        memory = s.m, n, n, 9, n, n, (n, n), (n, n), s.state_size, entries
         own = [np.zeros(size) for size in memory]
         return [*self._arrays, dofs, np.array(self.theta, dtype=np.float64), *own, *s.workspace()]
 
@@ -177,8 +177,8 @@ class _Memory(NamedTuple):
         bias: (n,) MuJoCo's.
         M: (n, n) MuJoCo's.
         A: (n, n) M + Tᵀ M_A T.
-        state: (s,) of `kinematics.place` at v_r.
-        on_ground: (s,) the same at the velocity on the ground.
+        state: (s,) of `kinematics.place` at v_r, or at the velocity on the ground.
+        F: (z,) entries of F there.
     """
 
     q: Array
@@ -190,7 +190,7 @@ class _Memory(NamedTuple):
     M: Array
     A: Array
     state: Array
-    on_ground: Array
+    F: Array
 
 
 _MEMORY = types.NamedTuple((vector,) * 6 + (matrix,) * 2 + (vector,) * 2, _Memory)
@@ -282,16 +282,18 @@ def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
     """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
     _read(d, dofs, qpos, qvel, own)
     place(structure, own.q, own.v, own.state)
-    on_ground = own.state
-    if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
-        on_ground = own.on_ground
-        place(structure, own.q, own.ground, on_ground)
     if d[_ADDED] > 0:
         write_equations(structure, own.state, own.v, theta, work, own.force)
     else:
         for i in range(own.force.shape[0]):
             own.force[i] = 0.0
-    add_forces(structure, own.state, on_ground, own.q, own.v, u, theta, work.scratch, own.force)
+    q, v, F, x, nonzeros = own.q, own.v, own.F, work.scratch, structure.nonzeros
+    write_forces(structure, own.state, q, v, u, ALL, x, F)
+    if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
+        place(structure, q, own.ground, own.state)
+        write_forces(structure, own.state, q, v, u, ROLLING, x, F)
+    for z in range(nonzeros.shape[0]):
+        own.force[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
 
 
 _VIEWS = types.UniTuple(vector, 5)  # of userdata, commands, qpos, qvel and qfrc_passive
@@ -374,26 +376,29 @@ def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
 
 
 @cache
-def column_forces() -> Any:
+def column_forces(placed: bool) -> Any:
     """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive.
 
-    One for all robots: a second would compile the same columns again, for 15 s.
+    One for robots with forces that depend on the bodies' poses, and one for all others, which need
+    not wait until the columns on bodies are compiled.
     """
     offsets = field_offsets()
     user, ctrl, act, q, v, force = (
         offsets[name] for name in ("userdata", "ctrl", "act", "qpos", "qvel", "qfrc_passive")
     )
+    signature = void(types.uintp, types.uintp)  # below with reference counting, as views need it
 
-    @kernel(
-        void(types.uintp, types.uintp), inner=True, no_cfunc_wrapper=False, _nrt=True
-    )  # with reference counting, as arrays at addresses need it
-    def passive(model, data):
-        d, u, qpos, qvel, pushed = _views(data, user, ctrl, act, q, v, force)
-        if not accepted(u):
-            return
-        if d[_PLACED] > 0:
-            _act_on_bodies(model, data, d.ctypes.data, d, u, qpos, qvel, pushed)
-        else:
-            _act_on_joints(d.ctypes.data, u, qpos, qvel, pushed)
+    @kernel(signature, inner=True, no_cfunc_wrapper=False, _nrt=True)
+    def on_joints(_, data):
+        d, u, qpos, qvel, passive = _views(data, user, ctrl, act, q, v, force)
+        if accepted(u):
+            _act_on_joints(d.ctypes.data, u, qpos, qvel, passive)
 
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.callback)
+    @kernel(signature, inner=True, no_cfunc_wrapper=False, _nrt=True)
+    def on_bodies(model, data):
+        d, u, qpos, qvel, passive = _views(data, user, ctrl, act, q, v, force)
+        if accepted(u):
+            _act_on_bodies(model, data, d.ctypes.data, d, u, qpos, qvel, passive)
+
+    made = on_bodies if placed else on_joints
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(made.callback)
