@@ -67,11 +67,13 @@ def common_scale(
     `known` the user's parameters.
     """
     at, weights = problem.space.actuators, np.zeros(len(theta))
+    gains = exact.deviation[at] / np.abs(theta[at])
     if problem.size is None:
         weights[at] = 1 / (len(at) * theta[at])
     else:
         weights = problem.size.weights / float(problem.size.weights @ theta)
-    deviation = exact.of(weights)
+    # the file's gains may contradict its masses: then no gain is known as well as the size is
+    deviation = max(exact.of(weights), min(gains, default=0.0))
     fixed = stated or (bool(known) and deviation < _SURE)
     given = "the known " + ", ".join(f"{name} = {value:g}" for name, value in known.items())
     masses = "" if weightless else " and the masses of the model file"
