@@ -42,8 +42,8 @@ class ServoLog(NamedTuple):
         t: (N,) times [s].
         target: (N, n) of the servos [rad or m], clipped to their `ctrlrange`.
         position: (N, n) measured [rad or m].
-        load: (N, n) torque or force that gravity and the joints' speeds, and the other joints'
-            accelerations where they are known, require of each joint [N·m or N].
+        load: (N, n) torque or force that gravity and the joints' speeds require of each joint, and
+            the other joints' accelerations where they are known [N·m or N].
         mass: (N, n, n) mass matrix without armatures [kg·m², kg·m or kg].
         loaded: whether the arm carries a weighed load.
         limit: (n,) largest force of each servo [N·m or N]; None without limits.
@@ -217,31 +217,22 @@ def _stretches(
     return logs, findings
 
 
-def weighed(model: pin.Model, log: ServoLog, q: Array | None = None) -> ServoLog:
-    """The log with mass matrices and loads of a model's links.
+def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
+    """The log with mass matrices and loads of a model's links, without what accelerations exert.
 
     Args:
         model: without armatures; the log's payload, if it carries one, is part of a link.
         log: of targets and positions.
-        q: (N, n) positions of a simulated motion [rad or m], with what joints exert on each other;
-            None for the measured ones, without what accelerations exert.
     """
     data, load = model.createData(), np.empty_like(log.position)
     mass = np.empty((*load.shape, load.shape[1]))
+    ends = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_SPAN, _SPAN))
+    early, late = (np.transpose([np.interp(t, log.t, x) for x in log.position.T]) for t in ends)
+    v, still = (late - early) / (2 * _SPAN), np.zeros(load.shape[1])
     for k, at in enumerate(positions(model, log.position)):
         mass[k] = pin.crba(model, data, at)
+        load[k] = pin.rnea(model, data, at, v[k], still)
     mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)
-    if q is None:
-        q, a = log.position, np.zeros_like(load)
-        ends = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_SPAN, _SPAN))
-        early, late = ([np.interp(t, log.t, x) for x in q.T] for t in ends)
-        v = (np.transpose(late) - np.transpose(early)) / (2 * _SPAN)
-    else:
-        v = np.gradient(q, log.t, axis=0)
-        a = np.gradient(v, log.t, axis=0)
-    for k, at in enumerate(positions(model, q)):
-        load[k] = pin.rnea(model, data, at, v[k], a[k])
-    load -= np.einsum("kjj,kj->kj", mass, a)
     return log._replace(load=load, mass=mass)
 
 
