@@ -188,8 +188,8 @@ def _fitted_servos(given: ServoLogs, model: str, told: Told) -> list[_Part]:
 
 def _part(log: ServoLog, rows: slice) -> ServoLog:
     """A part of a log."""
-    u, q, load, mass = (x[rows] for x in (log.target, log.position, log.load, log.mass))
-    return ServoLog(log.source, log.t[rows], u, q, load, mass)
+    t, issued, u, q, load, mass = (x[rows] for x in log[1:7])
+    return ServoLog(log.source, t, issued, u, q, load, mass)
 
 
 def _followed_late(given: ServoLogs) -> Score:

@@ -27,7 +27,7 @@ from ..plants import Looks, Plant
 from ..resources import json_of, locked, writing
 from ..system import SecondOrderSystem
 from .following import FAULTS, Cost, Ending, Loop, Observer, Robot, segment_steps
-from .record import FILE, TARGET_DELAYS, Record, RecordWriter
+from .record import FILE, PROFILED, TARGET_DELAYS, Record, RecordWriter
 from .scenario import Scenario
 from .setup import Seeds, Setup
 from .source import Simulation, Source
@@ -121,11 +121,12 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
         compiled, setup = compile_seconds(), Setup.of(scenario)
         source = Simulation(setup.plant, setup.driver(), setup.sensors(), scenario.dt)
         robot = Robot(setup.system, setup.prior, setup.plant)
-        metadata = None
+        metadata: dict[str, Any] = {}
         if setup.plant.targets:
             late = setup.plant.late
             steps = np.zeros(setup.system.n_u) if late is None else late
             metadata = {TARGET_DELAYS: (steps * setup.plant.dt).tolist()}
+            metadata |= {PROFILED: setup.plant.profile is not None}
         done = followed(scenario, robot, source, setup.identifiers(), folder, observers, metadata)
         done.cost.compile = compile_seconds() - compiled
         return SimulatedRun(**vars(done), setup=setup)

@@ -28,6 +28,8 @@ BATCH_SECONDS = 0.9
 FILE = "record.arrow"
 TARGET_DELAYS = "target_delays"
 """Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts."""
+PROFILED = "target_profile"
+"""Another one: whether u is what a profile has made of the targets."""
 
 
 class RecordWriter:

@@ -131,8 +131,11 @@ class ArmPlant(ParametricPlantConfig):
                 robot.name, "", f"MuJoCo rejects it: {error}", "Correct the named body's inertia."
             ) from error
         made.targets = system.scales.actuator == "servo"
-        if made.targets and robot.servos is not None and robot.servos.delay.any():
-            made.late = np.round(robot.servos.delay / dt).astype(np.intp)
+        if made.targets and robot.servos is not None:
+            if robot.servos.delay.any():
+                made.late = np.round(robot.servos.delay / dt).astype(np.intp)
+            if robot.servos.profile.any():
+                made.profile = robot.servos.profile
         with quiet():
             compare_engines(made, robot.name, model)
             check_stiffness(made, robot.name)

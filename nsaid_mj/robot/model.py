@@ -24,12 +24,14 @@ class Servos(NamedTuple):
         kv: (k,) damping [N·m·s/rad or N·s/m].
         range: (k, 2) least and largest target [rad or m]; ±inf without limit.
         delay: (k,) from a target to the servo [s]; see `tree.target_delays`.
+        profile: (k, 3) of the targets; see `target_profile`.
     """
 
     kp: Array
     kv: Array
     range: Array
     delay: Array
+    profile: Array
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
+from ..bounds import LARGEST
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..structure.joints import bodies_of
@@ -96,6 +97,8 @@ def pose(position: Array, wxyz: Array) -> pin.SE3:
 
 TARGET_DELAY = "target_delay"
 """Custom numeric of an MJCF: delays of all actuators' targets [s], which MuJoCo does not apply."""
+TARGET_PROFILE = "target_profile"
+"""Another one: the speeds, accelerations and lags of `target_profile` of all actuators' targets."""
 
 _KINDS = {  # of Pinocchio's joints: along an axis, and the general one
     mujoco.mjtJoint.mjJNT_HINGE: ("JointModelR", "JointModelRevoluteUnaligned"),
@@ -277,7 +280,7 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
 
 def position_servos(mj: Any, names: Sequence[str], joints: Sequence[str]) -> Servos | None:
     """The servos of k joints of a MuJoCo model; None unless each has one, and no other actuator."""
-    found, delays = [], target_delays(mj)
+    found, delays, profiles = [], target_delays(mj), target_profiles(mj)
     for joint in joints:
         own = actuators_of(mj, names.index(joint))
         if len(own) != 1 or mj.actuator_biastype[own[0]] != mujoco.mjtBias.mjBIAS_AFFINE:
@@ -287,9 +290,10 @@ def position_servos(mj: Any, names: Sequence[str], joints: Sequence[str]) -> Ser
             return None
         limited = mj.actuator_ctrllimited[own[0]]
         limits = mj.actuator_ctrlrange[own[0]] if limited else [-np.inf, np.inf]
-        found.append((gain, -bias[2], *limits, delays[own[0]]))
-    kp, kv, low, high, delay = np.array(found, dtype=np.float64).reshape(-1, 5).T
-    return Servos(kp, kv, np.column_stack([low, high]), delay) if found else None
+        found.append((gain, -bias[2], *limits, delays[own[0]], *profiles[own[0]]))
+    numbers = np.array(found, dtype=np.float64).reshape(-1, 8)
+    kp, kv, _, _, delay = numbers[:, :5].T
+    return Servos(kp, kv, numbers[:, 2:4], delay, numbers[:, 5:]) if found else None
 
 
 def target_delays(mj: Any) -> Array:
@@ -298,15 +302,33 @@ def target_delays(mj: Any) -> Array:
     Raises:
         InvalidInput: `TARGET_DELAY` does not have a number for every actuator.
     """
-    delays = mj.actuator_delay.copy()
-    if TARGET_DELAY in {mj.numeric(i).name for i in range(mj.nnumeric)}:
-        stated = mj.numeric(TARGET_DELAY).data
-        if len(stated) != mj.nu or not np.all((stated >= 0) & (stated <= 1)):
-            expected = f"a delay from 0 to 1 s for each of {mj.nu} actuators"
-            remedy = "Correct the file's <custom>."
-            raise InvalidInput(f"numeric {TARGET_DELAY}", expected, stated.tolist(), remedy)
-        delays = np.where(delays > 0, delays, stated)
-    return delays
+    stated = _stated(mj, TARGET_DELAY, mj.nu, 1.0, f"a delay from 0 to 1 s for each of {mj.nu}")
+    return np.where(mj.actuator_delay > 0, mj.actuator_delay, stated)
+
+
+def target_profiles(mj: Any) -> Array:
+    """(nu, 3) profiles of a MuJoCo model's targets: `TARGET_PROFILE`, and its actuators' filters.
+
+    Raises:
+        InvalidInput: `TARGET_PROFILE` does not have three numbers for every actuator.
+    """
+    expected = f"speeds, accelerations and lags, 0 or more, for each of {mj.nu}"
+    found = _stated(mj, TARGET_PROFILE, 3 * mj.nu, LARGEST, expected).reshape(3, -1).T
+    filters = (mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
+    smooth = np.isin(mj.actuator_dyntype, filters) & (found[:, 2] == 0)
+    found[smooth, 2] = mj.actuator_dynprm[smooth, 0]
+    return found
+
+
+def _stated(mj: Any, name: str, count: int, most: float, expected: str) -> Array:
+    """(count,) numbers of a custom numeric, or zeros."""
+    if name not in {mj.numeric(i).name for i in range(mj.nnumeric)}:
+        return np.zeros(count)
+    stated = mj.numeric(name).data.copy()
+    if len(stated) != count or not np.all((stated >= 0) & (stated <= most)):
+        remedy = "Correct the file's <custom>."
+        raise InvalidInput(f"numeric {name}", f"{expected} actuators", stated.tolist(), remedy)
+    return stated
 
 
 def is_motor(mj: Any, actuator: int) -> bool:

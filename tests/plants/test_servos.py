@@ -161,6 +161,31 @@ def test_delays_of_a_file_are_simulated_and_identified(file, tmp_path):
     assert [s.kp for s in found.servos] == pytest.approx([12, 8], rel=0.05)
 
 
+def test_a_profile_of_a_file_is_simulated_and_applied_once(file, tmp_path):
+    """The elbow's targets move at .4 rad/s at most, the lift's are smoothed over .05 s."""
+    from dataclasses import replace
+
+    from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo_mjcf
+    from nsaid_mj.experiment.loop import run
+
+    scenario = replace(load("arm"), plant=ArmPlant(str(file), spread=0.0), duration=12.0, dt=2e-3)
+    profile = '<numeric name="target_profile" data="0 .4 0 0 .05 0"/></custom>'
+    file.write_text(file.read_text().replace("<mujoco>", DELAYS.replace("</custom>", profile)))
+    law = replace(scenario.identifier, law="paper")
+    done = run(replace(scenario, identifier=law), tmp_path / "run")
+    speed = np.abs(np.gradient(done.record["u"], done.record["t"], axis=0)).max(axis=0)
+    assert speed[0] > 0.6 and speed[1] <= 0.4 + 1e-9
+    log = servo_logs(file, [tmp_path / "run"])
+    assert log is not None
+    np.testing.assert_array_equal(log.logs[0].issued, log.logs[0].target)  # what acted
+    found = identify_servos(log)
+    assert [s.delay for s in found.servos] == pytest.approx([0.012, 0.03], abs=1e-3)
+    assert [s.kp for s in found.servos] == pytest.approx([12, 8], rel=0.05)
+    write_servo_mjcf(found, tmp_path / "again.xml")
+    mj = mujoco.MjModel.from_xml_path(str(tmp_path / "again.xml"))
+    np.testing.assert_allclose(mj.numeric("target_profile").data, [0, 0.4, 0, 0, 0.05, 0])
+
+
 @pytest.mark.parametrize("delays", [".01", ".01 -.02", ".01 2"])
 def test_delays_that_a_file_cannot_have_are_refused(file, delays):
     file.write_text(file.read_text().replace("<mujoco>", DELAYS.replace(".012 .03", delays)))

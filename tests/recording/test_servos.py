@@ -25,7 +25,7 @@ def recorded(tmp_path_factory):
     t = np.arange(200) / 50
     q = np.column_stack([np.sin(t), np.cos(t)])
     mass = np.zeros((*q.shape, q.shape[1]))
-    logs = tuple(ServoLog(name, t, q + 0.1, q, 0 * q, mass) for name in ("a.csv", "b.csv"))
+    logs = tuple(ServoLog(name, t, q + 0.1, q + 0.1, q, 0 * q, mass) for name in ("a.csv", "b.csv"))
     used = np.r_[np.ones(250), np.zeros(100), np.ones(50)]
     replayed = Replayed(logs, (q + 0.01, q - 0.01), used)
     found = identified_servos(used, folder / "arm.xml")

@@ -12,7 +12,7 @@ from tests.support.servos import NAMES, identified_servos
 def test_it_has_a_line_and_a_replay_for_every_servo(tmp_path):
     t = np.arange(100) / 50
     q = np.column_stack([np.sin(t), np.cos(t)])
-    log = ServoLog("motion_1.csv", t, q, q, 0 * q, np.zeros((*q.shape, q.shape[1])))
+    log = ServoLog("motion_1.csv", t, q, q, q, 0 * q, np.zeros((*q.shape, q.shape[1])))
     used = np.r_[np.ones(60), np.zeros(40)]
     result, replayed = identified_servos(used), Replayed((log,), (q + 0.01,), used)
     path = write_servos(result, tmp_path, ["nsaid identify"], replayed)

@@ -34,7 +34,6 @@ def identified_servos(used, file=None):
         0.0,
         2e-3,
         2e-2,
-        0.1,
     )
     scale = MassScale(np.log(1.3), 0.03, 2.0, np.zeros(3), np.full(3, 0.01))
     return ServoIdentification(

@@ -130,6 +130,21 @@ class Column:
 
 
 @config
+class Profile:
+    """What a controller makes of a target before its servo follows it; 0 where it does not.
+
+    Attributes:
+        speed: largest one of the target in force [rad/s or m/s].
+        acceleration: largest one of it [rad/s² or m/s²].
+        lag: time constant of a first-order filter [s].
+    """
+
+    speed: Level = 0.0
+    acceleration: Level = 0.0
+    lag: Level = 0.0
+
+
+@config
 class Joint:
     """The columns of one joint.
 
@@ -140,12 +155,14 @@ class Joint:
         velocity: None to differentiate the position.
         rest: rows with a lower speed are not used [rad/s or m/s]; the speed's noise sets another
             limit, and the higher one applies.
+        profile: of the target of a position servo; None for that of all, or of the model file.
     """
 
     position: Column
     command: Column | None = None
     velocity: Column | None = None
     rest: Level = 0.0
+    profile: Profile | None = None
 
 
 @config
@@ -241,6 +258,7 @@ class Map:
         actuators: commands of a vehicle by the names of its actuators.
         hold: whether a command holds from row to row (True) or is interpolated (False).
         drop_rest: whether rows at rest are left out of the fit.
+        profile: of all joints' targets; None for that of the model file.
     """
 
     time: Time = field(default_factory=Time)
@@ -251,6 +269,7 @@ class Map:
     actuators: dict[str, Column] = field(default_factory=dict)
     hold: Flag = False
     drop_rest: Flag = True
+    profile: Profile | None = None
 
 
 _ADAPTER = TypeAdapter(Map)

@@ -46,7 +46,8 @@ class JointEstimate(NamedTuple):
 
     Attributes:
         x: (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
-        covariance: (5, 5) of ln θ̂, from scores clustered by log or block; 0 for fixed ones.
+        covariance: (5, 5) of ln θ̂, by a jackknife over logs or blocks; 0 for fixed ones. If a load
+            was weighed, g is that under the true masses.
         quantile: (6,) of Student's t, which turn deviations of T, f, kp, a, d and T + d into 95 %
             intervals.
         gravity: whether gravity determines kp; otherwise it is a convention.
@@ -55,8 +56,6 @@ class JointEstimate(NamedTuple):
         error: mean absolute residual [rad or m], of the samples in use.
         simple: the same without a model: the target at the best delay, or a constant position,
             whichever is closer.
-        scaled: standard deviation of ln kp under the true masses, or under the file's if no load
-            was weighed.
         zero: the offset [rad or m].
         limit: force or torque at which the servo saturated in the logs [N·m or N]; inf if it did
             not.
@@ -72,7 +71,6 @@ class JointEstimate(NamedTuple):
     offset: float
     error: float
     simple: float
-    scaled: float
     zero: float = OFFSET
     limit: float = np.inf
     slides: bool = False
@@ -157,17 +155,15 @@ def estimate(
         limits: (n,) largest force of every servo by the model file [N·m or N], used where the logs
             show it; None without.
     """
-    free = [log for log in logs if not log.loaded]
-    loaded = [log for log in logs if log.loaded]
     limits = np.full(len(kp), np.inf) if limits is None else limits
     slide = [slides(joint) for joint in moving_joints(robot.model)]
-    fitted = fit_free(free, limits, told)
+    fitted = fit_free([log for log in logs if not log.loaded], limits, told)
     free, fits, priors, used = fitted
     if load is not None:
         told("weighing the load")
-        loaded = [log._replace(limit=free[0].limit) for log in loaded]
-        rest = np.ones(sum(len(log.t) for log in loaded))
-        found = weigh(robot, [*free, *loaded], load, fits, priors, np.append(used, rest))
+        every = [log._replace(limit=free[0].limit) for log in logs]
+        rest = np.ones(sum(len(log.t) for log in logs) - len(used))
+        found = weigh(robot, every, load, fits, priors, np.append(used, rest))
         return _with_load(found, logs, kp, slide)
     cluster, zero = clusters(logs), zeros(logs)
     simulated = [fitted.simulated(j) for j in range(len(kp))]
@@ -256,17 +252,14 @@ def _with_load(
         logs_of, place = [log.joint(j) for log in own], slice(at[j], at[j] + len(one.x))
         if not known[j]:
             one.x[GRAVITY] = common[j]
-        apart = np.zeros(len(fit.x))  # ln kp = ln s − ln g = ln m − ln μ − ln g
-        apart[[at[j] + GRAVITY, scale]] = 1.0
         offset = float(moved[at[j] + GRAVITY, j]) if known[j] else 0.0
         directions = np.zeros((6, len(fit.x)))
         directions[:, place] = _directions(one.x)
-        directions[GRAVITY] = apart
+        directions[GRAVITY, scale] = 1.0  # −ln kp = ln g + ln μ − ln m
         quantile = np.array([spread.quantile(c) for c in directions])
-        C, sure = whole[place, place], bool(known[j])
+        C, sure = directions[:5] @ whole @ directions[:5].T, bool(known[j])
         made = _judged(logs_of, one, sure, found.used, C, quantile, offset)
-        scaled = float(np.sqrt(apart @ whole @ apart))
-        joints.append(made._replace(scaled=scaled, zero=float(zero[j]), slides=slide[j]))
+        joints.append(made._replace(zero=float(zero[j]), slides=slide[j]))
     deviation = np.sqrt(np.diag(whole)[scale:])
     return Estimate(
         _moderated(joints, cluster),
@@ -321,7 +314,6 @@ def _judged(
         offset,
         error,
         simple,
-        float(np.sqrt(covariance[GRAVITY, GRAVITY])),
         limit=logs[0].limit,
         travel=travel,
         effective=effective_rate(logs, fit.residual),

@@ -20,7 +20,15 @@ from ...plants.world.coordinates import JointMap
 from ...plants.world.quiet import quiet
 from ...resources import write_text
 from ...robot.mjcf_file import compile_file
-from ...robot.tree import TARGET_DELAY, actuators_of, joint_names, target_delays
+from ...robot.target_profile import followed
+from ...robot.tree import (
+    TARGET_DELAY,
+    TARGET_PROFILE,
+    actuators_of,
+    joint_names,
+    target_delays,
+    target_profiles,
+)
 from ...robot.xml import numbers
 from .logs import ServoLog
 from .result import Servo, ServoIdentification
@@ -38,7 +46,10 @@ kp, kv, armature and frictionloss are identified; damping is part of kv; forcera
 no saturation was seen. Targets act after the delays below, which MuJoCo ignores and nsaid applies:
 shift the targets, or set the actuators' `delay` and `nsample` (MuJoCo 4) and fill the buffers with
 the first targets (mj_initCtrlHistory), as a buffer of zeros pulls the arm to 0. Their bias is 0.
-{masses}{joints} """
+{profile}{masses}{joints} """
+_PROFILED = """Limits of the targets' speed and acceleration, and time constants of their filters,
+are in the numeric target_profile, which MuJoCo ignores and nsaid applies.
+"""
 
 
 def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
@@ -56,8 +67,10 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     joints = {e.get("name"): e for body in root.findall("worldbody") for e in body.iter("joint")}
     actuators = [e for section in root.findall("actuator") for e in section if e.tag != "!"]
     actuators = [e for e in actuators if isinstance(e.tag, str)]
-    delays = target_delays(mj)
-    for servo in result.servos:
+    delays, profiles = target_delays(mj), target_profiles(mj)
+    stated = result.robot.servos
+    assert stated is not None  # as the logs were of targets
+    for servo, profile in zip(result.servos, stated.profile, strict=True):
         index = actuators_of(mj, names.index(servo.name))[0]
         if servo.name not in joints or len(actuators) != mj.nu:
             remedy = "Merge the included files into one (MuJoCo's `compile` does it)."
@@ -71,8 +84,11 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
             "solreffriction": _QUICK,
         }
         _set_actuator(actuators[index], servo)
-        delays[index] = servo.delay
-    _state_delays(root, delays)
+        delays[index], profiles[index] = servo.delay, profile
+        if profile[2] == 0:
+            actuators[index].attrib.pop("timeconst", None)
+    _state(root, TARGET_DELAY, delays)
+    _state(root, TARGET_PROFILE, profiles.T.ravel())
     for scale in result.scale:
         if root.find("compiler") is None:
             root.insert(0, Element("compiler"))
@@ -89,24 +105,26 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         f"All masses are {scale.value:.3g} of the original file's, by a weighed load.\n"
         for scale in result.scale
     )
-    remark = _REMARK.format(verdict=result.verdict, masses=weighed, joints=told)
+    parts = {"masses": weighed, "joints": told, "profile": _PROFILED if profiles.any() else ""}
+    remark = _REMARK.format(verdict=result.verdict, **parts)
     remark = remark.replace("--", "- -")
     root.insert(0, ElementTree.Comment(remark))
     write_text(path, ElementTree.tostring(root, encoding="unicode") + "\n")
 
 
-def _state_delays(root: Element, delays: Array) -> None:
-    """States the delays (nu,) [s] of all actuators' targets."""
+def _state(root: Element, name: str, data: Array) -> None:
+    """States a custom numeric, if not all its numbers are 0."""
     for custom in root.findall("custom"):
-        for old in custom.findall(f"numeric[@name='{TARGET_DELAY}']"):
+        for old in custom.findall(f"numeric[@name='{name}']"):
             custom.remove(old)
-    custom = ElementTree.SubElement(root, "custom")
-    ElementTree.SubElement(custom, "numeric", name=TARGET_DELAY, data=numbers(delays))
+    if data.any():
+        custom = ElementTree.SubElement(root, "custom")
+        ElementTree.SubElement(custom, "numeric", name=name, data=numbers(data))
 
 
 def _set_actuator(element: Element, servo: Servo) -> None:
     """Gives an actuator its gains."""
-    for key in ("dampratio", "timeconst", "forcerange", "damping", "armature", "delay", "nsample"):
+    for key in ("dampratio", "forcerange", "damping", "armature", "delay", "nsample"):
         element.attrib.pop(key, None)
     element.set("forcelimited", "false" if servo.limit is None else "true")
     if servo.limit is not None:
@@ -140,7 +158,8 @@ def rollout(
     Args:
         path: of the MJCF.
         joints: (n,) names of the joints, in the log's order.
-        log: targets, held until the next, and where the motion starts.
+        log: targets, held until the next, and where the motion starts. If the file states a profile
+            of its targets, it replaces that of the log.
         delay: of the targets [s], one or (n,); None for those of the file.
         horizon: time after which the simulation starts again from the measured position and
             velocity [s]. The row at which it does holds what was predicted for it.
@@ -149,7 +168,11 @@ def rollout(
     names = joint_names(mj)
     servos = [actuators_of(mj, names.index(joint))[0] for joint in joints]
     delay = target_delays(mj)[servos] if delay is None else np.broadcast_to(delay, len(servos))
+    profile, target = target_profiles(mj)[servos], log.target
+    if profile.any():
+        target = followed(log.t, log.issued, profile)
     for i, late in zip(servos, delay, strict=True):
+        spec.actuators[i].dyntype = mujoco.mjtDyn.mjDYN_NONE  # a filter is part of the profile
         spec.actuators[i].delay = late
         spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
     mj = spec.compile()
@@ -157,7 +180,7 @@ def rollout(
     data, where = mujoco.MjData(mj), JointMap(mj, joints)
     hold_others(mj, data, where)
     where.write(data, log.position[0], np.zeros(len(joints)))
-    for u, i in zip(log.target[0], servos, strict=True):
+    for u, i in zip(target[0], servos, strict=True):
         if mj.actuator_history[i, 0]:
             mujoco.mj_initCtrlHistory(mj, data, i, None, np.full(mj.actuator_history[i, 0], u))
     longest, out, begin = mj.opt.timestep, np.empty_like(log.position), log.t[0]
@@ -170,7 +193,7 @@ def rollout(
                 begin = log.t[k]
             steps = math.ceil(interval / longest - 1e-3)
             mj.opt.timestep = interval / steps
-            data.ctrl[servos] = log.target[k]
+            data.ctrl[servos] = target[k]
             mujoco.mj_step(mj, data, steps)
             out[k + 1] = where.read(data)[0]
     return out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -116,7 +117,12 @@ def read_servos(
     if len(kinds) > 1:
         remedy = "Give logs of one load, in one place."
         raise InvalidInput("--load", "one load of a servo arm", f"{len(kinds)} of them", remedy)
-    read, findings = read_servo_logs(robot, tables, columns, mapping, found.range, carrying)
+    stated = [columns[joint].profile or (mapping or Map()).profile for joint in robot.joints]
+    rows = zip(stated, found.profile, strict=True)
+    profile = [(own.speed, own.acceleration, own.lag) if own else row for own, row in rows]
+    found = found._replace(profile=np.array(profile))
+    robot = replace(robot, servos=found)
+    read, findings = read_servo_logs(robot, tables, columns, mapping, found, carrying)
     own = [f for f in robot.findings if f.code != "servo"]
     in_order = tuple(sorted(read, key=lambda log: log.loaded))  # free ones first
     return ServoLogs(robot, in_order, found.kp, (*own, *findings), next(iter(kinds), None))

@@ -10,6 +10,8 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...parameters import Array
+from ...robot.model import Servos
+from ...robot.target_profile import followed
 from ...structure.optional import pin
 from ..data import RobotModel
 from ..findings import Finding, UnusableLog
@@ -18,6 +20,7 @@ from ..logs import Map, signals
 from ..logs.checks import beyond_limits
 from ..logs.cleaning import Recording, clean
 from ..logs.errors import UnmatchedChannels
+from ..logs.formats.run import FOLLOWED
 from ..logs.joining import join
 from ..logs.layout import Layout, Source
 from ..logs.mapping import Column, Joint
@@ -40,10 +43,11 @@ class ServoLog(NamedTuple):
     Attributes:
         source: name of the file.
         t: (N,) times [s].
-        target: (N, n) of the servos [rad or m], clipped to their `ctrlrange`.
+        issued: (N, n) targets [rad or m], clipped to the servos' `ctrlrange`.
+        target: (N, n) what the servos follow of them; see `robot.target_profile`.
         position: (N, n) measured [rad or m].
-        load: (N, n) torque or force that gravity and the joints' speeds, and the other joints'
-            accelerations where they are known, require of each joint [N·m or N].
+        load: (N, n) torque or force that gravity and the joints' speeds require of each joint, and
+            the other joints' accelerations where they are known [N·m or N].
         mass: (N, n, n) mass matrix without armatures [kg·m², kg·m or kg].
         loaded: whether the arm carries a weighed load.
         limit: (n,) largest force of each servo [N·m or N]; None without limits.
@@ -51,6 +55,7 @@ class ServoLog(NamedTuple):
 
     source: str
     t: Array
+    issued: Array
     target: Array
     position: Array
     load: Array
@@ -108,7 +113,7 @@ def read_servo_logs(
     tables: Sequence[Table],
     columns: dict[str, Joint],
     mapping: Map | None,
-    limits: Array,
+    servos: Servos,
     carrying: Container[str] = (),
 ) -> tuple[tuple[ServoLog, ...], tuple[Finding, ...]]:
     """The stretches of logs, and findings about the data.
@@ -118,7 +123,7 @@ def read_servo_logs(
         tables: of the files.
         columns: of every joint, see `servo_map`.
         mapping: may hold the files' clocks.
-        limits: (n, 2) least and largest target of every servo; ±inf without limit.
+        servos: of the joints, whose limits and profiles the targets have.
         carrying: names of the files whose arm carries a weighed load.
 
     Raises:
@@ -135,7 +140,7 @@ def read_servo_logs(
     logs: list[ServoLog] = []
     model = without_armature(robot.model)
     for recording in recordings:
-        stretches, said = _stretches(recording, made, limits)
+        stretches, said = _stretches(recording, made, servos)
         logs += [log._replace(loaded=recording.source in carrying) for log in stretches]
         findings += said
     if not logs:
@@ -185,13 +190,14 @@ def _layout(columns: dict[str, Joint], joints: Sequence[str]) -> Layout:
 
 
 def _stretches(
-    recording: Recording, made: Layout, limits: Array
+    recording: Recording, made: Layout, servos: Servos
 ) -> tuple[list[ServoLog], tuple[Finding, ...]]:
     """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
     found, findings = clean(recording, made)
     measured = [found[source.column.column] for source in made.positions]
     targets = [source.column for source in made.commands if source]
     wanted = [found[column.column] for column in targets]
+    done = np.array([[column.column.startswith(FOLLOWED)] for column in targets])
     if min(len(signal.t) for signal in found.values()) < 10:
         return [], findings
     t = measured[0].t
@@ -210,38 +216,30 @@ def _stretches(
         u = np.column_stack([signals.resample(s, own, hold=True) for s in wanted])
         q += [source.column.zero for source in made.positions]
         u += [column.zero for column in targets]
-        u = np.clip(u, limits[:, 0], limits[:, 1])
-        logs.append(ServoLog(recording.source, own, u, q, np.empty(0), np.empty(0)))
+        u = np.clip(u, *servos.range.T)
+        acting = followed(own, u, np.where(done, 0.0, servos.profile))
+        logs.append(ServoLog(recording.source, own, u, acting, q, np.empty(0), np.empty(0)))
     if len(logs) > 1:
         logs = [log._replace(source=f"{log.source} at {log.t[0]:.0f} s") for log in logs]
     return logs, findings
 
 
-def weighed(model: pin.Model, log: ServoLog, q: Array | None = None) -> ServoLog:
-    """The log with mass matrices and loads of a model's links.
+def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
+    """The log with mass matrices and loads of a model's links, without what accelerations exert.
 
     Args:
         model: without armatures; the log's payload, if it carries one, is part of a link.
         log: of targets and positions.
-        q: (N, n) positions of a simulated motion [rad or m], with what joints exert on each other;
-            None for the measured ones, without what accelerations exert.
     """
     data, load = model.createData(), np.empty_like(log.position)
     mass = np.empty((*load.shape, load.shape[1]))
+    ends = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_SPAN, _SPAN))
+    early, late = (np.transpose([np.interp(t, log.t, x) for x in log.position.T]) for t in ends)
+    v, still = (late - early) / (2 * _SPAN), np.zeros(load.shape[1])
     for k, at in enumerate(positions(model, log.position)):
         mass[k] = pin.crba(model, data, at)
+        load[k] = pin.rnea(model, data, at, v[k], still)
     mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)
-    if q is None:
-        q, a = log.position, np.zeros_like(load)
-        ends = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_SPAN, _SPAN))
-        early, late = ([np.interp(t, log.t, x) for x in q.T] for t in ends)
-        v = (np.transpose(late) - np.transpose(early)) / (2 * _SPAN)
-    else:
-        v = np.gradient(q, log.t, axis=0)
-        a = np.gradient(v, log.t, axis=0)
-    for k, at in enumerate(positions(model, q)):
-        load[k] = pin.rnea(model, data, at, v[k], a[k])
-    load -= np.einsum("kjj,kj->kj", mass, a)
     return log._replace(load=load, mass=mass)
 
 

@@ -159,8 +159,9 @@ def move_arm(t, target, load, mass, limit, theta, longest, q, v):
             for _ in range(_ITERATIONS):
                 largest = 0.0
                 for j in range(n):
-                    g = theta[j, 2]
-                    held_by = hold[j] + g * (M[j] @ change - M[j, j] * change[j])
+                    g, held_by = theta[j, 2], hold[j]
+                    for k in range(n):
+                        held_by += g * M[j, k] * change[k] if k != j else 0.0
                     drive = (J[j] - (1 - part[j]) * resisted[j]) * speed[j] + error[j] - held_by
                     slipping = max(abs(drive) - grip[j], 0.0)
                     new = np.sign(drive) * slipping / (J[j] + part[j] * resisted[j])

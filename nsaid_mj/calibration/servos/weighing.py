@@ -8,8 +8,7 @@ all logs, free and loaded ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import cached_property
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +17,8 @@ import scipy.linalg
 from ...parameters import Array, Indices
 from ..data import RobotModel
 from ..payloads import Load, carrier, with_mass
-from .fit import GRAVITY, SHIFTS, STEP, OutputError, Prior, minimise, undisturbed
-from .logs import ServoLog, weighed, without_armature
-from .simulation import simulate
+from .fit import STEP, JointFit, OutputError, Prior, minimise, undisturbed
+from .logs import ServoLog, coupled, weighed, without_armature
 
 _OWN = 5  # parameters of a joint
 _UNSURE = 1.0  # standard deviation of ln s before the log
@@ -31,8 +29,6 @@ _PLACES = 0.1 * np.array(
     [np.zeros(3), *np.eye(3), *-np.eye(3), *(1 - np.eye(3))]
 )  # of 1 kg that tell what it does anywhere: its inertia is quadratic in its place [m]
 
-Shift = Callable[[ServoLog], Array]
-
 
 def _quadratic(place: Array) -> Array:
     """(..., 10) products of 1, x, y and z of places (..., 3), of degree two at most."""
@@ -41,104 +37,90 @@ def _quadratic(place: Array) -> Array:
     return np.asarray(one[..., first] * one[..., second], dtype=np.float64)
 
 
-def _with_share(log: ServoLog, unit_loads: Sequence[ServoLog], shares: Array) -> ServoLog:
-    """The log of an arm that carries shares (10,) [kg] of the unit loads."""
-    alone, *others = unit_loads
+def _with_share(alone: ServoLog, others: Sequence[ServoLog], shares: Array) -> ServoLog:
+    """The log of an arm that carries shares (10,) [kg] of the unit loads of other logs."""
     found = {}
     for name in ("load", "mass"):
         base = getattr(alone, name)
         found[name] = base + sum(
             share * (getattr(one, name) - base) for share, one in zip(shares, others, strict=True)
         )
-    return log._replace(**found)
+    return alone._replace(**found)
+
+
+def _blocks(parts: Sequence[Array]) -> Array:
+    return np.asarray(scipy.linalg.block_diag(*parts), dtype=np.float64)
 
 
 class Arm:
-    """Simulations of all joints, each in units of its own residual.
+    """Simulations of all joints together, each in units of its own residual.
 
     The parameters x are (n, 5) ln θ of the joints in a row, ln μ, and the load's place (3,) in the
     frame of the joint that carries it [m].
 
     Args:
         robot: the model.
-        logs: free and loaded ones.
+        logs: free, then loaded ones, with loads that do not include accelerations.
         load: of the loaded ones.
         sigma: (n,) robust rms of each joint's residual [rad or m].
         used: (N,) 1 of samples that count.
-        motions: (N, n) simulated positions of each loaded log, at which it is weighed; None for the
-            measured ones.
     """
 
     def __init__(
-        self, robot: RobotModel, logs: Sequence[ServoLog], load: Load, sigma: Array, used: Array,
-        motions: Sequence[Array] | None = None,
-    ):  # fmt: skip
-        self.joint = carrier(robot.model, load)[0]
-        self._model, self._logs, self._motions = without_armature(robot.model), logs, motions
+        self, robot: RobotModel, logs: Sequence[ServoLog], load: Load, sigma: Array, used: Array
+    ):
+        self.joint, alone = carrier(robot.model, load)[0], without_armature(robot.model)
+        models = [alone, *(with_mass(alone, self.joint, 1.0, at) for at in _PLACES)]
+        self._logs = [[weighed(m, log) for m in models] if log.loaded else [log] for log in logs]
         self.sigma, self.used = sigma, np.tile(used, len(sigma))  # (n,), (n N,)
         own = np.concatenate([np.gradient(log.t) for log in logs])
         self.spacing: Array = np.tile(own, len(sigma))
 
-    def logs(self, x: Array) -> Sequence[ServoLog]:
+    def logs(self, x: Array) -> list[ServoLog]:
         """The logs, loaded ones with the loads that μ and the place in x make."""
         shares = np.exp(x[-4]) * np.linalg.solve(_quadratic(_PLACES).T, _quadratic(x[-3:]))
-        own = iter(self._unit_loads)
-        return [_with_share(log, next(own), shares) if log.loaded else log for log in self._logs]
+        return [_with_share(log, own, shares) if own else log for log, *own in self._logs]
 
-    @cached_property
-    def _unit_loads(self) -> list[list[ServoLog]]:
-        """Each loaded log of the arm alone, and of the arm with 1 kg at every one of `_PLACES`."""
-        models = [self._model, *(with_mass(self._model, self.joint, 1.0, at) for at in _PLACES)]
-        logs = [log for log in self._logs if log.loaded]
-        motions = self._motions or [None] * len(logs)
-        return [
-            [weighed(model, log, q) for model in models]
-            for log, q in zip(logs, motions, strict=True)
-        ]
+    def residual(self, x: Array) -> Array:
+        """(n N,) residuals over `sigma`, joint after joint."""
+        return self._residual(x, self.logs(x))
 
-    def positions(self, x: Array, shift: Shift = lambda log: log.target) -> list[Array]:
-        """(N, n) simulated positions of every log [rad or m], with shifted targets (N, n)."""
-        theta, found = np.exp(x[:-4]).reshape(-1, _OWN), []
-        for log in self.logs(x):
-            moved = log._replace(target=shift(log))
-            each = ((moved.joint(j), own) for j, own in enumerate(theta))
-            found.append(np.column_stack([simulate(joint, own) for joint, own in each]))
-        return found
-
-    def residual(self, x: Array, shift: Shift = lambda log: log.target) -> Array:
-        """(n N,) residuals over `sigma`, joint after joint; with shifted targets (N, n)."""
-        found = zip(self.positions(x, shift), self._logs, strict=True)
-        apart = np.concatenate([q - log.position for q, log in found])
+    def _residual(self, x: Array, logs: Sequence[ServoLog]) -> Array:
+        theta = np.exp(x[:-4]).reshape(-1, _OWN)
+        apart = np.concatenate([coupled(log, theta)[0] - log.position for log in logs])
         return np.asarray(apart / self.sigma, dtype=np.float64).T.ravel()
+
+    def joints(self, x: Array) -> list[tuple[JointFit, Array]]:
+        """Every joint's simulation with the loads that the others' motion exerts, and its ln θ."""
+        own = x[:-4].reshape(-1, _OWN)
+        logs = [coupled(log, np.exp(own))[1] for log in self.logs(x)]
+        used = self.used.reshape(len(own), -1)[0]
+        return [(JointFit([log.joint(j) for log in logs], used), of) for j, of in enumerate(own)]
 
     def moved(self, x: Array, zero: Array) -> Array:
         """(n N, 2 n) change of the residual by offsets `zero` (n,) of the targets, and by play."""
-        blocks, before, g = [], self.residual(x), np.exp(x[GRAVITY:-4:_OWN])
-        for shift in SHIFTS:
-            change = self.residual(x, lambda log, own=shift: own(log, zero, g)) - before
-            blocks.append(scipy.linalg.block_diag(*change.reshape(len(self.sigma), -1)).T)
-        return np.hstack(blocks)
+        each = zip(self.joints(x), zero, self.sigma, strict=True)
+        found = [joint.moved(own, one) / sigma for (joint, own), one, sigma in each]
+        shifts = np.stack(found).transpose(2, 0, 1)[..., None]  # (2, n, N, 1)
+        return np.hstack([_blocks(own) for own in shifts])
 
     def jacobian(self, x: Array, free: Indices) -> Array:
         """(n N, k) central differences; a joint's own parameters change its own rows alone."""
-        n = len(self.sigma)
-        count = len(self.used) // n
-        columns = np.zeros((n, count, len(x)))
-        for i in range(_OWN):
-            own = np.arange(i, _OWN * n, _OWN)
-            change = self._difference(x, own, STEP)
-            columns[np.arange(n), :, own] = change
-        for i in range(len(x) - 4, len(x)):
-            step = STEP if i == len(x) - 4 else _SHIFT
-            columns[:, :, i] = self._difference(x, np.array([i]), step)
-        return columns.reshape(n * count, -1)[:, free]
-
-    def _difference(self, x: Array, at: Indices, step: float) -> Array:
-        """(n, N) change of the residuals by a step of some parameters, over it."""
-        delta = np.zeros(len(x))
-        delta[at] = step
-        change = (self.residual(x + delta) - self.residual(x - delta)) / (2 * step)
-        return change.reshape(len(self.sigma), -1)
+        every = np.arange(_OWN)
+        own = [
+            joint.jacobian(theta, every) / sigma
+            for (joint, theta), sigma in zip(self.joints(x), self.sigma, strict=True)
+        ]
+        columns = [_blocks(own)]
+        for i, step in zip(range(len(x) - 4, len(x)), (STEP, *3 * (_SHIFT,)), strict=True):
+            sides = []
+            for y in (x.copy(), x.copy()):
+                y[i] += step * (1 - 2 * len(sides))
+                sides.append(self._residual(y, [log for log in self.logs(y) if log.loaded]))
+            change = ((sides[0] - sides[1]) / (2 * step)).reshape(len(self.sigma), -1)
+            alone = len(own[0]) - change.shape[1]  # samples without the load come first
+            columns.append(np.pad(change, ((0, 0), (alone, 0))).reshape(-1, 1))
+        return np.hstack(columns)[:, free]
 
 
 class Weighed(NamedTuple):
@@ -172,11 +154,11 @@ def weigh(
     priors: Sequence[Prior],
     used: Array,
 ) -> Weighed:
-    """Fits all joints and the load to free and loaded logs.
+    """Fits all joints and the load to free and loaded logs, again without foreign forces.
 
     Args:
         robot: the model.
-        logs: all, free ones with the loads of their simulated motion.
+        logs: all, with loads that do not include accelerations.
         load: of the loaded ones.
         fits: of the joints to the free logs.
         priors: of the joints' parameters.
@@ -188,16 +170,12 @@ def weigh(
     prior = Prior(mean, np.concatenate([p.deviation for p in priors] + [[_UNSURE], place]))
     x = np.concatenate([f.x for f in fits] + [mean[-4:]])
     sigma = np.array([f.sigma for f in fits])
-    moved: list[Array] | None = None
-    for last in (False, False, True):
-        arm = Arm(robot, logs, load, sigma, used, moved)
-        fit = minimise(arm, x, prior)
-        if last:
-            break
-        found, x = arm.positions(fit.x), fit.x
-        if moved is not None:  # before, the joints' effects on each other are missing
-            for j, residual in enumerate(fit.residual.reshape(len(sigma), -1)):
-                joint = [log.joint(j) for log in logs]
-                used = used * undisturbed(joint, sigma[j] * residual, float(sigma[j]))
-        moved = [q for q, log in zip(found, logs, strict=True) if log.loaded]
-    return Weighed(arm, fit, prior, used)
+    arm = Arm(robot, logs, load, sigma, used)
+    fit, rest = minimise(arm, x, prior), used
+    for j, residual in enumerate(fit.residual.reshape(len(sigma), -1)):
+        joint = [log.joint(j) for log in logs]
+        rest = rest * undisturbed(joint, sigma[j] * residual, float(sigma[j]))
+    if not np.array_equal(rest, used):
+        arm.used = np.tile(rest, len(sigma))
+        fit = minimise(arm, fit.x, prior)
+    return Weighed(arm, fit, prior, rest)

@@ -38,10 +38,10 @@ def parameters(
     """Six parameters of a joint, numbered k, with 95 % intervals, under the true masses."""
     found, C = [], joint.covariance
     ln_kp = (0.0 if scale is None else scale.log) - joint.x[GRAVITY]
-    rotor = C[ARMATURE, ARMATURE] + joint.scaled**2 - 2 * C[ARMATURE, GRAVITY]
+    rotor = C[ARMATURE, ARMATURE] + C[GRAVITY, GRAVITY] - 2 * C[ARMATURE, GRAVITY]
     values = np.r_[joint.x, joint.x[ARMATURE] + ln_kp]
     deviations = np.sqrt(np.r_[np.diag(C), max(rotor, 0.0)])
-    values[GRAVITY], deviations[GRAVITY] = ln_kp, joint.scaled
+    values[GRAVITY] = ln_kp
     halves = np.minimum(joint.quantile * deviations, _WIDEST)
     halves[-1] = min(joint.quantile[[GRAVITY, ARMATURE]].max() * deviations[-1], _WIDEST)
     doubt = _UNEXPLAINED if joint.poor else _UNMOVED if joint.travel <= TRAVEL else ""
@@ -80,10 +80,8 @@ def by_filter(
     """T, f/kp and kp of a joint, numbered k, at a filter's end, under the true masses."""
     x, variance = fit.x.copy(), np.zeros(len(fit.x))
     x[:3], variance[:3] = filtered.x[-1], filtered.deviation[-1] ** 2
-    kp = variance[GRAVITY] + fit.offset**2 + (0.0 if scale is None else scale.deviation**2)
-    own = fit._replace(
-        x=x, covariance=np.diag(variance), quantile=np.full(6, INTERVAL), scaled=float(np.sqrt(kp))
-    )
+    variance[GRAVITY] += fit.offset**2 + (0.0 if scale is None else scale.deviation**2)
+    own = fit._replace(x=x, covariance=np.diag(variance), quantile=np.full(6, INTERVAL))
     return tuple(p for p in parameters(name, k, own, scale) if p.name[:1] in "Tfk")
 
 

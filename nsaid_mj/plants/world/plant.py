@@ -19,6 +19,7 @@ from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array, Indices
 from ...robot.shapes import VisualMesh
+from ...robot.target_profile import advance, at_rest
 from ...structure.sensing import displaced
 from ...system import SecondOrderSystem
 from .callbacks import installed
@@ -102,6 +103,7 @@ class Plant(ABC):
         targets: whether commands are positions; until one arrives, servos hold the first.
         late: (n_u,) time steps from a target to its servo, which are known: a measurement's u is
             what acts. None without.
+        profile: (n_u, 3) of the targets, likewise; see `robot.target_profile`. None without.
         mismatches: effects that the structure does not model, in words.
         faults: of actuators, sensors or the plant during a run.
         gain_places: for each command, the indices of its actuator's gains in MuJoCo's userdata;
@@ -119,6 +121,7 @@ class Plant(ABC):
     delay: int = 0
     targets: bool = False
     late: Indices | None = None
+    profile: Array | None = None
     mismatches: tuple[str, ...] = ()
     faults: tuple[Fault, ...] = ()
     gain_places: Sequence[Sequence[int]] = ()
@@ -196,6 +199,7 @@ class Plant(ABC):
         self._delayed_commands = deque([np.zeros(self.system.n_u)] * self.delay)
         kept = 0 if self.late is None else int(self.late.max())
         self._issued: deque[Array] = deque(maxlen=kept + 1)
+        self._profiled: Array | None = None
         self._place(position, velocity)
         self.model.actuator_gainprm[:] = sound.gainprm
         self._variants[()] = Variant.of(self.model, self.data, self.gain_places)
@@ -281,7 +285,7 @@ class Plant(ABC):
         start = round(last.t / self.dt)
         t = self.dt * np.arange(start, start + steps + 1, dtype=np.float64)
         faulty = self._held or self._biases is not None
-        delayed = self.delay or self.late is not None
+        delayed = self.delay or self.late is not None or self.profile is not None
         steady = not delayed and not faulty and self.t + steps * self.dt < self._next_edge
         law = driver.compiled(t) if steady else None
         if law is None or self.reading is None:
@@ -310,6 +314,11 @@ class Plant(ABC):
         if self._biases is not None:
             q, v = displaced(self.system, q, self._biases[0]), v + self._biases[1]
         u = driver.command(t, q, v)
+        if self.profile is not None:
+            if self._profiled is None:
+                self._profiled = at_rest(u)
+            advance(self.profile, u, self.dt, self._profiled)
+            u = self._profiled[:, 2].copy()
         if self.late is not None:
             self._issued.append(u)
             ago = np.minimum(self.late, len(self._issued) - 1)

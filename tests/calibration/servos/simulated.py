@@ -8,6 +8,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+from scipy.signal import lfilter
 
 from nsaid_mj.resources import asset
 
@@ -72,7 +73,26 @@ def targets(rng, t, speed=2.5):
     return np.round(found / TICK) * TICK
 
 
-def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0, change=None):
+def limited(most):
+    """What a controller makes of targets (M, 6), step by step, that follows at a speed [rad/s]."""
+
+    def follow(wanted):
+        found = wanted.copy()
+        for k in range(1, len(found)):
+            off = wanted[k] - found[k - 1]
+            found[k] = found[k - 1] + np.clip(off, -most * STEP, most * STEP)
+        return found
+
+    return follow
+
+
+def smoothed(lag):
+    """What a controller makes of targets (M, 6), step by step, that smooths over a time [s]."""
+    b, a = [STEP / lag], [1, STEP / lag - 1]
+    return lambda wanted: wanted[0] + lfilter(b, a, wanted - wanted[0], axis=0)
+
+
+def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0, change=None, follow=None):
     """(N,) times, (N, 6) targets and (N, 6) positions of one log.
 
     Args:
@@ -83,6 +103,7 @@ def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0, change=
         heavier: the true masses over those of the file.
         load: mass of a ball in the gripper [kg].
         change: called with MuJoCo's model and data before every step.
+        follow: what the controller makes of the targets, see `limited`.
     """
     rng, mj = np.random.default_rng(seed), arm(heavier, load)
     t = np.arange(0, seconds, 0.02) + rng.uniform(-2e-3, 2e-3, round(seconds / 0.02))
@@ -92,10 +113,11 @@ def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0, change=
     data.qpos[:] = u[0]
     instants = np.arange(ends[-1]) * STEP
     held = np.maximum(np.searchsorted(t, instants - DELAY + 1e-9, side="right") - 1, 0)
+    acting = u[held] if follow is None else follow(u[held])
     q = np.repeat(u[:1], len(t), axis=0)
     for k in range(1, len(t)):
         for i in range(ends[k - 1], ends[k]):
-            data.ctrl[:] = u[held[i]]
+            data.ctrl[:] = acting[i]
             if push is not None:
                 data.qfrc_applied[1] = push[2] if push[0] < instants[i] < push[1] else 0.0
             if change is not None:

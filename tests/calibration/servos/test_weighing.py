@@ -9,6 +9,8 @@ from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo
 from nsaid_mj.calibration.servos.logs import weighed, without_armature
 from nsaid_mj.calibration.servos.weighing import Arm
 from nsaid_mj.errors import InvalidInput
+from tests.support import menagerie
+from tests.support.menagerie import HEAVY_ARM
 
 from .simulated import KP, MODEL, PLACE, arm, log, write
 
@@ -96,3 +98,33 @@ def test_two_different_loads_are_refused(files):
     loads = [LOADS[0], Load("loaded_1.csv", 0.3, "gripper")]
     with pytest.raises(InvalidInput, match="one load"):
         servo_logs(MODEL, files, loads=loads)
+
+
+def test_joints_of_a_heavy_arm_that_shake_each_other_are_weighed(tmp_path):
+    """250 g on soft servos: simulated one by one, the joints drive each other apart."""
+    spec = mujoco.MjSpec.from_file(str(HEAVY_ARM.path))
+    ball = {"mass": 0.25, "inertia": [9e-5] * 3, "explicitinertial": True}
+    spec.bodies[-1].add_body(pos=[0.05, 0, 0.02], ipos=[0, 0, 0], **ball)
+    spec.compile()
+    carrying = tmp_path / "carrying.xml"
+    carrying.write_text(spec.to_xml())
+    robots = {"free": HEAVY_ARM, "loaded": HEAVY_ARM._replace(file=str(carrying))}
+    files = [
+        menagerie.write(tmp_path / f"{name}_{k}.csv", robot, *menagerie.log(robot, seed, 20.0))
+        for seed, (name, k, robot) in enumerate(
+            (name, k, robot) for name, robot in robots.items() for k in range(2)
+        )
+    ]
+    loads = [Load(file.name, 0.25) for file in files[2:]]
+    given = servo_logs(HEAVY_ARM.path, files, loads=loads)
+    assert given is not None
+    found = identify_servos(given)
+    (scale,) = found.scale
+    assert scale.value == pytest.approx(1.0, rel=0.03) and scale.low <= 1.0 <= scale.high
+    assert max(servo.error for servo in found.servos) < HEAVY_ARM.tick
+    for k, servo in enumerate(found.servos):
+        *_, kp, _, _, rotor = found.parameters[6 * k : 6 * k + 6]
+        if servo.gravity:
+            assert kp.low <= HEAVY_ARM.kp[k] <= kp.high
+            assert rotor.low <= HEAVY_ARM.armature[k] <= rotor.high
+            assert rotor.high / rotor.low > 1.02  # its deviation is not that of a mere difference

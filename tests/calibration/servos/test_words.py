@@ -27,9 +27,8 @@ THETA = np.array([0.06, 0.02, 0.08, 2e-3, 0.015])
 def joint(deviations=(0.05,) * 5, *, gravity=True, offset=0.0, error=2e-3, simple=20e-3):
     """A servo of kp 12.5 N·m/rad whose ln θ have the given standard deviations."""
     covariance = np.diag(np.square(deviations))
-    scaled = float(deviations[2])
     return JointEstimate(
-        np.log(THETA), covariance, np.full(6, 2.0), gravity, offset, error, simple, scaled
+        np.log(THETA), covariance, np.full(6, 2.0), gravity, offset, error, simple
     )  # fmt: skip
 
 
@@ -156,7 +155,7 @@ def test_a_scale_multiplies_forces_and_leaves_times_alone():
     for name in ("kp", "kv", "armature", "friction"):
         assert getattr(heavy, name) == pytest.approx(1.3 * getattr(plain, name))
     assert heavy.delay == plain.delay
-    kp = parameters("a", 1, joint()._replace(scaled=0.1), scale)[2]
+    kp = parameters("a", 1, joint((0.05, 0.05, 0.1, 0.05, 0.05)), scale)[2]
     assert kp.value == pytest.approx(1.3 * 12.5)
     assert np.log(kp.high / kp.value) == pytest.approx(0.2)
 

@@ -7,11 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import BadRun
-from ....experiment.record import FILE, TARGET_DELAYS, Record
+from ....experiment.record import FILE, PROFILED, TARGET_DELAYS, Record
 from ..errors import UnreadableLog
 from . import Columns, check_size
 
 LIBRARY = "Arrow"
+FOLLOWED = "followed"
+"""First word of columns of targets to which a profile has been applied."""
 
 
 def recognises(path: Path, _head: bytes) -> bool:
@@ -41,8 +43,9 @@ def read(path: Path) -> list[Columns]:
     delays = record.metadata.get(TARGET_DELAYS)
     for name in "qvu" if delays is None else "qv":
         values |= {f"{name}_{k}": column for k, column in enumerate(record[name].T)}
+    name = f"{FOLLOWED}_target" if record.metadata.get(PROFILED) else "target"
     targets = [
-        Columns({"t": record["t"] - delay, f"target_{k}": record["u"][:, k]})
+        Columns({"t": record["t"] - delay, f"{name}_{k}": record["u"][:, k]})
         for k, delay in enumerate(delays or ())
     ]
     return [Columns(values), *targets]
