@@ -23,10 +23,10 @@ from .logs import ServoLog, coupled
 from .start import start
 
 _DELAY = 0.015  # before the log [s]
-_SPREAD = np.array([3.0, 3.0, 3.0, 1.0, 1.5])
-# standard deviations of ln θ before the log: T, f and g nearly free; a within a factor of 7 of that
-# of a critically damped servo, T²/4, and delays of serial buses within 20
-_ALIKE = np.array([1.0, 3.0, 3.0, 1.0, 0.5])
+_SPREAD = np.array([3.0, 3.0, 3.0, 2.5, 1.5])
+# standard deviations of ln θ before the log: T, f and g nearly free; a within a factor of 130 of
+# that of a critically damped servo, T²/4, and delays of serial buses within 20
+_ALIKE = np.array([1.0, 3.0, 3.0, 2.5, 0.5])
 # the same about T and d that the joints have in common, within factors of 7 and 2.7
 _SWEEPS = 8  # at most, over all joints, with the loads of the others' simulated motion
 _SETTLED = 0.2  # change of that motion, over the residual, at which they end

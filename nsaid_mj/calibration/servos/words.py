@@ -56,6 +56,8 @@ def parameters(
             combination = _CONVENTION
         combination = doubt or combination
         value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
+        if half > 1.0 and short != "kp":
+            low = 0.0  # the motion is linear in all but kp, and hardly differs without it
         about = f"{label} of {name}"
         found.append(
             Parameter(

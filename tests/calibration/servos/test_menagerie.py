@@ -73,6 +73,30 @@ def test_intervals_hold(case):
     assert np.mean(held) >= 0.9
 
 
+def slow(robot, rng, t):
+    """(N, n) smooth targets that hardly accelerate."""
+    w, half = 2 * np.pi * np.array([0.2, 0.4, 0.6]), (robot.high - robot.low)[:, None] / 8
+    phase = rng.uniform(0, 2 * np.pi, (len(robot.joints), 3))
+    return (half * np.sin(w * t[:, None, None] + phase)).sum(axis=2)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_intervals_of_overdamped_servos_without_friction_hold(tmp_path, seed):
+    """In the Menagerie kv/kp is 0.1 to 0.2 s and armature is small: a slow motion shows neither
+    armature nor delay, and critical damping would be a hundred times as much armature."""
+    kp = np.array([2000.0, 2100.0, 1900.0, 500.0])
+    robot = STIFF_ARM._replace(
+        kp=kp, kv=0.18 * kp, friction=0 * kp, armature=0 * kp + 0.1, rate=100.0, delay=0.012
+    )
+    log = {"seed": seed, "seconds": 40.0, "command": slow}
+    found, _ = identified(tmp_path, robot, FINGERS, [log])
+    assert found["explains"] == "yes"
+    for p in found["parameters"]:
+        name, _, k = p["name"].rpartition("_")
+        if name in {"T", "f", "a", "d"}:
+            assert p["low"] <= truth(robot, name, int(k) - 1) <= p["high"], p["name"]
+
+
 def test_the_exported_file_follows_the_logs(case):
     robot, found, model = case
     (replay,) = [f for f in found["findings"] if f["code"] == "replay"]
