@@ -11,6 +11,7 @@ import os
 import shlex
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -76,6 +77,7 @@ def run_from_shell() -> NoReturn:
 
 
 def _exit(action: Callable[[], int]) -> NoReturn:
+    warnings.formatwarning = lambda message, *_: printable(f"nsaid: {message}") + "\n"
     with ending_like_ctrl_c():
         try:
             code = action()

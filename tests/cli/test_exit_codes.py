@@ -17,7 +17,7 @@ from nsaid_mj.evaluation.result import Mark
 from nsaid_mj.identifiers import Status
 from nsaid_mj.studies.compare import PRIOR, Cell
 from nsaid_mj.studies.sweep_results import Sweep
-from tests.support.faulty import shell
+from tests.support.faulty import call, shell
 from tests.support.identification import identification
 
 ROOT = Path(nsaid_mj.cli.__file__).parents[2]
@@ -200,3 +200,11 @@ def test_the_documentation_has_the_table() -> None:
 
     table = [line for line in (process.__doc__ or "").splitlines() if line.startswith("|")]
     assert all(line in text for line in table)
+
+
+def test_a_warning_is_a_line_for_users(tmp_path: Path) -> None:
+    """Not a place in our code, as Python prints it."""
+    leg = Path(__file__).parents[1] / "data" / "menagerie" / "leg.xml"
+    done = call("run", "arm", "--robot", leg, "--duration", 0.1, "--out", "out", cwd=tmp_path)
+    (line,) = [line for line in done.stderr.splitlines() if "free joint" in line]
+    assert line.startswith("nsaid: robot ") and ".py:" not in done.stderr
