@@ -42,6 +42,6 @@ def missing_files(
     """One note on all meshes (or another `kind` of file) that a model lacks, if there are any."""
     if not names:
         return []
-    others = f" and {len(names) - 1} more" if len(names) > 1 else ""
-    text = f"{len(names)} {kind} files were not found ({names[0]}{others}), so {remark}"
+    others, were = (f" and {len(names) - 1} more", "files were") if names[1:] else ("", "file was")
+    text = f"{len(names)} {kind} {were} not found ({names[0]}{others}), so {remark}"
     return [Finding("note", "mesh_missing", path.name, text, remedy, {"files": names})]

@@ -54,7 +54,7 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
         spec = mujoco.MjSpec.from_file(str(path))
         missing = _without_missing_files(spec, path.parent)
         findings = [
-            *missing_files(path, "mesh and texture", missing, *_UNDRAWN),
+            *missing_files(path, "mesh or texture", missing, *_UNDRAWN),
             *check_inertials(spec),
         ]
         mj = spec.compile()
