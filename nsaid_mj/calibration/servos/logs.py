@@ -63,6 +63,13 @@ class ServoLog(NamedTuple):
     loaded: bool = False
     limit: Array | None = None
 
+    def part(self, rows: slice) -> ServoLog:
+        """Some of the rows."""
+        t, issued, target, position, load, mass = (x[rows] for x in self[1:7])
+        return ServoLog(
+            self.source, t, issued, target, position, load, mass, self.loaded, self.limit
+        )
+
     def joint(self, j: int) -> JointLog:
         """The log of one joint, for its simulation."""
         columns = (self.target[:, j], self.position[:, j], self.load[:, j], self.mass[:, j, j])

@@ -63,6 +63,26 @@ def test_servos_are_those_behind_a_profile_that_is_told(case):
     np.testing.assert_allclose(again.logs[0].target, given.logs[0].target, atol=1e-9)
 
 
+def test_a_profile_that_is_not_told_is_found_and_used(case):
+    """Without it kv/kp is two to six times too large, in intervals of a few per cent."""
+    _, files, told = case
+    given = servo_logs(MODEL, files)
+    assert given is not None
+    result = identify_servos(given)
+    (finding,) = [f for f in result.findings if f.code == "hidden_profile"]
+    (name,) = told
+    assert finding.level == "warning" and f"`{name} = " in finding.remedy
+    assert finding.data[name] == pytest.approx(told[name], rel=0.03)
+    held = []
+    for k, servo in enumerate(result.servos):
+        true = T[k], F[k], DELAY - SKEW * k
+        assert servo.kv / servo.kp == pytest.approx(T[k], rel=0.05)
+        assert servo.delay == pytest.approx(true[2], abs=2.5e-3)
+        own = result.parameters[6 * k : 6 * k + 6]
+        held += [own[i].low <= x <= own[i].high for i, x in zip((0, 1, 4), true, strict=True)]
+    assert np.mean(held) >= 0.9
+
+
 def test_a_joint_s_own_profile_replaces_that_of_all(tmp_path):
     t, u, q = log(70, 12.0)
     path = write(tmp_path / "log.csv", t, u, q)
