@@ -168,8 +168,7 @@ def _fitted_servos(given: ServoLogs, model: str, told: Told) -> list[_Part]:
     """Errors of every log with the servos that a method finds from the other half of the logs."""
     logs = list(given.logs)
     if len(logs) == 1:
-        half = len(logs[0].t) // 2
-        logs = [logs[0].part(slice(None, half)), logs[0].part(slice(half, None))]
+        logs = logs[0].halves()
     found = []
     for own, rest in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):
         part = given._replace(logs=tuple(rest))

@@ -39,8 +39,11 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     Args:
         logs: without loads, whose targets have no profile yet.
     """
-    pieces = list(logs) if len(logs) > 1 else _halves(logs[0])
-    pieces = [_first(log, _SECONDS) for log in pieces[:: -(-len(pieces) // _LOGS)]]
+    pieces = list(logs) if len(logs) > 1 else logs[0].halves()
+    pieces = [
+        log.part(slice(None, int(np.searchsorted(log.t, log.t[0] + _SECONDS))))
+        for log in pieces[:: -(-len(pieces) // _LOGS)]
+    ]
     travel = np.min([np.ptp(log.position, axis=0) for log in pieces], axis=0)
     joints, none = np.flatnonzero(travel > TRAVEL), np.zeros(3)
     if len(pieces) < 2 or not len(joints):
@@ -80,17 +83,6 @@ def _refined(cost: Callable[[float], float]) -> float:
         lambda x: cost(float(np.exp(x))), bounds=(-spread, spread), options={"xatol": _EXACT}
     )
     return float(np.exp(found.x))
-
-
-def _first(log: ServoLog, seconds: float) -> ServoLog:
-    """The beginning of a log."""
-    return log.part(slice(None, int(np.searchsorted(log.t, log.t[0] + seconds))))
-
-
-def _halves(log: ServoLog) -> list[ServoLog]:
-    """Both halves of a log."""
-    half = len(log.t) // 2
-    return [log.part(slice(None, half)), log.part(slice(half, None))]
 
 
 def _errors(pieces: Sequence[ServoLog], joints: Indices, profile: Array) -> Array:

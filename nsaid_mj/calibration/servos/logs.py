@@ -72,6 +72,11 @@ class ServoLog(NamedTuple):
             t=t, issued=issued, target=target, position=position, load=load, mass=mass
         )
 
+    def halves(self) -> list[ServoLog]:
+        """The first and the second half of the rows."""
+        half = len(self.t) // 2
+        return [self.part(slice(None, half)), self.part(slice(half, None))]
+
     def joint(self, j: int) -> JointLog:
         """The log of one joint, for its simulation."""
         columns = (self.target[:, j], self.position[:, j], self.load[:, j], self.mass[:, j, j])
