@@ -168,8 +168,7 @@ def _fitted_servos(given: ServoLogs, model: str, told: Told) -> list[_Part]:
     """Errors of every log with the servos that a method finds from the other half of the logs."""
     logs = list(given.logs)
     if len(logs) == 1:
-        half = len(logs[0].t) // 2
-        logs = [_part(logs[0], slice(None, half)), _part(logs[0], slice(half, None))]
+        logs = logs[0].halves()
     found = []
     for own, rest in ((logs[::2], logs[1::2]), (logs[1::2], logs[::2])):
         part = given._replace(logs=tuple(rest))
@@ -184,12 +183,6 @@ def _fitted_servos(given: ServoLogs, model: str, told: Told) -> list[_Part]:
                 delay = np.asarray(write_by_toolbox(part, path, model == SYSID))
             found += [_apart(path, given, log, delay) for log in own]
     return found
-
-
-def _part(log: ServoLog, rows: slice) -> ServoLog:
-    """A part of a log."""
-    t, issued, u, q, load, mass = (x[rows] for x in log[1:7])
-    return ServoLog(log.source, t, issued, u, q, load, mass)
 
 
 def _followed_late(given: ServoLogs) -> Score:

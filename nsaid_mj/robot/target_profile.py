@@ -13,7 +13,7 @@ from numba import njit
 
 from ..parameters import Array
 
-_STEP = 1e-3  # longest, between rows of a log [s]
+_STEP = 4e-3  # longest, between rows of a log [s]
 
 
 def at_rest(target: Array) -> Array:

@@ -186,9 +186,11 @@ class File:
 
     Attributes:
         offset: added to the file's times, to put several files on one clock [s].
+        p: register to which the stiffness of position servos is proportional, in any unit.
     """
 
     offset: Plain = 0.0
+    p: Count | None = None
 
 
 Matrix = Annotated[tuple[tuple[Plain, ...], ...], Field(min_length=1)]

@@ -241,14 +241,14 @@ def _with_load(
     zero = zeros(logs)
     spread = covariance_of(found.arm, fit, found.prior, np.tile(cluster, n), zero)
     whole, moved = spread.covariance, spread.moved
-    pairs = [found.joint(j) for j in range(n)]
-    at = np.arange(n) * len(pairs[0][0].x)
+    fits = [found.joint(j) for j in range(n)]
+    at = np.arange(n) * len(fits[0].x)
     known = np.array([
         _reveals(whole[k, k], moved[k, n + j]) for j, k in enumerate((at + GRAVITY).tolist())
     ])  # fmt: skip
-    known &= _sag(logs, [f.x for f, _ in pairs]) > _LEAST_SAG * zero
-    common, joints, scale = _common([f for f, _ in pairs], known, kp), [], len(fit.x) - 4
-    for j, (one, _) in enumerate(pairs):
+    known &= _sag(logs, [one.x for one in fits]) > _LEAST_SAG * zero
+    common, joints, scale = _common(fits, known, kp), [], len(fit.x) - 4
+    for j, one in enumerate(fits):
         logs_of, place = [log.joint(j) for log in own], slice(at[j], at[j] + len(one.x))
         if not known[j]:
             one.x[GRAVITY] = common[j]

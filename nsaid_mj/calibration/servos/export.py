@@ -173,6 +173,8 @@ def rollout(
         target = followed(log.t, log.issued, profile)
     for i, late in zip(servos, delay, strict=True):
         spec.actuators[i].dyntype = mujoco.mjtDyn.mjDYN_NONE  # a filter is part of the profile
+        spec.actuators[i].gainprm[0] *= log.stiffer
+        spec.actuators[i].biasprm[1] *= log.stiffer
         spec.actuators[i].delay = late
         spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
     mj = spec.compile()

@@ -91,7 +91,7 @@ def _offset(log: JointLog | ServoLog, zero: Array, _: Array) -> Array:
 
 
 def _play(log: JointLog | ServoLog, zero: Array, g: Array) -> Array:
-    sunk = g * log.load
+    sunk = g * log.load / log.stiffer
     side = sunk / (np.abs(sunk) + zero / 4)  # friction holds a joint that hardly sinks
     return log.target - PLAY * zero * (side - side.mean(axis=0))  # a constant side is an offset
 

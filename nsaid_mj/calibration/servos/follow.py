@@ -58,7 +58,8 @@ def follow(
 
 def _begin(log: JointLog) -> JointLog:
     count = int(np.searchsorted(log.t, log.t[0] + _BEGIN))
-    return JointLog(*(part[:count] for part in log[:5]), limit=log.limit)
+    rows = (part[:count] for part in log[:5])
+    return JointLog(*rows, limit=log.limit, stiffer=log.stiffer)
 
 
 def _followed(logs: Sequence[JointLog], fit: JointEstimate, x: Array, used: Array) -> Followed:
@@ -76,14 +77,16 @@ def _followed(logs: Sequence[JointLog], fit: JointEstimate, x: Array, used: Arra
         noise, out = power / h, np.empty((len(log.t), 6))
         x[:2], P[:2], P[:, :2] = (log.position[0], 0.0), 0.0, 0.0
         P[0, 0] = noise
-        _follow(*log, theta, x, P, counts, noise, power / (EFFECTIVE * h) / J**2, out)
+        _follow(*log, log.own(theta), x, P, counts, noise, power / (EFFECTIVE * h) / J**2, out)
         found.append(out)
     rows = np.concatenate(found)
     return Followed(rows[:, :3], rows[:, 3:])
 
 
 @njit(cache=True)
-def _follow(t, target, position, load, inertia, limit, theta, x, P, used, noise, power, out):
+def _follow(
+    t, target, position, load, inertia, limit, stiffer, theta, x, P, used, noise, power, out
+):
     """Predicts and corrects at every sample; x (5,) is q, v, ln T, ln f, ln g, P (5, 5) is of it.
 
     `noise` is the variance of a position [rad²], `power` the density of accelerations [rad²/s³].
@@ -97,13 +100,13 @@ def _follow(t, target, position, load, inertia, limit, theta, x, P, used, noise,
                 for side in range(2):
                     y = x.copy()
                     y[k] += _CHANGES[k] * (1 - 2 * side)
-                    last[:3] = np.exp(y[2:])
+                    last[:3] = np.exp(y[2:]) / stiffer
                     ends[side, 0], ends[side, 1], _ = move(
                         *own, last, NONE, STEP, i - 1, i, held, y[0], y[1], spare
                     )
                 for j in range(2):
                     F[j, k] = (ends[0, j] - ends[1, j]) / (2 * _CHANGES[k])
-            last[:3] = np.exp(x[2:])
+            last[:3] = np.exp(x[2:]) / stiffer
             x[0], x[1], held = move(*own, last, NONE, STEP, i - 1, i, held, x[0], x[1], spare)
             _propagate(F, P)
             h = t[i] - t[i - 1]

@@ -15,13 +15,16 @@ from ...evaluation.result import Parameter
 from ...numerics.threads import single_threaded
 from ...parameters import Array
 from ...resources import asset
+from ...robot.target_profile import followed
 from ..data import RobotModel
 from ..findings import Finding
 from ..logs import Map, Table, read_map, read_tables
 from ..models import load_robot_model
 from ..payloads import Load, carrier, check_loads
-from .estimate import Estimate, estimate
+from .estimate import Estimate, JointEstimate, estimate
+from .fit import DELAY
 from .follow import follow
+from .hidden_profile import hidden_profile
 from .logs import ServoLog, coupled, read_servo_logs, servo_map
 from .result import ServoIdentification
 from .words import (
@@ -37,6 +40,8 @@ from .words import (
 )
 
 _MOST = 0.3  # share of masked samples that points to the structure rather than foreign forces
+
+_TRADED = 1e-3  # deviation of delays behind a profile that was not told, on simulated arms [s]
 
 
 class ServoLogs(NamedTuple):
@@ -147,8 +152,12 @@ def identify_servos(
     if length < 10.0:
         remedy = "Intervals need several motions."
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
+    told("looking for a profile of the targets")
+    given, profile = _with_profile(given)
     limits = np.asarray(given.robot.limits, dtype=np.float64)
     found = estimate(given.robot, given.logs, given.kp, told, given.load, limits)
+    if profile:
+        found = found._replace(joints=tuple(_traded(joint) for joint in found.joints))
     names, joints, used = given.robot.joints, found.joints, found.used
     pairs = list(zip(names, joints, strict=True))
     servos = tuple(servo(name, joint, found.scale) for name, joint in pairs)
@@ -172,13 +181,33 @@ def identify_servos(
         verdict=sentence,
         parameters=own,
         law=along,
-        findings=(*doubts, *found.findings, *notes, *given.findings),
+        findings=(*doubts, *profile, *found.findings, *notes, *given.findings),
         robot=given.robot,
         servos=servos,
         scale=masses(found.scale),
         used=used,
         seconds=time.perf_counter() - begin,
     )
+
+
+def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
+    """The arm and its logs with the targets' profile that the logs show, if none was told."""
+    servos = given.robot.servos
+    assert servos is not None  # as the logs are of targets
+    if servos.profile.any():
+        return given, ()
+    found, said = hidden_profile([log for log in given.logs if not log.loaded])
+    every = servos.profile + found
+    logs = tuple(log._replace(target=followed(log.t, log.issued, every)) for log in given.logs)
+    robot = replace(given.robot, servos=servos._replace(profile=every))
+    return given._replace(robot=robot, logs=logs) if said else given, said
+
+
+def _traded(joint: JointEstimate) -> JointEstimate:
+    """The estimate whose interval of the delay includes what a profile found by the logs trades."""
+    wider = np.zeros_like(joint.covariance)
+    wider[DELAY, DELAY] = (_TRADED / joint.theta[DELAY]) ** 2
+    return joint._replace(covariance=joint.covariance + wider)
 
 
 def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:

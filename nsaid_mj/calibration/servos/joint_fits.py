@@ -20,6 +20,7 @@ from .fit import (
     weights,
 )
 from .logs import ServoLog, coupled
+from .simulation import JointLog
 from .start import start
 
 _DELAY = 0.015  # before the log [s]
@@ -72,10 +73,9 @@ def fit_free(
     found = Fitted(logs, [], [], np.ones(sum(len(log.t) for log in logs)))
     for j in range(len(limits)):
         own = found.simulated(j)
-        first = np.log(start(own.logs))
-        guess = np.r_[first[:3], _critical(first[0]), np.log(_DELAY)]
-        found.priors.append(Prior(guess, _SPREAD))
-        found.fits.append(minimise(own, first, found.priors[-1]))
+        first, prior = alone(own.logs)
+        found.priors.append(prior)
+        found.fits.append(minimise(own, first, prior))
     used = found.used
     for j, fit in enumerate(found.fits):
         used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
@@ -85,6 +85,12 @@ def fit_free(
     if np.isfinite(limited).any():
         found = _together([log._replace(limit=limited) for log in logs], found)
     return found
+
+
+def alone(logs: Sequence[JointLog]) -> tuple[Array, Prior]:
+    """(5,) ln θ to start from, and the prior of a joint of which nothing is known."""
+    first = np.log(start(logs))
+    return first, Prior(np.r_[first[:3], _critical(first[0]), np.log(_DELAY)], _SPREAD)
 
 
 def _alike(found: Fitted) -> Fitted:

@@ -51,6 +51,7 @@ class ServoLog(NamedTuple):
         mass: (N, n, n) mass matrix without armatures [kg·m², kg·m or kg].
         loaded: whether the arm carries a weighed load.
         limit: (n,) largest force of each servo [N·m or N]; None without limits.
+        stiffer: kp of all servos in this log over that of the first.
     """
 
     source: str
@@ -62,12 +63,26 @@ class ServoLog(NamedTuple):
     mass: Array
     loaded: bool = False
     limit: Array | None = None
+    stiffer: float = 1.0
+
+    def part(self, rows: slice) -> ServoLog:
+        """Some of the rows."""
+        t, issued, target, position, load, mass = (x[rows] for x in self[1:7])
+        return self._replace(
+            t=t, issued=issued, target=target, position=position, load=load, mass=mass
+        )
+
+    def halves(self) -> list[ServoLog]:
+        """The first and the second half of the rows."""
+        half = len(self.t) // 2
+        return [self.part(slice(None, half)), self.part(slice(half, None))]
 
     def joint(self, j: int) -> JointLog:
         """The log of one joint, for its simulation."""
         columns = (self.target[:, j], self.position[:, j], self.load[:, j], self.mass[:, j, j])
         limit = np.inf if self.limit is None else float(self.limit[j])
-        return JointLog(self.t, *map(np.ascontiguousarray, columns), limit=limit)
+        rows = map(np.ascontiguousarray, columns)
+        return JointLog(self.t, *rows, limit=limit, stiffer=self.stiffer)
 
 
 def servo_map(
@@ -138,10 +153,11 @@ def read_servo_logs(
             raise InvalidInput("map: column", "a column of the log", name, "Correct map.toml.")
     recordings, findings = join(tables, mapping or Map(), names)
     logs: list[ServoLog] = []
-    model = without_armature(robot.model)
+    model, stiffer = without_armature(robot.model), _stiffer(recordings, mapping or Map())
     for recording in recordings:
         stretches, said = _stretches(recording, made, servos)
-        logs += [log._replace(loaded=recording.source in carrying) for log in stretches]
+        loaded, kp = recording.source in carrying, stiffer.get(recording.source, 1.0)
+        logs += [log._replace(loaded=loaded, stiffer=kp) for log in stretches]
         findings += said
     if not logs:
         text = f"no stretch of {_SHORTEST:g} s has all targets and positions"
@@ -154,6 +170,23 @@ def read_servo_logs(
     if any(f.level == "refusal" for f in findings):
         raise UnusableLog(tuple(findings))
     return tuple(weighed(model, log) for log in logs), tuple(findings)
+
+
+def _stiffer(recordings: Sequence[Recording], mapping: Map) -> dict[str, float]:
+    """kp of the recordings over that of the first, by their sources, as far as the map tells.
+
+    Raises:
+        InvalidInput: it tells that of some recordings only.
+    """
+    told = {name: file.p for name, file in mapping.files.items() if file.p is not None}
+    sources = [recording.source for recording in recordings]
+    missing = [source for source in sources if source not in told]
+    if not told or not sources:
+        return {}
+    if missing:
+        remedy = "State `p` of every file, or of none."
+        raise InvalidInput("map: files", "p of every log", f"none of {missing[0]}", remedy)
+    return {source: told[source] / told[sources[0]] for source in sources}
 
 
 def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
@@ -253,7 +286,8 @@ def coupled(log: ServoLog, theta: Array) -> tuple[Array, ServoLog]:
     q, v = np.empty_like(log.position), np.zeros_like(log.position)
     q[0] = log.position[0]
     limit = np.full(len(theta), np.inf) if log.limit is None else log.limit
-    move_arm(log.t, log.target, log.load, log.mass, limit, theta, STEP, q, v)
+    own = log.joint(0).own(theta)
+    move_arm(log.t, log.target, log.load, log.mass, limit, own, STEP, q, v)
     a = np.gradient(v, log.t, axis=0)
     others = np.einsum("kji,ki->kj", log.mass, a) - np.einsum("kjj,kj->kj", log.mass, a)
     return q, log._replace(load=log.load + others)

@@ -35,6 +35,7 @@ class JointLog(NamedTuple):
         load: (N,) torque or force that the arm requires of the joint beside M_jj q̈ [N·m or N].
         inertia: (N,) M_jj without armature [kg·m² or kg].
         limit: largest torque or force of the servo [N·m or N].
+        stiffer: kp in this log over that of θ.
     """
 
     t: Array
@@ -43,6 +44,11 @@ class JointLog(NamedTuple):
     load: Array
     inertia: Array
     limit: float = np.inf
+    stiffer: float = 1.0
+
+    def own(self, theta: Array) -> Array:
+        """(..., 5) θ with this log's kp."""
+        return theta / [*4 * (self.stiffer,), 1.0]
 
 
 class Effects(NamedTuple):
@@ -71,7 +77,7 @@ def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
     out, last = np.empty(len(log.t)), len(log.t) - 1
     out[0] = q = log.position[0]
     apart = log.t, log.target, log.load, log.inertia, log.limit
-    move(*apart, theta, effects, STEP, 0, last, 0, q, 0.0, out)
+    move(*apart, log.own(theta), effects, STEP, 0, last, 0, q, 0.0, out)
     return out
 
 

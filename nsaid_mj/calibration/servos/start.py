@@ -54,7 +54,7 @@ def _rows(log: JointLog, delay: float) -> tuple[Array, Array]:
     gravity, inertia = (np.interp(t, log.t, x) for x in (log.load, log.inertia))
     A = np.column_stack([v, np.tanh(v / _SMOOTH), gravity + inertia * acceleration, acceleration])
     moving = np.abs(v) > _MOVING
-    return A[moving], (u - q)[moving]
+    return A[moving] / log.stiffer, (u - q)[moving]
 
 
 def _robust(A: Array, y: Array) -> tuple[Array, float]:

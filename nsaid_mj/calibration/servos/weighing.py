@@ -138,12 +138,11 @@ class Weighed(NamedTuple):
     prior: Prior
     used: Array
 
-    def joint(self, j: int) -> tuple[OutputError, Prior]:
-        """The fit of one joint [rad or m], without derivatives, and its prior."""
+    def joint(self, j: int) -> OutputError:
+        """The fit of one joint [rad or m], without derivatives."""
         own, sigma = slice(_OWN * j, _OWN * (j + 1)), self.arm.sigma[j]
         residual = self.fit.residual.reshape(len(self.arm.sigma), -1)[j] * sigma
-        fit = OutputError(self.fit.x[own].copy(), residual, sigma, np.zeros((len(residual), 0)))
-        return fit, Prior(self.prior.mean[own], self.prior.deviation[own])
+        return OutputError(self.fit.x[own].copy(), residual, sigma, np.zeros((len(residual), 0)))
 
 
 def weigh(

@@ -92,7 +92,10 @@ def smoothed(lag):
     return lambda wanted: wanted[0] + lfilter(b, a, wanted - wanted[0], axis=0)
 
 
-def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0, change=None, follow=None):
+def log(
+    seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0, change=None, follow=None,
+    stiffer=1.0,
+):  # fmt: skip
     """(N,) times, (N, 6) targets and (N, 6) positions of one log.
 
     Args:
@@ -104,8 +107,11 @@ def log(seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0, change=
         load: mass of a ball in the gripper [kg].
         change: called with MuJoCo's model and data before every step.
         follow: what the controller makes of the targets, see `limited`.
+        stiffer: kp over `KP`; kv stays.
     """
     rng, mj = np.random.default_rng(seed), arm(heavier, load)
+    mj.actuator_gainprm[:, 0] *= stiffer
+    mj.actuator_biasprm[:, 1] *= stiffer
     t = np.arange(0, seconds, 0.02) + rng.uniform(-2e-3, 2e-3, round(seconds / 0.02))
     t -= t[0]
     u = targets(rng, t, speed)

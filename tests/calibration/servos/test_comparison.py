@@ -6,7 +6,7 @@ import mujoco.sysid
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.comparison import IDENTIFIED, STOCK, SYSID, _part, compare_servos
+from nsaid_mj.calibration.comparison import IDENTIFIED, STOCK, SYSID, compare_servos
 from nsaid_mj.calibration.servos import rollout, servo_logs
 from nsaid_mj.calibration.servos.estimate import DELAYS, late
 from nsaid_mj.cli.commands import command
@@ -63,7 +63,7 @@ def test_the_true_model_is_the_best_and_the_identified_one_is_near(scores):
 def test_mujocos_toolbox_predicts_better_than_the_file_it_starts_from(folder):
     given = servo_logs(folder / "damped.xml", sorted(folder.glob("*.csv")))
     assert given is not None
-    short = given._replace(logs=tuple(_part(one, slice(0, 150)) for one in given.logs))
+    short = given._replace(logs=tuple(one.part(slice(0, 150)) for one in given.logs))
     damped, best, _ = compare_servos(short, [folder / "damped.xml", SYSID])
     assert best.errors[-1].mean() < 0.3 * damped.errors[-1].mean()
 

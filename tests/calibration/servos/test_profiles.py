@@ -10,7 +10,7 @@ from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.robot.target_profile import followed
 
-from .simulated import DELAY, JOINTS, MODEL, SKEW, F, T, limited, log, smoothed, write
+from .simulated import DELAY, JOINTS, KP, MODEL, SKEW, F, T, limited, log, smoothed, write
 
 PROFILES = {"speed": (limited(1.0), {"speed": 1.0}), "lag": (smoothed(0.1), {"lag": 0.1})}
 
@@ -63,6 +63,26 @@ def test_servos_are_those_behind_a_profile_that_is_told(case):
     np.testing.assert_allclose(again.logs[0].target, given.logs[0].target, atol=1e-9)
 
 
+def test_a_profile_that_is_not_told_is_found_and_used(case):
+    """Without it kv/kp is two to six times too large, in intervals of a few per cent."""
+    _, files, told = case
+    given = servo_logs(MODEL, files)
+    assert given is not None
+    result = identify_servos(given)
+    (finding,) = [f for f in result.findings if f.code == "hidden_profile"]
+    (name,) = told
+    assert finding.level == "warning" and f"`{name} = " in finding.remedy
+    assert finding.data[name] == pytest.approx(told[name], rel=0.03)
+    held = []
+    for k, servo in enumerate(result.servos):
+        true = T[k], F[k], DELAY - SKEW * k
+        assert servo.kv / servo.kp == pytest.approx(T[k], rel=0.05)
+        assert servo.delay == pytest.approx(true[2], abs=2.5e-3)
+        own = result.parameters[6 * k : 6 * k + 6]
+        held += [own[i].low <= x <= own[i].high for i, x in zip((0, 1, 4), true, strict=True)]
+    assert np.mean(held) >= 0.9
+
+
 def test_a_joint_s_own_profile_replaces_that_of_all(tmp_path):
     t, u, q = log(70, 12.0)
     path = write(tmp_path / "log.csv", t, u, q)
@@ -83,6 +103,26 @@ def test_a_joint_s_own_profile_replaces_that_of_all(tmp_path):
     np.testing.assert_allclose(one.issued, u, atol=1e-6)
     with pytest.raises(InvalidInput, match="profile"):
         map_of({"profile": {"speed": -1.0}})
+
+
+def test_logs_with_other_stiffness_registers_are_fitted_together(tmp_path):
+    """The second log was recorded with twice the register's P; kp is that of the first."""
+    files = [write(tmp_path / f"p{p}.csv", *log(80 + p, 25.0, stiffer=p / 16)) for p in (16, 32)]
+    told = {file.name: {"p": p} for file, p in zip(files, (16, 32), strict=True)}
+    given = servo_logs(MODEL, files, map_of({"files": told}))
+    assert given is not None and [one.stiffer for one in given.logs] == [1, 2]
+    result = identify_servos(given, law="efficient")
+    for k, servo in enumerate(result.servos):
+        assert servo.error < 0.6e-3
+        assert servo.kv / servo.kp == pytest.approx(T[k], rel=0.05)
+        assert servo.kp == pytest.approx(KP[k], rel=0.05) or not servo.gravity
+    assert not any(f.code == "law" for f in result.findings)
+    write_servo_mjcf(result, tmp_path / "identified.xml")
+    own, *_ = compare_servos(given, [tmp_path / "identified.xml"])
+    assert np.mean(own.errors[-1]) < 1.5e-3
+    del told["p32.csv"]
+    with pytest.raises(InvalidInput, match="p of every log"):
+        servo_logs(MODEL, files, map_of({"files": told}))
 
 
 def test_a_filter_of_the_model_file_is_the_targets_lag(tmp_path):

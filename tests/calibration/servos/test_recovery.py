@@ -46,6 +46,7 @@ def truth(name, k):
 
 def test_servos_are_found(result):
     assert result.explains == "yes"
+    assert not any(f.code == "hidden_profile" for f in result.findings)
     for k, servo in enumerate(result.servos):
         assert servo.kv / servo.kp == pytest.approx(T[k], rel=0.15)
         assert servo.friction / servo.kp == pytest.approx(F[k], rel=0.1)
