@@ -9,10 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.calibration.data import RobotModel
+from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.logs import prepare, read_tables
 from nsaid_mj.calibration.logs.errors import UnmatchedChannels
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.vehicles import Drive
+from nsaid_mj.calibration.timing import Drive
 from nsaid_mj.cli.commands import command
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
@@ -31,13 +32,23 @@ class Flight(NamedTuple):
     truth: np.ndarray
 
 
-@pytest.fixture(scope="module")
-def flight() -> Flight:
-    scenario = replace(load("hummingbird"), duration=6.0, sensors="ideal", seed=3)
+def flown(duration: float, seed: int, **style: float) -> Flight:
+    scenario = replace(load("hummingbird"), duration=duration, sensors="ideal", seed=seed)
     plant = replace(scenario.plant, mismatch=Mismatch(lag=LAG, delay=DELAY))
-    setup = Setup.of(replace(scenario, plant=plant))
+    excitation = replace(scenario.excitation, **style)
+    setup = Setup.of(replace(scenario, plant=plant, excitation=excitation))
     with setup.plant.running():
         return Flight(setup.simulate(), setup.plant.truth)
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return flown(6.0, 3)
+
+
+def scatter(values: np.ndarray) -> float:
+    """The largest relative deviation of values from their mean."""
+    return float(np.abs(values / values.mean() - 1).max())
 
 
 @pytest.fixture(scope="module")
@@ -67,8 +78,31 @@ def test_two_commands_lead_from_a_px4_log_to_thrust_ratios(flight, tmp_path, mix
     assert found["joints"][0]["delay"] == pytest.approx(DELAY, abs=0.002)  # held for 2.5 ms
     at = [i for i, p in enumerate(found["parameters"]) if p["name"].startswith("thrust_")]
     thrust = np.array([found["parameters"][i]["value"] for i in at]) / flight.truth[at]
-    assert np.abs(thrust / thrust.mean() - 1).max() <= 0.02
+    assert scatter(thrust) <= 0.02
     assert found["explains"] != "no" and (out / "calibrated.yaml").is_file()
+
+
+SMOOTH = {"radius": 5.0, "speed": 6.0, "climb": 3.0, "yaw_rate": 2.0, "dither": 0.01}
+GENTLE = {"radius": 2.0, "speed": 1.0, "climb": 0.5, "yaw_rate": 0.3, "dither": 0.08, "tilt": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("style", "seed"),
+    [(SMOOTH, 11), *(pytest.param(x, n, marks=pytest.mark.slow)
+                     for x, n in ((SMOOTH, 12), (GENTLE, 11), (GENTLE, 12), (GENTLE, 13)))],
+)  # fmt: skip
+def test_intervals_hold_where_noise_exceeds_fast_accelerations(tmp_path, style, seed):
+    """The noise passed for drag and inertia: −70 % and +5 %, in intervals of ± 30 % and ± 1 %."""
+    flight = flown(20.0, seed, **style)
+    log = write_ulog(tmp_path / "flight.ulg", topics(flight.log, 0.6))
+    found = identify("hummingbird", log, known={"m": float(flight.truth[0])})
+    own = found.parameters[: len(flight.truth)]
+    stated = [(p, true) for p, true in zip(own, flight.truth, strict=True) if p.low < p.high]
+    covered = [p.low <= true <= p.high for p, true in stated if p.status == "identified"]
+    assert len(covered) >= 15 and np.mean(covered) >= 0.8
+    thrust = np.array([p.value / true for p, true in stated if p.name.startswith("thrust_")])
+    assert scatter(thrust) <= 0.02
+    assert thrust == pytest.approx(1.0, abs=0.06)
 
 
 def test_a_dataflash_log_needs_no_map(flight, tmp_path):
