@@ -55,6 +55,8 @@ class VehicleRows:
         structure = getattr(robot.system, "structure", None)
         columns = () if structure is None else structure.columns
         self.rotors = sorted({column.input for column in columns if column.kind == "rotor"})
+        units = recordings.command_units
+        self.rotors = [k for k in self.rotors if units[k] != "rad/s"]  # those are measured speeds
         self.t = np.concatenate([m[0][c] for _, _, m, c in self._parts])
         self.segment = np.concatenate([np.full(len(c), number) for number, _, _, c in self._parts])
         self.usable = np.concatenate([s.usable[:: chosen.every][c] for _, s, _, c in self._parts])

@@ -11,7 +11,7 @@ from ...parameters import Array
 from ..data import RobotModel
 from .checks import limits
 from .matching import candidates, match_targets, words
-from .tables import Table
+from .tables import Table, channel_names
 from .units import FACTORS, Quantity, of_name
 
 _WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
@@ -21,7 +21,8 @@ _HEAD = """\
 #
 # unit   of positions: rad, deg, turns, ticks (with counts_per_turn), m, mm
 #        of velocities: rad/s, deg/s, turns/s, rpm, ticks/s, m/s, mm/s
-#        of commands: N·m, mN·m, N, A, mA, V, %, raw; of position targets: as of positions
+#        of commands: N·m, mN·m, N, A, mA, V, %, raw, of rotors also rpm;
+#        of position targets: as of positions
 # sign   -1 if the column counts against the joint's axis
 # ratio  gear ratio, motor turns per joint turn, if the column is of the motor
 # offset added last, in SI, to reach the zero of the model
@@ -80,7 +81,7 @@ def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
 
     `read_map` accepts it once every joint or actuator has a position and a command.
     """
-    names = list(dict.fromkeys(name for table in tables for name in table.channels))
+    names = channel_names(tables)
     parts = [_HEAD, _channels(tables), _time(tables)]
     if robot.system is not None:
         parts.append(_vehicle(tables, robot))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,7 @@ from . import matching
 from .errors import UnmatchedChannels
 from .flight import flight_map
 from .mapping import Column, Map, Vehicle, matrix
+from .tables import Table, channel_names
 from .units import Quantity, si
 
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
@@ -115,16 +118,16 @@ def _mixed(raw: Array, matrix: Array | None) -> Array:
     return raw if matrix is None else raw @ matrix.T
 
 
-def layout(mapping: Map | None, robot: RobotModel, channels: list[str]) -> Layout:
+def layout(mapping: Map | None, robot: RobotModel, tables: Sequence[Table]) -> Layout:
     """The layout of a map, or of channels whose names match the robot if there are none in it.
 
     Raises:
         UnmatchedChannels: there is no map, and the names are ambiguous.
         InvalidInput: the map names a joint or column that does not exist, or lacks one.
     """
-    mapping = mapping or Map()
+    mapping, channels = mapping or Map(), channel_names(tables)
     if robot.system is not None:
-        return _of_vehicle(mapping, robot, channels)
+        return _of_vehicle(mapping, robot, tables, channels)
     if not mapping.joints:
         mapping = _with_joints(mapping, matching.match(channels, robot.joints, robot.passive))
     remedy = f"The robot's actuated joints are {', '.join(robot.joints)}."
@@ -180,11 +183,13 @@ def _existing(made: Layout, channels: list[str]) -> Layout:
     return made
 
 
-def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
+def _of_vehicle(
+    mapping: Map, robot: RobotModel, tables: Sequence[Table], channels: list[str]
+) -> Layout:
     """The layout of a vehicle's pose, twist and commands; without a map, that of our own runs."""
     m, n, count = robot.system.m, robot.system.n, len(robot.joints)
     assumed = ""
-    if mapping.vehicle is None and (standard := flight_map(robot, channels)) is not None:
+    if mapping.vehicle is None and (standard := flight_map(robot, tables)) is not None:
         mapping, assumed = standard
     if mapping.vehicle is None:
         names = {
@@ -208,7 +213,7 @@ def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
         parts = [
             [Column(column=name) for name in vehicle.pose],
             [Column(column=name) for name in twist],
-            [actuators[name] for name in plain],
+            [_relative(actuators[name], robot) for name in plain],
         ]
     velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
     positions = tuple(_source("position", c) for c in parts[0])
@@ -218,6 +223,16 @@ def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
     commands = tuple(_source("command", c) for c in parts[2])
     made = Layout(positions, velocities, commands, vehicle=vehicle, assumed=assumed)
     return _existing(made, channels)
+
+
+def _relative(command: Column, robot: RobotModel) -> Column:
+    """A command as a share of its full size: a rotor's measured speed is divided by the top one."""
+    if command.unit_as("command") != "rpm" or command.ratio != 1:
+        return command
+    if not np.isfinite(robot.top_speed):
+        remedy = "Give the `ratio` 1/(top speed in rad/s) in the map."
+        raise InvalidInput(f"map: {command.column}", "a sheet with a top speed", "none", remedy)
+    return replace(command, ratio=1 / robot.top_speed)
 
 
 def _check_vehicle(vehicle: Vehicle, m: int, n: int) -> None:
