@@ -21,12 +21,12 @@ from .problem import Problem, Size, size_weights
 from .smoothing import Filter, filter_for
 from .structure import Options, Structured, Velocity
 from .suspects import command_suspects
-from .timing import WORTH, Timing, search
+from .timing import WORTH, Freedom, Timing, search
 
 EXTRA = {"damping": "free", "offset": "free"}
 """Further columns of a vehicle, one per velocity: damping −d v, and a constant force."""
 
-_CUTOFFS = (0.7, 0.5, 0.35, 0.25)  # trial cut-offs, over that of the motion's bandwidth
+_CUTOFFS = (0.7, 0.5, 0.35, 0.25, 0.17, 0.12)  # trial cut-offs, over that of the bandwidth
 _ROUNDS = 3  # of choosing timing and cut-off in turn
 _FEWEST = 200  # rows per velocity that a lower cut-off must leave
 _NARROWER = 0.6  # another plausible cut-off over the chosen one
@@ -54,9 +54,10 @@ class VehicleRows:
                 self._parts.append((number, segment, motion, centres))
         structure = getattr(robot.system, "structure", None)
         columns = () if structure is None else structure.columns
-        self.rotors = sorted({column.input for column in columns if column.kind == "rotor"})
-        units = recordings.command_units
-        self.rotors = [k for k in self.rotors if units[k] != "rad/s"]  # those are measured speeds
+        rotors = {column.input for column in columns if column.kind == "rotor"}
+        measured = [unit == "rad/s" for unit in recordings.command_units]  # speeds of rotors
+        self.rotors = [k for k in sorted(rotors) if not measured[k]]
+        self.others = [k for k in range(len(measured)) if k not in rotors]
         self.t = np.concatenate([m[0][c] for _, _, m, c in self._parts])
         self.segment = np.concatenate([np.full(len(c), number) for number, _, _, c in self._parts])
         self.usable = np.concatenate([s.usable[:: chosen.every][c] for _, s, _, c in self._parts])
@@ -74,11 +75,12 @@ class VehicleRows:
 
     def problem(self, columns: frozenset[str], timing: Timing) -> Problem:
         """The fit with further columns and commands that act as a timing says."""
-        system, rotors, delay, Y = self.system, self.rotors, self.delays(timing), []
+        system, delay, drive, Y = self.system, self.delays(timing), timing.drive, []
+        slow = drive._replace(mix=1.0)
         for _, segment, (t, q, v, a), _ in self._parts:
             times, u = segment.log.t, segment.log.u.copy()
-            if rotors:  # their commands become relative speeds
-                u[:, rotors] = timing.drive.speeds(u[:, rotors], self.filter.rate)
+            u[:, self.rotors] = drive.speeds(u[:, self.rotors], self.filter.rate)
+            u[:, self.others] = slow.speeds(u[:, self.others], self.filter.rate)
             delayed = zip(delay, self.filter.low_pass(u).T, strict=True)
             held = np.column_stack([np.interp(t - d, times, own) for d, own in delayed])
             W = [system.regressor(t, np.hstack([q, v]), v, a, held)]
@@ -227,7 +229,8 @@ def _timing(
     if delay is not None:
         return Timing(delay), [], []
     cost = _cost(rows, columns, Timing())
-    return search(lambda x: cost(columns, x), rows.robot.joints, bool(rows.rotors), told)
+    free = Freedom(bool(rows.rotors or rows.others), bool(rows.rotors))
+    return search(lambda x: cost(columns, x), rows.robot.joints, free, told)
 
 
 def _narrower(rows: VehicleRows) -> list[VehicleRows]:
