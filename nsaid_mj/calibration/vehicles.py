@@ -9,15 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..baselines.least_squares import smoothed
 from ..parameters import Array, Block, ParameterSpace
+from ..structure.columns import fluid, thrust
 from .data import Recordings, RobotModel, Segment
 from .findings import Finding
 from .fit import minimise
 from .joints import FILE
 from .precision import inflation, tempered
 from .problem import Problem, Size, size_weights
+from .residuals import Suspect
 from .smoothing import Filter, filter_for
 from .structure import Options, Structured, Velocity
 from .suspects import command_suspects
@@ -31,6 +34,8 @@ _ROUNDS = 3  # of choosing timing and cut-off in turn
 _FEWEST = 200  # rows per velocity that a lower cut-off must leave
 _NARROWER = 0.6  # another plausible cut-off over the chosen one
 _TWIST = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")
+_FLOWN = {kind.name for kind in (*fluid.KINDS, *thrust.KINDS) if kind.reads == "velocity"}
+_FLOW = 0.05  # of a current, for differences [m/s]
 _SPREAD = 0.3  # prior spread of positive parameters
 
 
@@ -73,9 +78,9 @@ class VehicleRows:
         """(k,) delays of the actuators [s]."""
         return np.broadcast_to(timing.delay, len(self.robot.joints))
 
-    def problem(self, columns: frozenset[str], timing: Timing) -> Problem:
-        """The fit with further columns and commands that act as a timing says."""
-        system, delay, drive, Y = self.system, self.delays(timing), timing.drive, []
+    def _motions(self, timing: Timing) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
+        """Times, q, v, v̇ and the commands that act as a timing says, of every segment."""
+        delay, drive = self.delays(timing), timing.drive
         slow = drive._replace(mix=1.0)
         for _, segment, (t, q, v, a), _ in self._parts:
             times, u = segment.log.t, segment.log.u.copy()
@@ -83,6 +88,38 @@ class VehicleRows:
             u[:, self.others] = slow.speeds(u[:, self.others], self.filter.rate)
             delayed = zip(delay, self.filter.low_pass(u).T, strict=True)
             held = np.column_stack([np.interp(t - d, times, own) for d, own in delayed])
+            yield t, q, v, a, held
+
+    def flow(self, theta: Array, timing: Timing) -> Array:
+        """(N, n, k) forces per m/s of a steady current or wind along the world's axes, at θ̂ (p,).
+
+        k is 0 for vehicles on which neither water nor air acts, or of several bodies.
+        """
+        system, acting = self.system, np.zeros(len(self.system.space))
+        at = [c.parameter for c in system.structure.columns if c.kind in _FLOWN]
+        acting[at] = theta[at]
+        if not acting.any() or (system.m, system.n) not in ((7, 6), (3, 3)):
+            return np.zeros((len(self.t), system.n, 0))
+        count, found = (3, []) if system.m == 7 else (2, [])
+        for t, q, v, a, held in self._motions(timing):
+            heading = q[:, 2:3] * [0.0, 0.0, 1.0]
+            turns = Rotation.from_quat(q[:, 3:]) if count == 3 else Rotation.from_rotvec(heading)
+            own, forces = turns.inv().as_matrix(), []
+            for axis in range(count):
+                along = np.zeros_like(v)
+                along[:, :count] = _FLOW * own[:, :count, axis]
+                slower, faster = (
+                    system.regressor(t, np.hstack([q, v + side * along]), v, a, held) @ acting
+                    for side in (-1, 1)
+                )
+                forces.append((slower - faster) / (2 * _FLOW))
+            found.append(self.filter.rows(np.stack(forces, axis=2)))
+        return np.concatenate(found)
+
+    def problem(self, columns: frozenset[str], timing: Timing) -> Problem:
+        """The fit with further columns and commands that act as a timing says."""
+        system, Y = self.system, []
+        for t, q, v, a, held in self._motions(timing):
             W = [system.regressor(t, np.hstack([q, v]), v, a, held)]
             for name in sorted(columns):
                 own = v if name == "damping" else -np.ones_like(v)
@@ -191,6 +228,14 @@ def structured_vehicle(
         checked = VehicleRows(robot, validation, filters).problem(columns, timing)
     at = problem.space.actuators
     labels = [problem.space.labels[i] for i in at]
+
+    def suspects(theta: Array) -> Iterator[Suspect]:
+        yield from command_suspects(problem.Y[:, :, at] * theta[at], labels)
+        flow = rows.flow(theta, timing)
+        if flow.shape[2]:
+            remedy = "Record in still water or air, or with the speed relative to it as `linear`."
+            yield Suspect("a steady current or wind", "", flow, remedy)
+
     own = tuple(sorted(columns)), np.nan, float(np.median(rows.delays(timing)))
     return Structured(
         problem,
@@ -201,7 +246,7 @@ def structured_vehicle(
         rows.filter.cutoff,
         np.zeros(0),
         rows.delays(timing),
-        lambda theta: command_suspects(problem.Y[:, :, at] * theta[at], labels),
+        suspects,
     )
 
 
