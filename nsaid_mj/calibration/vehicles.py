@@ -80,15 +80,18 @@ class VehicleRows:
 
     def _motions(self, timing: Timing) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
         """Times, q, v, v̇ and the commands that act as a timing says, of every segment."""
-        delay, drive = self.delays(timing), timing.drive
-        slow = drive._replace(mix=1.0)
         for _, segment, (t, q, v, a), _ in self._parts:
-            times, u = segment.log.t, segment.log.u.copy()
-            u[:, self.rotors] = drive.speeds(u[:, self.rotors], self.filter.rate)
-            u[:, self.others] = slow.speeds(u[:, self.others], self.filter.rate)
-            delayed = zip(delay, self.filter.low_pass(u).T, strict=True)
-            held = np.column_stack([np.interp(t - d, times, own) for d, own in delayed])
-            yield t, q, v, a, held
+            u = self.acting(segment.log.u, self.filter.rate, timing)
+            delayed = zip(self.delays(timing), self.filter.low_pass(u).T, strict=True)
+            held = [np.interp(t - d, segment.log.t, own) for d, own in delayed]
+            yield t, q, v, a, np.column_stack(held)
+
+    def acting(self, u: Array, rate: float, timing: Timing) -> Array:
+        """Commands (N, k) at a rate [Hz] as they act, apart from the delay."""
+        found, drive = u.copy(), timing.drive
+        found[:, self.rotors] = drive.speeds(u[:, self.rotors], rate)
+        found[:, self.others] = drive._replace(mix=1.0).speeds(u[:, self.others], rate)
+        return found
 
     def flow(self, theta: Array, timing: Timing) -> Array:
         """(N, n, k) forces per m/s of a steady current or wind along the world's axes, at θ̂ (p,).
@@ -247,6 +250,7 @@ def structured_vehicle(
         np.zeros(0),
         rows.delays(timing),
         suspects,
+        acting=lambda u, rate: rows.acting(u, rate, timing),
     )
 
 

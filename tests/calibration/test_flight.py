@@ -122,6 +122,16 @@ def test_speeds_that_say_little_change_nothing(flight, tmp_path, quadrotor, rate
     assert "measured speeds" in note and why in note
 
 
+def test_a_law_follows_the_commands_as_they_act(flight, tmp_path):
+    """Without curve and lag its gains were 25 % off and the last fifth was predicted to .28."""
+    log = write_ulog(tmp_path / "flight.ulg", topics(flight.log, 0.6))
+    known = {"m": float(flight.truth[0])}
+    law = identify("hummingbird", log, known=known, law="efficient").law
+    assert law is not None and law.completed and law.last.max() < 0.2
+    for gain in law.gains:
+        assert gain.law == pytest.approx(gain.batch, rel=0.1)
+
+
 SMOOTH = {"radius": 5.0, "speed": 6.0, "climb": 3.0, "yaw_rate": 2.0, "dither": 0.01}
 GENTLE = {"radius": 2.0, "speed": 1.0, "climb": 0.5, "yaw_rate": 0.3, "dither": 0.08, "tilt": 0.3}
 
