@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
+from ...baselines.least_squares import continuous_signs
 from ...errors import InvalidInput
 from ...parameters import Array
 from ..data import RobotModel
@@ -129,7 +130,8 @@ def layout(mapping: Map | None, robot: RobotModel, tables: Sequence[Table]) -> L
     if robot.system is not None:
         return _of_vehicle(mapping, robot, tables, channels)
     if not mapping.joints:
-        mapping = _with_joints(mapping, matching.match(channels, robot.joints, robot.passive))
+        matched = matching.match(channels, robot.joints, robot.passive)
+        mapping = replace(mapping, joints=matched.joints)
     remedy = f"The robot's actuated joints are {', '.join(robot.joints)}."
     for joint in set(mapping.joints) ^ set(robot.joints):
         stated = "a joint that the robot lacks" if joint in mapping.joints else "no entry"
@@ -149,17 +151,6 @@ def layout(mapping: Map | None, robot: RobotModel, tables: Sequence[Table]) -> L
         matrix("torque", mapping.coupling.torque, n),
     )
     return _existing(made, channels)
-
-
-def _with_joints(mapping: Map, matched: Map) -> Map:
-    return Map(
-        time=mapping.time,
-        files=mapping.files,
-        joints=matched.joints,
-        coupling=mapping.coupling,
-        hold=mapping.hold,
-        drop_rest=mapping.drop_rest,
-    )
 
 
 def _source(quantity: Quantity, column: Column, angle: bool = False) -> Source:
@@ -271,9 +262,7 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
     if ned:
         turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
     quaternions = turns.as_quat()
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-    signs = np.cumprod(np.r_[1.0, np.where(flips, -1.0, 1.0)])
-    return np.column_stack([places, quaternions * signs[:, None]])
+    return np.column_stack([places, quaternions * continuous_signs(quaternions)[:, None]])
 
 
 def _rotations(vehicle: Vehicle, raw: Array) -> Rotation:
@@ -312,12 +301,8 @@ def pose_velocity(q: Array, rate: float) -> Array:
         c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
         dx, dy, turn = slopes.T
         return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])
-    linear = Rotation.from_quat(q[:, 3:]).inv().apply(slopes[:, :3])
-    x, y, z, w = q[:, 3:].T
-    dx, dy, dz, dw = slopes[:, 3:].T
-    angular = [  # ω = 2 vec(q⁻¹ q̇)
-        w * dx - x * dw - y * dz + z * dy,
-        w * dy - y * dw - z * dx + x * dz,
-        w * dz - z * dw - x * dy + y * dx,
-    ]
-    return np.column_stack([linear, 2 * np.column_stack(angular)])
+    ahead, behind = np.arange(1, len(q) + 1), np.arange(-1, len(q) - 1)
+    ahead[-1], behind[0] = len(q) - 1, 0
+    before, now, after = (Rotation.from_quat(x[:, 3:]) for x in (q[behind], q, q[ahead]))
+    angular = (before.inv() * after).as_rotvec() * rate / (ahead - behind)[:, None]
+    return np.hstack([now.inv().apply(slopes[:, :3]), angular])
