@@ -70,27 +70,6 @@ class Timing(NamedTuple):
     drive: Drive = SPEED
 
 
-class _Place(NamedTuple):
-    """A timing as three numbers, each of which affects the motion in a way of its own.
-
-    Attributes:
-        total: delay and lag, which slow motion cannot tell apart [s].
-        lag: [s].
-        mix: share of the square.
-    """
-
-    total: float
-    lag: float = 0.0
-    mix: float = 1.0
-
-    @property
-    def timing(self) -> Timing | None:
-        """The timing; None if there is no such one."""
-        if self.lag < 0 or not 0 <= self.mix <= 1:
-            return None
-        return Timing(self.total - self.lag, Drive(self.mix, self.lag))
-
-
 class Freedom(NamedTuple):
     """What of a timing is searched for, besides the delay.
 
@@ -104,7 +83,7 @@ class Freedom(NamedTuple):
 
     @property
     def numbers(self) -> list[int]:
-        """Indices of the numbers of a place that may change."""
+        """Indices of the numbers of a timing that may change, see `_timing_of`."""
         return [0, *([1] if self.lag else []), *([2] if self.curve else [])]
 
 
@@ -126,18 +105,22 @@ def search(
     grid = np.arange(-REACH, REACH + 1e-9, _COARSE)
     costs = np.array([cost(Timing(d)) for d in grid])
     at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
-    found, edge, notes = _Place(0.0), at in (0, len(grid) - 1), []
+    found, edge, notes = np.array([0.0, 0.0, 1.0]), at in (0, len(grid) - 1), []
     if not edge:
         least = scipy.optimize.minimize_scalar(
             lambda d: cost(Timing(d)), bounds=(grid[at - 1], grid[at + 1]), options={"xatol": _FINE}
         )
         if least.fun < costs[zero] - _LITTLE:
-            found = _Place(float(least.x))
-    along = _along(cost)
+            found[0] = least.x
+
+    def along(x: Array) -> float:
+        timing = _timing_of(x)
+        return np.inf if timing is None else cost(timing)
+
     if free.lag:
         told("choosing the actuators' curve and lag")
         found = _with_drive(along, found, free)
-    timing = found.timing or Timing()
+    timing = _timing_of(found) or Timing()
     if edge and costs[at] <= costs[zero] - WORTH and timing == Timing():
         text = (
             f"the best delay of the commands, {grid[at] * 1e3:+.0f} ms, lies at the edge of the "
@@ -151,24 +134,26 @@ def search(
     return timing, _plausible(along, found, free), [*notes, *_drive_notes(timing.drive, free)]
 
 
-def _along(cost: Cost) -> Callable[[Array], float]:
-    """The cost at the numbers of a place; infinite outside."""
+def _timing_of(x: Array) -> Timing | None:
+    """The timing of three numbers, each of which affects the motion in a way of its own.
 
-    def along(x: Array) -> float:
-        timing = _Place(*map(float, x)).timing
-        return np.inf if timing is None else cost(timing)
+    They are delay and lag together, which slow motion cannot tell apart [s], the lag [s], and the
+    share of the square; None if there is no such timing.
+    """
+    total, lag, mix = map(float, x)
+    inside = lag >= 0 and 0 <= mix <= 1
+    return Timing(total - lag, Drive(mix, lag)) if inside else None
 
-    return along
 
-
-def _with_drive(along: Callable[[Array], float], start: _Place, free: Freedom) -> _Place:
-    """The place with a drive that minimises the cost: a grid search, then a simplex.
+def _with_drive(along: Callable[[Array], float], start: Array, free: Freedom) -> Array:
+    """The numbers of the timing that minimises the cost: a grid search, then a simplex.
 
     The search starts from the delay that suits rotors whose commands are their speeds, without a
     lag. A mix near 1 or 0, or a lag, that lowers the cost by less than `WORTH` is taken as 1 or 0.
     """
-    mixes = [np.array(start._replace(mix=mix)) for mix in (_MIXES if free.curve else _MIXES[:1])]
-    lags = [np.array([start.total, lag, min(mixes, key=along)[2]]) for lag in _LAGS]
+    trials = _MIXES if free.curve else _MIXES[:1]
+    mixes = [np.array([start[0], 0.0, mix]) for mix in trials]
+    lags = [np.array([start[0], lag, min(mixes, key=along)[2]]) for lag in _LAGS]
     best = min(lags, key=along)
     if along(mixes[0]) < along(best) + WORTH:
         return start
@@ -189,30 +174,29 @@ def _with_drive(along: Callable[[Array], float], start: _Place, free: Freedom) -
         simpler = np.where(np.arange(3) == k, plain, found)
         if k in free.numbers and along(simpler) < along(found) + WORTH:
             found = simpler
-    return _Place(*found.tolist())
+    return found
 
 
-def _plausible(along: Callable[[Array], float], found: _Place, free: Freedom) -> list[Timing]:
+def _plausible(along: Callable[[Array], float], found: Array, free: Freedom) -> list[Timing]:
     """Timings that differ from a found one by as much as its numbers are uncertain, in turn.
 
     A number is changed until the cost rises by as much as two standard deviations make it rise; by
     the larger of both changes, as the cost hardly depends on a small lag.
     """
-    at, others = np.array(found), []
-    least = along(at)
+    others, least = [], along(found)
     for k in free.numbers:
         best = 0.0
         for side in (1, -1):
             step, rise = side * _STEPS[k], 0.0
             for _ in range(_DOUBLINGS):
-                rise = along(at + step * np.eye(3)[k]) - least
+                rise = along(found + step * np.eye(3)[k]) - least
                 if rise >= _RISE:
                     break
                 step *= 2
             if np.isfinite(rise):
                 size = step * np.sqrt(_RISE / max(rise, _RISE))
                 best = size if abs(size) > abs(best) else best
-        others.append(_Place(*(at + best * np.eye(3)[k])).timing)
+        others.append(_timing_of(found + best * np.eye(3)[k]))
     return [other for other in others if other is not None]
 
 

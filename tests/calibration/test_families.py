@@ -113,7 +113,10 @@ POOR = {
 }
 
 
-@pytest.mark.parametrize("motion", POOR)
+@pytest.mark.parametrize(
+    "motion",
+    [pytest.param(x, marks=SLOW) if "heav" in x else x for x in POOR],
+)
 def test_a_poor_motion_gives_no_narrow_and_wrong_interval(tmp_path, motion):
     name, excitation = POOR[motion]
     found = identified(tmp_path, name, 40.0, excitation)
