@@ -92,7 +92,8 @@ def undecided(joints: tuple[JointEstimate, ...]) -> tuple[Array, Array, Array]:
     covariance = np.zeros((size, size))
     for k, joint in enumerate(joints):
         own = slice(4 * k, 4 * k + 4)
-        covariance[own, own] = A @ joint.covariance @ A.T * joint.quantile**2
+        wide = A * joint.quantile[: A.shape[1]]
+        covariance[own, own] = wide @ joint.covariance @ wide.T
         if not joint.gravity:
             covariance[own, own] += 100.0
     scale = np.full((size, size), 1 / size)

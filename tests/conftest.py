@@ -30,6 +30,7 @@ DEAREST = (
     "identifiers/test_bodies.py",
     "recovery/test_memory.py",
     "calibration/test_flight.py",
+    "calibration/test_families.py",
     "plants/test_aerial.py",
     "design/test_design.py",
     "cli/test_exciting.py",

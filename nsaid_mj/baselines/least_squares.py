@@ -43,12 +43,15 @@ def _continuous(system: SecondOrderSystem, q: Array) -> Array:
     """Positions (N, m) with quaternion signs chosen so that they are continuous in time."""
     if system.group != 6:
         return q
-    attitude = q[:, 3:7]
-    turned = np.sum(attitude[1:] * attitude[:-1], axis=1) < 0
-    side = np.where(np.cumsum(turned) % 2, -1.0, 1.0)
     q = q.copy()
-    q[1:, 3:7] *= side[:, None]
+    q[:, 3:7] *= continuous_signs(q[:, 3:7])[:, None]
     return q
+
+
+def continuous_signs(quaternions: Array) -> Array:
+    """(N,) signs, 1 or −1, with which quaternions (N, 4) are continuous in time."""
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+    return np.cumprod(np.r_[1.0, np.where(flips, -1.0, 1.0)])
 
 
 def low_passed(W: Array, rate: float, cutoff: float) -> Array:

@@ -123,8 +123,8 @@ def law_logs(
     """The segments as logs for a law: the motion of which the batch fit's rows are made.
 
     The logs share one clock that begins at 0. A command holds from one sample to the next: it is
-    the smoothed one half-way between both, earlier by its delay, and reversed where the model file
-    has a negative gear, so that gains are positive.
+    the smoothed one half-way between both, earlier by its delay, after the lag and the curve that
+    the fit found, and reversed where the model file has a negative gear: gains are positive.
 
     Returns:
         The logs, the time of their start on the common axis [s], and samples per second.
@@ -133,7 +133,9 @@ def law_logs(
     chosen = filter_for(recordings, made.cutoff)
     rate, found, shift = chosen.rate / chosen.every, [], recording_shifts(recordings)
     start = float(recordings.segments[0].log.t[0] + shift[0])
-    for own, segment in zip(shift, recordings.segments, strict=True):
+    for own, given in zip(shift, recordings.segments, strict=True):
+        acting = made.acting(given.log.u, recordings.rate)
+        segment = given._replace(log=given.log._replace(u=acting))
         curve = smooth_commands(segment, chosen)
         held = delayed(segment, chosen, curve, made.delays - 0.5 / rate)
         if robot.model is None:

@@ -15,6 +15,7 @@ from ..experiment.library import load
 from ..experiment.setup import published
 from ..identifiers.cone.prior import drawn_inside
 from ..plants import ParametricPlantConfig, PlantConfig
+from ..plants.world.blueprint import VehiclePlant
 from ..resources import folder, path_of, scenarios, vehicle_files
 from ..robot.loading import load_tree, packed_folders
 from ..robot.model import RobotModel
@@ -94,7 +95,14 @@ def load_vehicle(
         system=system,
         prior=drawn_inside(system.space, nominal, 0.0, np.random.default_rng(0)),
         visuals=plant,
+        top_speed=_top_speed(config),
     )
+
+
+def _top_speed(config: PlantConfig) -> float:
+    """The speed of a multicopter's rotors at full command [rad/s]; inf if its sheet has none."""
+    sheet = config.sheet.of(config.vehicle) if isinstance(config, VehiclePlant) else None
+    return getattr(getattr(sheet, "rotors", None), "top_speed", np.inf)
 
 
 def command_names(system: SecondOrderSystem) -> tuple[str, ...]:

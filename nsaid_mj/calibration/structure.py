@@ -67,6 +67,7 @@ class Structured(NamedTuple):
         suspects: effects outside the structure, for a (p,) θ̂, that the residuals may follow.
         noisier: the problem and the suspects with twice the variance of the sensors' noise, for a
             (p,) θ̂; None where suspects do not depend on the measured motion.
+        acting: commands (N, k) as they act, apart from `delays`, from those at a rate [Hz].
     """
 
     problem: Problem
@@ -79,3 +80,4 @@ class Structured(NamedTuple):
     delays: Array
     suspects: Callable[[Array], Iterable[Suspect]] = lambda _: ()
     noisier: Callable[[Array], tuple[Problem, Iterable[Suspect]]] | None = None
+    acting: Callable[[Array, float], Array] = lambda u, _: u

@@ -6,64 +6,37 @@ delay is therefore judged by the fit itself: first one that all actuators share,
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
 
 import numpy as np
-import scipy
+from scipy.spatial.transform import Rotation
 
 from ..baselines.least_squares import smoothed
 from ..parameters import Array, Block, ParameterSpace
+from ..structure.columns import fluid, thrust
 from .data import Recordings, RobotModel, Segment
 from .findings import Finding
 from .fit import minimise
 from .joints import FILE
 from .precision import inflation, tempered
 from .problem import Problem, Size, size_weights
-from .selection import REACH
+from .residuals import Suspect
 from .smoothing import Filter, filter_for
 from .structure import Options, Structured, Velocity
 from .suspects import command_suspects
+from .timing import WORTH, Freedom, Timing, search
 
 EXTRA = {"damping": "free", "offset": "free"}
 """Further columns of a vehicle, one per velocity: damping −d v, and a constant force."""
 
-_COARSE, _FINE = 0.02, 0.002  # spacing of the trial delays [s]
-_MIXES = (1.0, 0.0, 0.3, 0.6, 0.8, 0.9)  # trial shares of the square
-_LAGS = (0.0, 0.01, 0.02, 0.05, 0.1)  # trial lags of rotors [s]
-_WORTH = 6.0  # fall of the cost that a delay or a set of columns must bring: a likelihood ratio
+_CUTOFFS = (0.7, 0.5, 0.35, 0.25, 0.17, 0.12)  # trial cut-offs, over that of the bandwidth
+_ROUNDS = 3  # of choosing timing and cut-off in turn
+_FEWEST = 200  # rows per velocity that a lower cut-off must leave
+_NARROWER = 0.6  # another plausible cut-off over the chosen one
 _TWIST = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")
+_FLOWN = {kind.name for kind in (*fluid.KINDS, *thrust.KINDS) if kind.reads == "velocity"}
+_FLOW = 0.05  # of a current, for differences [m/s]
 _SPREAD = 0.3  # prior spread of positive parameters
-
-
-class Drive(NamedTuple):
-    """How the rotors of a vehicle follow their commands.
-
-    Attributes:
-        mix: share m of the square in the force m u² + (1 − m) u of a command u held for long: 1
-            where the command is the rotor's speed, 0 where it is its thrust.
-        lag: time constant of the rotor's speed [s].
-    """
-
-    mix: float = 1.0
-    lag: float = 0.0
-
-    def speeds(self, u: Array, rate: float) -> Array:
-        """(N, k) relative speeds of rotors under commands u (N, k); force grows with their square.
-
-        `rate` is in samples per second [Hz].
-        """
-        size = np.abs(u)
-        speed = np.sign(u) * np.sqrt(self.mix * size**2 + (1 - self.mix) * size)
-        if self.lag == 0:
-            return speed
-        r = 1 / (rate * self.lag)  # exact for a course that is linear between samples
-        kept, mean = np.exp(-r), -np.expm1(-r) / r
-        taps, start = [1 - mean, mean - kept], mean * speed[:1]
-        return np.asarray(scipy.signal.lfilter(taps, [1, -kept], speed, axis=0, zi=start)[0])
-
-
-_SPEED = Drive()
 
 
 class VehicleRows:
@@ -76,7 +49,8 @@ class VehicleRows:
     """
 
     def __init__(self, robot: RobotModel, recordings: Recordings, chosen: Filter):
-        self.robot, self.system, self._filter = robot, robot.system, chosen
+        self.robot, self.system, self.filter = robot, robot.system, chosen
+        self.recordings = recordings
         self._parts = []
         for number, segment in enumerate(recordings.segments):
             motion = motion_of(self.system, segment, chosen)
@@ -85,27 +59,75 @@ class VehicleRows:
                 self._parts.append((number, segment, motion, centres))
         structure = getattr(robot.system, "structure", None)
         columns = () if structure is None else structure.columns
-        self.rotors = sorted({column.input for column in columns if column.kind == "rotor"})
+        rotors = {column.input for column in columns if column.kind == "rotor"}
+        measured = [unit == "rad/s" for unit in recordings.command_units]  # speeds of rotors
+        self.rotors = [k for k in sorted(rotors) if not measured[k]]
+        self.others = [k for k in range(len(measured)) if k not in rotors]
         self.t = np.concatenate([m[0][c] for _, _, m, c in self._parts])
         self.segment = np.concatenate([np.full(len(c), number) for number, _, _, c in self._parts])
         self.usable = np.concatenate([s.usable[:: chosen.every][c] for _, s, _, c in self._parts])
         assert robot.prior is not None  # every vehicle has one
         self._prior: Array = robot.prior
 
-    def problem(self, delay: Array, columns: frozenset[str], drive: Drive = _SPEED) -> Problem:
-        """The fit with commands delayed by (k,) seconds, further columns, and rotors' drives."""
-        system, rotors, Y = self.system, self.rotors, []
+    def with_cutoff(self, share: float) -> VehicleRows:
+        """The rows of the filter whose cut-off is `share` of this one's."""
+        narrower = filter_for(self.recordings, share * self.filter.cutoff)
+        return VehicleRows(self.robot, self.recordings, narrower)
+
+    def delays(self, timing: Timing) -> Array:
+        """(k,) delays of the actuators [s]."""
+        return np.broadcast_to(timing.delay, len(self.robot.joints))
+
+    def _motions(self, timing: Timing) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
+        """Times, q, v, v̇ and the commands that act as a timing says, of every segment."""
         for _, segment, (t, q, v, a), _ in self._parts:
-            times, u = segment.log.t, segment.log.u.copy()
-            if rotors:  # their commands become relative speeds
-                u[:, rotors] = drive.speeds(u[:, rotors], self._filter.rate)
-            delayed = zip(delay, self._filter.low_pass(u).T, strict=True)
-            held = np.column_stack([np.interp(t - d, times, own) for d, own in delayed])
+            u = self.acting(segment.log.u, self.filter.rate, timing)
+            delayed = zip(self.delays(timing), self.filter.low_pass(u).T, strict=True)
+            held = [np.interp(t - d, segment.log.t, own) for d, own in delayed]
+            yield t, q, v, a, np.column_stack(held)
+
+    def acting(self, u: Array, rate: float, timing: Timing) -> Array:
+        """Commands (N, k) at a rate [Hz] as they act, apart from the delay."""
+        found, drive = u.copy(), timing.drive
+        found[:, self.rotors] = drive.speeds(u[:, self.rotors], rate)
+        found[:, self.others] = drive._replace(mix=1.0).speeds(u[:, self.others], rate)
+        return found
+
+    def flow(self, theta: Array, timing: Timing) -> Array:
+        """(N, n, k) forces per m/s of a steady current or wind along the world's axes, at θ̂ (p,).
+
+        k is 0 for vehicles on which neither water nor air acts, or of several bodies.
+        """
+        system, acting = self.system, np.zeros(len(self.system.space))
+        at = [c.parameter for c in system.structure.columns if c.kind in _FLOWN]
+        acting[at] = theta[at]
+        if not acting.any() or (system.m, system.n) not in ((7, 6), (3, 3)):
+            return np.zeros((len(self.t), system.n, 0))
+        count, found = (3, []) if system.m == 7 else (2, [])
+        for t, q, v, a, held in self._motions(timing):
+            heading = q[:, 2:3] * [0.0, 0.0, 1.0]
+            turns = Rotation.from_quat(q[:, 3:]) if count == 3 else Rotation.from_rotvec(heading)
+            own, forces = turns.inv().as_matrix(), []
+            for axis in range(count):
+                along = np.zeros_like(v)
+                along[:, :count] = _FLOW * own[:, :count, axis]
+                slower, faster = (
+                    system.regressor(t, np.hstack([q, v + side * along]), v, a, held) @ acting
+                    for side in (-1, 1)
+                )
+                forces.append((slower - faster) / (2 * _FLOW))
+            found.append(self.filter.rows(np.stack(forces, axis=2)))
+        return np.concatenate(found)
+
+    def problem(self, columns: frozenset[str], timing: Timing) -> Problem:
+        """The fit with further columns and commands that act as a timing says."""
+        system, Y = self.system, []
+        for t, q, v, a, held in self._motions(timing):
             W = [system.regressor(t, np.hstack([q, v]), v, a, held)]
             for name in sorted(columns):
                 own = v if name == "damping" else -np.ones_like(v)
                 W.append(np.einsum("nk,kl->nkl", own, np.eye(v.shape[1])))
-            Y.append(self._filter.rows(np.concatenate(W, axis=2)))
+            Y.append(self.filter.rows(np.concatenate(W, axis=2)))
         rows = np.concatenate(Y)
         more = [self._extra(name, rows) for name in sorted(columns)]
         space = ParameterSpace((*system.space.blocks, *more))
@@ -113,7 +135,11 @@ class VehicleRows:
         prior = np.append(self._prior, np.zeros(len(space) - len(self._prior)))
         spread = np.where(space.geometries == "positive", _SPREAD, space.scale)
         size = Size(_size(space, rows[self.usable], prior), FILE, none)
-        return Problem(space, rows, self.usable, self.t, self.segment, prior, spread, none, size)
+        # relative to its own drag, noise of a velocity without an actuator would pass for drag
+        inertia = np.tile(size.weights, (rows.shape[1], 1))
+        return Problem(
+            space, rows, self.usable, self.t, self.segment, prior, spread, none, size, inertia
+        )
 
     def _extra(self, name: str, rows: Array) -> Block:
         """A block of one further parameter per velocity."""
@@ -176,125 +202,117 @@ def structured_vehicle(
     `told` is called with the name of every stage.
     """
     told("filtering")
-    chosen = filter_for(recordings, options.cutoff)
-    rows = VehicleRows(robot, recordings, chosen)
-    delay, drive, findings = options.delay, _SPEED, []
+    rows = VehicleRows(robot, recordings, filter_for(recordings, options.cutoff))
     columns = (options.columns or frozenset()) & frozenset(EXTRA)
-    first = rows.problem(np.zeros(len(robot.joints)) if delay is None else delay, columns)
-    share = inflation(first, minimise(first).theta)
-
-    def cost(delay: Array, columns: frozenset[str], drive: Drive) -> float:
-        problem = rows.problem(delay, columns, drive)
-        return minimise(problem, tempered(problem, share)).cost
-
-    if delay is None:
-        told("searching for delays")
-        delay, drive, findings = _timing(lambda d, x: cost(d, columns, x), rows, told)
+    trials = [rows] if options.cutoff is not None else _narrower(rows)
+    rows = trials[len(trials) // 2]
+    for _ in range(_ROUNDS):
+        timing, others, findings = _timing(rows, columns, options.delay, told)
+        told("choosing the cut-off")
+        before, rows = rows, _most_telling(trials, columns, timing)
+        if rows is before:
+            break
     if options.columns is None:
         told("choosing columns")
-        best = cost(delay, columns, drive)
+        cost = _cost(rows, columns, timing)
+        best = cost(columns, timing)
         for name in EXTRA:
-            trial = cost(delay, columns | {name}, drive)
+            trial = cost(columns | {name}, timing)
             worth = best - trial
-            if worth > _WORTH * 2:
+            if worth > WORTH * 2:
                 columns, best = columns | {name}, trial
                 text = f"a column of {name} per velocity lowers the cost by {worth:.0f}"
                 data: dict[str, object] = {"columns": sorted(columns)}
                 findings.append(Finding("note", "columns", "", text, data=data))
-    problem = rows.problem(delay, columns, drive)
-    others = [frozenset[str]()] if columns else []
+    problem = rows.problem(columns, timing)
     checked = None
     if validation is not None:
-        filters = filter_for(validation, chosen.cutoff)
-        checked = VehicleRows(robot, validation, filters).problem(delay, columns, drive)
+        filters = filter_for(validation, rows.filter.cutoff)
+        checked = VehicleRows(robot, validation, filters).problem(columns, timing)
     at = problem.space.actuators
     labels = [problem.space.labels[i] for i in at]
-    own = tuple(sorted(columns)), np.nan, float(np.median(delay))
+
+    def suspects(theta: Array) -> Iterator[Suspect]:
+        yield from command_suspects(problem.Y[:, :, at] * theta[at], labels)
+        flow = rows.flow(theta, timing)
+        if flow.shape[2]:
+            remedy = "Record in still water or air, or with the speed relative to it as `linear`."
+            yield Suspect("a steady current or wind", "", flow, remedy)
+
+    own = tuple(sorted(columns)), np.nan, float(np.median(rows.delays(timing)))
     return Structured(
         problem,
-        (rows.problem(delay, other, drive) for other in others),
+        _alternatives(rows, columns, timing, others),
         checked,
         tuple(Velocity(name, *own) for name in velocity_names(robot)),
         tuple(findings),
-        chosen.cutoff,
+        rows.filter.cutoff,
         np.zeros(0),
-        delay,
-        lambda theta: command_suspects(problem.Y[:, :, at] * theta[at], labels),
+        rows.delays(timing),
+        suspects,
+        acting=lambda u, rate: rows.acting(u, rate, timing),
     )
 
 
+def _cost(
+    rows: VehicleRows, columns: frozenset[str], timing: Timing
+) -> Callable[[frozenset[str], Timing], float]:
+    """The cost of the fit, with as many rows per independent row as there are at a timing."""
+    first = rows.problem(columns, timing)
+    share = inflation(first, minimise(first).theta)
+
+    def cost(columns: frozenset[str], timing: Timing) -> float:
+        problem = rows.problem(columns, timing)
+        return minimise(problem, tempered(problem, share)).cost
+
+    return cost
+
+
 def _timing(
-    cost: Callable[[Array, Drive], float], rows: VehicleRows, told: Callable[[str], None]
-) -> tuple[Array, Drive, list[Finding]]:
-    """(k,) the delay that all actuators share [s], the rotors' drives, and notes on both.
-
-    `cost` is a function of delays (k,) and drives.
-    """
-    names, drive = rows.robot.joints, _SPEED
-    grid, k = np.arange(-REACH, REACH + 1e-9, _COARSE), len(names)
-    costs = np.array([cost(np.full(k, d), drive) for d in grid])
-    at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
-    delay, there = 0.0, costs[at] <= costs[zero] - _WORTH
-    edge = at in (0, len(grid) - 1)
-    if there and not edge:
-        ends = grid[at - 1], grid[at + 1]
-        least = scipy.optimize.minimize_scalar(
-            lambda d: cost(np.full(k, d), drive), bounds=ends, options={"xatol": _FINE}
-        )
-        delay = float(least.x)
-    if rows.rotors:
-        told("choosing the rotors' curve and lag")
-        delay, drive = _rotor_drive(lambda d, x: cost(np.full(k, d), x), delay)
-    notes = []
-    if there and edge and not rows.rotors:
-        text = (
-            f"the best delay of the commands, {grid[at] * 1e3:+.0f} ms, lies at the edge of the "
-            "search"
-        )
-        remedy = "Align the clocks of commands and positions in the map."
-        notes.append(Finding("warning", "delay_at_edge", "", text, remedy))
-    elif there:
-        text = f"commands act {delay * 1e3:.1f} ms after they were recorded"
-        notes.append(Finding("note", "delay", "", text, data=dict.fromkeys(names, delay)))
-    return np.full(k, delay), drive, [*notes, *_drive_notes(drive)]
+    rows: VehicleRows,
+    columns: frozenset[str],
+    delay: Array | None,
+    told: Callable[[str], None],
+) -> tuple[Timing, list[Timing], list[Finding]]:
+    """The timing for rows, others that are as plausible, and notes; a given `delay` (k,) holds."""
+    if delay is not None:
+        return Timing(delay), [], []
+    cost = _cost(rows, columns, Timing())
+    free = Freedom(bool(rows.rotors or rows.others), bool(rows.rotors))
+    return search(lambda x: cost(columns, x), rows.robot.joints, free, told)
 
 
-def _rotor_drive(cost: Callable[[float, Drive], float], delay: float) -> tuple[float, Drive]:
-    """The delay [s] and the drive of rotors that minimise a cost: a grid search, then a simplex.
+def _narrower(rows: VehicleRows) -> list[VehicleRows]:
+    """The rows, and those of lower cut-offs that leave enough of them."""
+    others = [rows.with_cutoff(share) for share in _CUTOFFS]
+    return [rows, *(other for other in others if len(other.t) >= _FEWEST)]
 
-    The search starts from the `delay` that suits rotors whose commands are their speeds, without a
-    lag. A mix near 1 or 0, or a lag, that lowers the cost by less than `_WORTH` is taken as 1 or 0.
+
+def _most_telling(
+    trials: list[VehicleRows], columns: frozenset[str], timing: Timing
+) -> VehicleRows:
+    """The rows that determine θ best, of several cut-offs.
+
+    An acceleration's noise grows with its frequency, and biases θ̂ where it exceeds the motion. The
+    information of the fit, by the determinant of its Hessian, is largest without such frequencies.
     """
 
-    def along(x: Array) -> float:
-        """The cost at a sum of delay and lag, which affects slow motion, a lag and a mix."""
-        total, lag, mix = x
-        inside = lag >= 0 and 0 <= mix <= 1
-        return cost(total - lag, Drive(float(mix), float(lag))) if inside else np.inf
+    def information(rows: VehicleRows) -> float:
+        problem = rows.problem(columns, timing)
+        fit, scale = minimise(problem), problem.space.scale
+        parts = tempered(problem, inflation(problem, fit.theta))
+        hessian = minimise(problem, parts, fit.theta).hessian
+        return float(np.linalg.slogdet(hessian * np.outer(scale, scale))[1])
 
-    mixes = [np.array([delay, 0.0, mix]) for mix in _MIXES]
-    lags = [np.array([delay, lag, min(mixes, key=along)[2]]) for lag in _LAGS]
-    start = min(lags, key=along)
-    if along(mixes[0]) < along(start) + _WORTH:
-        return delay, _SPEED
-    corners = start + np.vstack([np.zeros(3), np.diag([0.01, 0.01, 0.1 - 0.2 * (start[2] > 0.5)])])
-    options = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 1.0, "maxfev": 90}
-    least = scipy.optimize.minimize(along, start, method="Nelder-Mead", options=options)
-    found = np.asarray(least.x)
-    for k, plain in ((1, 0.0), (2, 0.0), (2, 1.0)):
-        simpler = np.where(np.arange(3) == k, plain, found)
-        if along(simpler) < along(found) + _WORTH:
-            found = simpler
-    return float(found[0] - found[1]), Drive(float(found[2]), float(found[1]))
+    return trials[0] if len(trials) == 1 else max(trials, key=information)
 
 
-def _drive_notes(drive: Drive) -> list[Finding]:
-    """Describes the rotors' drives, unless their commands are their speeds at once."""
-    found = []
-    if drive.mix != 1.0:
-        text = f"the rotors' thrust is {drive.mix:.2f} u² + {1 - drive.mix:.2f} u of the command u"
-        found.append(Finding("note", "curve", "", text, data={"mix": drive.mix}))
-    if drive.lag:
-        text = f"the rotors' speeds lag behind their commands by {drive.lag * 1e3:.0f} ms"
-        found.append(Finding("note", "lag", "", text, data={"seconds": drive.lag}))
-    return found
+def _alternatives(
+    rows: VehicleRows, columns: frozenset[str], timing: Timing, others: list[Timing]
+) -> Iterator[Problem]:
+    """Other plausible problems: without further columns, at other timings, of a narrower filter."""
+    if columns:
+        yield rows.problem(frozenset(), timing)
+    for other in others:
+        yield rows.problem(columns, other)
+    yield rows.with_cutoff(_NARROWER).problem(columns, timing)

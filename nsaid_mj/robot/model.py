@@ -57,6 +57,7 @@ class RobotModel:
         passive: names of the joints without an actuator in a file that has some.
         servos: of the joints that are not passive; None unless each has a position servo. Their
             `limits` are forces.
+        top_speed: of a multicopter's rotors at full command [rad/s]; inf where the sheet has none.
     """
 
     name: str
@@ -76,6 +77,7 @@ class RobotModel:
     file: Path | None = None
     passive: tuple[str, ...] = ()
     servos: Servos | None = None
+    top_speed: float = np.inf
 
     @property
     def weightless(self) -> bool:

@@ -82,6 +82,17 @@ def test_degrees_are_refused_until_the_first_map_is_given(tmp_path, episodes):
     assert "targets" in {f.code for f in found}
 
 
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_ticks_are_read_by_the_first_map(tmp_path, episodes, version):
+    raw = [[np.round((x / np.pi + 1) * 2048) for x in pair] for pair in episodes]
+    folder = write_dataset(tmp_path / "set", version, raw, {"motors": list(JOINTS)})
+    with pytest.raises(UnusableLog):
+        servo_logs(MODEL, [folder])
+    path = tmp_path / "map.toml"
+    path.write_text(first_map(read_tables([folder]), load_robot_model(str(MODEL))))
+    assert_read(servo_logs(MODEL, [folder], path), episodes, 1.01 * np.pi / 4096)
+
+
 def test_a_range_that_may_be_degrees_is_left_to_the_user(tmp_path, episodes):
     folder = write_dataset(tmp_path / "set", "v3.0", in_degrees(episodes), NAMES)
     text = first_map(read_tables([folder]), load_robot_model(str(MODEL)))

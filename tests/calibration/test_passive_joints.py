@@ -11,6 +11,7 @@ from nsaid_mj import ArmPlant, FourierTracking, NullspaceAID, Scenario
 from nsaid_mj.calibration.export import write_models
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.live_robot import LiveRobot
+from nsaid_mj.calibration.logs import read_tables
 from nsaid_mj.calibration.logs.errors import UnmatchedChannels
 from nsaid_mj.calibration.logs.layout import layout
 from nsaid_mj.calibration.logs.mapping import Column, Joint, Map
@@ -150,8 +151,9 @@ def test_a_map_must_name_the_command_of_a_motor(tmp_path):
     (tmp_path / "a.xml").write_text(ACROBOT, encoding="utf-8")
     robot = load_robot_model(str(tmp_path / "a.xml"))
     joints = {name: Joint(position=Column(column=name)) for name in robot.joints}
+    write_csv(tmp_path / "log.csv", dict.fromkeys(["t", *robot.joints], np.arange(9.0)))
     with pytest.raises(InvalidInput, match=r"joints\.elbow\.command"):
-        layout(Map(joints=joints), robot, list(robot.joints))
+        layout(Map(joints=joints), robot, read_tables([tmp_path / "log.csv"]))
 
 
 def test_a_log_with_commands_of_all_joints_keeps_them():

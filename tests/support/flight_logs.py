@@ -6,6 +6,7 @@ import struct
 from pathlib import Path
 
 import numpy as np
+import scipy.signal
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.log import Log
@@ -48,6 +49,22 @@ def topics(log: Log, mix: float = 0.0) -> Topics:
     }
 
 
+def speeds(log: Log, rate: float, lag: float, delay: float, top: float) -> Topics:
+    """The measured speeds of rotors that lag behind a log's commands, as PX4 has them [rpm].
+
+    The lag and the delay [s] are those of the plant, `top` is the speed at full command [rad/s].
+    """
+    step = float(np.median(np.diff(log.t)))
+    late = np.vstack([np.repeat(log.u[:1], round(delay / step), axis=0), log.u])[: len(log.u)]
+    kept = np.exp(-step / lag)
+    own = np.vstack([late[:1], late[:-1]])  # a command acts from its sample on
+    true = scipy.signal.lfilter([1 - kept], [1, -kept], own, axis=0, zi=kept * own[:1])[0]
+    t = np.arange(log.t[0], log.t[-1], 1 / rate)
+    rpm = np.array([np.interp(t, log.t, x * top * 30 / np.pi) for x in true[:, MOTORS].T])
+    rpm = np.round(rpm + 20 * np.random.default_rng(1).normal(size=rpm.shape))
+    return {"esc_status": ({f"esc[{i}].esc_rpm": x for i, x in enumerate(rpm)}, t + 1)}
+
+
 def write_ulog(path: Path, topics: Topics) -> Path:
     """A ULog of topics of doubles."""
 
@@ -72,7 +89,7 @@ def write_ulog(path: Path, topics: Topics) -> Path:
 
 
 def write_dataflash(path: Path, kinds: Topics) -> Path:
-    """A DataFlash log of kinds of messages with floats, one number a field."""
+    """A DataFlash log of kinds of messages with floats, or bytes, one number a field."""
 
     def declared(number: int, length: int, name: str, types: str, labels: str) -> bytes:
         texts = (name.encode(), types.encode(), labels.encode())
@@ -80,11 +97,14 @@ def write_dataflash(path: Path, kinds: Topics) -> Path:
 
     parts = [declared(0x80, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")]
     for number, (kind, (columns, _)) in enumerate(kinds.items(), start=0x90):
-        types, length = "Q" + "f" * len(columns), 3 + 8 + 4 * len(columns)
+        types = "Q" + "".join("B" if x.dtype == np.uint8 else "f" for x in columns.values())
+        length = 3 + struct.calcsize(f"<{types}")
         parts.append(declared(number, length, kind, types, ",".join(["TimeUS", *columns])))
     for number, (columns, t) in enumerate(kinds.values(), start=0x90):
         for k, stamp in enumerate(np.round(t * 1e6).astype(np.uint64).tolist()):
-            row = struct.pack(f"<Q{len(columns)}f", stamp, *(c[k] for c in columns.values()))
+            own = [c[k] for c in columns.values()]
+            types = "".join("B" if x.dtype == np.uint8 else "f" for x in own)
+            row = struct.pack(f"<Q{types}", stamp, *own)
             parts.append(b"\xa3\x95" + bytes([number]) + row)
     path.write_bytes(b"".join(parts))
     return path

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ...baselines.least_squares import continuous_signs
 from ...parameters import Array, number
 from ..findings import Finding, Level
 from . import signals
@@ -61,9 +62,7 @@ def _same_signs(recording: Recording, layout: Layout) -> Recording:
     parts = [recording.channels[name] for name in names]
     if not parts or len({len(part.values) for part in parts}) > 1:
         return recording
-    values = np.column_stack([part.values for part in parts])
-    flips = np.sum(values[1:] * values[:-1], axis=1) < 0
-    signs = np.cumprod(np.r_[1.0, np.where(flips, -1.0, 1.0)])
+    signs = continuous_signs(np.column_stack([part.values for part in parts]))
     turned = {
         name: Channel(part.t, part.values * signs) for name, part in zip(names, parts, strict=True)
     }

@@ -11,7 +11,7 @@ from ...parameters import Array
 from ..data import RobotModel
 from .checks import limits
 from .matching import candidates, match_targets, words
-from .tables import Table
+from .tables import Table, channel_names
 from .units import FACTORS, Quantity, of_name
 
 _WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
@@ -21,7 +21,8 @@ _HEAD = """\
 #
 # unit   of positions: rad, deg, turns, ticks (with counts_per_turn), m, mm
 #        of velocities: rad/s, deg/s, turns/s, rpm, ticks/s, m/s, mm/s
-#        of commands: N·m, mN·m, N, A, mA, V, %, raw; of position targets: as of positions
+#        of commands: N·m, mN·m, N, A, mA, V, %, raw, of rotors also rpm;
+#        of position targets: as of positions
 # sign   -1 if the column counts against the joint's axis
 # ratio  gear ratio, motor turns per joint turn, if the column is of the motor
 # offset added last, in SI, to reach the zero of the model
@@ -80,7 +81,7 @@ def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
 
     `read_map` accepts it once every joint or actuator has a position and a command.
     """
-    names = list(dict.fromkeys(name for table in tables for name in table.channels))
+    names = channel_names(tables)
     parts = [_HEAD, _channels(tables), _time(tables)]
     if robot.system is not None:
         parts.append(_vehicle(tables, robot))
@@ -132,10 +133,8 @@ def _servos(
         lines.append(f"\n[joints.{_key(joint)}]\n")
         for quantity, name in (("position", measured[joint]), ("command", targets[joint])):
             stated = of_name(name, FACTORS["position"])[1]
-            for unit in [f'unit = "{stated}"'] if stated else choices:
-                line = f"{quantity} = {{ column = {_quoted(name)}, {unit} }}"
-                several = not stated and len(choices) > 1
-                lines.append(f"# {line}  # choose one\n" if several else f"{line}\n")
+            own = [f'unit = "{stated}"'] if stated else choices
+            lines += [_line(quantity, name, unit, several=len(own) > 1) for unit in own]
     return lines
 
 
@@ -182,11 +181,16 @@ def _joint(joint: str, found: dict[Quantity, dict[str, dict[str, str]]]) -> str:
 def _entry(quantity: Quantity, name: str, several: bool) -> str:
     """A line for one column; commented out if there are several candidates."""
     stated = of_name(name, FACTORS[quantity])[1]
-    unit = f', unit = "{stated}"' if stated else ""
-    line = f"{quantity} = {{ column = {_quoted(name)}{unit} }}"
-    if several:
-        return f"# {line}  # choose one\n"
-    return f"{line}{'' if stated else '  # state its unit'}\n"
+    if stated or several:
+        return _line(quantity, name, f'unit = "{stated}"' if stated else "", several=several)
+    return _line(quantity, name, remark="state its unit")
+
+
+def _line(key: str, name: str, more: str = "", remark: str = "", *, several: bool = False) -> str:
+    """An entry for a column with `more` fields; commented out if it is one of several."""
+    text = f"{key} = {{ column = {_quoted(name)}{f', {more}' if more else ''} }}"
+    remark = "choose one" if several else remark
+    return f"{'# ' if several else ''}{text}{f'  # {remark}' if remark else ''}\n"
 
 
 def _vehicle(tables: Sequence[Table], robot: RobotModel) -> str:
@@ -209,11 +213,9 @@ def _vehicle(tables: Sequence[Table], robot: RobotModel) -> str:
             if column in channels and high and _is_pulse(channels[column].values):
                 width = _PULSE[1] - _PULSE[0]
                 ratio = (high - low) / width
-                scaled = f", ratio = {ratio:g}, offset = {low - ratio * _PULSE[0]:g}"
+                scaled = f"ratio = {ratio:g}, offset = {low - ratio * _PULSE[0]:g}"
             mark = "" if len(groups) == 1 else "# "
-            lines.append(
-                f"{mark}{_key(name)} = {{ column = {_quoted(column)}{scaled} }}  # {means}\n"
-            )
+            lines.append(mark + _line(_key(name), column, scaled, means))
     return "".join(lines)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from ...parameters import Array
 from ..data import RobotModel
 from .mapping import Column, Map, Vehicle
+from .tables import Table, channel_names
 
 _X = np.array([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]])
 """Sides of motors 1 to 4, forward and left."""
@@ -28,14 +29,20 @@ class _Controller(NamedTuple):
         vehicle: pose and twist.
         motors: choices of the motors' channels, the best first: a pattern with the motor's number
             in it, the first number, and factor and offset to a share of the full command.
+        speeds: choices of their measured speeds [rpm]: a pattern and the first number.
+        functions: pattern of the channels that say which motor a speed controller drives, and the
+            number there of the first motor; "" if there are none.
     """
 
     name: str
     vehicle: Vehicle
     motors: tuple[tuple[str, int, float, float], ...]
+    speeds: tuple[tuple[str, int], ...]
+    functions: tuple[str, int] = ("", 0)
 
 
 _PULSE = (1e-3, -1.0)  # 1000 to 2000 µs are 0 to 1
+_ENOUGH = 80.0  # of measured speeds [Hz]: straight lines between slower ones lose their variation
 
 _CONTROLLERS = (
     _Controller(
@@ -52,6 +59,8 @@ _CONTROLLERS = (
             ("actuator_motors/control[{}]", 0, 1.0, 0.0),
             ("actuator_outputs/output[{}]", 0, *_PULSE),
         ),
+        (("esc_status/esc[{}].esc_rpm", 0),),
+        ("esc_status/esc[{}].actuator_function", 101),
     ),
     _Controller(
         "ArduPilot",
@@ -63,38 +72,85 @@ _CONTROLLERS = (
             twist="world",
         ),
         (("RCOU/C{}", 1, *_PULSE),),
+        (("ESC_{}/RPM", 0), ("ESC{}/RPM", 1), ("RPM_{}/RPM", 0)),
     ),
 )
 
 
-def flight_map(robot: RobotModel, channels: Collection[str]) -> tuple[Map, str] | None:
+def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | None:
     """The map of a log with the standard topics, and its assumptions in words.
 
     Velocities are those of the controller's estimator; positions, on which no force depends, are
-    integrated from them. None if topics among `channels` are missing, or the vehicle does not have
-    one rotor in each quadrant.
+    integrated from them. Commands are the rotors' measured speeds where the speed controllers
+    report them often enough. None if topics are missing, or the vehicle does not have one rotor in
+    each quadrant.
     """
-    if robot.system is None or robot.system.m != 7:
-        return None
-    order = _order(robot)
-    for name, vehicle, choices in _CONTROLLERS:
-        if order is None or not set(vehicle.columns) <= set(channels):
-            continue
-        for pattern, first, ratio, offset in choices:
-            motors = [pattern.format(first + i) for i in order]
-            if set(motors) <= set(channels):
-                columns = [Column(column=m, ratio=ratio, offset=offset) for m in motors]
-                mapping = Map(
-                    vehicle=vehicle, actuators=dict(zip(robot.joints, columns, strict=True))
-                )
-                return mapping, _words(name, robot.joints, motors, offset)
+    order = _order(robot) if robot.system is not None and robot.system.m == 7 else None
+    names = set(channel_names(tables))
+    for controller in _CONTROLLERS if order is not None else ():
+        for pattern, first, ratio, offset in controller.motors:
+            motors = [pattern.format(first + i) for i in order or ()]
+            if not {*controller.vehicle.columns, *motors} <= names:
+                continue
+            columns = [Column(column=m, ratio=ratio, offset=offset) for m in motors]
+            told = "; 1000 to 2000 µs are 0 to 1" if offset else ""
+            speeds = _speeds(controller, order or [], tables, names)
+            if unusable := _unusable(speeds, robot, tables):
+                told += f"; the motors' measured speeds ({speeds[0]} …) {unusable}"
+            elif speeds:
+                columns = [
+                    Column(
+                        column=x, unit="rpm", sign=-1 if np.median(_values(x, tables)) < 0 else 1
+                    )
+                    for x in speeds  # some controllers count one direction of rotation as negative
+                ]
+                motors, told = speeds, "; measured speeds are used, not the motors' commands"
+            actuators = dict(zip(robot.joints, columns, strict=True))
+            pairs = [f"{m} is {rotor}" for m, rotor in zip(motors, robot.joints, strict=True)]
+            text = f"the standard topics of {controller.name} are used: {', '.join(pairs)}"
+            mapping = Map(vehicle=controller.vehicle, actuators=actuators)
+            return mapping, f"{text}, as in a quadrotor X{told}"
     return None
 
 
-def _words(name: str, rotors: Sequence[str], motors: Sequence[str], offset: float) -> str:
-    pairs = ", ".join(f"{motor} is {rotor}" for motor, rotor in zip(motors, rotors, strict=True))
-    scaled = "; 1000 to 2000 µs are 0 to 1" if offset else ""
-    return f"the standard topics of {name} are used: {pairs}, as in a quadrotor X{scaled}"
+def _speeds(
+    controller: _Controller, order: Sequence[int], tables: Sequence[Table], names: Collection[str]
+) -> list[str]:
+    """The channels of the motors' measured speeds, in the order of the rotors; [] if one lacks."""
+    pattern, lowest = controller.functions
+    numbers = {i: i for i in order}
+    for i in order:
+        said = {x for x in _values(pattern.format(i), tables).tolist() if x >= lowest > 0}
+        if len(said) == 1:
+            numbers[int(said.pop()) - lowest] = i
+    for name, first in controller.speeds:
+        # the messages of the first instance have no number
+        found = [name.format(first + numbers[i]).replace("_0/", "/") for i in order]
+        if set(found) <= set(names):
+            return found
+    return []
+
+
+def _unusable(speeds: Sequence[str], robot: RobotModel, tables: Sequence[Table]) -> str:
+    """Why measured speeds are not used, in words; "" if they are, or if there are none."""
+    if not speeds:
+        return ""
+    if not np.isfinite(robot.top_speed):
+        return "are not used: the sheet has no top speed to which they relate"
+    for name in speeds:
+        values = _values(name, tables)
+        if len(values) < 2 or not np.ptp(values) > 0:
+            return f"are not used: {name} is {values[0] if len(values) else 'empty'} throughout"
+    times = [table.channels[speeds[0]].t for table in tables if speeds[0] in table.channels]
+    rate = 1 / float(np.median(np.concatenate([np.diff(t) for t in times])))
+    return "" if rate >= _ENOUGH else f"are not used: they come at {rate:.3g} Hz only"
+
+
+def _values(name: str, tables: Sequence[Table]) -> Array:
+    """All numbers of a channel."""
+    found = [table.channels[name].values for table in tables if name in table.channels]
+    values = np.concatenate([np.zeros(0), *found])
+    return values[np.isfinite(values)]
 
 
 def _order(robot: RobotModel) -> list[int] | None:

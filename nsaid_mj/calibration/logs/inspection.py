@@ -97,13 +97,12 @@ def inspect(
     recordings, findings = None, tuple(f for table in tables for f in table.findings)
     if robot is not None:
         tables = [with_angles(table, robot) for table in tables]
-        names = list(dict.fromkeys(name for table in tables for name in table.channels))
         try:
             given = _servo_findings(tables, mapping, robot)
             if given is not None:
                 findings += given
             else:
-                roles = _roles(layout(mapping, robot, names), robot)
+                roles = _roles(layout(mapping, robot, tables), robot)
                 recordings = prepare(tables, mapping, robot)
                 findings = (*recordings.findings, *checks(recordings, robot))
         except UnmatchedChannels as error:

@@ -25,7 +25,7 @@ def join(
     """
     whole = [t for t in tables if set(wanted) <= set(t.channels)]
     parts = [t for t in tables if t not in whole and set(wanted) & set(t.channels)]
-    found = [_alone(table, mapping) for table in whole]
+    found = [Recording(table.source, _shifted(table, mapping)) for table in whole]
     findings = [_unused(t) for t in tables if not set(wanted) & set(t.channels)]
     if parts:
         joined = _joined(parts, mapping, wanted)
@@ -35,17 +35,13 @@ def join(
     return found, findings
 
 
-def _alone(table: Table, mapping: Map) -> Recording:
-    offset = _offset(table, mapping)
-    if not offset:
-        return Recording(table.source, table.channels)
-    times = {id(c.t): c.t + offset for c in table.channels.values()}
-    shifted = {name: Channel(times[id(c.t)], c.values) for name, c in table.channels.items()}
-    return Recording(table.source, shifted)
-
-
-def _offset(table: Table, mapping: Map) -> float:
-    return mapping.files[table.source].offset if table.source in mapping.files else 0.0
+def _shifted(table: Table, mapping: Map, shift: float = 0.0) -> dict[str, Channel]:
+    """A table's channels, later by its offset in the map and by `shift` [s]."""
+    shift += mapping.files[table.source].offset if table.source in mapping.files else 0.0
+    if not shift:
+        return table.channels
+    times = {id(c.t): c.t + shift for c in table.channels.values()}
+    return {name: Channel(times[id(c.t)], c.values) for name, c in table.channels.items()}
 
 
 def _joined(parts: Sequence[Table], mapping: Map, wanted: Sequence[str]) -> Recording:
@@ -54,9 +50,7 @@ def _joined(parts: Sequence[Table], mapping: Map, wanted: Sequence[str]) -> Reco
     channels: dict[str, Channel] = {}
     ranges = []
     for table in parts:
-        shift = (table.origin - origin) * 1e-9 + _offset(table, mapping)
-        times = {id(c.t): c.t + shift for c in table.channels.values()}
-        mine = {n: Channel(times[id(c.t)], c.values) for n, c in table.channels.items()}
+        mine = _shifted(table, mapping, (table.origin - origin) * 1e-9)
         used = [mine[name].t for name in wanted if name in mine]
         ranges.append((min(np.nanmin(t) for t in used), max(np.nanmax(t) for t in used)))
         for name, channel in mine.items():

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
+from ...baselines.least_squares import continuous_signs
 from ...errors import InvalidInput
 from ...parameters import Array
 from ..data import RobotModel
@@ -15,6 +18,7 @@ from . import matching
 from .errors import UnmatchedChannels
 from .flight import flight_map
 from .mapping import Column, Map, Vehicle, matrix
+from .tables import Table, channel_names
 from .units import Quantity, si
 
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
@@ -115,18 +119,19 @@ def _mixed(raw: Array, matrix: Array | None) -> Array:
     return raw if matrix is None else raw @ matrix.T
 
 
-def layout(mapping: Map | None, robot: RobotModel, channels: list[str]) -> Layout:
+def layout(mapping: Map | None, robot: RobotModel, tables: Sequence[Table]) -> Layout:
     """The layout of a map, or of channels whose names match the robot if there are none in it.
 
     Raises:
         UnmatchedChannels: there is no map, and the names are ambiguous.
         InvalidInput: the map names a joint or column that does not exist, or lacks one.
     """
-    mapping = mapping or Map()
+    mapping, channels = mapping or Map(), channel_names(tables)
     if robot.system is not None:
-        return _of_vehicle(mapping, robot, channels)
+        return _of_vehicle(mapping, robot, tables, channels)
     if not mapping.joints:
-        mapping = _with_joints(mapping, matching.match(channels, robot.joints, robot.passive))
+        matched = matching.match(channels, robot.joints, robot.passive)
+        mapping = replace(mapping, joints=matched.joints)
     remedy = f"The robot's actuated joints are {', '.join(robot.joints)}."
     for joint in set(mapping.joints) ^ set(robot.joints):
         stated = "a joint that the robot lacks" if joint in mapping.joints else "no entry"
@@ -146,17 +151,6 @@ def layout(mapping: Map | None, robot: RobotModel, channels: list[str]) -> Layou
         matrix("torque", mapping.coupling.torque, n),
     )
     return _existing(made, channels)
-
-
-def _with_joints(mapping: Map, matched: Map) -> Map:
-    return Map(
-        time=mapping.time,
-        files=mapping.files,
-        joints=matched.joints,
-        coupling=mapping.coupling,
-        hold=mapping.hold,
-        drop_rest=mapping.drop_rest,
-    )
 
 
 def _source(quantity: Quantity, column: Column, angle: bool = False) -> Source:
@@ -180,11 +174,13 @@ def _existing(made: Layout, channels: list[str]) -> Layout:
     return made
 
 
-def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
+def _of_vehicle(
+    mapping: Map, robot: RobotModel, tables: Sequence[Table], channels: list[str]
+) -> Layout:
     """The layout of a vehicle's pose, twist and commands; without a map, that of our own runs."""
     m, n, count = robot.system.m, robot.system.n, len(robot.joints)
     assumed = ""
-    if mapping.vehicle is None and (standard := flight_map(robot, channels)) is not None:
+    if mapping.vehicle is None and (standard := flight_map(robot, tables)) is not None:
         mapping, assumed = standard
     if mapping.vehicle is None:
         names = {
@@ -208,7 +204,7 @@ def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
         parts = [
             [Column(column=name) for name in vehicle.pose],
             [Column(column=name) for name in twist],
-            [actuators[name] for name in plain],
+            [_relative(actuators[name], robot) for name in plain],
         ]
     velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
     positions = tuple(_source("position", c) for c in parts[0])
@@ -218,6 +214,16 @@ def _of_vehicle(mapping: Map, robot: RobotModel, channels: list[str]) -> Layout:
     commands = tuple(_source("command", c) for c in parts[2])
     made = Layout(positions, velocities, commands, vehicle=vehicle, assumed=assumed)
     return _existing(made, channels)
+
+
+def _relative(command: Column, robot: RobotModel) -> Column:
+    """A command as a share of its full size: a rotor's measured speed is divided by the top one."""
+    if command.unit_as("command") != "rpm" or command.ratio != 1:
+        return command
+    if not np.isfinite(robot.top_speed):
+        remedy = "Give the `ratio` 1/(top speed in rad/s) in the map."
+        raise InvalidInput(f"map: {command.column}", "a sheet with a top speed", "none", remedy)
+    return replace(command, ratio=1 / robot.top_speed)
 
 
 def _check_vehicle(vehicle: Vehicle, m: int, n: int) -> None:
@@ -256,9 +262,7 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
     if ned:
         turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
     quaternions = turns.as_quat()
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-    signs = np.cumprod(np.r_[1.0, np.where(flips, -1.0, 1.0)])
-    return np.column_stack([places, quaternions * signs[:, None]])
+    return np.column_stack([places, quaternions * continuous_signs(quaternions)[:, None]])
 
 
 def _rotations(vehicle: Vehicle, raw: Array) -> Rotation:
@@ -297,12 +301,8 @@ def pose_velocity(q: Array, rate: float) -> Array:
         c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
         dx, dy, turn = slopes.T
         return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])
-    linear = Rotation.from_quat(q[:, 3:]).inv().apply(slopes[:, :3])
-    x, y, z, w = q[:, 3:].T
-    dx, dy, dz, dw = slopes[:, 3:].T
-    angular = [  # ω = 2 vec(q⁻¹ q̇)
-        w * dx - x * dw - y * dz + z * dy,
-        w * dy - y * dw - z * dx + x * dz,
-        w * dz - z * dw - x * dy + y * dx,
-    ]
-    return np.column_stack([linear, 2 * np.column_stack(angular)])
+    ahead, behind = np.arange(1, len(q) + 1), np.arange(-1, len(q) - 1)
+    ahead[-1], behind[0] = len(q) - 1, 0
+    before, now, after = (Rotation.from_quat(x[:, 3:]) for x in (q[behind], q, q[ahead]))
+    angular = (before.inv() * after).as_rotvec() * rate / (ahead - behind)[:, None]
+    return np.hstack([now.inv().apply(slopes[:, :3]), angular])

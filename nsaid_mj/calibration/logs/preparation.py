@@ -52,7 +52,7 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     """
     mapping = mapping or Map()
     tables = [with_angles(table, robot) for table in tables]
-    made = layout(mapping, robot, _names(tables))
+    made = layout(mapping, robot, tables)
     findings = [finding for table in tables for finding in table.findings]
     if made.assumed:
         remedy = "If that is wrong, give a map.toml; docs/map.md shows one."
@@ -107,10 +107,6 @@ def _cleaned(
         where = f"{recording.source}, {few}"
         findings.append(Finding("refusal", "dead_channel", where, text, remedy))
     return cleaned
-
-
-def _names(tables: Sequence[Table]) -> list[str]:
-    return list(dict.fromkeys(name for table in tables for name in table.channels))
 
 
 def _quantum(column: str, factor: float, recordings: Sequence[Recording]) -> float:

@@ -54,6 +54,11 @@ class Table:
     findings: tuple[Finding, ...] = ()
 
 
+def channel_names(tables: Sequence[Table]) -> list[str]:
+    """The names of all channels, each once."""
+    return list(dict.fromkeys(name for table in tables for name in table.channels))
+
+
 def read(
     path: str | os.PathLike[str],
     time: str | None = None,

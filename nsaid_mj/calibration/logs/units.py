@@ -21,6 +21,7 @@ FACTORS: Mapping[Quantity, Mapping[str, float]] = {
     },
     "command": {
         "N·m": 1.0, "mN·m": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3, "V": 1.0, "%": 1.0, "raw": 1.0,
+        "rpm": TURN / 60,
     },
 }  # fmt: skip
 """Factor from each unit to the unit of `Log`: rad or m, rad/s or m/s, and `si` of a command."""
@@ -67,7 +68,7 @@ def canonical(text: str) -> str:
 
 def si(unit: str) -> str:
     """The unit of a command after its conversion; "" for raw numbers."""
-    return {"mN·m": "N·m", "mA": "A", "raw": ""}.get(unit, unit)
+    return {"mN·m": "N·m", "mA": "A", "raw": "", "rpm": "rad/s"}.get(unit, unit)
 
 
 def of_name(name: str, allowed: Mapping[str, float]) -> tuple[str, str]:

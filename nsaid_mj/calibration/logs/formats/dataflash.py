@@ -14,6 +14,7 @@ from . import Columns, check_size
 LIBRARY = "pymavlink"
 
 _LATEST = 1e15  # thirty years [µs]; a time beyond is damaged
+_INSTANCES = ("I", "Instance", "C")
 _HEAD = b"\xa3\x95\x80"  # the first message declares the format of formats
 
 
@@ -25,7 +26,8 @@ def recognises(_path: Path, head: bytes) -> bool:
 def read(path: Path) -> list[Columns]:
     """One group of columns for each kind of message, called `KIND/FIELD`.
 
-    Messages of several sensors (field `I` or `C`) are separated: `KIND_1/FIELD` of instance 1.
+    Messages of several sensors or motors (field `I`, `C` or `Instance`) are separated:
+    `KIND_1/FIELD` of instance 1.
 
     Raises:
         MissingExtra: `pymavlink` is not installed.
@@ -47,7 +49,7 @@ def read(path: Path) -> list[Columns]:
                 if kind != "FMT":  # the declarations of the others
                     unread[kind] = "messages without a time"
                 continue
-            instance = values.get("I", values.get("C", 0))
+            instance = next((values[key] for key in _INSTANCES if key in values), 0)
             name = f"{kind}_{instance}" if isinstance(instance, int) and instance else kind
             numbers = {k: x for k, x in values.items() if isinstance(x, int | float)}
             unread |= {f"{name}/{k}": "text" for k in values.keys() - numbers.keys()}

@@ -1,0 +1,213 @@
+"""When and how a vehicle's commands act: the actuators' delay and lag, and the rotors' curve.
+
+All are judged by the cost of the whole fit, see `vehicles`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from ..parameters import Array
+from .findings import Finding
+from .selection import REACH
+
+WORTH = 6.0
+"""Fall of the cost that a delay or a set of columns must bring: a likelihood ratio."""
+
+_COARSE, _FINE = 0.02, 0.0005  # spacing of the trial delays [s]
+_LITTLE = 2.0  # fall of the cost by a delay within the spacing, such as half a sample's
+_MIXES = (1.0, 0.0, 0.3, 0.6, 0.8, 0.9)  # trial shares of the square
+_LAGS = (0.0, 0.01, 0.02, 0.05, 0.1)  # trial lags of rotors [s]
+_STEPS = (0.0005, 0.001, 0.01)  # first changes of delay, lag and mix by which a cost rises
+_DOUBLINGS = 6  # of a change, at most
+_RISE = 2.0  # of the cost, at two standard deviations, which count as one: residuals are correlated
+
+
+class Drive(NamedTuple):
+    """How the actuators of a vehicle follow their commands.
+
+    Attributes:
+        mix: share m of the square in a rotor's force m u² + (1 − m) u of a command u held for long:
+            1 where the command is the rotor's speed, 0 where it is its thrust.
+        lag: time constant of a rotor's speed, or of another actuator's command [s].
+    """
+
+    mix: float = 1.0
+    lag: float = 0.0
+
+    def speeds(self, u: Array, rate: float) -> Array:
+        """(N, k) relative speeds of rotors under commands u (N, k); force grows with their square.
+
+        `rate` is in samples per second [Hz].
+        """
+        size = np.abs(u)
+        speed = np.sign(u) * np.sqrt(self.mix * size**2 + (1 - self.mix) * size)
+        if self.lag == 0:
+            return speed
+        r = 1 / (rate * self.lag)  # exact for a course that is linear between samples
+        kept, mean = np.exp(-r), -np.expm1(-r) / r
+        taps, start = [1 - mean, mean - kept], mean * speed[:1]
+        return np.asarray(scipy.signal.lfilter(taps, [1, -kept], speed, axis=0, zi=start)[0])
+
+
+SPEED = Drive()
+"""Of rotors whose commands are their speeds."""
+
+
+class Timing(NamedTuple):
+    """When and how commands act.
+
+    Attributes:
+        delay: that all actuators share [s]; (k,) one for each where it is given.
+        drive: of the actuators.
+    """
+
+    delay: float | Array = 0.0
+    drive: Drive = SPEED
+
+
+class Freedom(NamedTuple):
+    """What of a timing is searched for, besides the delay.
+
+    Attributes:
+        lag: whether some commands are not measured speeds.
+        curve: whether some of them are of rotors.
+    """
+
+    lag: bool
+    curve: bool
+
+    @property
+    def numbers(self) -> list[int]:
+        """Indices of the numbers of a timing that may change, see `_timing_of`."""
+        return [0, *([1] if self.lag else []), *([2] if self.curve else [])]
+
+
+Cost = Callable[[Timing], float]
+
+
+def search(
+    cost: Cost, names: Sequence[str], free: Freedom, told: Callable[[str], None]
+) -> tuple[Timing, list[Timing], list[Finding]]:
+    """The timing that minimises a cost, others that are as plausible, and notes.
+
+    Args:
+        cost: of a timing.
+        names: of the actuators.
+        free: what is searched for.
+        told: called with the name of every stage.
+    """
+    told("searching for delays")
+    grid = np.arange(-REACH, REACH + 1e-9, _COARSE)
+    costs = np.array([cost(Timing(d)) for d in grid])
+    at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
+    found, edge, notes = np.array([0.0, 0.0, 1.0]), at in (0, len(grid) - 1), []
+    if not edge:
+        least = scipy.optimize.minimize_scalar(
+            lambda d: cost(Timing(d)), bounds=(grid[at - 1], grid[at + 1]), options={"xatol": _FINE}
+        )
+        if least.fun < costs[zero] - _LITTLE:
+            found[0] = least.x
+
+    def along(x: Array) -> float:
+        timing = _timing_of(x)
+        return np.inf if timing is None else cost(timing)
+
+    if free.lag:
+        told("choosing the actuators' curve and lag")
+        found = _with_drive(along, found, free)
+    timing = _timing_of(found) or Timing()
+    if edge and costs[at] <= costs[zero] - WORTH and timing == Timing():
+        text = (
+            f"the best delay of the commands, {grid[at] * 1e3:+.0f} ms, lies at the edge of the "
+            "search"
+        )
+        remedy = "Align the clocks of commands and positions in the map."
+        notes.append(Finding("warning", "delay_at_edge", "", text, remedy))
+    if timing.delay:
+        text = f"commands act {timing.delay * 1e3:.1f} ms after they were recorded"
+        notes.append(Finding("note", "delay", "", text, data=dict.fromkeys(names, timing.delay)))
+    return timing, _plausible(along, found, free), [*notes, *_drive_notes(timing.drive, free)]
+
+
+def _timing_of(x: Array) -> Timing | None:
+    """The timing of three numbers, each of which affects the motion in a way of its own.
+
+    They are delay and lag together, which slow motion cannot tell apart [s], the lag [s], and the
+    share of the square; None if there is no such timing.
+    """
+    total, lag, mix = map(float, x)
+    inside = lag >= 0 and 0 <= mix <= 1
+    return Timing(total - lag, Drive(mix, lag)) if inside else None
+
+
+def _with_drive(along: Callable[[Array], float], start: Array, free: Freedom) -> Array:
+    """The numbers of the timing that minimises the cost: a grid search, then a simplex.
+
+    The search starts from the delay that suits rotors whose commands are their speeds, without a
+    lag. A mix near 1 or 0, or a lag, that lowers the cost by less than `WORTH` is taken as 1 or 0.
+    """
+    trials = _MIXES if free.curve else _MIXES[:1]
+    mixes = [np.array([start[0], 0.0, mix]) for mix in trials]
+    lags = [np.array([start[0], lag, min(mixes, key=along)[2]]) for lag in _LAGS]
+    best = min(lags, key=along)
+    if along(mixes[0]) < along(best) + WORTH:
+        return start
+    steps = np.diag([0.01, 0.01, 0.1 - 0.2 * (best[2] > 0.5)])[free.numbers]
+
+    def placed(x: Array) -> Array:
+        found = best.copy()
+        found[free.numbers] = x
+        return found
+
+    corners = np.vstack([best, best + steps])[:, free.numbers]
+    options = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 1.0, "maxfev": 90}
+    least = scipy.optimize.minimize(
+        lambda x: along(placed(x)), corners[0], method="Nelder-Mead", options=options
+    )
+    found = placed(least.x)
+    for k, plain in ((1, 0.0), (2, 0.0), (2, 1.0)):
+        simpler = np.where(np.arange(3) == k, plain, found)
+        if k in free.numbers and along(simpler) < along(found) + WORTH:
+            found = simpler
+    return found
+
+
+def _plausible(along: Callable[[Array], float], found: Array, free: Freedom) -> list[Timing]:
+    """Timings that differ from a found one by as much as its numbers are uncertain, in turn.
+
+    A number is changed until the cost rises by as much as two standard deviations make it rise; by
+    the larger of both changes, as the cost hardly depends on a small lag.
+    """
+    others, least = [], along(found)
+    for k in free.numbers:
+        best = 0.0
+        for side in (1, -1):
+            step, rise = side * _STEPS[k], 0.0
+            for _ in range(_DOUBLINGS):
+                rise = along(found + step * np.eye(3)[k]) - least
+                if rise >= _RISE:
+                    break
+                step *= 2
+            if np.isfinite(rise):
+                size = step * np.sqrt(_RISE / max(rise, _RISE))
+                best = size if abs(size) > abs(best) else best
+        others.append(_timing_of(found + best * np.eye(3)[k]))
+    return [other for other in others if other is not None]
+
+
+def _drive_notes(drive: Drive, free: Freedom) -> list[Finding]:
+    """Describes the drives, unless commands act at once, and those of rotors are their speeds."""
+    found = []
+    if drive.mix != 1.0:
+        text = f"the rotors' thrust is {drive.mix:.2f} u² + {1 - drive.mix:.2f} u of the command u"
+        found.append(Finding("note", "curve", "", text, data={"mix": drive.mix}))
+    if drive.lag:
+        who = "the rotors' speeds" if free.curve else "the actuators"
+        text = f"{who} lag behind their commands by {drive.lag * 1e3:.0f} ms"
+        found.append(Finding("note", "lag", "", text, data={"seconds": drive.lag}))
+    return found
