@@ -332,17 +332,11 @@ def _act_on_joints(user, u, qpos, qvel, passive):
 def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
     """Adds all forces, from arrays in userdata."""
     structure = StructureArrays(
-        table_of(user, _LAYOUT, 0),
-        vector_of(user, _LAYOUT, 1),
-        vector_of(user, _LAYOUT, 2),
-        table_of(user, _LAYOUT, 3),
-        table_of(user, _LAYOUT, 4),
-        vector_of(user, _LAYOUT, 5),
-        table_of(user, _LAYOUT, 6),
-        table_of(user, _LAYOUT, 7),
-        vector_of(user, _LAYOUT, 8),
+        table_of(user, _LAYOUT, 0), vector_of(user, _LAYOUT, 1), vector_of(user, _LAYOUT, 2),
+        table_of(user, _LAYOUT, 3), table_of(user, _LAYOUT, 4), vector_of(user, _LAYOUT, 5),
+        table_of(user, _LAYOUT, 6), table_of(user, _LAYOUT, 7), vector_of(user, _LAYOUT, 8),
         table_of(user, _LAYOUT, 9),
-    )
+    )  # fmt: skip
     work = Workspace(
         vector_of(user, _LAYOUT, _WORK),
         vector_of(user, _LAYOUT, _WORK + 1),
