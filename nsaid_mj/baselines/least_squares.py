@@ -15,6 +15,7 @@ from ..errors import InvalidInput, NoEstimate
 from ..log import Log
 from ..nullspace import TOLERANCE
 from ..numerics.low_pass import decimated, symmetric, zero_phase
+from ..numerics.spatial import continuous_signs
 from ..parameters import Array
 from ..quotient.cost import Quotient
 from ..quotient.descent import Rules, minimise
@@ -46,12 +47,6 @@ def _continuous(system: SecondOrderSystem, q: Array) -> Array:
     q = q.copy()
     q[:, 3:7] *= continuous_signs(q[:, 3:7])[:, None]
     return q
-
-
-def continuous_signs(quaternions: Array) -> Array:
-    """(N,) signs, 1 or −1, with which quaternions (N, 4) are continuous in time."""
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-    return np.cumprod(np.r_[1.0, np.where(flips, -1.0, 1.0)])
 
 
 def low_passed(W: Array, rate: float, cutoff: float) -> Array:

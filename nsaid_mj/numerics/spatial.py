@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..parameters import Array
 from .kernels import kernel
 
 _SMALL = 1e-2  # angle below which three terms of the series are exact in double precision [rad]
@@ -128,3 +129,9 @@ def bracket(group, a, b):
         c[0] = a[1] * b[2] - a[2] * b[1]
         c[1] = a[2] * b[0] - a[0] * b[2]
     return c
+
+
+def continuous_signs(quaternions: Array) -> Array:
+    """(N,) signs, 1 or −1, with which quaternions (N, 4) are continuous in time."""
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+    return np.cumprod(np.r_[1.0, np.where(flips, -1.0, 1.0)])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...baselines.least_squares import continuous_signs
+from ...numerics.spatial import continuous_signs
 from ...parameters import Array, number
 from ..findings import Finding, Level
 from . import signals

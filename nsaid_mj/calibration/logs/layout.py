@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
-from ...baselines.least_squares import continuous_signs
 from ...errors import InvalidInput
+from ...numerics.spatial import continuous_signs
 from ...parameters import Array
 from ..data import RobotModel
 from . import matching
