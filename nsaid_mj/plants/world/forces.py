@@ -70,10 +70,10 @@ from .callbacks import (
 from .coordinates import Reading
 
 _TOTAL, _LAGGED, _COMMANDS, _ADDED, _FLOW = range(5)
-_GROUP, _POSE, _LAYOUT = range(_FLOW + 3, _FLOW + 6)
+_GROUP, _POSE, _PLACED, _LAYOUT = range(_FLOW + 3, _FLOW + 7)
 """Places in userdata: its length; whether commands are activations; their number; whether there is
-inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; place,
-rows and columns of every part."""
+inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; whether
+any force depends on the bodies' poses; place, rows and columns of every part."""
 _DOFS, _THETA, _OWN, _WORK = 10, 11, 12, 22
 _HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
 """Parts of the userdata, after those of `StructureArrays`: every velocity's place in qvel, its
@@ -110,6 +110,7 @@ class Forces:
         layout = [(at, *(*part.shape, 1)[:2]) for at, part in zip(places, parts, strict=False)]
         commands, flow = self.structure.n_u, self.flow
         head = [places[-1], lagged, commands, self.added, *flow, reading.group, reading.free[0]]
+        head.append(self.placed)
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
         return np.concatenate([head, np.ravel(layout), *flat], dtype=np.float64)
 
@@ -370,29 +371,26 @@ def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
 
 
 @cache
-def column_forces(placed: bool) -> Any:
+def column_forces() -> Any:
     """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive.
 
-    One for robots with forces that depend on the bodies' poses, and one for all others, which need
-    not wait until the columns on bodies are compiled.
+    One for all robots: a second would compile the same columns again.
     """
     offsets = field_offsets()
     user, ctrl, act, q, v, force = (
         offsets[name] for name in ("userdata", "ctrl", "act", "qpos", "qvel", "qfrc_passive")
     )
-    signature = void(types.uintp, types.uintp)  # below with reference counting, as views need it
 
-    @kernel(signature, inner=True, no_cfunc_wrapper=False, _nrt=True)
-    def on_joints(_, data):
-        d, u, qpos, qvel, passive = _views(data, user, ctrl, act, q, v, force)
-        if accepted(u):
-            _act_on_joints(d.ctypes.data, u, qpos, qvel, passive)
+    @kernel(
+        void(types.uintp, types.uintp), inner=True, no_cfunc_wrapper=False, _nrt=True
+    )  # with reference counting, as arrays at addresses need it
+    def passive(model, data):
+        d, u, qpos, qvel, pushed = _views(data, user, ctrl, act, q, v, force)
+        if not accepted(u):
+            return
+        if d[_PLACED] > 0:
+            _act_on_bodies(model, data, d.ctypes.data, d, u, qpos, qvel, pushed)
+        else:
+            _act_on_joints(d.ctypes.data, u, qpos, qvel, pushed)
 
-    @kernel(signature, inner=True, no_cfunc_wrapper=False, _nrt=True)
-    def on_bodies(model, data):
-        d, u, qpos, qvel, passive = _views(data, user, ctrl, act, q, v, force)
-        if accepted(u):
-            _act_on_bodies(model, data, d.ctypes.data, d, u, qpos, qvel, passive)
-
-    made = on_bodies if placed else on_joints
-    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(made.callback)
+    return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.callback)

@@ -80,7 +80,7 @@ class SimulatedRobot(Plant):
     ):
         self.system, self._truth = system, truth
         forces = Forces(system.structure, acting, np.array(mismatch.flow))
-        self.passive = column_forces(forces.placed)
+        self.passive = column_forces()
         self.gain_places, spec.nuserdata = forces.gain_places, forces.size
         self._compile(spec, mismatch)
         tree = system.joints if isinstance(system, JointTree) else []
