@@ -122,6 +122,7 @@ def test_speeds_that_say_little_change_nothing(flight, tmp_path, quadrotor, rate
     assert "measured speeds" in note and why in note
 
 
+@pytest.mark.slow
 def test_a_law_follows_the_commands_as_they_act(flight, tmp_path):
     """Without curve and lag its gains were 25 % off and the last fifth was predicted to .28."""
     log = write_ulog(tmp_path / "flight.ulg", topics(flight.log, 0.6))

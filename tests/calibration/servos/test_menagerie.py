@@ -80,7 +80,7 @@ def slow(robot, rng, t):
     return (half * np.sin(w * t[:, None, None] + phase)).sum(axis=2)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_intervals_of_overdamped_servos_without_friction_hold(tmp_path, seed):
     """In the Menagerie kv/kp is 0.1 to 0.2 s and armature is small: a slow motion shows neither
     armature nor delay, and critical damping would be a hundred times as much armature."""

@@ -30,7 +30,7 @@ def test_a_profile_is_the_fastest_motion_within_its_limits():
     assert followed(t, target, np.zeros((1, 3))) is target
 
 
-@pytest.fixture(scope="module", params=PROFILES)
+@pytest.fixture(scope="module", params=["speed", pytest.param("lag", marks=pytest.mark.slow)])
 def case(request, tmp_path_factory):
     follow, told = PROFILES[request.param]
     folder = tmp_path_factory.mktemp(request.param)
