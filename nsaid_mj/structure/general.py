@@ -75,11 +75,11 @@ class GeneralSystem(SampledSystem):
         self, t: Array, q: Array, v: Array, u: Array, w: Array, theta: Array
     ) -> tuple[Array, Array, Array]:
         """The accelerations (29), the regressors (10, 31) and M̂'s smallest pivots."""
-        F, tensors = self.forces(t, q, v, u), self._mass_tensors(q)
+        F = self.forces(t, q, v, u)
         a, W, pivots = np.empty(v.shape), np.empty(F.shape), np.empty(len(t))
         for k in range(len(t)):
-            W_C = self._W_C(q[k], v[k], w[k])
-            a[k], W[k], pivots[k] = evaluate(tensors[k], W_C, F[k], np.ascontiguousarray(theta[k]))
+            M, W_C = self._mass_tensor(q[k]), self._W_C(q[k], v[k], w[k])
+            a[k], W[k], pivots[k] = evaluate(M, W_C, F[k], np.ascontiguousarray(theta[k]))
         return a, W, pivots
 
     def midpoints(self, log: Log, hermite: bool) -> Middle:
