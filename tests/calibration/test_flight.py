@@ -122,6 +122,26 @@ def test_speeds_that_say_little_change_nothing(flight, tmp_path, quadrotor, rate
     assert "measured speeds" in note and why in note
 
 
+def test_speeds_of_one_instant_are_not_used(flight, tmp_path, quadrotor):
+    logged = measured(flight, 200.0)
+    columns, t = logged["esc_status"]
+    log = write_ulog(tmp_path / "log.ulg", logged | {"esc_status": (columns, 0 * t + t[0])})
+    (note,) = [f.text for f in prepare(read_tables([log]), None, quadrotor).findings
+               if f.code == "standard_map"]  # fmt: skip
+    assert "come at 0 Hz only" in note or "measured speeds" not in note
+
+
+def test_controllers_that_contradict_each_other_are_not_used(flight, tmp_path, quadrotor):
+    """One says that it drives the motor of another, which says nothing."""
+    logged = measured(flight, 200.0)
+    columns, t = logged["esc_status"]
+    told = columns | {"esc[0].actuator_function": np.full(len(t), 102.0)}
+    log = write_ulog(tmp_path / "log.ulg", logged | {"esc_status": (told, t)})
+    (note,) = [f.text for f in prepare(read_tables([log]), None, quadrotor).findings
+               if f.code == "standard_map"]  # fmt: skip
+    assert "measured speeds" not in note and "actuator_motors" in note
+
+
 @pytest.mark.slow
 def test_a_law_follows_the_commands_as_they_act(flight, tmp_path):
     """Without curve and lag its gains were 25 % off and the last fifth was predicted to .28."""

@@ -123,6 +123,8 @@ def _speeds(
         said = {x for x in _values(pattern.format(i), tables).tolist() if x >= lowest > 0}
         if len(said) == 1:
             numbers[int(said.pop()) - lowest] = i
+    if sorted(numbers[i] for i in order) != sorted(order):
+        return []  # two controllers say that they drive one motor, or one says it of another's
     for name, first in controller.speeds:
         # the messages of the first instance have no number
         found = [name.format(first + numbers[i]).replace("_0/", "/") for i in order]
@@ -142,7 +144,8 @@ def _unusable(speeds: Sequence[str], robot: RobotModel, tables: Sequence[Table])
         if len(values) < 2 or not np.ptp(values) > 0:
             return f"are not used: {name} is {values[0] if len(values) else 'empty'} throughout"
     times = [table.channels[speeds[0]].t for table in tables if speeds[0] in table.channels]
-    rate = 1 / float(np.median(np.concatenate([np.diff(t) for t in times])))
+    steps = np.concatenate([np.diff(t) for t in times])
+    rate = 1 / np.median(steps) if len(steps) and np.median(steps) > 0 else 0.0
     return "" if rate >= _ENOUGH else f"are not used: they come at {rate:.3g} Hz only"
 
 
