@@ -18,7 +18,7 @@ from numba.extending import overload
 from ..errors import InvalidInput
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
-from ..quotient.cone import Cone, inside
+from ..quotient.cone import Cone
 from ..structure.compiled import FAST
 from .cone.chart import (
     chart_workspace,
@@ -156,17 +156,14 @@ def hold(law, start, eta):
     """Shortens the step from `start` (p,) to η (p,), in place, where θ̂ would leave its domain."""
 
 
-def sound(law, theta):
-    """Whether θ̂ (p,) is inside its domain: the cone, or all of space."""
-
-
 def accurate(law, start, eta, before, theta, scratch):
-    """Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate."""
+    """Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate.
+
+    It is not where θ̂ is outside the cone, as only rounding could bring about.
+    """
 
 
-CHARTS = (
-    chart_workspace, confine, from_chart_into, height, inside, natural_rate_into, to_chart_into,
-)  # fmt: skip
+CHARTS = chart_workspace, confine, from_chart_into, height, natural_rate_into, to_chart_into
 """What the functions above call, for kernels that call them."""
 
 
@@ -221,17 +218,6 @@ def _hold(law, start, eta):
 
     def curved(law, start, eta):
         confine(law.cone, start, eta)
-
-    return flat if law.instance_class is Flat else curved
-
-
-@overload(sound, jit_options=FAST)
-def _sound(law, theta):
-    def flat(law, theta):
-        return True
-
-    def curved(law, theta):
-        return inside(law.cone, theta)
 
     return flat if law.instance_class is Flat else curved
 

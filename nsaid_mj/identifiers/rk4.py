@@ -9,7 +9,7 @@ from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, times_into
 from ..structure.compiled import FAST
 from ..structure.motion_types import STAGES, stage, stage_workspace
-from .metric import CHARTS, accurate, adapt, chart, enter, hold, leave, sound
+from .metric import CHARTS, accurate, adapt, chart, enter, hold, leave
 
 # -- one step --------------------------------------------------------------------------------------
 
@@ -71,8 +71,8 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
     row, are written from row `first` on; the row before holds the initial values.
 
     Returns:
-        The first row at which M̂ was not positive definite, θ̂ left its domain, or the step was too
-        long to be accurate; N if none.
+        The first row at which M̂ was not positive definite, or the step was too long to be accurate;
+        N if none.
     """
     n, p = v_hats.shape[1], theta_hats.shape[1]
     stages, work = stage_workspace(motion), workspace(law, n, p)
@@ -83,8 +83,9 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
 @njit(**FAST)
 def _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient):
     """Integrates (44, 45) along a motion, in workspace from `follow`."""
-    t, z, theta = motion.t, work[1], work[4]
-    v_hat = z[: v_hats.shape[1]]
+    t, start, z, theta = motion.t, work[0], work[1], work[4]
+    n = v_hats.shape[1]
+    v_hat = z[:n]
     for k in range(first, t.shape[0]):
         dt = t[k] - t[k - 1]
         begin(law, work, v_hats[k - 1], theta_hats[k - 1])
@@ -101,12 +102,7 @@ def _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat,
                 return k
             pivots[k] = min(pivots[k], pivot)
             advance(law, work, v, a_hat, gradient, weight, reach)
-        if not sound(law, theta):
-            pivots[k] = np.nan
-            return k
-        if not accurate(
-            law, work[0][v_hat.shape[0] :], z[v_hat.shape[0] :], theta_hats[k - 1], theta, work[5]
-        ):
+        if not accurate(law, start[n:], z[n:], theta_hats[k - 1], theta, work[5]):
             return k
         copy_into(v_hat, v_hats[k])
         copy_into(theta, theta_hats[k])

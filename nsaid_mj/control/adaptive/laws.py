@@ -21,7 +21,6 @@ from ...identifiers.metric import (
     enter,
     hold,
     leave,
-    sound,
 )
 from ...numerics.kernels import kernel
 from ...numerics.linalg import copy_into
@@ -57,7 +56,7 @@ class Estimate:
     def learn(self, slope: Array, step: float) -> None:
         """Integrates the adaptation from sample to sample, `step` [s], with −Wᵀ s (p,) half-way.
 
-        θ̂ stays where it is if that leaves the metric's domain.
+        θ̂ stays where it is if that is not finite.
         """
         if self.metric is not None:
             theta = np.empty(len(self.theta))
@@ -79,7 +78,7 @@ def begin(law, work, theta, eta):
 
 @kernel(None, *CHARTS)
 def descend(law, work, slope, step, eta, theta, moved):
-    """A step of Heun's method in the chart; returns whether θ̂ is still inside its domain.
+    """A step of Heun's method in the chart, which θ̂ cannot leave; returns whether it is finite.
 
     `slope` (p,) is −Wᵀ s and `step` a time [s]. η of θ̂ (p,) is moved in place, unless the step
     fails; `moved` receives θ̂ (p,) at its end.
@@ -96,8 +95,9 @@ def descend(law, work, slope, step, eta, theta, moved):
         ahead[i] = eta[i] + 0.5 * step * (first[i] + second[i])
     hold(law, eta, ahead)
     leave(law, ahead, moved, scratch)
-    if not sound(law, moved):
-        return False
+    for i in range(p):
+        if not np.isfinite(moved[i]):
+            return False
     copy_into(ahead, eta)
     return True
 
