@@ -166,7 +166,7 @@ def _identification(
     found = [*found, *idle_values(problem, scale, known)]
     judged = verdict(joints, robot.system is None)
     explains, sentence = scale.judged(*with_doubts(*judged, found))
-    common = np.zeros(len(fit.theta)) if scale.fixed else scale.weights
+    common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
     return Identification(
         explains=explains,

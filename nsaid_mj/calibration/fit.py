@@ -70,79 +70,82 @@ class Prior:
         self._free = np.flatnonzero(kinds == "free")
         self._precision = np.where(problem.known, 0.0, 1 / problem.spread)
         self._size = size
+        self._limb = np.zeros(len(space), dtype=np.intp) if size is None else size.limb
         self._tied = np.zeros(len(space)) if size is None else 1.0 - size.stated
         blocks = tuple(b for b in space.blocks if b.geometry not in ("positive", "free"))
         if blocks:
             self._cone = cone_of(ParameterSpace(blocks))
             start = self._start[self._matrix]
             self._slope = gradient_and_hessian(self._cone, start)[0]
-            self._level, self._degree = barrier(self._cone, start), float(-self._slope @ start)
+            self._level, self._pull = barrier(self._cone, start), -self._slope * start
 
-    def _of(self, theta: Array) -> tuple[float, Array]:
-        """The size of θ over that of θ̂(0), and the derivative (p,) of its logarithm; 1 and 0."""
+    def _of(self, theta: Array) -> tuple[Array, Array]:
+        """(s,) logarithms of the sizes of θ over those of θ̂(0), and their derivatives (s, p)."""
         if self._size is None:
-            return 1.0, np.zeros(len(theta))
+            return np.zeros(1), np.zeros((1, len(theta)))
         w = self._size.weights
-        return float(w @ theta / (w @ self._start)), w / (w @ theta)
+        return np.log(w @ theta / (w @ self._start)), self._size.slopes(theta)
 
     def _deviations(self, theta: Array) -> Array:
-        """(p + 1,) standardised deviations of single parameters and of the size, from the prior."""
-        p, change, off = len(theta), np.log(self._of(theta)[0]), np.zeros(len(theta) + 1)
+        """(p + s,) standardised deviations of single parameters and of the sizes."""
+        p, changes = len(theta), self._of(theta)[0]
+        off, change = np.zeros(p + len(changes)), self._tied * changes[self._limb]
         if self._size is not None:
-            off[p] = change / self._size.deviation
+            off[p:] = changes / self._size.deviation
         at = self.positive
-        off[at] = np.log(theta[at] / self._start[at]) - self._tied[at] * change
+        off[at] = np.log(theta[at] / self._start[at]) - change[at]
         at = self._free
-        off[at] = np.exp(-self._tied[at] * change) * theta[at] - self._start[at]
+        off[at] = np.exp(-change[at]) * theta[at] - self._start[at]
         off[:p] *= self._precision
         return off
 
     def _slopes(self, theta: Array) -> Array:
-        """(p + 1, p) derivatives of the deviations."""
-        p, (size, slope), rows = len(theta), self._of(theta), np.zeros((len(theta) + 1, len(theta)))
+        """(p + s, p) derivatives of the deviations."""
+        p, (changes, slopes) = len(theta), self._of(theta)
+        rows, change = np.zeros((p + len(changes), p)), self._tied * changes[self._limb]
+        slope = self._tied[:, None] * slopes[self._limb]
         if self._size is not None:
-            rows[p] = slope / self._size.deviation
+            rows[p:] = slopes / self._size.deviation
         at = self.positive
         rows[at, at] = 1 / theta[at]
-        rows[at] -= self._tied[at, None] * slope
+        rows[at] -= slope[at]
         at = self._free
-        share = np.exp(-self._tied[at] * np.log(size))
+        share = np.exp(-change[at])
         rows[at, at] = share
-        rows[at] -= (self._tied[at] * share * theta[at])[:, None] * slope
+        rows[at] -= (share * theta[at])[:, None] * slope[at]
         rows[:p] *= self._precision[:, None]
         return rows
 
     def value(self, theta: Array) -> float:
         """D(θ, θ̂(0)); infinite outside the cone."""
         outside = not (theta[self.positive] > 0).all()
-        if outside or (self._size is not None and not self._size.weights @ theta > 0):
+        if outside or (self._size is not None and not (self._size.weights @ theta > 0).all()):
             return np.inf
         off = self._deviations(theta)
         total = 0.5 * float(off @ off)
         if self._cone is not None:
-            own = theta[self._matrix]
-            size = self._of(theta)[0]
-            total += barrier(self._cone, own) + self._degree * np.log(size) - self._level
-            total -= self._slope @ own / size + self._degree
+            own, change = theta[self._matrix], self._of(theta)[0][self._limb[self._matrix]]
+            total += barrier(self._cone, own) - self._level
+            total += self._pull @ (change - 1) - self._slope @ (own / np.exp(change))
         return float(total)
 
     def derivatives(self, theta: Array) -> tuple[Array, Array]:
         """(p,) gradient and (p, p) positive semidefinite Gauss–Newton Hessian of D at θ (p,).
 
-        Only the size and stated values have a part along θ.
+        Only the sizes and stated values have a part along θ.
         """
         off, rows = self._deviations(theta), self._slopes(theta)
         gradient, hessian = rows.T @ off, rows.T @ rows
         if self._cone is not None:
             at, own = self._matrix, theta[self._matrix]
             slope, curvature = gradient_and_hessian(self._cone, own)
-            size, weights = self._of(theta)
-            pull = self._degree + self._slope @ own / size
+            changes, slopes = self._of(theta)
+            size, weights = np.exp(changes[self._limb[at]]), slopes[self._limb[at]]
             gradient[at] += slope - self._slope / size
-            gradient += pull * weights
+            gradient += (self._pull + self._slope * own / size) @ weights
             shape = np.zeros((len(at), len(theta)))
             shape[:, at] = np.eye(len(at))
-            shape -= np.outer(own, weights)
+            shape -= own[:, None] * weights
             hessian += shape.T @ curvature @ shape
         return gradient, hessian
 

@@ -16,15 +16,16 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ..parameters import Array, Block, Geometry, ParameterSpace
+from ..parameters import Array, Block, Geometry, Indices, ParameterSpace
 from ..robot.identified import with_inertias
 from ..structure.joints import slides
 from .data import Recordings, RobotModel
 from .links import (
     file_links,
+    limbs_of,
     link_blocks,
     own_inertia,
-    size_of_links,
+    sizes_of_links,
     torque_rows,
     weight_columns,
     weight_of,
@@ -241,7 +242,7 @@ class JointRows:
         ]  # fmt: skip
         blocks, columns, prior, spread = zip(*parts, strict=True)
         space = ParameterSpace((*link_blocks(model), *blocks))
-        size = size_of_links(model, self.links[self.usable], self._weight)
+        sizes = sizes_of_links(model, self.links[self.usable], self._weight)
         stated = np.zeros(len(space), dtype=bool)
         stated[space.actuators] = self.spread[driven] < TRUSTED
         return Problem(
@@ -254,7 +255,8 @@ class JointRows:
             np.concatenate([np.full(len(own), np.inf), *spread]),
             np.zeros(len(space), dtype=bool),
             Size(
-                np.append(size, np.zeros(len(space) - len(own))),
+                np.pad(sizes, ((0, 0), (0, len(space) - len(own)))),
+                self._limbs(space),
                 WEIGHTLESS if self.robot.weightless else FILE,
                 stated,
             ),
@@ -269,6 +271,19 @@ class JointRows:
             if parameter.startswith("rotor"):
                 found[joint_of(parameter), space.index(parameter)] = 1.0
         return found * np.sqrt(mean_squares(moving, self.usable))[:, None]
+
+    def _limbs(self, space: ParameterSpace) -> Indices:
+        """(p,) the limb of every parameter."""
+        limbs, found, links = limbs_of(self.robot.model), [], self.links.shape[2]
+        loaded = [payload.place.start // 10 for payload in payloads(self.robot.model, self.loads)]
+        for block, place in space:
+            if place.start < links:
+                found += [limbs[place.start // 10]] * 10
+            elif block.geometry == "pseudo_inertia":
+                found += [limbs[loaded.pop(0)]] * 10
+            else:
+                found += [limbs[joint_of(name)] for name in block.names]
+        return np.array(found, dtype=np.intp)
 
     def _slides(self, joint: int) -> bool:
         return slides(self.robot.model.joints[joint + 1])

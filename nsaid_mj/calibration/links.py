@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..parameters import Array, Block
+from ..parameters import Array, Block, Indices
 from ..plants.arm import extent
 from ..structure.blocks import link_block
 from ..structure.joints import body_names
@@ -46,17 +46,28 @@ def weight_columns(model: pin.Model, coordinates: Array) -> Array:
     return torque_rows(model, some, rest, rest).reshape(-1, 10 * (model.njoints - 1))
 
 
-def size_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:
-    """(10 b,) w with wᵀθ the links' weight along the log over that of the model file's links.
+def limbs_of(model: pin.Model) -> Indices:
+    """(b,) for the bodies behind all b joints, the number of the limb, from the base on."""
+    found: list[int] = []
+    for joint in range(1, model.njoints):
+        parent = int(model.parents[joint])
+        found.append(found[parent - 1] if parent else max(found, default=-1) + 1)
+    return np.array(found, dtype=np.intp)
+
+
+def sizes_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:
+    """(s, 10 b) w_k with w_kᵀθ the weight of limb k along the log over that in the model file.
 
     Weight is the part of the torques that a motion separates from rotors and friction. Where there
     is hardly any, as with vertical axes, inertia replaces it. `moving` (N, 10 b) are columns of
     inertia and weight along the log, `weight` (K, 10 b) those of weight alone.
     """
-    own = file_links(model)
-    still, whole = (np.linalg.norm(c @ own) / max(len(c), 1) ** 0.5 for c in (weight, moving))
-    light = still < _LIGHT * whole
-    return size_weights(moving if light else weight, own)
+    limbs, found = np.repeat(limbs_of(model), 10), []
+    for limb in range(limbs.max() + 1):
+        own = np.where(limbs == limb, file_links(model), 0.0)
+        still, whole = (np.linalg.norm(c @ own) / max(len(c), 1) ** 0.5 for c in (weight, moving))
+        found.append(size_weights(moving if still < _LIGHT * whole else weight, own))
+    return np.array(found)
 
 
 def file_links(model: pin.Model) -> Array:

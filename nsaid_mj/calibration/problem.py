@@ -20,15 +20,24 @@ Mask = NDArray[np.bool_]
 class Size(NamedTuple):
     """Prior knowledge of the common scale of θ, which no motion reveals.
 
+    Limbs that only the fixed base connects, such as a quadruped's legs on a stand, each have one.
+
     Attributes:
-        weights: (p,) w of the size wᵀθ of the bodies.
-        deviation: standard deviation of log(wᵀθ / wᵀθ̂(0)).
-        stated: (p,) whether a prior value holds as it is; for all others its ratio to wᵀθ does.
+        weights: (s, p) w_k of the sizes w_kᵀθ of the bodies of every limb k.
+        limb: (p,) the limb of every parameter.
+        deviation: standard deviation of log(w_kᵀθ / w_kᵀθ̂(0)).
+        stated: (p,) whether a prior value holds as it is; for all others its ratio to its limb's
+            size does.
     """
 
     weights: Array
+    limb: Indices
     deviation: float
     stated: Mask
+
+    def slopes(self, theta: Array) -> Array:
+        """(s, p) derivatives of the logarithms of the sizes at θ (p,)."""
+        return self.weights / (self.weights @ theta)[:, None]
 
 
 def size_weights(columns: Array, theta: Array) -> Array:
@@ -52,7 +61,7 @@ class Problem:
         spread: (p,) standard deviation of the prior: of log θ for `positive` parameters, of θ for
             `free` ones; not used for matrices, whose prior is the barrier's divergence.
         known: (p,) whether a parameter is known and keeps the prior's value.
-        size: fixes the common scale; None where every prior value holds as it is.
+        size: fixes the common scales; None where every prior value holds as it is.
         inertia: (n, p) m_i with m_iᵀθ the force of inertia that a velocity's own rms acceleration
             takes; None unless some joints are passive.
     """

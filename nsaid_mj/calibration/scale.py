@@ -31,16 +31,19 @@ class Scale(NamedTuple):
     """What is known about the common scale.
 
     Attributes:
-        weights: (p,) c with cᵀδ the relative change of the scale under a change δ of θ̂.
-        deviation: standard deviation of its logarithm.
+        weights: (p, p) c with c δ the relative changes of every parameter's scale, that of its
+            limb, under a change δ of θ̂.
+        deviation: standard deviation of its logarithm, the largest of all limbs.
         fixed: whether commands or a known number fix it.
         words: what it rests on.
+        limbs: number of limbs that only the base connects.
     """
 
     weights: Array
     deviation: float
     fixed: bool
     words: str
+    limbs: int
 
     @property
     def factor(self) -> float:
@@ -51,9 +54,10 @@ class Scale(NamedTuple):
         """A verdict and its sentence, limited by the scale."""
         if self.fixed or explains == "no":
             return explains, sentence
+        each = f" within each of the {self.limbs} limbs" if self.limbs > 1 else ""
         return "partly", (
             f"{sentence} The overall scale rests on {self.words.partition(':')[0]}: ratios of "
-            f"parameters hold, absolute values only to a factor of {self.factor:.2g}."
+            f"parameters hold{each}, absolute values only to a factor of {self.factor:.2g}."
         )
 
 
@@ -66,14 +70,15 @@ def common_scale(
     `stated` is whether commands are in N·m or N, `weightless` whether the model file has no masses,
     `known` the user's parameters.
     """
-    at, weights = problem.space.actuators, np.zeros(len(theta))
+    at, size = problem.space.actuators, problem.size
     gains = exact.deviation[at] / np.abs(theta[at])
-    if problem.size is None:
-        weights[at] = 1 / (len(at) * theta[at])
+    if size is None:
+        slopes, limb = np.zeros((1, len(theta))), np.zeros(len(theta), dtype=np.intp)
+        slopes[0, at] = 1 / (len(at) * theta[at])
     else:
-        weights = problem.size.weights / float(problem.size.weights @ theta)
+        slopes, limb = size.slopes(theta), size.limb
     # the file's gains may contradict its masses: then no gain is known as well as the size is
-    deviation = max(exact.of(weights), min(gains, default=0.0))
+    deviation = max(*map(exact.of, slopes), min(gains, default=0.0))
     fixed = stated or (bool(known) and deviation < _SURE)
     given = "the known " + ", ".join(f"{name} = {value:g}" for name, value in known.items())
     masses = "" if weightless else " and the masses of the model file"
@@ -85,7 +90,7 @@ def common_scale(
         words = "guesses, as the model file has no masses: only ratios of parameters hold"
     else:
         words = "the masses of the model file: a calibrated gain or a weighed payload would fix it"
-    return Scale(weights, deviation, fixed, words)
+    return Scale(slopes[limb], deviation, fixed, words, len(slopes))
 
 
 def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
@@ -117,7 +122,7 @@ def _share(problem: Problem, index: int) -> float:
     own = next(p for _, p in problem.space if p.start <= index < p.stop)
     if problem.size is None or problem.space.units[index] != "kg" or index != own.start:
         return 0.0
-    parts = problem.size.weights * problem.prior
+    parts = problem.size.weights[problem.size.limb[index]] * problem.prior
     return float(np.clip(parts[own].sum() / parts.sum(), 0.0, 1.0))
 
 

@@ -26,8 +26,8 @@ def parameters_in_words(
 ) -> tuple[Parameter, ...]:
     """All parameters with interval and status.
 
-    gain_spread (k,) are the prior standard deviations of log k, common (p,) is the derivative of
-    the logarithm of the common scale where nothing fixes it, else 0.
+    gain_spread (k,) are the prior standard deviations of log k, common (p, p) are the derivatives
+    of the logarithms of all parameters' scales where nothing fixes them, else 0.
     """
     space, combined = problem.space, combinations(problem)
     deviation, gains = exact.deviation, _relative_gains(problem, fit, exact, gain_spread)
@@ -44,7 +44,7 @@ def parameters_in_words(
             status, words, relative = gains[index]
             others = "other gains" if len(gains) > 1 else "links"
         else:
-            apart = exact.of(np.eye(len(common))[index] - value * common)
+            apart = exact.of(np.eye(len(common))[index] - value * common[index])
             status, words = _status(problem, exact, combined, index, value, apart)
         if status == "identified" and common.any():
             status, words = "only in combination", f"{label} over the {others}"

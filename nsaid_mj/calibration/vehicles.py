@@ -134,9 +134,10 @@ class VehicleRows:
         none = np.zeros(len(space), dtype=bool)
         prior = np.append(self._prior, np.zeros(len(space) - len(self._prior)))
         spread = np.where(space.geometries == "positive", _SPREAD, space.scale)
-        size = Size(_size(space, rows[self.usable], prior), FILE, none)
+        weights = _size(space, rows[self.usable], prior)
+        size = Size(weights[None], np.zeros(len(space), dtype=np.intp), FILE, none)
         # relative to its own drag, noise of a velocity without an actuator would pass for drag
-        inertia = np.tile(size.weights, (rows.shape[1], 1))
+        inertia = np.tile(weights, (rows.shape[1], 1))
         return Problem(
             space, rows, self.usable, self.t, self.segment, prior, spread, none, size, inertia
         )

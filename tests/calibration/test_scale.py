@@ -15,7 +15,7 @@ from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.fit import Prior, minimise
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.joints import BASIC, Choice, JointRows
-from nsaid_mj.calibration.links import file_links, link_blocks, size_of_links
+from nsaid_mj.calibration.links import file_links, link_blocks, sizes_of_links
 from nsaid_mj.calibration.logs import prepare, read_tables
 from nsaid_mj.calibration.problem import Problem, Size
 from nsaid_mj.calibration.result import Identification, JointFit
@@ -58,12 +58,12 @@ def problem_of(rows: int, stretch: float = 1.0, noise: float = 0.01, seed: int =
     for j in range(2):
         Y[:, j, 20 + j], Y[:, j, 22 + j] = states[:, 1, j], -u[:, j]
     nothing = np.zeros(24, dtype=bool)
-    weights = np.append(size_of_links(model, links.reshape(-1, 20), weight), np.zeros(4))
+    weights = np.pad(sizes_of_links(model, links.reshape(-1, 20), weight), ((0, 0), (0, 4)))
     return Problem(
         space, Y, np.ones((rows, 2), dtype=bool), np.arange(rows, dtype=float) * 0.05,
         np.zeros(rows, dtype=np.intp), np.concatenate([own, [1.0, 1.0, 1.0, 2.0]]),
         np.concatenate([np.full(20, np.inf), np.full(4, 2.0)]), nothing,
-        Size(weights, 0.25, nothing),
+        Size(weights, np.zeros(24, dtype=np.intp), 0.25, nothing),
     )  # fmt: skip
 
 
@@ -77,23 +77,37 @@ def test_rows_that_tell_of_shape_alone_do_not_move_the_scale(rows):
     problem = problem_of(rows, stretch=10.0)
     assert problem.size is not None
     fit = minimise(problem)
-    assert problem.size.weights @ fit.theta == pytest.approx(1.0, abs=2e-3)
+    assert problem.size.weights[0] @ fit.theta == pytest.approx(1.0, abs=2e-3)
     np.testing.assert_allclose(fit.theta[22:], [1.0, 2.0], rtol=0.05)
 
 
-def test_the_prior_is_the_same_for_all_multiples_but_for_the_size():
+def in_limbs(number: int) -> Problem:
+    """The same as one limb, or as if only the base connected both links."""
     problem = problem_of(60)
     assert problem.size is not None
+    if number == 1:
+        return problem
+    limb = np.array([0] * 10 + [1] * 10 + [0, 1] * 2)
+    weights = np.where(limb == np.arange(2)[:, None], problem.size.weights, 0.0)
+    return replace(problem, size=problem.size._replace(weights=weights, limb=limb))
+
+
+@pytest.mark.parametrize("limbs", [1, 2])
+def test_the_prior_is_the_same_for_all_multiples_of_a_limb_but_for_its_size(limbs):
+    problem = in_limbs(limbs)
+    assert problem.size is not None
     loose = replace(problem, size=problem.size._replace(deviation=1e9))
-    theta = problem.prior * np.linspace(0.8, 1.3, 24)
-    values = [Prior(loose).value(s * theta) for s in (0.1, 1.0, 10.0)]
+    last = problem.size.limb == limbs - 1
+    theta, step = problem.prior * np.linspace(0.8, 1.3, 24), np.log(2.0) / 0.25
+    values = [Prior(loose).value(np.where(last, s, 1.0) * theta) for s in (0.1, 1.0, 10.0)]
     np.testing.assert_allclose(values, values[1], rtol=1e-9)
-    step = np.log(2.0) / 0.25
-    assert Prior(problem).value(2 * problem.prior) == pytest.approx(0.5 * step**2, rel=1e-9)
+    twice = np.where(last, 2.0, 1.0) * problem.prior
+    assert Prior(problem).value(twice) == pytest.approx(0.5 * step**2, rel=1e-9)
 
 
-def test_the_gradient_of_the_prior_is_its_finite_difference():
-    problem = problem_of(60)
+@pytest.mark.parametrize("limbs", [1, 2])
+def test_the_gradient_of_the_prior_is_its_finite_difference(limbs):
+    problem = in_limbs(limbs)
     stated = problem.known.copy()
     stated[22] = True
     assert problem.size is not None
