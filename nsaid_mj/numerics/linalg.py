@@ -138,47 +138,22 @@ def evaluate(mass_tensor, W_C, F, theta):
     return a_hat, np.dot(a_hat, mass_tensor.reshape(n, n * p)).reshape(n, p) + W, pivot  # (10)
 
 
-@kernel(void(matrix, matrix, matrix), inner=True)
+@kernel(void(matrix, matrix, matrix), inner=True, _nrt=True)
 def multiply(A, B, C):
-    """Writes A B (n, k) into C, for A (n, m) and B (m, k) of any sizes, by four rows of B."""
-    rows, inner, columns = A.shape[0], A.shape[1], B.shape[1]
-    for i in range(rows):
-        for j in range(columns):
-            C[i, j] = 0.0
-    k = 0
-    while k + 3 < inner:  # C is read and written a quarter as often, and B once
-        for i in range(rows):
-            a, b, c, d = A[i, k], A[i, k + 1], A[i, k + 2], A[i, k + 3]
-            for j in range(columns):
-                C[i, j] += a * B[k, j] + b * B[k + 1, j] + c * B[k + 2, j] + d * B[k + 3, j]
-        k += 4
-    for r in range(k, inner):
-        for i in range(rows):
-            a = A[i, r]
-            for j in range(columns):
-                C[i, j] += a * B[r, j]
+    """Writes A B (n, k) into C, for A (n, m) and B (m, k); it is BLAS's, as in the next two."""
+    np.dot(A, B, C)
 
 
-@kernel(void(matrix, matrix), inner=True)
-def subtract_square(A, C):
-    """Subtracts Aᵀ A from C (k, k), for A (n, k); a symmetric C stays symmetric to the bit."""
-    rows, columns = A.shape
-    for i in range(columns):
-        k = 0
-        while k + 3 < rows:
-            a, b, c, d = A[k, i], A[k + 1, i], A[k + 2, i], A[k + 3, i]
-            for j in range(columns):
-                C[i, j] -= a * A[k, j] + b * A[k + 1, j] + c * A[k + 2, j] + d * A[k + 3, j]
-            k += 4
-        for r in range(k, rows):
-            a = A[r, i]
-            for j in range(columns):
-                C[i, j] -= a * A[r, j]
+@kernel(void(matrix, matrix, matrix), inner=True, _nrt=True)
+def multiply_transposed(A, B, C):
+    """Writes A Bᵀ (n, k) into C, for A (n, m) and B (k, m)."""
+    np.dot(A, B.T, C)
 
 
-@kernel(void(matrix, matrix), inner=True)
-def transpose(A, B):
-    """Writes the transpose of A (n, m) into B (m, n)."""
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            B[j, i] = A[i, j]
+@kernel(void(matrix, matrix, matrix), inner=True, _nrt=True)
+def subtract_square(A, C, square):
+    """Subtracts Aᵀ A from C (k, k), for A (n, k); `square` (k, k) is workspace."""
+    np.dot(A.T, A, square)
+    for i in range(C.shape[0]):
+        for j in range(C.shape[0]):
+            C[i, j] -= square[i, j]

@@ -8,9 +8,9 @@ from ...numerics.linalg import (
     cholesky,
     invert_lower,
     multiply,
+    multiply_transposed,
     solve_many,
     subtract_square,
-    transpose,
 )
 from ...quotient.cone import CONE
 from ...structure.compiled import f8, kernel, matrix, vector, void
@@ -76,12 +76,9 @@ def predict(scale, walk, unexplained, gamma, dt, filter, memory):
     Pxx, Pxt, Ptt, F = filter.Pxx, filter.Pxt, filter.Ptt, memory.F
     with_theta, with_c, both = memory.with_theta, memory.with_c, memory.both
     size, n = Pxt.shape[0], filter.v.shape[0]
-    transpose(F, memory.F_T)
     copy_matrix(Pxt, with_theta)
     multiply(memory.B, Ptt, with_theta[size:])
-    transpose(with_theta, memory.theta_with)
-    multiply(memory.B, memory.theta_with, memory.c_with)
-    transpose(memory.c_with, with_c)
+    multiply_transposed(with_theta, memory.B, with_c)
     for i in range(size + n):
         for j in range(n):
             both[i, size + j] = with_c[i, j]
@@ -94,7 +91,7 @@ def predict(scale, walk, unexplained, gamma, dt, filter, memory):
         _add_unexplained(unexplained, dt, filter.theta, memory.stage.L, memory.S, both[size:])
     multiply(F, with_theta, Pxt)
     multiply(F, both, memory.moved)
-    multiply(memory.moved, memory.F_T, Pxx)
+    multiply_transposed(memory.moved, F, Pxx)
     for i in range(size):
         for j in range(n):
             for k in range(n):
@@ -154,7 +151,8 @@ def update(cone, margin, scale, filter, share, memory):
     for r in range(size):
         for k in range(p):
             whitened[r, k] *= learned
-    subtract_square(whitened, Ptt)  # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
+    # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
+    subtract_square(whitened, Ptt, memory.factor)
     for i in range(size):
         S[0, i], y[i] = 0.0, 0.0
         for j in range(i, size):

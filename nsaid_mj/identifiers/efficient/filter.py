@@ -130,12 +130,9 @@ class Memory(NamedTuple):
         q1: (m,) predicted position.
         v1: (n,) predicted velocity.
         F: (2n, 3n) derivatives of the prediction by the state and c.
-        F_T: (3n, 2n) the same, transposed.
         B: (n, p) derivatives of c by θ/scale.
         with_theta: (3n, p) covariance of (x, c) with θ/scale.
-        theta_with: (p, 3n) the same, transposed.
         with_c: (3n, n) that with c.
-        c_with: (n, 3n) the same, transposed.
         both: (3n, 3n) that with itself.
         moved: (2n, 3n) F times that.
         S: (2n, 2n) covariance of the innovation.
@@ -158,12 +155,9 @@ class Memory(NamedTuple):
     q1: Array
     v1: Array
     F: Array
-    F_T: Array
     B: Array
     with_theta: Array
-    theta_with: Array
     with_c: Array
-    c_with: Array
     both: Array
     moved: Array
     S: Array
@@ -183,9 +177,9 @@ class Memory(NamedTuple):
     def of(structure: StructureArrays, n: int, m: int, p: int) -> Memory:
         """For a structure with n velocities, m positions and p parameters."""
         sizes = (
-            m, m, n, (2 * n, 3 * n), (3 * n, 2 * n), (n, p), (3 * n, p), (p, 3 * n), (3 * n, n),
-            (n, 3 * n), (3 * n, 3 * n), (2 * n, 3 * n), *((2 * n, 2 * n),) * 3, (2 * n, p),
-            2 * n, 2 * n, 2 * n, p, p, p, (p, p), (3, n),
+            m, m, n, (2 * n, 3 * n), (n, p), (3 * n, p), (3 * n, n), (3 * n, 3 * n),
+            (2 * n, 3 * n), *((2 * n, 2 * n),) * 3, (2 * n, p), 2 * n, 2 * n, 2 * n, p, p, p,
+            (p, p), (3, n),
         )  # fmt: skip
         return Memory(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
 
@@ -207,6 +201,6 @@ FILTER = types.NamedTuple(
 )
 ALONG = types.NamedTuple((matrix, matrix, vector, matrix), Along)
 MEMORIES = types.NamedTuple(
-    (WORKSPACE, SLOPES, vector, vector, vector, *(matrix,) * 13, *(vector,) * 6, matrix, matrix),
+    (WORKSPACE, SLOPES, vector, vector, vector, *(matrix,) * 10, *(vector,) * 6, matrix, matrix),
     Memory,
 )
