@@ -10,13 +10,6 @@ import numpy as np
 from ..errors import UnreadableLog
 from . import Columns, check_size
 
-LIBRARY = "NumPy"
-
-
-def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it is a zip archive."""
-    return head.startswith(b"PK\x03\x04")
-
 
 def read(path: Path) -> list[Columns]:
     """Arrays grouped by their length; column k of an array (N, width) is called `name_k`.

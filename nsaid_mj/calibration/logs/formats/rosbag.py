@@ -13,19 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import MissingExtra, UnreadableLog
+from ..errors import UnreadableLog
 from . import Columns, check_size
 
-LIBRARY = "rosbags"
-
-_HEADS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 _VECTOR = ("x", "y", "z")
 _QUATERNION = ("x", "y", "z", "w")
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is a bag, or the folder of one."""
-    return (path / "metadata.yaml").is_file() or head.startswith(_HEADS)
 
 
 def read(path: Path) -> list[Columns]:
@@ -39,11 +31,9 @@ def read(path: Path) -> list[Columns]:
         MissingExtra: `rosbags` is not installed.
         UnreadableLog: the bag is beyond the limit or has no message of these types.
     """
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise MissingExtra(path, "ros") from error
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
     times: dict[str, list[int]] = defaultdict(list)
     rows: dict[str, list[dict[str, float]]] = defaultdict(list)
     store, numbers = get_typestore(Stores.ROS2_HUMBLE), 0
