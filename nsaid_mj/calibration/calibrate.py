@@ -16,13 +16,11 @@ from .data import Recordings, RobotModel
 from .findings import Finding, UnusableLog
 from .fit import Fit, minimise
 from .joints import TRUSTED, nearest_friction
-from .law_result import Fitted
-from .least_squares import least_squares
 from .payloads import check_loads, payloads
 from .precision import Precision, inflation, precision, tempered
-from .problem import Problem, folds
+from .problem import Problem, folds, least_squares
 from .residuals import Followed, doubts, followed, widened, with_doubts
-from .result import Curves, Identification, JointFit
+from .result import Curves, Fitted, Identification, JointFit
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
 from .structure import Options, Structured

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,43 +14,26 @@ _BETWEEN = 1.0  # time between two logs on the common axis [s]
 _NEAR = 10.0  # a log that begins this soon after the one before it keeps its own times [s]
 
 
-class Span(NamedTuple):
-    """Duration of a segment.
-
-    Attributes:
-        source: file name.
-        start: of its first sample [s].
-        end: of its last sample [s].
-    """
-
-    source: str
-    start: float
-    end: float
-
-
-def shifts(spans: Sequence[Span]) -> Array:
+def shifts(spans: Sequence[tuple[str, float, float]]) -> Array:
     """(S,) times [s] to add to the segments' own, so that logs follow one another.
+
+    Spans are the segments' files, and the times of their first and last samples [s].
 
     Segments of one file keep their distances, so that the axis shows the file's times up to a
     constant, and exactly for the first file.
     """
     found, shift, end = [], 0.0, -np.inf
-    for k, span in enumerate(spans):
-        new = k > 0 and (span.source != spans[k - 1].source or span.start + shift < end)
-        if new:
-            shift = 0.0
-            if not end <= span.start <= end + _NEAR:
-                shift = end + _BETWEEN - span.start
+    for k, (source, start, last) in enumerate(spans):
+        if k > 0 and (source != spans[k - 1][0] or start + shift < end):
+            shift = 0.0 if end <= start <= end + _NEAR else end + _BETWEEN - start
         found.append(shift)
-        end = span.end + shift
+        end = last + shift
     return np.array(found)
 
 
 def recording_shifts(recordings: Recordings) -> Array:
     """(S,) shifts of the segments of recordings."""
-    return shifts(
-        [Span(s.source, float(s.log.t[0]), float(s.log.t[-1])) for s in recordings.segments]
-    )
+    return shifts([(s.source, s.log.t[0], s.log.t[-1]) for s in recordings.segments])
 
 
 def own_shifts(curves: Curves) -> Array:
@@ -61,5 +43,5 @@ def own_shifts(curves: Curves) -> Array:
     for k in range(count):
         t = curves.t[curves.segment == k]
         start, last = (float(t[0]), float(t[-1])) if len(t) else (last, last)
-        spans.append(Span("", start, last))
+        spans.append(("", start, last))
     return shifts(spans)

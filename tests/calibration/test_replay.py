@@ -5,11 +5,10 @@ import mujoco.sysid
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.comparison import compare_arms
+from nsaid_mj.calibration.comparison import by_toolbox, compare_arms
 from nsaid_mj.calibration.data import Recordings, Segment
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.replay import replay
-from nsaid_mj.calibration.sysid import by_toolbox
 from nsaid_mj.errors import BadRobot, InvalidInput
 from nsaid_mj.log import Log
 from nsaid_mj.robot.mjcf_export import write_mjcf
@@ -35,7 +34,7 @@ def recorded(robot, values, path, rate=100, seconds=2.0):
         data.ctrl[order] = u[k]
         mujoco.mj_step(mj, data, substeps)
     segment = Segment(Log(t, q, v, u), np.ones((len(t), n), dtype=bool), "log", (1, len(t)))
-    return Recordings((segment,), rate, ("",) * n, np.zeros(n))
+    return Recordings((segment,), rate, ("",) * n)
 
 
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.xml"])

@@ -14,6 +14,7 @@ from ...parameters import Array, number, rounded
 from ...structure.optional import pin
 from ..data import Recordings, RobotModel
 from ..findings import Finding, UnusableLog
+from ..links import positions
 from . import signals
 
 DEGREES = 180 / np.pi
@@ -296,21 +297,10 @@ def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -
 def model_torques(motion: Motion, rate: float, robot: RobotModel) -> Array:
     """(k, n) torques of the model without friction [N·m or N], at some rows of the motion."""
     model, data = robot.model, robot.model.createData()
-    accelerations = np.gradient(motion.v, 1 / rate, axis=0)
-    every = max(1, len(motion.q) // _ROWS)
-    ids = [model.getJointId(name) for name in robot.joints]
-    q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
-    found = []
-    for row in range(0, len(motion.q), every):
-        for j, joint in enumerate(model.joints[k] for k in ids):
-            angle = motion.q[row, j]
-            q[joint.idx_q : joint.idx_q + joint.nq] = (
-                angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
-            )
-            v[joint.idx_v], a[joint.idx_v] = motion.v[row, j], accelerations[row, j]
-        torque = pin.rnea(model, data, q, v, a)
-        found.append([torque[model.joints[k].idx_v] for k in ids])
-    return np.array(found)
+    accelerations, every = np.gradient(motion.v, 1 / rate, axis=0), len(motion.q) // _ROWS or 1
+    some = (positions(model, motion.q), motion.v, accelerations)
+    rows = zip(*(x[::every] for x in some), strict=True)
+    return np.array([pin.rnea(model, data, *row) for row in rows])
 
 
 def _rms(x: Array) -> Array:

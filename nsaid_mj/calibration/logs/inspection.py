@@ -11,9 +11,8 @@ from ..data import Recordings, RobotModel
 from ..findings import Finding, UnusableLog
 from . import signals
 from .checks import checks
-from .continuous import with_angles
 from .errors import UnmatchedChannels
-from .layout import Layout, layout
+from .layout import Layout, layout, with_angles
 from .mapping import Map
 from .preparation import prepare
 from .tables import Channel, Table
