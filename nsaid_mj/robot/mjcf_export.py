@@ -22,6 +22,7 @@ from ..structure.optional import pin
 from .identified import Coupling, Identified, remarks
 from .mjcf import initial_pose
 from .mjcf_file import (
+    actuators_of_file,
     bodies_of_file,
     compile_file,
     joints_of_file,
@@ -180,12 +181,12 @@ def _edited(
     tendons = (part for section in root.findall("tendon") for part in section.iterchildren("*"))
     for number, tendon in enumerate(tendons):
         tendon.set("name", tendon.get("name") or str(number))
-    before = _actuators(root)
+    before = actuators_of_file(root)
     also += _set_motors(root, robot, values, mj, names)
     links = split_bodies(root, mj, held)
     anchors = dict(zip(names, mj.jnt_pos, strict=True))
     remove_references(root, set(locked))
-    if locked or before != _actuators(root):
+    if locked or before != actuators_of_file(root):
         for section in root.findall("keyframe"):  # keyframes list all joints and actuators
             root.remove(section)
     welded = _set_inertials(root, values.model, links, anchors)
@@ -244,7 +245,7 @@ def _set_motors(
 
     It is the first of its actuators, if that is a motor; further motors stay, and servos go.
     """
-    elements, section = _actuators(root), root.find("actuator")
+    elements, section = actuators_of_file(root), root.find("actuator")
     section = SubElement(root, "actuator") if section is None else section
     replaced, dropped = [], set()
     for k, joint in enumerate(robot.joints):
@@ -266,11 +267,6 @@ def _set_motors(
             _add_motor(section, robot, joint, float(values.gain[k]))
     remove_references(root, dropped, ("actuator",), "actuator")
     return ("Servos replaced by motors: " + ", ".join(replaced) + ".",) if replaced else ()
-
-
-def _actuators(root: Node) -> list[Node]:
-    """All actuators in MuJoCo's order."""
-    return [part for section in root.findall("actuator") for part in section.iterchildren("*")]
 
 
 def _add_motor(section: Node, robot: RobotModel, joint: str, gain: float) -> None:

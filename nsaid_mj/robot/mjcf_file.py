@@ -164,11 +164,10 @@ def own_file(path: Path, spec: Any, mj: Any, findings: list[Finding]) -> tuple[N
         if finding.code == "mesh_missing":
             _without_files(root, finding.data["files"])  # type: ignore[arg-type]  # a list
     own = [joint.get("name", "") for joint in joints_of_file(root)]
-    driven = [a for section in root.findall("actuator") for a in section.iterchildren("*")]
     exact = (
         own == [mj.joint(j).name for j in range(mj.njnt)]
         and len(bodies_of_file(root)) == mj.nbody - 1
-        and len(driven) == mj.nu
+        and len(actuators_of_file(root)) == mj.nu
     )
     return (root, True) if exact else (etree.fromstring(spec.to_xml()), False)
 
@@ -233,6 +232,11 @@ def bodies_of_file(root: Node) -> list[Node]:
 def joints_of_file(root: Node) -> list[Node]:
     """All joints in MuJoCo's order: a body's own come before those of its children."""
     return [joint for body in bodies_of_file(root) for joint in own_joints(body)]
+
+
+def actuators_of_file(root: Node) -> list[Node]:
+    """All actuators in MuJoCo's order."""
+    return [part for section in root.findall("actuator") for part in section.iterchildren("*")]
 
 
 def own_joints(body: Node) -> list[Node]:

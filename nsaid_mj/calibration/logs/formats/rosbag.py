@@ -72,15 +72,9 @@ def _stamp(message: Any) -> int:
 
 def _joints(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
     """Each joint's numbers; a part that the publisher leaves empty is absent."""
+    parts = {part: getattr(message, part) for part in ("position", "velocity", "effort")}
     for k, joint in enumerate(message.name):
-        yield (
-            joint,
-            {
-                f"{part}/{joint}": float(getattr(message, part)[k])
-                for part in ("position", "velocity", "effort")
-                if len(getattr(message, part)) > k
-            },
-        )
+        yield joint, {f"{part}/{joint}": float(x[k]) for part, x in parts.items() if len(x) > k}
 
 
 def _odometry(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
@@ -91,10 +85,8 @@ def _odometry(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
         ("linear", twist.linear, _VECTOR),
         ("angular", twist.angular, _VECTOR),
     )
-    yield (
-        "odometry",
-        {f"{name}/{axis}": getattr(part, axis) for name, part, axes in parts for axis in axes},
-    )
+    found = {f"{name}/{axis}": getattr(part, axis) for name, part, axes in parts for axis in axes}
+    yield "odometry", found
 
 
 def _array(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
