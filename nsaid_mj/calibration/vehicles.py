@@ -222,7 +222,7 @@ def structured_vehicle(
             if worth > WORTH * 2:
                 columns, best = columns | {name}, trial
                 text = f"a column of {name} per velocity lowers the cost by {worth:.0f}"
-                data: dict[str, object] = {"columns": sorted(columns)}
+                data = {"columns": sorted(columns)}
                 findings.append(Finding("note", "columns", "", text, data=data))
     problem = rows.problem(columns, timing)
     checked = None

@@ -191,7 +191,7 @@ def weld(followers: dict[str, Follower], moving: set[str]) -> list[Finding]:
             f"it moves {', '.join(names)} with it (<mimic>); their links were welded where it is "
             "at 0, so the inertia of their own motion is not in the model"
         )
-        data: dict[str, object] = {"followers": names}
+        data = {"followers": names}
         findings.append(Finding("warning", "mimic_joint", f"joint {leader}", text, data=data))
     return findings
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...parameters import Array, number, rounded
+from ...structure.joints import slides
 from ...structure.optional import pin
 from ..data import Recordings, RobotModel
 from ..findings import Finding, UnusableLog
@@ -99,15 +100,10 @@ def _measured(recordings: Recordings, robot: RobotModel) -> list[int]:
 
 def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> list[Finding]:
     """Refusals of joints whose position or command x (N, n) never changes by more than `least`."""
+    text, columns = f"the {what} is {{}} in all rows", zip(robot.joints, x.T, strict=False)
     return [
-        Finding(
-            "refusal",
-            "dead_channel",
-            joint,
-            f"the {what} is {number(column[0])} in all rows",
-            remedy,
-        )
-        for joint, column in zip(robot.joints, x.T, strict=False)
+        Finding("refusal", "dead_channel", joint, text.format(number(column[0])), remedy)
+        for joint, column in columns
         if np.ptp(column) <= least
     ]
 
@@ -116,17 +112,12 @@ def _resting(recordings: Recordings, robot: RobotModel) -> tuple[set[int], list[
     """Joints that hardly move, and a warning for each."""
     usable = np.concatenate([segment.usable for segment in recordings.segments]).mean(axis=0)
     resting = {j for j, share in enumerate(usable) if share < _MOVES}
+    text = "the joint moves faster than its noise in only {:.1%} of the rows"
     remedy = "Record a motion of this joint, or leave it out with --lock."
+    shares = [(robot.joints[j], float(usable[j])) for j in sorted(resting)]
     return resting, [
-        Finding(
-            "warning",
-            "at_rest",
-            robot.joints[j],
-            f"the joint moves faster than its noise in only {usable[j]:.1%} of the rows",
-            remedy,
-            {"share": float(usable[j])},
-        )
-        for j in sorted(resting)
+        Finding("warning", "at_rest", joint, text.format(share), remedy, {"share": share})
+        for joint, share in shares
     ]
 
 
@@ -175,14 +166,14 @@ def correlation(a: Array, b: Array) -> Array:
 def _swapped(joint: str, other: str, together: float) -> Finding:
     text = f"the velocity follows the position of {other} (correlation {together:.2f})"
     remedy = "Two columns are swapped: correct the order of positions or velocities in map.toml."
-    data: dict[str, object] = {"joints": [joint, other], "correlation": float(together)}
+    data = {"joints": [joint, other], "correlation": float(together)}
     return Finding("refusal", "swapped_columns", joint, text, remedy, data)
 
 
 def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | None:
     """Checks the scale and sign of a velocity."""
     factor = float(slope @ v / (v @ v))
-    data: dict[str, object] = {"factor": factor, "correlation": float(together)}
+    data = {"factor": factor, "correlation": float(together)}
     if abs(together) < _AGREES:
         level = "refusal" if abs(together) < 0.5 else "warning"
         text = f"the velocity hardly follows dq/dt (correlation {together:.2f})"
@@ -219,13 +210,12 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
     for j, name in enumerate(robot.joints):
         low, high, fastest = limits(robot, name)
         least, most = float(q[:, j].min()), float(q[:, j].max())
-        data: dict[str, object] = {"range": [least, most], "limits": [low, high]}
-        joint = robot.model.joints[robot.model.getJointId(name)]
-        slides = joint.shortname().startswith("JointModelP")
-        unit = "m" if slides else "rad"
+        data = {"range": [least, most], "limits": [low, high]}
+        slide = slides(robot.model.joints[robot.model.getJointId(name)])
+        unit = "m" if slide else "rad"
         reach = f"the position goes from {least:.3g} to {most:.3g} {unit}"
         if not np.isfinite([low, high]).all():
-            if not slides and most - least > 4 * np.pi and speeds[j] > 2 * fastest:
+            if not slide and most - least > 4 * np.pi and speeds[j] > 2 * fastest:
                 text = f"{reach}, at {speeds[j]:.3g} rad/s, which looks like degrees"
                 remedy = 'If it is, state `unit = "deg"` in map.toml.'
                 found.append(Finding("warning", "degrees", name, text, remedy, data))
@@ -236,7 +226,7 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
             continue
         reach += f", beyond the model's {low:.3g} to {high:.3g} {unit}"
         fits = least / DEGREES >= low - 0.05 * width and most / DEGREES <= high + 0.05 * width
-        if most - least > 1.5 * width and fits and not slides:
+        if most - least > 1.5 * width and fits and not slide:
             remedy = 'If so, state `unit = "deg"` in map.toml; `ratio` if they are motor angles, '
             remedy += "`points` if they are parts of a range, as LeRobot's -100 to 100."
             text = f"{reach}; as degrees it lies within them"
@@ -278,7 +268,7 @@ def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -
         return []
     units = sorted(set(recordings.command_units))
     stated = ", ".join(unit for unit in units if unit)
-    data: dict[str, object] = {"ratio": ratio, "largest": most, "units": units}
+    data = {"ratio": ratio, "largest": most, "units": units}
     text = f"commands reach {number(most)} {stated or '(no unit stated)'}, "
     text += f"{rounded(ratio)} times what the model's torques make plausible"
     if "A" in units:

@@ -118,7 +118,7 @@ def _jitter(file: str, t: Array) -> list[Finding]:
         return []
     text = f"intervals between rows scatter from {low * 1e3:.3g} to {high * 1e3:.3g} ms (5 % to "
     text += "95 %); values are interpolated to a constant rate"
-    data: dict[str, object] = {"period": period, "low": float(low), "high": float(high)}
+    data = {"period": period, "low": float(low), "high": float(high)}
     return [Finding("note", "jitter", file, text, data=data)]
 
 
@@ -133,5 +133,5 @@ def about_rows(
     listed = [int(row) for row in rows[:100]]
     first = ", ".join(str(row) for row in listed[:SHOWN]) + (" …" if len(rows) > SHOWN else "")
     plural = "row" if len(rows) == 1 else "rows"
-    data: dict[str, object] = {"count": len(rows), "rows": listed}
+    data = {"count": len(rows), "rows": listed}
     return Finding(level, code, where, f"{len(rows)} {text} ({plural} {first})", data=data)

@@ -135,9 +135,8 @@ def _unmatched(error: UnmatchedChannels) -> Finding:
     """What to do about channels whose names are ambiguous."""
     text = f"cannot tell which channels are {', '.join(error.missing)}"
     text += f". {' '.join(error.reasons)}".rstrip(".")
-    return Finding(
-        "warning", "unmatched", "", text, "Complete map.toml by hand and pass it with --map."
-    )
+    remedy = "Complete map.toml by hand and pass it with --map."
+    return Finding("warning", "unmatched", "", text, remedy)
 
 
 def figures_of(source: str, name: str, channel: Channel, role: str = "") -> ChannelFigures:

@@ -187,13 +187,10 @@ def _turns(column: Column) -> bool:
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
     for source in made.sources:
-        if source.column.column not in channels:
-            raise InvalidInput(
-                f"map: column of a {source.quantity}",
-                "a column of the log",
-                source.column.column,
-                f"The log has {', '.join(channels)}.",
-            )
+        name, remedy = source.column.column, f"The log has {', '.join(channels)}."
+        if name not in channels:
+            what = f"map: column of a {source.quantity}"
+            raise InvalidInput(what, "a column of the log", name, remedy)
     return made
 
 

@@ -77,17 +77,12 @@ def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str]
             reasons.append(_lacking(quantity, channels, own))
     if missing:
         raise UnmatchedChannels(missing, [*reasons, *_fewer(channels, joints)], channels)
-    velocities, commands = chosen.get("velocity", {}), chosen["command"]
-    return Map(
-        joints={
-            joint: Joint(
-                position=Column(column=chosen["position"][joint]),
-                command=Column(column=commands[joint]) if joint in commands else None,
-                velocity=Column(column=velocities[joint]) if joint in velocities else None,
-            )
-            for joint in joints
-        }
+    positions, velocities, commands = (
+        {joint: Column(column=channel) for joint, channel in chosen.get(quantity, {}).items()}
+        for quantity in WORDS
     )
+    each = {j: Joint(positions[j], commands.get(j), velocities.get(j)) for j in joints}
+    return Map(joints=each)
 
 
 def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, str]:

@@ -129,7 +129,7 @@ def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Fin
     every = max(every, min(math.ceil(rows / MOST_ROWS), int(own / ENOUGH)))
     if every > 1:
         text = f"reduced from {own:g} to {own / every:g} Hz, after a low-pass without phase lag"
-        data: dict[str, object] = {"from": own, "to": own / every}
+        data = {"from": own, "to": own / every}
         findings.append(Finding("note", "decimated", "", text, data=data))
     return own / every
 
@@ -150,7 +150,7 @@ def _stretches(
         row = int(one.row[np.searchsorted(one.t, a)])
         text = f"{b - a:.3g} s without rows after row {row}; the log is split there"
         where = source if len(names) == len(found) else f"{source}, {names[0]}"
-        data: dict[str, object] = {"seconds": b - a, "row": row, "channels": names}
+        data = {"seconds": b - a, "row": row, "channels": names}
         findings.append(Finding("note", "gap", where, text, data=data))
         parts.append((last, min(a, end)))
         last = max(last, b)
@@ -185,8 +185,7 @@ def _segments(
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derived from positions up to {signals.bandwidth(rest.rate):g} Hz"
         missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
-        data: dict[str, object] = {"joints": missing}
-        findings.append(Finding("note", "differentiated", source, text, data=data))
+        findings.append(Finding("note", "differentiated", source, text, data={"joints": missing}))
     logs: list[Log] = []
     for start, end in _stretches(source, found, made, findings):
         first = reference.t[np.searchsorted(reference.t, start)]

@@ -119,8 +119,7 @@ def cut_rest(file: str, reference: Signal, grid: Array, kept: slice) -> list[Fin
     whole = rows_of(reference, *grid[[0, -1]].tolist())
     if kept.stop == kept.start:
         text = f"the robot stands still in rows {whole[0]}–{whole[1]}, which were left out"
-        data: dict[str, object] = {"rows": list(whole)}
-        findings.append(Finding("warning", "rest", file, text, data=data))
+        findings.append(Finding("warning", "rest", file, text, data={"rows": list(whole)}))
         return findings
     inner = rows_of(reference, *grid[[kept.start, kept.stop - 1]].tolist())
     for a, b, when in ((whole[0], inner[0] - 1, "before"), (inner[1] + 1, whole[1], "after")):
@@ -141,5 +140,5 @@ def limits_stated(
     )
     text = "rows below these speeds [rad/s or m/s] are not used "
     text += f"(in brackets: share of rows used): {each}"
-    data: dict[str, object] = {"limits": limits.tolist(), "share": usable.tolist()}
+    data = {"limits": limits.tolist(), "share": usable.tolist()}
     return Finding("note", "rest_limits", file, text, data=data)

@@ -203,13 +203,9 @@ def _left_out(file: Path, dropped: list[tuple[str, str]], kept: int) -> Finding:
 def _converted(file: Path, name: str, clock: clocks.Clock) -> Finding:
     how = "judging by their size" if clock.guessed else "as stated"
     what = "dates" if clock.unit == "date" else f"in {clock.unit}"
-    return Finding(
-        "note",
-        "time_unit",
-        file.name,
-        f"the times in column {name!r} are {what}, {how}, and were converted to seconds",
-        data={"column": name, "unit": clock.unit, "guessed": clock.guessed},
-    )
+    text = f"the times in column {name!r} are {what}, {how}, and were converted to seconds"
+    data = {"column": name, "unit": clock.unit, "guessed": clock.guessed}
+    return Finding("note", "time_unit", file.name, text, data=data)
 
 
 def _unread(file: Path, columns: formats.Columns) -> list[Finding]:

@@ -305,19 +305,11 @@ def _judged(
     offset: float,
 ) -> JointEstimate:
     """An estimate with its covariance, and the error of predictions without a model."""
-    error, simple, travel = _errors(logs, fit, used)
+    (error, simple, travel), rate = _errors(logs, fit, used), effective_rate(logs, fit.residual)
     return JointEstimate(
-        fit.x,
-        covariance,
-        quantile,
-        gravity,
-        offset,
-        error,
-        simple,
-        limit=logs[0].limit,
-        travel=travel,
-        effective=effective_rate(logs, fit.residual),
-    )
+        fit.x, covariance, quantile, gravity, offset, error, simple,
+        limit=logs[0].limit, travel=travel, effective=rate,
+    )  # fmt: skip
 
 
 def _errors(logs: Sequence[JointLog], fit: OutputError, used: Array) -> tuple[float, float, float]:
