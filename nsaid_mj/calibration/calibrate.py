@@ -13,7 +13,7 @@ from ..parameters import Array
 from .arms import structured_arm
 from .checks import structure_checks
 from .data import Recordings, RobotModel
-from .findings import Finding, UnusableLog
+from .findings import Finding, UnusableLog, refused
 from .fit import Fit, minimise
 from .joints import TRUSTED, nearest_friction
 from .payloads import check_loads, payloads
@@ -278,5 +278,5 @@ def _curves(problem: Problem, theta: Array) -> Curves:
 
 
 def _refuse(found: list[Finding]) -> None:
-    if any(f.level == "refusal" for f in found):
+    if refused(found):
         raise UnusableLog(gravest_first(found))

@@ -112,10 +112,13 @@ def _of(result: Identification, block: str, k: int) -> Array:
 def _followed(result: Identification, values: Identified) -> Finding:
     """How well the exported model follows the log, compared with the model file's own values."""
     try:
-        found = replay(result.robot, values, result.recordings)
+        exported, nominal = (
+            replay(result.robot, own, result.recordings)
+            for own in (values, Identified.nominal(result.robot))
+        )
     except NsaidError as error:
         return Finding("note", "replay", "", f"the exported model was not simulated: {error}")
-    rows = list(zip(result.robot.joints, found.exported, found.nominal, strict=True))
+    rows = list(zip(result.robot.joints, exported, nominal, strict=True))
     figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
     worse = ", ".join(name for name, own, file in rows if own > file)
     text = (
@@ -124,7 +127,7 @@ def _followed(result: Identification, values: Identified) -> Finding:
         f"{figures}"
     )
     remedy = f"The exported model is worse at {worse}." if worse else ""
-    data = {"exported": found.exported.tolist(), "nominal": found.nominal.tolist()}
+    data = {"exported": exported.tolist(), "nominal": nominal.tolist()}
     return Finding("warning" if worse else "note", "replay", "", text, remedy, data)
 
 

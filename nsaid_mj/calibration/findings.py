@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from ..errors import NsaidError
 from ..robot.findings import Finding, Level
 
-__all__ = ["Finding", "Level", "UnusableLog"]
+__all__ = ["Finding", "Level", "UnusableLog", "refused"]
+
+
+def refused(findings: Iterable[Finding]) -> bool:
+    """Whether one of the findings is a refusal."""
+    return any(finding.level == "refusal" for finding in findings)
 
 
 class UnusableLog(NsaidError):

@@ -35,14 +35,9 @@ def load_mjcf(
     """Reads an MJCF or .mjb file.
 
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
-    bias forces. `base` is None for a robot to identify, on a stand; the other arguments are those
-    of `load_tree`.
-
-    Raises:
-        BadRobot: MuJoCo rejects the file, or it is not a tree of hinges and slides: it has ball
-            joints, or tendons or equality constraints between joints that move.
-        InvalidInput: a joint is to be both locked and kept.
-        UnknownName: there is no such joint.
+    bias forces. `base` is None for a robot to identify, on a stand; the other arguments, and what
+    it raises, are those of `load_tree`: of ball joints, and of tendons and equality constraints
+    between joints that move, it raises `BadRobot`.
     """
     mj, findings = compile_file(path)[1:]
     name = mj.names.partition(b"\0")[0].decode().replace(_NAMELESS, "") or path.stem

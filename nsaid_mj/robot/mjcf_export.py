@@ -5,7 +5,6 @@ A robot read from an MJCF gets its own file back, with new numbers.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -29,6 +28,7 @@ from .mjcf_file import (
     name_joints,
     own_file,
     own_joints,
+    relocate,
     remove_references,
     split_bodies,
 )
@@ -191,13 +191,9 @@ def _edited(
             root.remove(section)
     welded = _set_inertials(root, values.model, links, anchors)
     for compiler in root.iter("compiler"):
-        for key in (*_OVERRULING, "meshdir", "texturedir", "assetdir"):
+        for key in _OVERRULING:
             compiler.attrib.pop(key, None)
-    if root.find("compiler") is None:
-        root.insert(0, Element("compiler"))
-    for directory in ("meshdir", "texturedir"):
-        place = source.resolve().parent / getattr(spec, directory)
-        next(root.iter("compiler")).set(directory, _relative(place, folder))
+    relocate(root, spec, source, folder)
     if locked:
         also += ("Joints fixed: " + ", ".join(locked) + ".",)
     if welded:
@@ -278,11 +274,3 @@ def _add_motor(section: Node, robot: RobotModel, joint: str, gain: float) -> Non
     limit = robot.limits[robot.joints.index(joint)]
     if np.isfinite(limit):
         motor.attrib.update({"ctrllimited": "true", "ctrlrange": numbers([-limit, limit])})
-
-
-def _relative(path: Path, folder: Path) -> str:
-    """A folder of meshes or textures as seen from the new file's folder."""
-    try:
-        return Path(os.path.relpath(path, folder)).as_posix()
-    except ValueError:  # on another drive of Windows
-        return path.as_posix()

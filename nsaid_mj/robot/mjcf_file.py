@@ -239,6 +239,22 @@ def actuators_of_file(root: Node) -> list[Node]:
     return [part for section in root.findall("actuator") for part in section.iterchildren("*")]
 
 
+def relocate(root: Node, spec: Any, source: Path, folder: Path) -> None:
+    """Makes the folders of a file's meshes and textures relative to another folder, in place."""
+    if root.find("compiler") is None:
+        root.insert(0, etree.Element("compiler"))
+    for compiler in root.iter("compiler"):
+        for key in ("meshdir", "texturedir", "assetdir"):
+            compiler.attrib.pop(key, None)
+    for key in ("meshdir", "texturedir"):
+        place = source.resolve().parent / getattr(spec, key)
+        try:
+            seen = Path(os.path.relpath(place, folder))
+        except ValueError:  # on another drive of Windows
+            seen = place
+        next(root.iter("compiler")).set(key, seen.as_posix())
+
+
 def own_joints(body: Node) -> list[Node]:
     """The joints of one body, those in its frames included."""
     return [j for j in body.iter(*_JOINTS) if next(j.iterancestors("body")) is body]

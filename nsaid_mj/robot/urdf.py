@@ -51,12 +51,7 @@ def load_urdf(
     """Reads a URDF.
 
     `root` is changed; `encoding` holds findings about it. `base` is None for a robot to identify,
-    on a stand; the other arguments are those of `load_tree`.
-
-    Raises:
-        BadRobot: the file describes a robot that is not a tree of revolute and prismatic joints.
-        InvalidInput: a joint is to be both locked and kept.
-        UnknownName: there is no such joint.
+    on a stand; the other arguments, and what it raises, are those of `load_tree`.
     """
     check_urdf(path, root)
     followers, findings = {}, [*encoding]

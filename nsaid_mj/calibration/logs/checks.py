@@ -14,7 +14,7 @@ from ...parameters import Array, number, rounded
 from ...structure.joints import slides
 from ...structure.optional import pin
 from ..data import Recordings, RobotModel
-from ..findings import Finding, UnusableLog
+from ..findings import Finding, UnusableLog, refused
 from ..links import positions
 from . import signals
 
@@ -29,7 +29,7 @@ _ROWS = 2000  # at most, for the model's torques
 def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
     """The recordings with the findings of `checks`; raises `UnusableLog` on a refusal."""
     findings = (*recordings.findings, *checks(recordings, robot))
-    if any(finding.level == "refusal" for finding in findings):
+    if refused(findings):
         raise UnusableLog(findings)
     return replace(recordings, findings=findings)
 
@@ -71,7 +71,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     told = {finding.where for finding in found}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
     found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in told]
-    if not robot.weightless and not any(finding.level == "refusal" for finding in found):
+    if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
     return tuple(found)
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
-from lxml.etree import Element, SubElement
+from lxml.etree import SubElement
 from lxml.etree import _Element as Node
 from numpy.typing import ArrayLike
 
@@ -18,7 +17,7 @@ from ...errors import BadRobot
 from ...parameters import Array
 from ...plants.world.coordinates import JointMap
 from ...plants.world.quiet import quiet
-from ...robot.mjcf_file import actuators_of_file, compile_file, joints_of_file
+from ...robot.mjcf_file import actuators_of_file, compile_file, joints_of_file, relocate
 from ...robot.target_profile import followed
 from ...robot.tree import (
     TARGET_DELAY,
@@ -59,7 +58,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     """
     source = result.robot.source
     assert source is not None  # a model with servos comes from a file
-    root, mj = read_xml(source)[0], compile_file(source)[1]
+    root, (spec, mj, _) = read_xml(source)[0], compile_file(source)
     names, actuators = joint_names(mj), actuators_of_file(root)
     joints = {joint.get("name"): joint for joint in joints_of_file(root)}
     delays, profiles = target_delays(mj), target_profiles(mj)
@@ -80,13 +79,10 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
             actuators[index].attrib.pop("timeconst", None)
     _state(root, TARGET_DELAY, delays)
     _state(root, TARGET_PROFILE, profiles.T.ravel())
+    relocate(root, spec, source, path.resolve().parent)
     for scale in result.scale:
-        if root.find("compiler") is None:
-            root.insert(0, Element("compiler"))
         total = numbers(scale.value * mj.body_subtreemass[0])
         root.findall("compiler")[-1].set("settotalmass", total)
-    for compiler in root.findall("compiler"):
-        _redirect(compiler, source.resolve().parent, path.resolve().parent)
     told = "\n".join(
         f"{s.name}: delay {s.delay * 1e3:.1f} ms, kp "
         + ("determined by gravity" if s.gravity else "a convention")
@@ -121,13 +117,6 @@ def _set_actuator(element: Node, servo: Servo) -> None:
     else:
         element.set("gainprm", numbers(servo.kp))
         element.set("biasprm", numbers([0.0, -servo.kp, -servo.kv]))
-
-
-def _redirect(compiler: Node, old: Path, new: Path) -> None:
-    """Makes the folders of meshes and textures relative to the new file's folder."""
-    for directory in ("meshdir", "texturedir"):
-        inside = compiler.get(directory, compiler.get("assetdir", ""))
-        compiler.set(directory, Path(os.path.relpath(old / inside, new)).as_posix())
 
 
 def rollout(

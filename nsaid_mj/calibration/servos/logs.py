@@ -14,7 +14,7 @@ from ...robot.model import Servos
 from ...robot.target_profile import followed
 from ...structure.optional import pin
 from ..data import RobotModel
-from ..findings import Finding, UnusableLog
+from ..findings import Finding, UnusableLog, refused
 from ..links import positions
 from ..logs import Map, signals
 from ..logs.checks import beyond_limits
@@ -166,7 +166,7 @@ def read_servo_logs(
     fast = np.quantile(np.concatenate(speeds), 0.95, axis=0)
     findings += beyond_limits(np.concatenate([log.position for log in logs]), fast, robot)
     findings += _motionless(logs)
-    if any(f.level == "refusal" for f in findings):
+    if refused(findings):
         raise UnusableLog(tuple(findings))
     return tuple(weighed(model, log) for log in logs), tuple(findings)
 

@@ -22,7 +22,6 @@ def read(path: Path) -> list[Columns]:
     `KIND_1/FIELD` of instance 1.
 
     Raises:
-        MissingExtra: `pymavlink` is not installed.
         UnreadableLog: the file is beyond the limit or has no message with a time.
     """
     from pymavlink.DFReader import DFReader_binary

@@ -28,7 +28,6 @@ def read(path: Path) -> list[Columns]:
     `TOPIC/data_0` …
 
     Raises:
-        MissingExtra: `rosbags` is not installed.
         UnreadableLog: the bag is beyond the limit or has no message of these types.
     """
     from rosbags.highlevel import AnyReader

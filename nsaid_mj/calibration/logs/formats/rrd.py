@@ -23,7 +23,6 @@ def read(path: Path) -> list[Columns]:
     `log_time` if there is no other.
 
     Raises:
-        MissingExtra: `rerun-sdk` is not installed.
         UnreadableLog: the file has no scalars over time.
     """
     from rerun.chunk import RrdReader

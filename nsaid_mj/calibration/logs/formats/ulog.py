@@ -16,7 +16,6 @@ def read(path: Path) -> list[Columns]:
     Times are the fields `timestamp`, or `timestamp_sample` where a topic has it.
 
     Raises:
-        MissingExtra: `pyulog` is not installed.
         UnreadableLog: the file is beyond the limit or has no data.
     """
     from pyulog import ULog
