@@ -9,7 +9,7 @@ import numpy as np
 
 from ...numerics.spatial import continuous_signs
 from ...parameters import Array, number
-from ..findings import Finding, Level
+from ...robot.findings import Finding, Level
 from . import signals
 from .layout import Layout, Source
 from .signals import Signal

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data import Recordings, RobotModel
-from ..findings import Finding, UnusableLog
+from ..findings import Finding, UnmatchedChannels, UnusableLog
 from . import signals
 from .checks import checks
-from .errors import UnmatchedChannels
 from .layout import Layout, layout, with_angles
 from .mapping import Map
 from .preparation import prepare

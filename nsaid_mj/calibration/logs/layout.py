@@ -14,8 +14,8 @@ from ...errors import InvalidInput
 from ...numerics.spatial import continuous_signs
 from ...parameters import Array
 from ..data import RobotModel
+from ..findings import UnmatchedChannels
 from . import matching
-from .errors import UnmatchedChannels
 from .flight import flight_map
 from .mapping import Column, Map, Vehicle, matrix
 from .tables import Channel, Table, channel_names

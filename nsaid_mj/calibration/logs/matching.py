@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from .errors import UnmatchedChannels
+from ..findings import UnmatchedChannels
 from .mapping import Column, Joint, Map
 from .units import FACTORS, Quantity, of_name
 

@@ -14,9 +14,8 @@ import numpy as np
 from ...errors import InvalidInput, printable
 from ...parameters import Array
 from ...resources import path_of
-from ..findings import Finding
+from ..findings import Finding, UnreadableLog
 from . import clocks, formats
-from .errors import UnreadableLog
 from .mapping import Map
 
 _FEW = 0.01  # share of rows with problems from which they are a warning

@@ -14,12 +14,11 @@ from ...robot.model import Servos
 from ...robot.target_profile import followed
 from ...structure.optional import pin
 from ..data import RobotModel
-from ..findings import Finding, UnusableLog, refused
+from ..findings import Finding, UnmatchedChannels, UnusableLog, refused
 from ..links import positions
 from ..logs import Map, signals
 from ..logs.checks import beyond_limits
 from ..logs.cleaning import clean
-from ..logs.errors import UnmatchedChannels
 from ..logs.formats.run import FOLLOWED
 from ..logs.layout import Layout, Source
 from ..logs.mapping import Column, Joint

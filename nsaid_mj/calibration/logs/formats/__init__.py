@@ -21,7 +21,7 @@ import numpy as np
 
 from ....errors import InvalidInput, NsaidError, printable
 from ....experiment.record import FILE
-from ..errors import MissingExtra, UnreadableLog
+from ...findings import MissingExtra, UnreadableLog
 
 LIMIT = 4.0
 """Largest size of an unpacked file, unless `limited_to` says otherwise [GB]."""

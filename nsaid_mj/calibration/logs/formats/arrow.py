@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
 
 _PARQUET, _FILE = b"PAR1", b"ARROW1"  # first bytes of files that are no streams

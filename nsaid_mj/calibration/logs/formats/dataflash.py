@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
 
 _LATEST = 1e15  # thirty years [µs]; a time beyond is damaged

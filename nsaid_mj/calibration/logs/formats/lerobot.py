@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from ....resources import json_of
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns
 from .arrow import flat, table_of
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
 
 _VECTOR = ("x", "y", "z")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns
 
 _VALUES, _NAMES = "Scalars:scalars", "SeriesLines:names"

@@ -8,7 +8,7 @@ import numpy as np
 
 from ....errors import BadRun
 from ....experiment.record import FILE, PROFILED, TARGET_DELAYS, Record
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
 
 FOLLOWED = "followed"

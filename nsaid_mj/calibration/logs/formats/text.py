@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import STRAY, Columns, check_size
 from .arrow import numpy_column
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
 
 
