@@ -31,10 +31,9 @@ from .log_robot import log_robot
 from .measured import identifiers_of, measured_scenario
 from .precision import tempered
 from .problem import mean_squares
-from .result import AlongLog, Fitted, Gain, Identification
+from .result import AlongLog, Fitted, Gain, Identification, recording_shifts
 from .smoothing import delayed, filter_for, noise_levels, refined, smooth, smooth_commands
 from .structure import Structured
-from .timeline import recording_shifts
 from .vehicles import motion_of
 
 LAWS = ("batch", "efficient", "memory", "cone", "paper")

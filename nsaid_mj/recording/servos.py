@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import rerun.blueprint as rrb
 
+from ..calibration.result import shifts
 from ..calibration.servos import Replayed, ServoIdentification
-from ..calibration.timeline import shifts
 from ..parameters import Array
 from ..reporting.identification.servos import brief
 from ..reporting.markdown import markdown

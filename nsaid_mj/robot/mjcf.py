@@ -51,31 +51,31 @@ def load_mjcf(
     check_tree(str(path), model, base)
     findings += check_couplings(str(path), mj, names, locked)
     moving = tuple(system_joints(model))
-    found = motors(mj, names, moving)
+    gain, limits, damping, passive, said = motors(mj, names, moving)
     findings += [Finding("warning", "base_held", f"joint {n}", *_HELD) for n in held]
     findings += [*_ignored_forces(mj, names, locked), *make_physical(model, body_names(model))]
     dof = [mj.jnt_dofadr[names.index(joint)] for joint in moving]
     first = model.nv - len(dof)  # 6 if the base is free
-    model.effortLimit[first:] = np.abs(found.gain) * found.limits
-    servos = position_servos(mj, names, [j for j in moving if j not in found.passive])
+    model.effortLimit[first:] = np.abs(gain) * limits
+    servos = position_servos(mj, names, [j for j in moving if j not in passive])
     robot = RobotModel(
         name=name,
         source=path,
         kind="mjcf",
         model=model,
         joints=moving,
-        damping=mj.dof_damping[dof] + found.damping,
+        damping=mj.dof_damping[dof] + damping,
         friction=mj.dof_frictionloss[dof],
         rotor=model.armature[first:].copy(),
-        gain=found.gain,
-        limits=found.limits,
-        findings=tuple([*findings, *found.findings]),
+        gain=gain,
+        limits=limits,
+        findings=tuple([*findings, *said]),
         visuals=Shapes(model, lambda: shapes_of_geoms(mj, model)),
         file=path,
-        passive=found.passive,
+        passive=passive,
         servos=servos,
     )
-    mixed = [] if servos is not None else [f for f in found.findings if f.code == "servo"]
+    mixed = [] if servos is not None else [f for f in said if f.code == "servo"]
     warned = [str(f) for f in [*findings, *mixed] if f.level == "warning"]
     if base is not None and warned:
         warnings.warn(RobotChanged(str(path), warned), stacklevel=2)

@@ -11,8 +11,7 @@ import pytest
 
 from nsaid_mj import BlueROV2Plant
 from nsaid_mj.calibration.findings import Finding
-from nsaid_mj.calibration.result import Identification
-from nsaid_mj.calibration.timeline import shifts
+from nsaid_mj.calibration.result import Identification, shifts
 from nsaid_mj.log import Log
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
