@@ -237,7 +237,9 @@ def join(
     whole = [t for t in tables if set(wanted) <= set(t.channels)]
     parts = [t for t in tables if t not in whole and set(wanted) & set(t.channels)]
     found = [replace(table, channels=_shifted(table, mapping)) for table in whole]
-    findings = [_unused(t) for t in tables if not set(wanted) & set(t.channels)]
+    unused = "no channel of this file is used", "Map its columns or leave it out."
+    others = [table.source for table in tables if not set(wanted) & set(table.channels)]
+    findings = [Finding("warning", "unused_file", source, *unused) for source in others]
     if parts:
         joined = _joined(parts, mapping, wanted)
         found.append(joined)
@@ -285,8 +287,3 @@ def _joined(parts: Sequence[Table], mapping: Map, wanted: Sequence[str]) -> Tabl
         remedy += f'`[files."{parts[1].source}"]` `offset = {ranges[0][0] - ranges[1][0]:.6g}`.'
         raise InvalidInput(names, "files with a time in common", each, remedy)
     return Table(names, channels, origin)
-
-
-def _unused(table: Table) -> Finding:
-    text = "no channel of this file is used"
-    return Finding("warning", "unused_file", table.source, text, "Map its columns or leave it out.")
