@@ -39,12 +39,12 @@ from nsaid_mj.calibration.data import RobotModel
 from nsaid_mj.calibration.fit import minimise
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.law import LAWS, follow_log
-from nsaid_mj.calibration.law_result import AlongLog
-from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.logs import prepare, read_map, read_tables
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.payloads import Load
 from nsaid_mj.calibration.precision import tempered
+from nsaid_mj.calibration.problem import least_squares
+from nsaid_mj.calibration.result import AlongLog
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
 from nsaid_mj.calibration.structure import Options
 from nsaid_mj.errors import NsaidError

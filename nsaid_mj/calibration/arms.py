@@ -12,7 +12,7 @@ from ..parameters import Array
 from ..robot.identified import with_inertias
 from .checks import fit_checks, rate_checks, reversed_commands, unit_checks
 from .data import Recordings, RobotModel
-from .findings import Finding
+from .findings import Finding, refused
 from .fit import minimise
 from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
 from .links import file_links
@@ -58,9 +58,9 @@ def structured_arm(
     rows.gain = expected_gains(rows, choice)[0]
     problem, others = rows.problem(choice), iter(())
     faults += fit_checks(rows, choice)
-    if not _refused(faults):
+    if not refused(faults):
         faults += reversed_commands(rows, choice, problem)
-    if not _refused(faults):
+    if not refused(faults):
         told("fitting delays")
         choice, doubt, said = _finished(rows, choice, problem, options)
         others = _alternatives(rows, choice, doubt)
@@ -88,10 +88,6 @@ def structured_arm(
         lambda theta: arm_suspects(rows, choice, problem, theta),
         noisier,
     )
-
-
-def _refused(findings: list[Finding]) -> bool:
-    return any(finding.level == "refusal" for finding in findings)
 
 
 def _finished(

@@ -13,16 +13,14 @@ from ..parameters import Array
 from .arms import structured_arm
 from .checks import structure_checks
 from .data import Recordings, RobotModel
-from .findings import Finding, UnusableLog
+from .findings import Finding, UnusableLog, refused
 from .fit import Fit, minimise
 from .joints import TRUSTED, nearest_friction
-from .law_result import Fitted
-from .least_squares import least_squares
 from .payloads import check_loads, payloads
 from .precision import Precision, inflation, precision, tempered
-from .problem import Problem, folds
+from .problem import Problem, folds, least_squares
 from .residuals import Followed, doubts, followed, widened, with_doubts
-from .result import Curves, Identification, JointFit
+from .result import Curves, Fitted, Identification, JointFit
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
 from .structure import Options, Structured
@@ -280,5 +278,5 @@ def _curves(problem: Problem, theta: Array) -> Curves:
 
 
 def _refuse(found: list[Finding]) -> None:
-    if any(f.level == "refusal" for f in found):
+    if refused(found):
         raise UnusableLog(gravest_first(found))

@@ -43,7 +43,7 @@ def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:
     found = []
     for j in short:
         text = f"it moves in only {counts[j]} independent rows; {needed[j]} are needed"
-        data: dict[str, object] = {"rows": counts[j], "needed": needed[j]}
+        data = {"rows": counts[j], "needed": needed[j]}
         found.append(Finding(level, "short_log", names[j], text, remedy, data))
     return [*found, *_swapped(rows, choice, rows.commands(choice.delay), names, short)]
 
@@ -103,7 +103,7 @@ def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list
                 "drive the motion, and −u fits"
             )
             remedy = f"Set `sign = -1` for the command of {names[j]} in the map."
-            data: dict[str, object] = {"cost": own, "cost_reversed": fit.cost}
+            data = {"cost": own, "cost_reversed": fit.cost}
             findings.append(Finding("refusal", "reversed_sign", names[j], text, remedy, data))
     return findings
 

@@ -11,15 +11,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..baselines.sysid import toolbox
+from ..baselines import Problem
+from ..baselines.sysid import BUDGET, sysid, toolbox
 from ..errors import BadRobot, InvalidInput
+from ..identifiers.cone.prior import drawn_inside
+from ..log import SensorLevels
 from ..parameters import Array
-from ..robot.identified import Identified
+from ..robot.identified import Identified, with_inertias
 from ..robot.mjcf_file import compile_file
 from ..robot.tree import joint_names, position_servos
+from ..structure.joints import JointScales
+from ..structure.multibody import CompiledMultibody
+from .arms import structured_arm
 from .calibrate import calibrate
-from .data import Recordings, RobotModel
+from .data import Recordings, RobotModel, Segment
 from .export import identified
+from .joints import BASIC
+from .links import positions
 from .models import load_robot_model
 from .replay import departures
 from .servos.export import rollout, write_servo_mjcf
@@ -27,7 +35,6 @@ from .servos.identify import ServoLogs, identify_servos
 from .servos.logs import DELAYS, ServoLog, late
 from .servos.sysid import write_by_toolbox
 from .structure import Options
-from .sysid import by_toolbox, delayed
 
 HORIZONS = (0.2, 2.0, np.inf)
 """Times after which a simulation restarts from the measured state [s]."""
@@ -37,6 +44,7 @@ IDENTIFIED, SYSID, STOCK = FITTED = "identified", "sysid", "sysid-stock"
 `mujoco.sysid` with its best and its stock options, from the values of the first file."""
 
 _DEFAULT = Options()
+_NOISY = SensorLevels(position=1e-4, velocity=1e-3)  # the toolbox's chunks start at smoothed states
 Told = Callable[[str], None]
 _Part = tuple[list[Array], Array]  # (N, n) errors over every horizon and one row; (N, n) changes
 
@@ -247,3 +255,42 @@ def _constant_velocity(recordings: Recordings) -> Score:
             found.append(np.abs(log.q[start] + ahead * log.v[start] - log.q[rows + 1]))
         errors.append(np.concatenate(found).mean(axis=0))
     return Score("constant velocity", np.array(errors), np.full(errors[0].shape, np.nan), 0.0)
+
+
+def by_toolbox(
+    robot: RobotModel, recordings: Recordings, budget: float = BUDGET
+) -> tuple[Identified, Array]:
+    """The values that `baselines.sysid.sysid` finds in logs, and (n,) delays of the commands [s].
+
+    It fits links, rotors, viscous and Coulomb friction, and gains. Its start is that of `nsaid
+    identify`: the model file's links, and frictions and gains guessed from the log. So are the
+    commands' delays and the speeds at which Coulomb friction saturates, which it does not fit.
+    Numbers of joints are searched between a tenth of the start and ten times it, within the budget
+    of CPU time [s].
+
+    Raises:
+        NoEstimate: the toolbox is not installed, or no segment lasts half a second.
+        UnusableLog: the logs cannot be used.
+    """
+    made = structured_arm(robot, recordings, None, Options(columns=BASIC), lambda _: None)
+    space, n = made.problem.space, len(robot.joints)
+    prior = drawn_inside(space, made.problem.prior, 0.0, np.random.default_rng(0))
+    speeds, one = np.array([joint.friction_speed for joint in made.velocities]), np.ones(n)
+    rotor, viscous, coulomb, gain = prior[-4 * n :].reshape(4, n)
+    masses = prior[: -4 * n : 10]
+    scales = JointScales(masses, np.ones_like(masses), viscous, coulomb, gain, one, one, rotor)
+    system = CompiledMultibody(robot.model, scales, speeds)
+    logs, sign = [delayed(s, made.delays).log for s in recordings.segments], np.sign(robot.gain)
+    logs = [log._replace(q=positions(robot.model, log.q), u=log.u * sign) for log in logs]
+    theta, _ = sysid(Problem(system, logs[0], prior, _NOISY), budget, logs[1:])
+    rotor, viscous, coulomb, gain = theta[-4 * n :].reshape(4, n)
+    model = with_inertias(robot.model, theta[: -4 * n].reshape(-1, 10), rotor)
+    found = Identified(model, viscous, coulomb, speeds, gain * sign, "mujoco.sysid")
+    return found, made.delays
+
+
+def delayed(segment: Segment, delays: Sequence[float] | Array) -> Segment:
+    """A segment whose commands arrive late, by (n,) delays [s]."""
+    log = segment.log
+    late = [np.interp(log.t - d, log.t, u) for d, u in zip(delays, log.u.T, strict=True)]
+    return segment._replace(log=log._replace(u=np.column_stack(late)))

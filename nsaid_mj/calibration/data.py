@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..log import Log
-from ..parameters import Array
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
 
@@ -43,14 +42,12 @@ class Recordings:
         segments: in order of files and time; at least one.
         rate: samples per second.
         command_units: (n_u,) unit of each command, such as "A", "N·m" or "" if unknown.
-        quantisation: (n_u,) smallest step of each command in the file; 0 if it is continuous.
         findings: how the data were processed, and what was noticed.
     """
 
     segments: tuple[Segment, ...]
     rate: float
     command_units: tuple[str, ...]
-    quantisation: Array
     findings: tuple[Finding, ...] = ()
 
     def driven(self, robot: RobotModel) -> list[int]:

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..errors import NsaidError
 from ..parameters import Array, number
-from ..robot.identified import Coupling, Identified, Parameter, Spring, with_inertias
+from ..robot.identified import Coupling, Identified, Spring, with_inertias
 from ..robot.mjcf_export import write_mjcf
-from ..robot.tables import write_sysid, write_yaml
+from ..robot.tables import write_sysid, write_table
 from ..robot.urdf import write_urdf
 from .findings import Finding
 from .joints import joint_of
@@ -27,11 +27,11 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
     Returns:
         The files, and how well the exported model follows the log.
     """
-    robot, values = result.robot, identified(result)
-    files = [folder / "calibrated.yaml"]
-    write_yaml(robot, values, files[0])
+    robot, files = result.robot, [folder / "calibrated.yaml"]
+    write_parameters(result, files[0])
     if robot.model is None:
         return files, []
+    values = identified(result)
     if robot.kind == "urdf":
         files.append(folder / f"{_file_name(robot.name)}.urdf")
         write_urdf(robot, values, files[-1])
@@ -42,34 +42,48 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
     return files, [_followed(result, values)]
 
 
+def write_parameters(result: Identification, path: Path) -> None:
+    """Writes parameters with units, 95 % intervals and status, and the scale's anchor, as YAML."""
+    parameters = [
+        {
+            "name": p.label,
+            "value": float(p.value),
+            "unit": p.unit,
+            "interval": [float(p.low), float(p.high)],
+            "status": p.status,
+        }
+        for p in result.parameters
+    ]
+    table = {"robot": result.robot.name, "anchor": result.anchor, "notes": _notes(result)}
+    write_table(path, {**table, "parameters": parameters})
+
+
+def _notes(result: Identification) -> list[str]:
+    """The verdict and the warnings."""
+    return [result.verdict, *(f.text for f in result.findings if f.level == "warning")]
+
+
 def identified(result: Identification) -> Identified:
-    """The values of a result for the exporters.
+    """The values of a tree of joints for the exporters.
 
     Files hold viscous and Coulomb friction only: where the log has further columns, the values
     nearest to the identified friction along it.
     """
     robot = result.robot
-    parameters = tuple(
-        Parameter(p.label, p.value, p.unit, p.low, p.high, p.status) for p in result.parameters
-    )
     k = len(robot.joints)
-    if robot.model is None:
-        none = np.zeros(0)
-        return Identified(None, none, none, none, none, result.anchor, parameters)
     links = result.theta[: 10 * (robot.model.njoints - 1)].reshape(-1, 10)
     model = with_inertias(robot.model, links, _of(result, "rotor inertia", k))
     damping, friction = result.friction
     speed = np.array([joint.friction_speed for joint in result.joints])
     gain = _of(result, "motor gain", k) * np.sign(robot.gain)
-    notes = tuple(f.text for f in result.findings if f.level == "warning")
     couplings = tuple(
         Coupling((i, j), sign, *(p.value for p in result.of(f"coupling of {a} and {b}")))
         for i, j, sign in result.fitted.coupled
         for a, b in [(robot.joints[i], robot.joints[j])]
     )
     return Identified(
-        model, damping, friction, speed, gain, result.anchor, parameters,
-        (result.verdict, *notes), couplings, tuple(_springs(result)),
+        model, damping, friction, speed, gain, result.anchor, tuple(_notes(result)), couplings,
+        tuple(_springs(result)),
     )  # fmt: skip
 
 
@@ -98,10 +112,13 @@ def _of(result: Identification, block: str, k: int) -> Array:
 def _followed(result: Identification, values: Identified) -> Finding:
     """How well the exported model follows the log, compared with the model file's own values."""
     try:
-        found = replay(result.robot, values, result.recordings)
+        exported, nominal = (
+            replay(result.robot, own, result.recordings)
+            for own in (values, Identified.nominal(result.robot))
+        )
     except NsaidError as error:
         return Finding("note", "replay", "", f"the exported model was not simulated: {error}")
-    rows = list(zip(result.robot.joints, found.exported, found.nominal, strict=True))
+    rows = list(zip(result.robot.joints, exported, nominal, strict=True))
     figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
     worse = ", ".join(name for name, own, file in rows if own > file)
     text = (
@@ -110,7 +127,7 @@ def _followed(result: Identification, values: Identified) -> Finding:
         f"{figures}"
     )
     remedy = f"The exported model is worse at {worse}." if worse else ""
-    data = {"exported": found.exported.tolist(), "nominal": found.nominal.tolist()}
+    data = {"exported": exported.tolist(), "nominal": nominal.tolist()}
     return Finding("warning" if worse else "note", "replay", "", text, remedy, data)
 
 

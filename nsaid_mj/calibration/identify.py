@@ -13,11 +13,10 @@ from ..numerics.threads import single_threaded
 from ..resources import asset
 from .calibrate import calibrate
 from .data import Recordings, RobotModel
-from .findings import UnusableLog
+from .findings import UnreadableLog, UnusableLog
 from .joints import BASIC, COLUMNS
 from .law import LAWS, with_law
 from .logs import Map, checked, prepare, read_map, read_tables
-from .logs.errors import UnreadableLog
 from .models import load_robot_model
 from .payloads import Load, load_of
 from .result import Identification

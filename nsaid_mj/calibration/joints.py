@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from ..parameters import Array, Block, Geometry, Indices, ParameterSpace
+from ..parameters import Array, Block, Indices, ParameterSpace
 from ..robot.identified import with_inertias
+from ..structure.columns import KINDS, Kind
 from ..structure.joints import slides
 from .data import Recordings, RobotModel
 from .links import (
@@ -39,36 +39,10 @@ SPEEDS = (0.005, 0.02, 0.05, 0.1, 0.2)
 BROAD = 1  # index of the first that is tried
 
 
-class Column(NamedTuple):
-    """A kind of force column on a joint.
-
-    Attributes:
-        block: name of its block of θ.
-        letter: prefix of its parameters' names.
-        units: for revolute and prismatic joints.
-        geometry: `positive` or `free`.
-        share: guess of the share of an actuator's force that it explains.
-    """
-
-    block: str
-    letter: str
-    units: tuple[str, str]
-    geometry: Geometry
-    share: float
-
-
-_QUADRATIC, _CUBIC = ("N·m·s²/rad²", "N·s²/m²"), ("N·m·s³/rad³", "N·s³/m³")
-COLUMNS = {
-    "rotor": Column("rotor inertia", "rotor", ("kg·m²", "kg"), "positive", 0.1),
-    "viscous": Column("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), "positive", 0.2),
-    "coulomb": Column("Coulomb friction", "coulomb", ("N·m", "N"), "positive", 0.2),
-    "stribeck": Column("Stribeck friction", "stribeck", ("N·m", "N"), "positive", 0.1),
-    "load": Column("load-dependent friction", "load", ("1", "1"), "positive", 0.05),
-    "quadratic": Column("quadratic friction", "quadratic", _QUADRATIC, "free", 0.1),
-    "cubic": Column("cubic friction", "cubic", _CUBIC, "free", 0.1),
-    "spring": Column("stiffness", "stiffness", ("N·m/rad", "N/m"), "free", 0.3),
-    "offset": Column("offset", "offset", ("N·m", "N"), "free", 0.05),
-}
+_ROTOR = Kind(-1, "rotor", "rotor inertia", "rotor", ("kg·m²", "kg"))  # a column of M
+_NAMES = ("viscous", "coulomb", "stribeck", "load", "quadratic", "cubic", "spring", "offset")
+COLUMNS = {"rotor": _ROTOR} | {name: KINDS[name] for name in _NAMES}
+COLUMNS["spring"] = replace(KINDS["spring"], geometry="free", share=0.3)  # or a counterweight
 """Columns of a joint by name: rotor v̇, viscous v, Coulomb tanh(v/s), Stribeck tanh(v/s)
 exp(−(v/0.1)²), load tanh(v/s)·|weight's torque|, quadratic v|v|, cubic v³, spring q, offset 1."""
 
@@ -310,7 +284,7 @@ class JointRows:
             block = Block(
                 column.block,
                 tuple(f"{column.letter}_{j + 1}" for j in joints),
-                tuple(column.units[self._slides(j)] for j in joints),
+                tuple(column.unit[self._slides(j)] for j in joints),
                 guess,
                 column.geometry,
                 labels=tuple(f"{column.block} of {robot.joints[j]}" for j in joints),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -26,17 +26,14 @@ from ..parameters import Array
 from .data import Recordings, RobotModel
 from .findings import Finding
 from .fit import minimise
-from .law_result import AlongLog, Fitted, Gain
 from .links import positions
 from .log_robot import log_robot
-from .logs.signals import noise
 from .measured import identifiers_of, measured_scenario
 from .precision import tempered
 from .problem import mean_squares
-from .result import Identification
-from .smoothing import delayed, filter_for, refined, smooth, smooth_commands
+from .result import AlongLog, Fitted, Gain, Identification, recording_shifts
+from .smoothing import delayed, filter_for, noise_levels, refined, smooth, smooth_commands
 from .structure import Structured
-from .timeline import recording_shifts
 from .vehicles import motion_of
 
 LAWS = ("batch", "efficient", "memory", "cone", "paper")
@@ -97,7 +94,8 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     logs, start, rate = law_logs(robot, found.recordings, fitted.made)
     steps, arm = sum(len(log.t) for log in logs) - 1, robot.system is None
     known = log_robot(robot, found.recordings, fitted.made, fitted.problem, fitted.coupled)
-    scenario = measured_scenario(known, law, rate, noise_levels(logs), _ERROR, steps)
+    levels = noise_levels(max(logs, key=lambda log: len(log.t)))
+    scenario = measured_scenario(known, law, rate, levels, _ERROR, steps)
     unexplained = unexplained_forces(fitted).tolist() if arm else []
     scenario = replace(scenario, identifier=_configured(law, tuple(unexplained)))
     whole = known.robot_of(robot)
@@ -173,13 +171,6 @@ def unexplained_forces(fitted: Fitted) -> Array:
     return (
         mean_squares(residual, problem.usable) * fitted.share * float(np.median(np.diff(problem.t)))
     )
-
-
-def noise_levels(logs: Sequence[Log]) -> tuple[float, float]:
-    """Standard deviations of the noise of positions and of velocities, by fourth differences."""
-    log = max(logs, key=lambda log: len(log.t))
-    position, velocity = (float(np.median([noise(x) for x in part.T])) for part in (log.q, log.v))
-    return position, velocity
 
 
 def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:

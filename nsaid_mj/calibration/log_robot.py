@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 
 from ..bounds import Flag, Name, Number, Positive, config
 from ..errors import InvalidInput
-from ..experiment.loop import Robot
+from ..experiment.loop import Cost, Ending, Robot, Run
+from ..experiment.loop import columns as columns_of
+from ..experiment.record import Record
+from ..experiment.scenario import Scenario
+from ..identifiers import Status
 from ..identifiers.cone.prior import drawn_inside
 from ..parameters import Array, Block, Geometry, ParameterSpace
 from ..structure.joints import (
@@ -29,7 +34,7 @@ from ..structure.structure import Structure
 from ..structure.structured import StructuredKinematics, StructuredSystem
 from .data import Recordings, RobotModel
 from .joints import COLUMNS, STRIBECK, joint_of
-from .measured import MeasuredRobot
+from .measured import MeasuredRobot, identifiers_of
 from .models import load_robot_model
 from .problem import Problem
 from .structure import Structured
@@ -247,4 +252,25 @@ def log_robot(
         weight=tuple(made.links.tolist()) if arm else (),
         speed=tuple(speed.tolist()),
         command=tuple(command.tolist()),
+    )
+
+
+def reopen_measured(folder: Path, record: Record) -> Run | None:
+    """Rebuilds the run of a measured robot from its record; None if its robot was simulated."""
+    scenario = Scenario.from_json(record.scenario(folder))
+    if not isinstance(scenario.plant, MeasuredRobot):
+        return None
+    robot = scenario.plant.known()
+    record.check(folder, columns_of(robot.system, scenario))
+    return Run(
+        scenario=scenario,
+        folder=folder,
+        record=record,
+        system=robot.system,
+        prior=robot.prior,
+        identifiers=identifiers_of(scenario, robot),
+        statuses={"": Status.completed},
+        ending=Ending(Status.completed, float(record["t"][-1])),
+        cost=Cost(steps=len(record)),
+        looks=robot.looks,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -23,32 +23,17 @@ _LONGEST_STEP = 2e-3  # of the simulation [s]
 _MOST = 1000  # windows, at most, of a long log: their rms is known to a few percent
 
 
-class Replay(NamedTuple):
-    """Errors of simulations driven by a log's commands.
-
-    Attributes:
-        exported: (n,) rms error of each joint's position with identified values [rad or m].
-        nominal: (n,) the same with the values of the robot's own file.
-    """
-
-    exported: Array
-    nominal: Array
-
-
-def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Replay:
-    """Simulates the models that `write_mjcf` writes, driven by a log's commands.
+def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Array:
+    """Simulates the model that `write_mjcf` writes, driven by a log's commands.
 
     The simulations last 0.2 s each, and start at the measured positions and velocities.
+
+    Returns:
+        (n,) rms error of each joint's position [rad or m]; inf where the simulation diverges.
 
     Raises:
         InvalidInput: the robot is a vehicle, or no segment lasts 0.2 s.
     """
-    nominal = Identified.nominal(robot)
-    return Replay(_error(robot, values, recordings), _error(robot, nominal, recordings))
-
-
-def _error(robot: RobotModel, values: Identified, recordings: Recordings) -> Array:
-    """(n,) rms error of each joint's position [rad or m]; inf where the simulation diverges."""
     rows = sum(len(segment.log.t) for segment in recordings.segments)
     every = max(1, int(rows / (recordings.rate * _WINDOW * _MOST)))
     found = departures(robot, values, recordings, _WINDOW, every)

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ..evaluation.result import Result
+from ..experiment.loop import Run
+from ..identifiers import Status
 from ..parameters import Array, Indices
 from .data import Recordings, RobotModel
-from .law_result import AlongLog, Fitted
-from .problem import Mask
+from .fit import Fit
+from .precision import Precision
+from .problem import Mask, Problem
+from .structure import Structured
+
+_BETWEEN = 1.0  # time between two logs on the common axis [s]
+_NEAR = 10.0  # a log that begins this soon after the one before it keeps its own times [s]
 
 
 @dataclass(frozen=True)
@@ -80,6 +90,106 @@ class Curves:
     usable: Mask
 
 
+class Fitted(NamedTuple):
+    """The parts of a batch fit.
+
+    Attributes:
+        made: what was chosen.
+        problem: rows and prior.
+        fit: the minimum.
+        exact: the estimate and its precision.
+        share: (n,) rows per effectively independent row.
+        coupled: pairs (i, j, ±1) of joints with a common motor.
+    """
+
+    made: Structured
+    problem: Problem
+    fit: Fit
+    exact: Precision
+    share: Array
+    coupled: tuple[tuple[int, int, int], ...]
+
+
+class Gain(NamedTuple):
+    """A gain over the geometric mean of all, which does not depend on the common scale of θ.
+
+    Attributes:
+        label: of the parameter.
+        law: by the law.
+        half: half-width of its 95 % interval, relative; infinite if the law states none.
+        batch: by the batch fit.
+        batch_half: half-width of its 95 % interval, relative.
+    """
+
+    label: str
+    law: float
+    half: float
+    batch: float
+    batch_half: float
+
+    @property
+    def apart(self) -> bool:
+        """Whether law and batch differ by more than both intervals together."""
+        return bool(abs(np.log(self.law / self.batch)) > self.half + self.batch_half)
+
+    @property
+    def covers(self) -> bool:
+        """Whether the law's interval contains the batch fit's value."""
+        return bool(abs(np.log(self.law / self.batch)) <= self.half)
+
+
+@dataclass(frozen=True, eq=False)
+class AlongLog:
+    """A law along a log.
+
+    Attributes:
+        name: of the law.
+        run: measurements and estimates.
+        actuators: (a,) of the gains in θ.
+        t: (K,) times [s], of the common axis of all logs.
+        theta: (K, p) θ̂.
+        deviation: (K, a) standard deviations of the gains over their mean, relative; infinite where
+            the law states none.
+        gains: at the end, beside the batch fit's.
+        last: (n,) NRMSE of the last fifth of the rows under the estimate before them; NaN where it
+            is not judged.
+        batch_last: (n,) that of a batch fit to the rows before.
+        misfit: whether the motion contradicts the structure: `none`, `some` or `contradicts`; ""
+            for a law that does not test it.
+        seconds: duration of the run [s].
+    """
+
+    name: str
+    run: Run
+    actuators: Indices
+    t: Array
+    theta: Array
+    deviation: Array
+    gains: tuple[Gain, ...]
+    last: Array
+    batch_last: Array
+    misfit: str
+    seconds: float
+
+    @property
+    def completed(self) -> bool:
+        """Whether the law reached the end of the log."""
+        return self.run.ending.status is Status.completed
+
+    def summary(self) -> dict[str, Any]:
+        """The figures, for JSON."""
+        return {
+            "name": self.name,
+            "status": self.run.ending.status.words,
+            "status_time": self.run.ending.time,
+            "gains": [gain._asdict() for gain in self.gains],
+            "last_fifth": self.last.tolist(),
+            "last_fifth_batch": self.batch_last.tolist(),
+            "misfit": self.misfit,
+            "seconds": self.seconds,
+        }
+
+
 @dataclass(frozen=True, kw_only=True)
 class Identification(Result):
     """Result of `identify`.
@@ -138,3 +248,35 @@ class Identification(Result):
             "seconds": self.seconds,
             **({"law": self.law.summary()} if self.law else {}),
         }
+
+
+def shifts(spans: Sequence[tuple[str, float, float]]) -> Array:
+    """(S,) times [s] to add to the segments' own, so that logs follow one another.
+
+    Spans are the segments' files, and the times of their first and last samples [s]. Segments of
+    one file keep their distances, so that the axis shows the file's times up to a constant, and
+    exactly for the first file.
+    """
+    found, shift, end = [], 0.0, -np.inf
+    for k, (source, start, last) in enumerate(spans):
+        if k > 0 and (source != spans[k - 1][0] or start + shift < end):
+            shift = 0.0 if end <= start <= end + _NEAR else end + _BETWEEN - start
+        found.append(shift)
+        end = last + shift
+    return np.array(found)
+
+
+def recording_shifts(recordings: Recordings) -> Array:
+    """(S,) shifts of the segments of recordings."""
+    return shifts([(s.source, s.log.t[0], s.log.t[-1]) for s in recordings.segments])
+
+
+def own_shifts(curves: Curves) -> Array:
+    """Shifts by number of the segment, for curves whose logs are not at hand."""
+    count = int(curves.segment.max(initial=-1)) + 1
+    spans, last = [], 0.0
+    for k in range(count):
+        t = curves.t[curves.segment == k]
+        start, last = (float(t[0]), float(t[-1])) if len(t) else (last, last)
+        spans.append(("", start, last))
+    return shifts(spans)

@@ -167,6 +167,6 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
             f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "
             f"absolute values hold to a factor of {scale.factor:.2g}"
         )
-        data: dict[str, object] = {"share": share}
+        data = {"share": share}
         found.append(Finding("warning", "known_in_combination", label, text, _REMEDY, data))
     return found

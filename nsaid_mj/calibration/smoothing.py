@@ -124,8 +124,14 @@ def _differentiates(log: Log, cutoff: float) -> bool:
     """
     if log.q.shape[1] != log.v.shape[1]:
         return False
-    position, velocity = (np.median([noise(x) for x in part.T]) for part in (log.q, log.v))
+    position, velocity = noise_levels(log)
     return bool(position * 2 * np.pi * cutoff / np.sqrt(3) <= 3 * velocity + 1e-12)
+
+
+def noise_levels(log: Log) -> tuple[float, float]:
+    """Standard deviations of the noise of positions and of velocities, by fourth differences."""
+    position, velocity = (float(np.median([noise(x) for x in part.T])) for part in (log.q, log.v))
+    return position, velocity
 
 
 def refined(recordings: Recordings) -> Recordings:

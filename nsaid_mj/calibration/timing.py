@@ -70,35 +70,19 @@ class Timing(NamedTuple):
     drive: Drive = SPEED
 
 
-class Freedom(NamedTuple):
-    """What of a timing is searched for, besides the delay.
-
-    Attributes:
-        lag: whether some commands are not measured speeds.
-        curve: whether some of them are of rotors.
-    """
-
-    lag: bool
-    curve: bool
-
-    @property
-    def numbers(self) -> list[int]:
-        """Indices of the numbers of a timing that may change, see `_timing_of`."""
-        return [0, *([1] if self.lag else []), *([2] if self.curve else [])]
-
-
 Cost = Callable[[Timing], float]
 
 
 def search(
-    cost: Cost, names: Sequence[str], free: Freedom, told: Callable[[str], None]
+    cost: Cost, names: Sequence[str], free: Sequence[int], told: Callable[[str], None]
 ) -> tuple[Timing, list[Timing], list[Finding]]:
     """The timing that minimises a cost, others that are as plausible, and notes.
 
     Args:
         cost: of a timing.
         names: of the actuators.
-        free: what is searched for.
+        free: numbers of a timing that may change, see `_timing_of`: 0, the delay, and 1, the lag,
+            where some commands are not measured speeds, and 2, the curve, where they are of rotors.
         told: called with the name of every stage.
     """
     told("searching for delays")
@@ -117,7 +101,7 @@ def search(
         timing = _timing_of(x)
         return np.inf if timing is None else cost(timing)
 
-    if free.lag:
+    if 1 in free:
         told("choosing the actuators' curve and lag")
         found = _with_drive(along, found, free)
     timing = _timing_of(found) or Timing()
@@ -131,7 +115,7 @@ def search(
     if timing.delay:
         text = f"commands act {timing.delay * 1e3:.1f} ms after they were recorded"
         notes.append(Finding("note", "delay", "", text, data=dict.fromkeys(names, timing.delay)))
-    return timing, _plausible(along, found, free), [*notes, *_drive_notes(timing.drive, free)]
+    return timing, _plausible(along, found, free), [*notes, *_drive_notes(timing.drive, 2 in free)]
 
 
 def _timing_of(x: Array) -> Timing | None:
@@ -145,26 +129,26 @@ def _timing_of(x: Array) -> Timing | None:
     return Timing(total - lag, Drive(mix, lag)) if inside else None
 
 
-def _with_drive(along: Callable[[Array], float], start: Array, free: Freedom) -> Array:
+def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[int]) -> Array:
     """The numbers of the timing that minimises the cost: a grid search, then a simplex.
 
     The search starts from the delay that suits rotors whose commands are their speeds, without a
     lag. A mix near 1 or 0, or a lag, that lowers the cost by less than `WORTH` is taken as 1 or 0.
     """
-    trials = _MIXES if free.curve else _MIXES[:1]
+    trials = _MIXES if 2 in free else _MIXES[:1]
     mixes = [np.array([start[0], 0.0, mix]) for mix in trials]
     lags = [np.array([start[0], lag, min(mixes, key=along)[2]]) for lag in _LAGS]
     best = min(lags, key=along)
     if along(mixes[0]) < along(best) + WORTH:
         return start
-    steps = np.diag([0.01, 0.01, 0.1 - 0.2 * (best[2] > 0.5)])[free.numbers]
+    steps = np.diag([0.01, 0.01, 0.1 - 0.2 * (best[2] > 0.5)])[free]
 
     def placed(x: Array) -> Array:
         found = best.copy()
-        found[free.numbers] = x
+        found[free] = x
         return found
 
-    corners = np.vstack([best, best + steps])[:, free.numbers]
+    corners = np.vstack([best, best + steps])[:, free]
     options = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 1.0, "maxfev": 90}
     least = scipy.optimize.minimize(
         lambda x: along(placed(x)), corners[0], method="Nelder-Mead", options=options
@@ -172,19 +156,19 @@ def _with_drive(along: Callable[[Array], float], start: Array, free: Freedom) ->
     found = placed(least.x)
     for k, plain in ((1, 0.0), (2, 0.0), (2, 1.0)):
         simpler = np.where(np.arange(3) == k, plain, found)
-        if k in free.numbers and along(simpler) < along(found) + WORTH:
+        if k in free and along(simpler) < along(found) + WORTH:
             found = simpler
     return found
 
 
-def _plausible(along: Callable[[Array], float], found: Array, free: Freedom) -> list[Timing]:
+def _plausible(along: Callable[[Array], float], found: Array, free: Sequence[int]) -> list[Timing]:
     """Timings that differ from a found one by as much as its numbers are uncertain, in turn.
 
     A number is changed until the cost rises by as much as two standard deviations make it rise; by
     the larger of both changes, as the cost hardly depends on a small lag.
     """
     others, least = [], along(found)
-    for k in free.numbers:
+    for k in free:
         best = 0.0
         for side in (1, -1):
             step, rise = side * _STEPS[k], 0.0
@@ -200,14 +184,14 @@ def _plausible(along: Callable[[Array], float], found: Array, free: Freedom) -> 
     return [other for other in others if other is not None]
 
 
-def _drive_notes(drive: Drive, free: Freedom) -> list[Finding]:
+def _drive_notes(drive: Drive, rotors: bool) -> list[Finding]:
     """Describes the drives, unless commands act at once, and those of rotors are their speeds."""
     found = []
     if drive.mix != 1.0:
         text = f"the rotors' thrust is {drive.mix:.2f} u² + {1 - drive.mix:.2f} u of the command u"
         found.append(Finding("note", "curve", "", text, data={"mix": drive.mix}))
     if drive.lag:
-        who = "the rotors' speeds" if free.curve else "the actuators"
+        who = "the rotors' speeds" if rotors else "the actuators"
         text = f"{who} lag behind their commands by {drive.lag * 1e3:.0f} ms"
         found.append(Finding("note", "lag", "", text, data={"seconds": drive.lag}))
     return found

@@ -24,7 +24,7 @@ from .residuals import Suspect
 from .smoothing import Filter, filter_for
 from .structure import Options, Structured, Velocity
 from .suspects import command_suspects
-from .timing import WORTH, Freedom, Timing, search
+from .timing import WORTH, Timing, search
 
 EXTRA = {"damping": "free", "offset": "free"}
 """Further columns of a vehicle, one per velocity: damping −d v, and a constant force."""
@@ -223,7 +223,7 @@ def structured_vehicle(
             if worth > WORTH * 2:
                 columns, best = columns | {name}, trial
                 text = f"a column of {name} per velocity lowers the cost by {worth:.0f}"
-                data: dict[str, object] = {"columns": sorted(columns)}
+                data = {"columns": sorted(columns)}
                 findings.append(Finding("note", "columns", "", text, data=data))
     problem = rows.problem(columns, timing)
     checked = None
@@ -279,7 +279,7 @@ def _timing(
     if delay is not None:
         return Timing(delay), [], []
     cost = _cost(rows, columns, Timing())
-    free = Freedom(bool(rows.rotors or rows.others), bool(rows.rotors))
+    free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
     return search(lambda x: cost(columns, x), rows.robot.joints, free, told)
 
 

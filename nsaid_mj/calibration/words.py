@@ -8,8 +8,7 @@ from ..evaluation.result import EXPLAINS, Mark
 from ..evaluation.words import estimate
 from ..parameters import ABSENT, number
 from ..structure.joints import slides
-from .law_result import AlongLog
-from .result import Identification, JointFit
+from .result import AlongLog, Identification, JointFit
 
 
 def nrmse(value: float | None) -> str:

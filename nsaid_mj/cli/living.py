@@ -22,8 +22,7 @@ _SHOWN = 1.0  # time between two printed estimates [s]
 
 def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
-    from ..calibration.live_robot import LiveRobot
-    from ..calibration.measured import measured_scenario
+    from ..calibration.measured import LiveRobot, measured_scenario
     from ..evaluation import mark_of
     from ..recording.postprocessing import finish
     from ..reporting.progress import Progress

@@ -15,8 +15,7 @@ from ..calibration import words
 from ..calibration.data import RobotModel
 from ..calibration.links import positions
 from ..calibration.result import Curves as Commands
-from ..calibration.result import Identification
-from ..calibration.timeline import own_shifts, recording_shifts
+from ..calibration.result import Identification, own_shifts, recording_shifts
 from ..evaluation.confidence import INTERVAL
 from ..parameters import Array, Indices
 from ..reporting.identification import brief
@@ -40,7 +39,7 @@ _FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
 def record(result: Identification, file: Path) -> Path:
     """Writes a recording of the training logs, atomically, and returns its path.
 
-    Logs follow one another on the timeline `sim_time`; see `calibration.timeline`.
+    Logs follow one another on the timeline `sim_time`; see `calibration.result.shifts`.
 
     Args:
         result: of an identification.

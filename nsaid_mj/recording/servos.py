@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import rerun.blueprint as rrb
 
+from ..calibration.result import shifts
 from ..calibration.servos import Replayed, ServoIdentification
-from ..calibration.timeline import Span, shifts
 from ..parameters import Array
 from ..reporting.identification.servos import brief
 from ..reporting.markdown import markdown
@@ -35,7 +35,7 @@ def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) ->
         file: path of the recording, ending in .rrd.
     """
     logs = replayed.logs
-    moved = shifts([Span(log.source, float(log.t[0]), float(log.t[-1])) for log in logs])
+    moved = shifts([(log.source, log.t[0], log.t[-1]) for log in logs])
     times = [log.t + shift for log, shift in zip(logs, moved, strict=True)]
     motion = [
         (t, log.position, np.gradient(log.position, t, axis=0))

@@ -13,26 +13,6 @@ from .model import RobotModel
 from .tree import set_inertias
 
 
-class Parameter(NamedTuple):
-    """One identified number, for tables.
-
-    Attributes:
-        name: in words, such as "mass of link_3".
-        value: in SI units.
-        unit: of the value.
-        low: lower end of its 95 % interval; −inf if there is none.
-        high: upper end; inf if there is none.
-        status: "identified", "not excited" and so on.
-    """
-
-    name: str
-    value: float
-    unit: str
-    low: float
-    high: float
-    status: str
-
-
 class Coupling(NamedTuple):
     """What two joints share if the motor of one turns by v_i ± v_j.
 
@@ -79,7 +59,6 @@ class Identified:
         friction_speed: (n,) speed at which Coulomb friction saturates [rad/s or m/s].
         gain: (n,) force per unit of command [N·m or N]; 0 for joints without a motor.
         anchor: what fixed the common scale of masses, frictions and gains, in words.
-        parameters: all parameters with their intervals, for tables.
         notes: further remarks for readers of the exported files.
         couplings: of joints that share a motor; a URDF cannot hold them. None keeps the tendons in
             the model's own file.
@@ -92,7 +71,6 @@ class Identified:
     friction_speed: Array
     gain: Array
     anchor: str
-    parameters: tuple[Parameter, ...] = ()
     notes: tuple[str, ...] = ()
     couplings: tuple[Coupling, ...] | None = ()
     springs: tuple[Spring, ...] = ()
@@ -103,10 +81,10 @@ class Identified:
         return np.array(self.model.armature)
 
     @staticmethod
-    def nominal(robot: RobotModel, friction_speed: float = 0.05) -> Identified:
-        """The values of a robot's own file; Coulomb friction saturates at `friction_speed`."""
+    def nominal(robot: RobotModel) -> Identified:
+        """The values of a robot's own file; its Coulomb friction saturates at 0.05 rad/s or m/s."""
         model = with_inertias(robot.model, inertial_parameters(robot.model), robot.rotor)
-        speeds = np.full(len(robot.joints), friction_speed)
+        speeds = np.full(len(robot.joints), 0.05)
         anchor = "values of the model file; nothing was identified"
         return Identified(
             model, robot.damping, robot.friction, speeds, robot.gain, anchor, couplings=None

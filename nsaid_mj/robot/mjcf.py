@@ -35,14 +35,9 @@ def load_mjcf(
     """Reads an MJCF or .mjb file.
 
     Its rigid tree of hinges and slides becomes Pinocchio's model, with the same mass matrix and
-    bias forces. `base` is None for a robot to identify, on a stand; the other arguments are those
-    of `load_tree`.
-
-    Raises:
-        BadRobot: MuJoCo rejects the file, or it is not a tree of hinges and slides: it has ball
-            joints, or tendons or equality constraints between joints that move.
-        InvalidInput: a joint is to be both locked and kept.
-        UnknownName: there is no such joint.
+    bias forces. `base` is None for a robot to identify, on a stand; the other arguments, and what
+    it raises, are those of `load_tree`: of ball joints, and of tendons and equality constraints
+    between joints that move, it raises `BadRobot`.
     """
     mj, findings = compile_file(path)[1:]
     name = mj.names.partition(b"\0")[0].decode().replace(_NAMELESS, "") or path.stem
@@ -56,31 +51,31 @@ def load_mjcf(
     check_tree(str(path), model, base)
     findings += check_couplings(str(path), mj, names, locked)
     moving = tuple(system_joints(model))
-    found = motors(mj, names, moving)
+    gain, limits, damping, passive, said = motors(mj, names, moving)
     findings += [Finding("warning", "base_held", f"joint {n}", *_HELD) for n in held]
     findings += [*_ignored_forces(mj, names, locked), *make_physical(model, body_names(model))]
     dof = [mj.jnt_dofadr[names.index(joint)] for joint in moving]
     first = model.nv - len(dof)  # 6 if the base is free
-    model.effortLimit[first:] = np.abs(found.gain) * found.limits
-    servos = position_servos(mj, names, [j for j in moving if j not in found.passive])
+    model.effortLimit[first:] = np.abs(gain) * limits
+    servos = position_servos(mj, names, [j for j in moving if j not in passive])
     robot = RobotModel(
         name=name,
         source=path,
         kind="mjcf",
         model=model,
         joints=moving,
-        damping=mj.dof_damping[dof] + found.damping,
+        damping=mj.dof_damping[dof] + damping,
         friction=mj.dof_frictionloss[dof],
         rotor=model.armature[first:].copy(),
-        gain=found.gain,
-        limits=found.limits,
-        findings=tuple([*findings, *found.findings]),
+        gain=gain,
+        limits=limits,
+        findings=tuple([*findings, *said]),
         visuals=Shapes(model, lambda: shapes_of_geoms(mj, model)),
         file=path,
-        passive=found.passive,
+        passive=passive,
         servos=servos,
     )
-    mixed = [] if servos is not None else [f for f in found.findings if f.code == "servo"]
+    mixed = [] if servos is not None else [f for f in said if f.code == "servo"]
     warned = [str(f) for f in [*findings, *mixed] if f.level == "warning"]
     if base is not None and warned:
         warnings.warn(RobotChanged(str(path), warned), stacklevel=2)

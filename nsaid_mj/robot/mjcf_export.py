@@ -5,7 +5,6 @@ A robot read from an MJCF gets its own file back, with new numbers.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,12 +21,14 @@ from ..structure.optional import pin
 from .identified import Coupling, Identified, remarks
 from .mjcf import initial_pose
 from .mjcf_file import (
+    actuators_of_file,
     bodies_of_file,
     compile_file,
     joints_of_file,
     name_joints,
     own_file,
     own_joints,
+    relocate,
     remove_references,
     split_bodies,
 )
@@ -180,23 +181,19 @@ def _edited(
     tendons = (part for section in root.findall("tendon") for part in section.iterchildren("*"))
     for number, tendon in enumerate(tendons):
         tendon.set("name", tendon.get("name") or str(number))
-    before = _actuators(root)
+    before = actuators_of_file(root)
     also += _set_motors(root, robot, values, mj, names)
     links = split_bodies(root, mj, held)
     anchors = dict(zip(names, mj.jnt_pos, strict=True))
     remove_references(root, set(locked))
-    if locked or before != _actuators(root):
+    if locked or before != actuators_of_file(root):
         for section in root.findall("keyframe"):  # keyframes list all joints and actuators
             root.remove(section)
     welded = _set_inertials(root, values.model, links, anchors)
     for compiler in root.iter("compiler"):
-        for key in (*_OVERRULING, "meshdir", "texturedir", "assetdir"):
+        for key in _OVERRULING:
             compiler.attrib.pop(key, None)
-    if root.find("compiler") is None:
-        root.insert(0, Element("compiler"))
-    for directory in ("meshdir", "texturedir"):
-        place = source.resolve().parent / getattr(spec, directory)
-        next(root.iter("compiler")).set(directory, _relative(place, folder))
+    relocate(root, spec, source, folder)
     if locked:
         also += ("Joints fixed: " + ", ".join(locked) + ".",)
     if welded:
@@ -244,7 +241,7 @@ def _set_motors(
 
     It is the first of its actuators, if that is a motor; further motors stay, and servos go.
     """
-    elements, section = _actuators(root), root.find("actuator")
+    elements, section = actuators_of_file(root), root.find("actuator")
     section = SubElement(root, "actuator") if section is None else section
     replaced, dropped = [], set()
     for k, joint in enumerate(robot.joints):
@@ -268,11 +265,6 @@ def _set_motors(
     return ("Servos replaced by motors: " + ", ".join(replaced) + ".",) if replaced else ()
 
 
-def _actuators(root: Node) -> list[Node]:
-    """All actuators in MuJoCo's order."""
-    return [part for section in root.findall("actuator") for part in section.iterchildren("*")]
-
-
 def _add_motor(section: Node, robot: RobotModel, joint: str, gain: float) -> None:
     """Adds a motor whose command is that of the logs."""
     taken = {part.get("name") for part in section}
@@ -282,11 +274,3 @@ def _add_motor(section: Node, robot: RobotModel, joint: str, gain: float) -> Non
     limit = robot.limits[robot.joints.index(joint)]
     if np.isfinite(limit):
         motor.attrib.update({"ctrllimited": "true", "ctrlrange": numbers([-limit, limit])})
-
-
-def _relative(path: Path, folder: Path) -> str:
-    """A folder of meshes or textures as seen from the new file's folder."""
-    try:
-        return Path(os.path.relpath(path, folder)).as_posix()
-    except ValueError:  # on another drive of Windows
-        return path.as_posix()

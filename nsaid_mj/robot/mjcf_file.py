@@ -23,8 +23,7 @@ from ..parameters import Array
 from ..structure.optional import pin
 from .findings import Finding, missing_files
 from .inertias import moved, moved_inside, plausible_size
-from .mjcf_numbers import check_numbers
-from .tree import wxyz
+from .tree import body_name, wxyz
 from .xml import numbers, read_xml
 
 _REMEDY = "Correct the file; MuJoCo's `simulate` must be able to load it."
@@ -65,6 +64,60 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
         raise BadRobot(str(path), "", f"it is not UTF-8: {error}", "Save it as UTF-8.") from error
     except (ValueError, RuntimeError) as error:
         raise BadRobot(str(path), "", f"MuJoCo rejects it: {error}", _REMEDY) from error
+
+
+_NUMBERS = {
+    "body": ("mass", "inertia", "ipos", "iquat", "pos", "quat"),
+    "jnt": ("pos", "axis", "stiffness"),
+    "dof": ("damping", "frictionloss", "armature"),
+    "actuator": ("gear", "gainprm", "biasprm", "damping", "armature"),
+}
+_RANGES = {"jnt": ("range", "actfrcrange"), "actuator": ("ctrlrange", "forcerange")}
+_WORDS = {
+    "ipos": "centre of mass",
+    "iquat": "orientation of its inertia",
+    "pos": "place",
+    "quat": "orientation",
+    "frictionloss": "friction",
+    "gainprm": "gain",
+    "biasprm": "bias",
+    "actfrcrange": "range of forces",
+    "ctrlrange": "range of commands",
+    "forcerange": "range of forces",
+}  # for messages, where the field's name is not a word
+
+
+def check_numbers(robot: str, mj: Any) -> None:
+    """Checks that a compiled model's numbers are within bounds; ends of ranges may be infinite.
+
+    MuJoCo accepts some that are infinite or NaN.
+
+    Raises:
+        BadRobot: names the body, joint or actuator of a number that is not.
+    """
+    if not (np.abs(mj.opt.gravity) <= LARGEST).all():
+        raise _bad(robot, "", "gravity", mj.opt.gravity)
+    for table, largest in ((_NUMBERS, LARGEST), (_RANGES, np.inf)):
+        for kind, field in [(kind, field) for kind, fields in table.items() for field in fields]:
+            for i, row in enumerate(getattr(mj, f"{kind}_{field}")):
+                if not (np.abs(row) <= largest).all():
+                    raise _bad(robot, _part(mj, kind, i), field, row)
+
+
+def _part(mj: Any, kind: str, i: int) -> str:
+    """The name of a body, joint or actuator, or its number."""
+    if kind == "body":
+        return f"body {body_name(mj, i)}"
+    if kind == "actuator":
+        return f"actuator {mj.actuator(i).name or i + 1}"
+    j = mj.dof_jntid[i] if kind == "dof" else i
+    return f"joint {mj.joint(j).name or j + 1}"
+
+
+def _bad(robot: str, part: str, field: str, row: Any) -> BadRobot:
+    values = " ".join(f"{x:g}" for x in np.ravel(row))
+    reason = f"its {_WORDS.get(field, field)} is {values}"
+    return BadRobot(robot, part, reason, f"Write numbers of at most {LARGEST:g} in size.")
 
 
 def _without_missing_files(spec: Any, folder: Path) -> list[str]:
@@ -111,11 +164,10 @@ def own_file(path: Path, spec: Any, mj: Any, findings: list[Finding]) -> tuple[N
         if finding.code == "mesh_missing":
             _without_files(root, finding.data["files"])  # type: ignore[arg-type]  # a list
     own = [joint.get("name", "") for joint in joints_of_file(root)]
-    driven = [a for section in root.findall("actuator") for a in section.iterchildren("*")]
     exact = (
         own == [mj.joint(j).name for j in range(mj.njnt)]
         and len(bodies_of_file(root)) == mj.nbody - 1
-        and len(driven) == mj.nu
+        and len(actuators_of_file(root)) == mj.nu
     )
     return (root, True) if exact else (etree.fromstring(spec.to_xml()), False)
 
@@ -180,6 +232,27 @@ def bodies_of_file(root: Node) -> list[Node]:
 def joints_of_file(root: Node) -> list[Node]:
     """All joints in MuJoCo's order: a body's own come before those of its children."""
     return [joint for body in bodies_of_file(root) for joint in own_joints(body)]
+
+
+def actuators_of_file(root: Node) -> list[Node]:
+    """All actuators in MuJoCo's order."""
+    return [part for section in root.findall("actuator") for part in section.iterchildren("*")]
+
+
+def relocate(root: Node, spec: Any, source: Path, folder: Path) -> None:
+    """Makes the folders of a file's meshes and textures relative to another folder, in place."""
+    if root.find("compiler") is None:
+        root.insert(0, etree.Element("compiler"))
+    for compiler in root.iter("compiler"):
+        for key in ("meshdir", "texturedir", "assetdir"):
+            compiler.attrib.pop(key, None)
+    for key in ("meshdir", "texturedir"):
+        place = source.resolve().parent / getattr(spec, key)
+        try:
+            seen = Path(os.path.relpath(place, folder))
+        except ValueError:  # on another drive of Windows
+            seen = place
+        next(root.iter("compiler")).set(key, seen.as_posix())
 
 
 def own_joints(body: Node) -> list[Node]:

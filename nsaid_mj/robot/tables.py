@@ -1,4 +1,4 @@
-"""Identified parameters as YAML, for people and scripts, and for `mujoco.sysid`."""
+"""Identified values as YAML for `mujoco.sysid`."""
 
 from __future__ import annotations
 
@@ -18,26 +18,6 @@ from .model import RobotModel
 _RANGE = (0.1, 10.0)  # search range of masses and joint parameters, over their values
 _STRETCH = (0.5, 2.0)  # of the second moments of mass, over their values
 _SHEAR = 0.5  # ± of the other entries of the pseudo-inertia's factor
-
-
-def write_yaml(robot: RobotModel, values: Identified, path: Path) -> None:
-    """Writes parameters with units, 95 % intervals and status, and the scale's anchor, as YAML."""
-    table: dict[str, Any] = {
-        "robot": robot.name,
-        "anchor": values.anchor,
-        "notes": list(values.notes),
-        "parameters": [
-            {
-                "name": p.name,
-                "value": float(p.value),
-                "unit": p.unit,
-                "interval": [float(p.low), float(p.high)],
-                "status": p.status,
-            }
-            for p in values.parameters
-        ],
-    }
-    _write(path, table)
 
 
 def write_sysid(robot: RobotModel, values: Identified, path: Path) -> None:
@@ -63,7 +43,7 @@ def write_sysid(robot: RobotModel, values: Identified, path: Path) -> None:
     ):
         ends = np.sort(np.outer(_RANGE, numbers), axis=0)
         parameters |= _entry(name, np.asarray(numbers), ends[0], ends[1])
-    _write(path, parameters)
+    write_table(path, parameters)
 
 
 def log_cholesky(inertial: Array) -> Array:
@@ -94,7 +74,7 @@ def _entry(name: str, value: Array, low: Array, high: Array) -> dict[str, Any]:
     return {name: {"name": name, **content, "frozen": False}}
 
 
-def _write(path: Path, table: dict[str, Any]) -> None:
+def write_table(path: Path, table: dict[str, Any]) -> None:
     """Writes a table as YAML, lists of numbers on one line."""
     text = yaml.safe_dump(
         table, sort_keys=False, allow_unicode=True, default_flow_style=None, width=1000

@@ -7,7 +7,7 @@ bodies and actuators are read.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -213,29 +213,18 @@ def _unique(mj: Any, j: int, taken: set[str]) -> str:
     return name
 
 
-class Motors(NamedTuple):
-    """The motors of some joints.
-
-    Attributes:
-        gain: (k,) force per unit of command [N·m or N].
-        limits: (k,) largest absolute commands; inf where there is none.
-        damping: (k,) damping of the actuators [N·m·s/rad or N·s/m].
-        findings: on the meaning of commands.
-        passive: names of the joints without an actuator in a file that has some.
-    """
-
-    gain: Array
-    limits: Array
-    damping: Array
-    findings: list[Finding]
-    passive: tuple[str, ...]
-
-
-def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
+def motors(
+    mj: Any, names: Sequence[str], joints: tuple[str, ...]
+) -> tuple[Array, Array, Array, tuple[str, ...], list[Finding]]:
     """The motors of k joints of a MuJoCo model, whose joints have these names.
 
     The command of a motor is its `ctrl`, and its gain is gear · gainprm. A joint with a servo, or
     without any actuator, has commands in N·m or N and gain 1.
+
+    Returns:
+        (k,) force per unit of command [N·m or N], (k,) largest absolute commands, inf where there
+        is none, (k,) damping of the actuators [N·m·s/rad or N·s/m], names of the joints without an
+        actuator in a file that has some, and findings on the meaning of commands.
     """
     gain, damping = np.ones(len(joints)), np.zeros(len(joints))
     limits = np.full(len(joints), np.inf)
@@ -275,7 +264,7 @@ def motors(mj: Any, names: Sequence[str], joints: tuple[str, ...]) -> Motors:
             f"{gain[joints.index(joint)]:g}" for joint in driven
         )
         findings.append(Finding("note", "command", ", ".join(driven), text))
-    return Motors(gain, limits, damping, findings, tuple(bare) if mj.nu else ())
+    return gain, limits, damping, tuple(bare) if mj.nu else (), findings
 
 
 def position_servos(mj: Any, names: Sequence[str], joints: Sequence[str]) -> Servos | None:

@@ -51,12 +51,7 @@ def load_urdf(
     """Reads a URDF.
 
     `root` is changed; `encoding` holds findings about it. `base` is None for a robot to identify,
-    on a stand; the other arguments are those of `load_tree`.
-
-    Raises:
-        BadRobot: the file describes a robot that is not a tree of revolute and prismatic joints.
-        InvalidInput: a joint is to be both locked and kept.
-        UnknownName: there is no such joint.
+    on a stand; the other arguments, and what it raises, are those of `load_tree`.
     """
     check_urdf(path, root)
     followers, findings = {}, [*encoding]
@@ -191,7 +186,7 @@ def weld(followers: dict[str, Follower], moving: set[str]) -> list[Finding]:
             f"it moves {', '.join(names)} with it (<mimic>); their links were welded where it is "
             "at 0, so the inertia of their own motion is not in the model"
         )
-        data: dict[str, object] = {"followers": names}
+        data = {"followers": names}
         findings.append(Finding("warning", "mimic_joint", f"joint {leader}", text, data=data))
     return findings
 

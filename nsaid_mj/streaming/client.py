@@ -15,8 +15,7 @@ from typing import Any
 import orjson
 from numpy.typing import ArrayLike
 
-from ..calibration.live_robot import LiveRobot
-from ..calibration.measured import measured_scenario
+from ..calibration.measured import LiveRobot, measured_scenario
 from ..errors import BadRun, InvalidInput
 from .estimate import Estimate
 from .samples import sample_of

@@ -15,8 +15,7 @@ from unittest import mock
 import numpy as np
 
 from nsaid_mj.bounds import shown
-from nsaid_mj.calibration.live_robot import LiveRobot
-from nsaid_mj.calibration.measured import measured_scenario
+from nsaid_mj.calibration.measured import LiveRobot, measured_scenario
 from nsaid_mj.experiment.scenario import field_at
 from nsaid_mj.recording.postprocessing import finish
 from nsaid_mj.resources import scenarios

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 
 from nsaid_mj.calibration.calibrate import _held_out, with_known
 from nsaid_mj.calibration.fit import gramians, minimise, posterior
-from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.precision import combinations, inflation, precision, tempered
-from nsaid_mj.calibration.problem import Problem, folds
+from nsaid_mj.calibration.problem import Problem, folds, least_squares
 from nsaid_mj.calibration.statements import parameters_in_words, suggest
 from nsaid_mj.errors import InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.parameters import Block, ParameterSpace

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.calibration.data import RobotModel
+from nsaid_mj.calibration.findings import UnmatchedChannels
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.logs import prepare, read_tables
-from nsaid_mj.calibration.logs.errors import UnmatchedChannels
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.timing import Drive
 from nsaid_mj.cli.commands import command

@@ -10,8 +10,8 @@ import pyarrow.feather
 import pyarrow.parquet
 import pytest
 
+from nsaid_mj.calibration.findings import MissingExtra, UnreadableLog
 from nsaid_mj.calibration.logs import Table, prepare
-from nsaid_mj.calibration.logs.errors import MissingExtra, UnreadableLog
 from nsaid_mj.calibration.logs.tables import read
 from nsaid_mj.experiment.record import RecordWriter
 from tests.support.bags import write_bag

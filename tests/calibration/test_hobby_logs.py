@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.findings import UnusableLog
+from nsaid_mj.calibration.findings import UnreadableLog, UnusableLog
 from nsaid_mj.calibration.logs import map_of, read_map, read_tables
-from nsaid_mj.calibration.logs.errors import UnreadableLog
 from nsaid_mj.calibration.logs.first_map import first_map
 from nsaid_mj.calibration.logs.inspection import inspect
 from nsaid_mj.calibration.models import load_robot_model

@@ -11,11 +11,10 @@ import nsaid_mj as ns
 from nsaid_mj.calibration.calibrate import calibrate, tempered_fit
 from nsaid_mj.calibration.fit import minimise
 from nsaid_mj.calibration.identify import coupled, identify
-from nsaid_mj.calibration.least_squares import least_squares
 from nsaid_mj.calibration.logs import Map, prepare, read_tables
 from nsaid_mj.calibration.logs.mapping import Coupling
 from nsaid_mj.calibration.precision import tempered
-from nsaid_mj.calibration.problem import Problem
+from nsaid_mj.calibration.problem import Problem, least_squares
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.calibration.structure import Options
 from nsaid_mj.cli.commands import command

@@ -12,8 +12,7 @@ import pytest
 
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.law import law_findings, law_logs
-from nsaid_mj.calibration.law_result import AlongLog, Gain
-from nsaid_mj.calibration.result import Identification
+from nsaid_mj.calibration.result import AlongLog, Gain, Identification
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.record import Record

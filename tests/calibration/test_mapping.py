@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from nsaid_mj.calibration.findings import UnmatchedChannels
 from nsaid_mj.calibration.logs import matching, units
-from nsaid_mj.calibration.logs.errors import UnmatchedChannels
 from nsaid_mj.calibration.logs.mapping import Column, map_of, read_map
 from nsaid_mj.errors import InvalidInput
 

@@ -230,10 +230,8 @@ def test_a_command_at_its_own_flat_extreme_is_not_used():
 def test_a_coarse_current_is_not_saturated(step):
     values = columns()
     values["tau1"] = np.round(values["tau1"] / step) * step
-    recordings = prepared(values, without_rest_dropped())
-    assert not findings(recordings, "saturated")
-    assert recordings.quantisation[0] == pytest.approx(step)
-    assert recordings.quantisation[1] == 0
+    assert not findings(prepared(values, without_rest_dropped()), "saturated")
+    assert [signals.quantum(values[f"tau{k}"]) for k in (1, 2)] == pytest.approx([step, 0.0])
 
 
 def test_units_signs_gears_and_offsets_end_in_joint_coordinates():

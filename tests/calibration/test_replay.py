@@ -5,13 +5,13 @@ import mujoco.sysid
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.comparison import compare_arms
+from nsaid_mj.calibration.comparison import by_toolbox, compare_arms
 from nsaid_mj.calibration.data import Recordings, Segment
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.replay import replay
-from nsaid_mj.calibration.sysid import by_toolbox
 from nsaid_mj.errors import BadRobot, InvalidInput
 from nsaid_mj.log import Log
+from nsaid_mj.robot.identified import Identified
 from nsaid_mj.robot.mjcf_export import write_mjcf
 from tests.robot.test_mjcf import arm
 from tests.robot.urdfs import chain
@@ -35,7 +35,7 @@ def recorded(robot, values, path, rate=100, seconds=2.0):
         data.ctrl[order] = u[k]
         mujoco.mj_step(mj, data, substeps)
     segment = Segment(Log(t, q, v, u), np.ones((len(t), n), dtype=bool), "log", (1, len(t)))
-    return Recordings((segment,), rate, ("",) * n, np.zeros(n))
+    return Recordings((segment,), rate, ("",) * n)
 
 
 @pytest.mark.parametrize("name", ["arm.urdf", "arm.xml"])
@@ -44,10 +44,11 @@ def test_the_model_that_made_a_log_follows_it(tmp_path, name):
     path.write_text(chain() if name.endswith("urdf") else arm())
     robot = load_robot_model(str(path))
     values = identified(robot)
-    found = replay(robot, values, recorded(robot, values, tmp_path / "calibrated.xml"))
-    assert found.exported.shape == (3,)
-    assert (found.exported < 1e-3).all()  # MuJoCo keeps the solver's last state, a log does not
-    assert (found.nominal > 5 * found.exported).all()
+    log = recorded(robot, values, tmp_path / "calibrated.xml")
+    exported, nominal = (replay(robot, own, log) for own in (values, Identified.nominal(robot)))
+    assert exported.shape == (3,)
+    assert (exported < 1e-3).all()  # MuJoCo keeps the solver's last state, a log does not
+    assert (nominal > 5 * exported).all()
 
 
 def test_a_part_of_a_long_logs_windows_has_the_error_of_all(tmp_path, monkeypatch):
@@ -56,11 +57,12 @@ def test_a_part_of_a_long_logs_windows_has_the_error_of_all(tmp_path, monkeypatc
     robot = load_robot_model(str(path))
     values = identified(robot)
     log = recorded(robot, values, tmp_path / "calibrated.xml", seconds=20.0)
-    all_of_them = replay(robot, values, log)
+    nominal = Identified.nominal(robot)
+    all_of_them = replay(robot, nominal, log)
     monkeypatch.setattr("nsaid_mj.calibration.replay._MOST", 25)
-    some = replay(robot, values, log)
-    assert not np.array_equal(some.nominal, all_of_them.nominal)
-    assert some.nominal == pytest.approx(all_of_them.nominal, rel=0.3)
+    some = replay(robot, nominal, log)
+    assert not np.array_equal(some, all_of_them)
+    assert some == pytest.approx(all_of_them, rel=0.3)
 
 
 def test_a_log_without_a_long_enough_segment_is_refused(tmp_path):
@@ -80,8 +82,8 @@ def test_mujocos_toolbox_fits_an_arm_by_force(tmp_path):
     robot = load_robot_model(str(path))
     recordings = recorded(robot, identified(robot), tmp_path / "true.xml", seconds=3.0)
     values, delays = by_toolbox(robot, recordings, budget=3.0)
-    found = replay(robot, values, recordings)
-    assert (found.exported < 0.5 * found.nominal).all() and np.abs(delays).max() < 0.01
+    found, nominal = (replay(robot, x, recordings) for x in (values, Identified.nominal(robot)))
+    assert (found < 0.5 * nominal).all() and np.abs(delays).max() < 0.01
 
 
 def test_models_by_force_are_compared(tmp_path):

@@ -325,7 +325,7 @@ def rows_of(values: dict[str, np.ndarray]) -> JointRows:
     log = Log(t, q, np.gradient(q, t, axis=0), u)
     segment = Segment(log, np.ones(q.shape, bool), "log", (0, len(t)))
     rate = 1 / (t[1] - t[0])
-    recordings = Recordings((segment,), rate, ("",) * len(names), np.zeros(len(names)))
+    recordings = Recordings((segment,), rate, ("",) * len(names))
     return JointRows(robot, recordings, filter_for(recordings), np.ones(len(names)), 2.0)
 
 
@@ -380,7 +380,7 @@ def quantised(step: float, speed_noise: float = 0.0) -> Recordings:
     q = np.round(0.5 * np.column_stack([np.sin(2 * t), np.sin(3 * t)]) / step) * step
     v = np.gradient(q, t, axis=0) + speed_noise * np.random.default_rng(0).standard_normal(q.shape)
     segment = Segment(Log(t, q, v, q), np.ones(q.shape, bool), "log", (0, len(t)))
-    return Recordings((segment,), 200.0, ("", ""), np.zeros(2))
+    return Recordings((segment,), 200.0, ("", ""))
 
 
 def test_steps_of_an_encoder_do_not_widen_the_filter():

@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.calibration.findings import Finding
+from nsaid_mj.calibration.findings import Finding, UnreadableLog
 from nsaid_mj.calibration.logs import read_tables
-from nsaid_mj.calibration.logs.errors import UnreadableLog
 from nsaid_mj.calibration.logs.formats import text
 from nsaid_mj.calibration.logs.tables import Table, read
 

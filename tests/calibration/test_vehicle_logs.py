@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.calibration.data import RobotModel
+from nsaid_mj.calibration.findings import UnmatchedChannels
 from nsaid_mj.calibration.logs import Map, Table, map_of, prepare
 from nsaid_mj.calibration.logs.checks import checks
-from nsaid_mj.calibration.logs.errors import UnmatchedChannels
 from nsaid_mj.calibration.logs.tables import Channel
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import InvalidInput

@@ -11,8 +11,7 @@ import pytest
 
 from nsaid_mj import BlueROV2Plant
 from nsaid_mj.calibration.findings import Finding
-from nsaid_mj.calibration.result import Identification
-from nsaid_mj.calibration.timeline import Span, shifts
+from nsaid_mj.calibration.result import Identification, shifts
 from nsaid_mj.log import Log
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
@@ -119,10 +118,10 @@ def test_a_vehicle_is_drawn_by_its_meshes(tmp_path: Path) -> None:
 
 
 def test_logs_follow_one_another() -> None:
-    spans = [Span("a", 5.0, 9.0), Span("a", 12.0, 20.0), Span("b", 0.0, 4.0), Span("b", 6.0, 7.0)]
+    spans = [("a", 5.0, 9.0), ("a", 12.0, 20.0), ("b", 0.0, 4.0), ("b", 6.0, 7.0)]
     assert shifts(spans).tolist() == [0.0, 0.0, 21.0, 21.0]
 
 
 def test_a_log_that_continues_another_keeps_its_times() -> None:
-    assert shifts([Span("a", 5.0, 9.0), Span("b", 9.5, 12.0)]).tolist() == [0.0, 0.0]
-    assert shifts([Span("a", 5.0, 9.0), Span("b", 900.0, 912.0)]).tolist() == [0.0, -890.0]
+    assert shifts([("a", 5.0, 9.0), ("b", 9.5, 12.0)]).tolist() == [0.0, 0.0]
+    assert shifts([("a", 5.0, 9.0), ("b", 900.0, 912.0)]).tolist() == [0.0, -890.0]

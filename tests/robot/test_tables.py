@@ -5,7 +5,7 @@ import pytest
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.robot.identified import inertial_parameters
 from nsaid_mj.robot.mjcf_export import write_mjcf
-from nsaid_mj.robot.tables import write_sysid, write_yaml
+from nsaid_mj.robot.tables import write_sysid
 
 from .test_tree import TURNED
 from .urdfs import chain
@@ -19,32 +19,6 @@ def robot(request, tmp_path):
     name, text = request.param
     (tmp_path / name).write_text(text)
     return load_robot_model(str(tmp_path / name))
-
-
-def test_the_table_holds_values_units_intervals_and_the_anchor(robot, tmp_path):
-    values = identified(robot)
-    write_yaml(robot, values, tmp_path / "a.yaml")
-    table = yaml.safe_load((tmp_path / "a.yaml").read_text(encoding="utf-8"))
-    assert table["anchor"] == values.anchor
-    assert table["notes"] == list(values.notes)
-    mass, gain = table["parameters"]
-    assert mass == {
-        "name": "mass of link_2",
-        "value": 1.2,
-        "unit": "kg",
-        "interval": [1.2, 1.2],
-        "status": "known",
-    }
-    assert gain["interval"] == [-np.inf, np.inf] and gain["unit"] == "N·m/A"
-
-
-@pytest.mark.parametrize("value", [1e-5, 1.5e-7, 1e22, -3.0, 0.1, 1e-300])
-def test_numbers_keep_their_value(robot, tmp_path, value):
-    values = identified(robot)
-    odd = values.parameters[0]._replace(value=value, name='a "quoted": name #1')
-    write_yaml(robot, type(values)(**{**vars(values), "parameters": (odd,)}), tmp_path / "a.yaml")
-    (row,) = yaml.safe_load((tmp_path / "a.yaml").read_text(encoding="utf-8"))["parameters"]
-    assert row["value"] == value and row["name"] == odd.name
 
 
 def from_theta(theta):

@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from nsaid_mj.robot.identified import (
-    Identified,
-    Parameter,
-    inertial_parameters,
-    with_inertias,
-)
+from nsaid_mj.robot.identified import Identified, inertial_parameters, with_inertias
 
 
 def identified(robot, seed=0):
@@ -20,10 +15,6 @@ def identified(robot, seed=0):
         friction_speed=np.full(n, 0.02),
         gain=rng.uniform(5, 50, n),
         anchor="mass of link_2 -- 1.2 kg, weighed",
-        parameters=(
-            Parameter("mass of link_2", 1.2, "kg", 1.2, 1.2, "known"),
-            Parameter("gain of joint_1", 31.5, "N·m/A", -np.inf, np.inf, "not excited"),
-        ),
         notes=("A delay of 12 ms was found.",),
     )
 

@@ -11,8 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import nsaid_mj
-from nsaid_mj.calibration.live_robot import LiveRobot
-from nsaid_mj.calibration.measured import measured_scenario
+from nsaid_mj.calibration.measured import LiveRobot, measured_scenario
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import Record

@@ -9,8 +9,14 @@ import pinocchio as pin
 
 from nsaid_mj.calibration.data import Recordings, RobotModel, Segment
 from nsaid_mj.calibration.findings import Finding
-from nsaid_mj.calibration.law_result import AlongLog, Gain
-from nsaid_mj.calibration.result import Combination, Curves, Identification, JointFit
+from nsaid_mj.calibration.result import (
+    AlongLog,
+    Combination,
+    Curves,
+    Gain,
+    Identification,
+    JointFit,
+)
 from nsaid_mj.evaluation.result import Parameter, Status
 from nsaid_mj.experiment.loop import Ending
 from nsaid_mj.log import Log
@@ -73,7 +79,7 @@ def identification(
                 f"log {k}.csv", (0, len(t)))
         for k in range(segments)
     )  # fmt: skip
-    recordings = Recordings(logs, 50.0, ("A",) * n, np.zeros(n))
+    recordings = Recordings(logs, 50.0, ("A",) * n)
     parameters = _parameters(names)
     theta = np.array([one.value for one in parameters])
     curves = Curves(

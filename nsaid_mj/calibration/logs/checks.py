@@ -11,9 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ...parameters import Array, number, rounded
+from ...structure.joints import slides
 from ...structure.optional import pin
 from ..data import Recordings, RobotModel
-from ..findings import Finding, UnusableLog
+from ..findings import Finding, UnusableLog, refused
+from ..links import positions
 from . import signals
 
 DEGREES = 180 / np.pi
@@ -27,7 +29,7 @@ _ROWS = 2000  # at most, for the model's torques
 def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
     """The recordings with the findings of `checks`; raises `UnusableLog` on a refusal."""
     findings = (*recordings.findings, *checks(recordings, robot))
-    if any(finding.level == "refusal" for finding in findings):
+    if refused(findings):
         raise UnusableLog(findings)
     return replace(recordings, findings=findings)
 
@@ -69,7 +71,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     told = {finding.where for finding in found}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
     found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in told]
-    if not robot.weightless and not any(finding.level == "refusal" for finding in found):
+    if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
     return tuple(found)
 
@@ -98,15 +100,10 @@ def _measured(recordings: Recordings, robot: RobotModel) -> list[int]:
 
 def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> list[Finding]:
     """Refusals of joints whose position or command x (N, n) never changes by more than `least`."""
+    text, columns = f"the {what} is {{}} in all rows", zip(robot.joints, x.T, strict=False)
     return [
-        Finding(
-            "refusal",
-            "dead_channel",
-            joint,
-            f"the {what} is {number(column[0])} in all rows",
-            remedy,
-        )
-        for joint, column in zip(robot.joints, x.T, strict=False)
+        Finding("refusal", "dead_channel", joint, text.format(number(column[0])), remedy)
+        for joint, column in columns
         if np.ptp(column) <= least
     ]
 
@@ -115,17 +112,12 @@ def _resting(recordings: Recordings, robot: RobotModel) -> tuple[set[int], list[
     """Joints that hardly move, and a warning for each."""
     usable = np.concatenate([segment.usable for segment in recordings.segments]).mean(axis=0)
     resting = {j for j, share in enumerate(usable) if share < _MOVES}
+    text = "the joint moves faster than its noise in only {:.1%} of the rows"
     remedy = "Record a motion of this joint, or leave it out with --lock."
+    shares = [(robot.joints[j], float(usable[j])) for j in sorted(resting)]
     return resting, [
-        Finding(
-            "warning",
-            "at_rest",
-            robot.joints[j],
-            f"the joint moves faster than its noise in only {usable[j]:.1%} of the rows",
-            remedy,
-            {"share": float(usable[j])},
-        )
-        for j in sorted(resting)
+        Finding("warning", "at_rest", joint, text.format(share), remedy, {"share": share})
+        for joint, share in shares
     ]
 
 
@@ -174,14 +166,14 @@ def correlation(a: Array, b: Array) -> Array:
 def _swapped(joint: str, other: str, together: float) -> Finding:
     text = f"the velocity follows the position of {other} (correlation {together:.2f})"
     remedy = "Two columns are swapped: correct the order of positions or velocities in map.toml."
-    data: dict[str, object] = {"joints": [joint, other], "correlation": float(together)}
+    data = {"joints": [joint, other], "correlation": float(together)}
     return Finding("refusal", "swapped_columns", joint, text, remedy, data)
 
 
 def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | None:
     """Checks the scale and sign of a velocity."""
     factor = float(slope @ v / (v @ v))
-    data: dict[str, object] = {"factor": factor, "correlation": float(together)}
+    data = {"factor": factor, "correlation": float(together)}
     if abs(together) < _AGREES:
         level = "refusal" if abs(together) < 0.5 else "warning"
         text = f"the velocity hardly follows dq/dt (correlation {together:.2f})"
@@ -218,13 +210,12 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
     for j, name in enumerate(robot.joints):
         low, high, fastest = limits(robot, name)
         least, most = float(q[:, j].min()), float(q[:, j].max())
-        data: dict[str, object] = {"range": [least, most], "limits": [low, high]}
-        joint = robot.model.joints[robot.model.getJointId(name)]
-        slides = joint.shortname().startswith("JointModelP")
-        unit = "m" if slides else "rad"
+        data = {"range": [least, most], "limits": [low, high]}
+        slide = slides(robot.model.joints[robot.model.getJointId(name)])
+        unit = "m" if slide else "rad"
         reach = f"the position goes from {least:.3g} to {most:.3g} {unit}"
         if not np.isfinite([low, high]).all():
-            if not slides and most - least > 4 * np.pi and speeds[j] > 2 * fastest:
+            if not slide and most - least > 4 * np.pi and speeds[j] > 2 * fastest:
                 text = f"{reach}, at {speeds[j]:.3g} rad/s, which looks like degrees"
                 remedy = 'If it is, state `unit = "deg"` in map.toml.'
                 found.append(Finding("warning", "degrees", name, text, remedy, data))
@@ -235,7 +226,7 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
             continue
         reach += f", beyond the model's {low:.3g} to {high:.3g} {unit}"
         fits = least / DEGREES >= low - 0.05 * width and most / DEGREES <= high + 0.05 * width
-        if most - least > 1.5 * width and fits and not slides:
+        if most - least > 1.5 * width and fits and not slide:
             remedy = 'If so, state `unit = "deg"` in map.toml; `ratio` if they are motor angles, '
             remedy += "`points` if they are parts of a range, as LeRobot's -100 to 100."
             text = f"{reach}; as degrees it lies within them"
@@ -277,7 +268,7 @@ def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -
         return []
     units = sorted(set(recordings.command_units))
     stated = ", ".join(unit for unit in units if unit)
-    data: dict[str, object] = {"ratio": ratio, "largest": most, "units": units}
+    data = {"ratio": ratio, "largest": most, "units": units}
     text = f"commands reach {number(most)} {stated or '(no unit stated)'}, "
     text += f"{rounded(ratio)} times what the model's torques make plausible"
     if "A" in units:
@@ -296,21 +287,10 @@ def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -
 def model_torques(motion: Motion, rate: float, robot: RobotModel) -> Array:
     """(k, n) torques of the model without friction [N·m or N], at some rows of the motion."""
     model, data = robot.model, robot.model.createData()
-    accelerations = np.gradient(motion.v, 1 / rate, axis=0)
-    every = max(1, len(motion.q) // _ROWS)
-    ids = [model.getJointId(name) for name in robot.joints]
-    q, v, a = pin.neutral(model), np.zeros(model.nv), np.zeros(model.nv)
-    found = []
-    for row in range(0, len(motion.q), every):
-        for j, joint in enumerate(model.joints[k] for k in ids):
-            angle = motion.q[row, j]
-            q[joint.idx_q : joint.idx_q + joint.nq] = (
-                angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
-            )
-            v[joint.idx_v], a[joint.idx_v] = motion.v[row, j], accelerations[row, j]
-        torque = pin.rnea(model, data, q, v, a)
-        found.append([torque[model.joints[k].idx_v] for k in ids])
-    return np.array(found)
+    accelerations, every = np.gradient(motion.v, 1 / rate, axis=0), len(motion.q) // _ROWS or 1
+    some = (positions(model, motion.q), motion.v, accelerations)
+    rows = zip(*(x[::every] for x in some), strict=True)
+    return np.array([pin.rnea(model, data, *row) for row in rows])
 
 
 def _rms(x: Array) -> Array:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 
 from ...numerics.spatial import continuous_signs
 from ...parameters import Array, number
-from ..findings import Finding, Level
+from ...robot.findings import Finding, Level
 from . import signals
 from .layout import Layout, Source
 from .signals import Signal
-from .tables import Channel
+from .tables import Channel, Table
 
 SHOWN = 5
 """Row numbers stated in a message; the finding's data hold up to a hundred."""
@@ -22,51 +22,39 @@ SHOWN = 5
 _JITTER = 0.2  # half the spread of intervals, over their median, from which it is reported
 
 
-class Recording(NamedTuple):
-    """Channels recorded together, on one clock.
-
-    Attributes:
-        source: name of the file, or of the files.
-        channels: by name, times in seconds of the common clock.
-    """
-
-    source: str
-    channels: dict[str, Channel]
-
-
-def clean(recording: Recording, layout: Layout) -> tuple[dict[str, Signal], tuple[Finding, ...]]:
+def clean(table: Table, layout: Layout) -> tuple[dict[str, Signal], tuple[Finding, ...]]:
     """The signals of a layout's sources by the names of their columns, in SI.
 
     Rows without a value or out of order are dropped, angles continued across whole turns, and
     outliers of positions and velocities interpolated. Every step adds a finding.
     """
-    recording = _same_signs(recording, layout)
+    table = _same_signs(table, layout)
     findings: list[Finding] = []
     orders: dict[int, signals.Order] = {}
     found: dict[str, Signal] = {}
     for source in layout.sources:
         name = source.column.column
-        channel = recording.channels[name]
+        channel = table.channels[name]
         key = id(channel.t)
         if key not in orders:
             orders[key] = signals.order(channel.t)
-            said = _disorder(recording.source, channel, orders[key])
+            said = _disorder(table.source, channel, orders[key])
             findings += [finding for finding in said if finding not in findings]
-        found[name] = _clean_one(recording.source, source, channel, orders[key], findings)
+        found[name] = _clean_one(table.source, source, channel, orders[key], findings)
     return found, tuple(findings)
 
 
-def _same_signs(recording: Recording, layout: Layout) -> Recording:
-    """A recording whose quaternions q and −q do not alternate, so that they can be interpolated."""
+def _same_signs(table: Table, layout: Layout) -> Table:
+    """A table whose quaternions q and −q do not alternate, so that they can be interpolated."""
     names = layout.quaternion
-    parts = [recording.channels[name] for name in names]
+    parts = [table.channels[name] for name in names]
     if not parts or len({len(part.values) for part in parts}) > 1:
-        return recording
+        return table
     signs = continuous_signs(np.column_stack([part.values for part in parts]))
     turned = {
         name: Channel(part.t, part.values * signs) for name, part in zip(names, parts, strict=True)
     }
-    return recording._replace(channels=recording.channels | turned)
+    return replace(table, channels=table.channels | turned)
 
 
 def _clean_one(
@@ -130,17 +118,12 @@ def _jitter(file: str, t: Array) -> list[Finding]:
         return []
     text = f"intervals between rows scatter from {low * 1e3:.3g} to {high * 1e3:.3g} ms (5 % to "
     text += "95 %); values are interpolated to a constant rate"
-    data: dict[str, object] = {"period": period, "low": float(low), "high": float(high)}
+    data = {"period": period, "low": float(low), "high": float(high)}
     return [Finding("note", "jitter", file, text, data=data)]
 
 
 def about_rows(
-    level: Level,
-    code: str,
-    where: str,
-    rows: Sequence[int] | np.ndarray,
-    text: str,
-    remedy: str = "",
+    level: Level, code: str, where: str, rows: Sequence[int] | np.ndarray, text: str
 ) -> Finding:
     """A finding that begins with a number of rows and ends with the first of them.
 
@@ -150,5 +133,5 @@ def about_rows(
     listed = [int(row) for row in rows[:100]]
     first = ", ".join(str(row) for row in listed[:SHOWN]) + (" …" if len(rows) > SHOWN else "")
     plural = "row" if len(rows) == 1 else "rows"
-    data: dict[str, object] = {"count": len(rows), "rows": listed}
-    return Finding(level, code, where, f"{len(rows)} {text} ({plural} {first})", remedy, data)
+    data = {"count": len(rows), "rows": listed}
+    return Finding(level, code, where, f"{len(rows)} {text} ({plural} {first})", data=data)

@@ -96,17 +96,9 @@ def read(column: np.ndarray, name: str, unit: str | None) -> Clock | None:
         return None
     stated = unit or of_name(name, TIME)[1]
     used = stated or _unit_of(column[finite])
-    first = column[finite][0]
-    if column.dtype.kind in "iu":
-        t = (column - first) * (TIME[used] * 1e-9)
-        return Clock(t, round(int(first) * TIME[used]), used, not stated)
-    factor = TIME[used] * 1e-9
-    return Clock(
-        np.asarray((column - first) * factor, np.float64),
-        round(float(first) * TIME[used]),
-        used,
-        not stated,
-    )
+    first, scale = column[finite][0], TIME[used]
+    t = np.asarray((column - first) * (scale * 1e-9), np.float64)
+    return Clock(t, round(first.item() * scale), used, not stated)
 
 
 def _unit_of(times: Array) -> str:

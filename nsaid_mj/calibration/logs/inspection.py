@@ -8,12 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data import Recordings, RobotModel
-from ..findings import Finding, UnusableLog
+from ..findings import Finding, UnmatchedChannels, UnusableLog
 from . import signals
 from .checks import checks
-from .continuous import with_angles
-from .errors import UnmatchedChannels
-from .layout import Layout, layout
+from .layout import Layout, layout, with_angles
 from .mapping import Map
 from .preparation import prepare
 from .tables import Channel, Table
@@ -136,9 +134,8 @@ def _unmatched(error: UnmatchedChannels) -> Finding:
     """What to do about channels whose names are ambiguous."""
     text = f"cannot tell which channels are {', '.join(error.missing)}"
     text += f". {' '.join(error.reasons)}".rstrip(".")
-    return Finding(
-        "warning", "unmatched", "", text, "Complete map.toml by hand and pass it with --map."
-    )
+    remedy = "Complete map.toml by hand and pass it with --map."
+    return Finding("warning", "unmatched", "", text, remedy)
 
 
 def figures_of(source: str, name: str, channel: Channel, role: str = "") -> ChannelFigures:

@@ -14,11 +14,11 @@ from ...errors import InvalidInput
 from ...numerics.spatial import continuous_signs
 from ...parameters import Array
 from ..data import RobotModel
+from ..findings import UnmatchedChannels
 from . import matching
-from .errors import UnmatchedChannels
 from .flight import flight_map
 from .mapping import Column, Map, Vehicle, matrix
-from .tables import Table, channel_names
+from .tables import Channel, Table, channel_names
 from .units import Quantity, si
 
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
@@ -153,6 +153,29 @@ def layout(mapping: Map | None, robot: RobotModel, tables: Sequence[Table]) -> L
     return _existing(made, channels)
 
 
+def with_angles(table: Table, robot: RobotModel) -> Table:
+    """A table whose `q_0` … are one angle for each joint, if they were Pinocchio's coordinates.
+
+    Other tables are returned as they are. Angles are continued across whole turns.
+    """
+    if robot.system is not None:
+        return table
+    joints = [robot.model.joints[robot.model.getJointId(name)] for name in robot.joints]
+    count = sum(joint.nq for joint in joints)
+    names = [f"q_{k}" for k in range(count)]
+    if count == len(joints) or not {*names} <= {*table.channels} or f"q_{count}" in table.channels:
+        return table
+    channels = {name: channel for name, channel in table.channels.items() if name not in names}
+    angles, first = {}, 0
+    for k, joint in enumerate(joints):
+        t, values = table.channels[names[first]]
+        if joint.nq == 2:
+            values = np.unwrap(np.arctan2(table.channels[names[first + 1]].values, values))
+        angles[f"q_{k}"] = Channel(t, values)
+        first += joint.nq
+    return Table(table.source, angles | channels, table.origin, table.findings)
+
+
 def _source(quantity: Quantity, column: Column, angle: bool = False) -> Source:
     return Source(quantity, column, column.factor(quantity), angle)
 
@@ -164,13 +187,10 @@ def _turns(column: Column) -> bool:
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
     for source in made.sources:
-        if source.column.column not in channels:
-            raise InvalidInput(
-                f"map: column of a {source.quantity}",
-                "a column of the log",
-                source.column.column,
-                f"The log has {', '.join(channels)}.",
-            )
+        name, remedy = source.column.column, f"The log has {', '.join(channels)}."
+        if name not in channels:
+            what = f"map: column of a {source.quantity}"
+            raise InvalidInput(what, "a column of the log", name, remedy)
     return made
 
 

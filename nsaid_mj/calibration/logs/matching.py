@@ -10,9 +10,8 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
-from .errors import UnmatchedChannels
+from ..findings import UnmatchedChannels
 from .mapping import Column, Joint, Map
 from .units import FACTORS, Quantity, of_name
 
@@ -35,22 +34,6 @@ _WANTED = _set("target desired des cmd command commanded ref reference setpoint 
 _TARGET = _WANTED | {"action"}
 _MEASURED = _set("actual measured meas act fb feedback present real state")
 _NAMES = {"position": "position", "velocity": "velocity", "command": "torque or current"}
-
-
-class Match(NamedTuple):
-    """The meaning of a channel's name.
-
-    Attributes:
-        quantity: the measured quantity.
-        group: the name without the joint.
-        joint: name of the joint, or its index as text.
-        rank: 0 for a measurement, 1 for a neutral name, 2 for a setpoint.
-    """
-
-    quantity: Quantity
-    group: str
-    joint: str
-    rank: int
 
 
 def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str] = ()) -> Map:
@@ -77,17 +60,12 @@ def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str]
             reasons.append(_lacking(quantity, channels, own))
     if missing:
         raise UnmatchedChannels(missing, [*reasons, *_fewer(channels, joints)], channels)
-    velocities, commands = chosen.get("velocity", {}), chosen["command"]
-    return Map(
-        joints={
-            joint: Joint(
-                position=Column(column=chosen["position"][joint]),
-                command=Column(column=commands[joint]) if joint in commands else None,
-                velocity=Column(column=velocities[joint]) if joint in velocities else None,
-            )
-            for joint in joints
-        }
+    positions, velocities, commands = (
+        {joint: Column(column=channel) for joint, channel in chosen.get(quantity, {}).items()}
+        for quantity in WORDS
     )
+    each = {j: Joint(positions[j], commands.get(j), velocities.get(j)) for j in joints}
+    return Map(joints=each)
 
 
 def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, str]:
@@ -177,9 +155,9 @@ def _members(
     """Channels by joint (its name, or a number as text), for each quantity, group and rank."""
     groups: dict[tuple[Quantity, str, int], dict[str, str]] = defaultdict(dict)
     for channel in channels:
-        found = read(channel, joints)
-        if found is not None:
-            groups[found.quantity, found.group, found.rank].setdefault(found.joint, channel)
+        if found := read(channel, joints):
+            kind, joint = found
+            groups[kind].setdefault(joint, channel)
     return groups
 
 
@@ -193,8 +171,13 @@ def _by_joint(members: dict[str, str], joints: Sequence[str]) -> dict[str, str]:
     return {joint: members[str(k)] for joint, k in zip(joints, indices, strict=True)}
 
 
-def read(channel: str, joints: Sequence[str]) -> Match | None:
-    """The meaning of a channel's name; None if it names no joint or no quantity."""
+def read(channel: str, joints: Sequence[str]) -> tuple[tuple[Quantity, str, int], str] | None:
+    """The meaning of a channel's name; None if it names no joint or no quantity.
+
+    Returns:
+        Its quantity, its group (the name without the joint) and its rank, 0 for a measurement, 1
+        for a neutral name, 2 for a setpoint; and the joint's name, or its index as text.
+    """
     bare = channel
     for factors in FACTORS.values():
         bare, unit = of_name(channel, factors)
@@ -212,7 +195,7 @@ def read(channel: str, joints: Sequence[str]) -> Match | None:
         return None
     spare = said - ({"cmd", "command"} if quantity == "command" and not said - _WANTED else set())
     rank = 2 if spare & _WANTED else 0 if spare & _MEASURED else 1
-    return Match(quantity, " ".join(rest), joint, rank)
+    return (quantity, " ".join(rest), rank), joint
 
 
 def quantity_of(said: set[str], rest: Sequence[str]) -> Quantity | None:

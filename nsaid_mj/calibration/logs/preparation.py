@@ -12,14 +12,12 @@ from ...parameters import Array
 from ..data import Recordings, RobotModel, Segment
 from ..findings import Finding, UnusableLog
 from . import signals
-from .cleaning import Recording, about_rows, clean
-from .continuous import with_angles
-from .joining import join
-from .layout import Layout, Source, layout, pose_velocity
+from .cleaning import about_rows, clean
+from .layout import Layout, Source, layout, pose_velocity, with_angles
 from .mapping import Map
-from .rest import Rest, Stretch, cut_rest, limits_stated, moving_part, rows_of
+from .rest import Rest, cut_rest, limits_stated, moving_part, rows_of
 from .signals import Signal
-from .tables import Table
+from .tables import Table, join
 
 HIGHEST_RATE = 1000.0
 """Largest rate of the grid [Hz]; faster logs are low-passed and decimated."""
@@ -62,7 +60,6 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     if robot.system is None:
         made, said = _without_dead_velocities(made, recordings)
         findings += said
-    quanta = [_quantum(s.column.column, s.factor, recordings) if s else 0.0 for s in made.commands]
     del tables  # a log may be large, and what was read is not needed besides what was cleaned
     cleaned = _cleaned(recordings, made, findings)
     if not cleaned:
@@ -79,17 +76,11 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
             remedy = "Record a motion; check that the columns of the positions are the right ones."
         findings.append(Finding("refusal", "short_log", "", text, remedy))
         raise UnusableLog(tuple(findings))
-    return Recordings(
-        tuple(segments),
-        rate,
-        made.command_units,
-        np.array(quanta),
-        tuple(findings),
-    )
+    return Recordings(tuple(segments), rate, made.command_units, tuple(findings))
 
 
 def _cleaned(
-    recordings: list[Recording], made: Layout, findings: list[Finding]
+    recordings: list[Table], made: Layout, findings: list[Finding]
 ) -> list[tuple[str, dict[str, Signal]]]:
     """Source and signals of the recordings with numbers in all channels; empties their list."""
     cleaned = []
@@ -109,14 +100,8 @@ def _cleaned(
     return cleaned
 
 
-def _quantum(column: str, factor: float, recordings: Sequence[Recording]) -> float:
-    """Smallest step of a column over all recordings."""
-    values = np.concatenate([r.channels[column].values for r in recordings])
-    return abs(factor) * signals.quantum(values[np.isfinite(values)])
-
-
 def _without_dead_velocities(
-    made: Layout, recordings: Sequence[Recording]
+    made: Layout, recordings: Sequence[Table]
 ) -> tuple[Layout, list[Finding]]:
     """The layout without velocities whose column is constant or has no numbers."""
     kept, findings = list(made.velocities), []
@@ -144,15 +129,15 @@ def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Fin
     every = max(every, min(math.ceil(rows / MOST_ROWS), int(own / ENOUGH)))
     if every > 1:
         text = f"reduced from {own:g} to {own / every:g} Hz, after a low-pass without phase lag"
-        data: dict[str, object] = {"from": own, "to": own / every}
+        data = {"from": own, "to": own / every}
         findings.append(Finding("note", "decimated", "", text, data=data))
     return own / every
 
 
 def _stretches(
     source: str, found: dict[str, Signal], made: Layout, findings: list[Finding]
-) -> list[Stretch]:
-    """The stretches between the gaps of all signals."""
+) -> list[tuple[float, float]]:
+    """Start and end [s] of the stretches between the gaps of all signals."""
     start = max(signal.t[0] for signal in found.values())
     end = min(signal.t[-1] for signal in found.values())
     cuts: dict[tuple[float, float], list[str]] = {}
@@ -165,19 +150,19 @@ def _stretches(
         row = int(one.row[np.searchsorted(one.t, a)])
         text = f"{b - a:.3g} s without rows after row {row}; the log is split there"
         where = source if len(names) == len(found) else f"{source}, {names[0]}"
-        data: dict[str, object] = {"seconds": b - a, "row": row, "channels": names}
+        data = {"seconds": b - a, "row": row, "channels": names}
         findings.append(Finding("note", "gap", where, text, data=data))
-        parts.append(Stretch(last, min(a, end)))
+        parts.append((last, min(a, end)))
         last = max(last, b)
-    parts.append(Stretch(last, end))
+    parts.append((last, end))
     reference = found[made.positions[0].column.column]
     kept = []
-    for part in parts:
-        if part.end - part.start >= SHORTEST:
-            kept.append(part)
-        elif part.end > part.start:
-            rows = rows_of(reference, part)
-            text = f"{part.end - part.start:.2g} s between gaps (rows {rows[0]}–{rows[1]}) are "
+    for start, end in parts:
+        if end - start >= SHORTEST:
+            kept.append((start, end))
+        elif end > start:
+            rows = rows_of(reference, start, end)
+            text = f"{end - start:.2g} s between gaps (rows {rows[0]}–{rows[1]}) are "
             text += "too short and were left out"
             data = {"rows": list(rows)}
             findings.append(Finding("note", "short_stretch", source, text, data=data))
@@ -200,15 +185,12 @@ def _segments(
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derived from positions up to {signals.bandwidth(rest.rate):g} Hz"
         missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
-        data: dict[str, object] = {"joints": missing}
-        findings.append(Finding("note", "differentiated", source, text, data=data))
+        findings.append(Finding("note", "differentiated", source, text, data={"joints": missing}))
     logs: list[Log] = []
-    for part in _stretches(source, found, made, findings):
-        first = reference.t[np.searchsorted(reference.t, part.start)]
-        count = int((part.end - first) * rest.rate + 1e-6) + 1
-        logs.append(
-            _log(first + np.arange(count) / rest.rate, found, made, mapping.hold, rest.rate)
-        )
+    for start, end in _stretches(source, found, made, findings):
+        first = reference.t[np.searchsorted(reference.t, start)]
+        grid = first + np.arange(int((end - first) * rest.rate + 1e-6) + 1) / rest.rate
+        logs.append(_log(grid, found, made, mapping.hold, rest.rate))
     limits = rest.limits(found, logs) if drop_rest and logs else np.zeros(0)
     segments = []
     for log in logs:
@@ -225,7 +207,7 @@ def _segments(
         else:
             kept = slice(0, len(grid))
         if kept.stop > kept.start:
-            rows = rows_of(reference, Stretch(grid[kept.start], grid[kept.stop - 1]))
+            rows = rows_of(reference, grid[kept.start], grid[kept.stop - 1])
             segments.append(Segment(log.part(kept.start, kept.stop), usable[kept], source, rows))
     if segments and drop_rest:
         findings.append(limits_stated(source, segments, limits, robot.joints))

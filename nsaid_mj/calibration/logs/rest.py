@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,18 +18,6 @@ from .signals import Signal
 _MARGIN = 4.0  # standard deviations of a velocity's noise that count as rest
 _LOUD = 0.05  # such a margin, over a joint's speed, from which rest is hidden in the noise
 _WINDOW = 0.2  # a robot moves if it does in most rows of such a window [s]
-
-
-class Stretch(NamedTuple):
-    """A stretch of a recording in which all signals are present.
-
-    Attributes:
-        start: its first time [s].
-        end: its last time [s].
-    """
-
-    start: float
-    end: float
 
 
 class Rest:
@@ -105,10 +92,10 @@ class Rest:
         return np.array(deviations), np.array(steps)
 
 
-def rows_of(signal: Signal, part: Stretch) -> tuple[int, int]:
-    """First and last row of a stretch in the file."""
-    first = np.searchsorted(signal.t, part.start - 1e-9)
-    last = np.searchsorted(signal.t, part.end + 1e-9, side="right") - 1
+def rows_of(signal: Signal, start: float, end: float) -> tuple[int, int]:
+    """First and last row, in the file, of the stretch between two times [s]."""
+    first = np.searchsorted(signal.t, start - 1e-9)
+    last = np.searchsorted(signal.t, end + 1e-9, side="right") - 1
     return int(signal.row[min(first, len(signal.row) - 1)]), int(signal.row[max(last, 0)])
 
 
@@ -129,13 +116,12 @@ def cut_rest(file: str, reference: Signal, grid: Array, kept: slice) -> list[Fin
     `reference` is a signal of the file, for its row numbers; grid (N,) are times [s].
     """
     findings = []
-    whole = rows_of(reference, Stretch(float(grid[0]), float(grid[-1])))
+    whole = rows_of(reference, *grid[[0, -1]].tolist())
     if kept.stop == kept.start:
         text = f"the robot stands still in rows {whole[0]}–{whole[1]}, which were left out"
-        data: dict[str, object] = {"rows": list(whole)}
-        findings.append(Finding("warning", "rest", file, text, data=data))
+        findings.append(Finding("warning", "rest", file, text, data={"rows": list(whole)}))
         return findings
-    inner = rows_of(reference, Stretch(float(grid[kept.start]), float(grid[kept.stop - 1])))
+    inner = rows_of(reference, *grid[[kept.start, kept.stop - 1]].tolist())
     for a, b, when in ((whole[0], inner[0] - 1, "before"), (inner[1] + 1, whole[1], "after")):
         if b - a > 0.05 / reference.period:
             text = f"the robot stands still {when} its motion, in rows {a}–{b}, which were left out"
@@ -154,5 +140,5 @@ def limits_stated(
     )
     text = "rows below these speeds [rad/s or m/s] are not used "
     text += f"(in brackets: share of rows used): {each}"
-    data: dict[str, object] = {"limits": limits.tolist(), "share": usable.tolist()}
+    data = {"limits": limits.tolist(), "share": usable.tolist()}
     return Finding("note", "rest_limits", file, text, data=data)

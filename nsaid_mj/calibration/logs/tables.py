@@ -1,22 +1,21 @@
-"""A log file as channels: numbers over time, each with its own clock and row numbers."""
+"""Log files as channels, numbers over time with their own clocks, and as parts of one log."""
 
 from __future__ import annotations
 
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ...errors import printable
+from ...errors import InvalidInput, printable
 from ...parameters import Array
 from ...resources import path_of
-from ..findings import Finding
+from ..findings import Finding, UnreadableLog
 from . import clocks, formats
-from .errors import UnreadableLog
 from .mapping import Map
 
 _FEW = 0.01  # share of rows with problems from which they are a warning
@@ -38,10 +37,10 @@ class Channel(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """The content of a log file.
+    """The content of a log file, or of several that are parts of one log.
 
     Attributes:
-        source: name of the file.
+        source: name of the file, or of the files.
         channels: by name, in the order of the file. Row k of a channel is the file's row k + 1:
             rows are counted from 1, without a header.
         origin: the file's own time at t = 0 [ns].
@@ -203,13 +202,9 @@ def _left_out(file: Path, dropped: list[tuple[str, str]], kept: int) -> Finding:
 def _converted(file: Path, name: str, clock: clocks.Clock) -> Finding:
     how = "judging by their size" if clock.guessed else "as stated"
     what = "dates" if clock.unit == "date" else f"in {clock.unit}"
-    return Finding(
-        "note",
-        "time_unit",
-        file.name,
-        f"the times in column {name!r} are {what}, {how}, and were converted to seconds",
-        data={"column": name, "unit": clock.unit, "guessed": clock.guessed},
-    )
+    text = f"the times in column {name!r} are {what}, {how}, and were converted to seconds"
+    data = {"column": name, "unit": clock.unit, "guessed": clock.guessed}
+    return Finding("note", "time_unit", file.name, text, data=data)
 
 
 def _unread(file: Path, columns: formats.Columns) -> list[Finding]:
@@ -227,3 +222,68 @@ def _unread(file: Path, columns: formats.Columns) -> list[Finding]:
         data = {"count": len(problems), "rows": [row for row, _ in problems[:100]]}
         found.append(Finding(level, code, file.name, text, data={**data, "of": total}))
     return found
+
+
+def join(
+    tables: Sequence[Table], mapping: Map, wanted: Sequence[str]
+) -> tuple[list[Table], list[Finding]]:
+    """The logs in tables: one for each table with all `wanted` channels, one merged from the rest.
+
+    `mapping` has the offsets of the files' clocks.
+
+    Raises:
+        InvalidInput: files that belong together have no time in common.
+    """
+    whole = [t for t in tables if set(wanted) <= set(t.channels)]
+    parts = [t for t in tables if t not in whole and set(wanted) & set(t.channels)]
+    found = [replace(table, channels=_shifted(table, mapping)) for table in whole]
+    unused = "no channel of this file is used", "Map its columns or leave it out."
+    others = [table.source for table in tables if not set(wanted) & set(table.channels)]
+    findings = [Finding("warning", "unused_file", source, *unused) for source in others]
+    if parts:
+        joined = _joined(parts, mapping, wanted)
+        found.append(joined)
+        text = f"{joined.source} are parts of one log and were merged on one clock"
+        findings.append(Finding("note", "joined", "", text))
+    return found, findings
+
+
+def _shifted(table: Table, mapping: Map, shift: float = 0.0) -> dict[str, Channel]:
+    """A table's channels, later by its offset in the map and by `shift` [s]."""
+    shift += mapping.files[table.source].offset if table.source in mapping.files else 0.0
+    if not shift:
+        return table.channels
+    times = {id(c.t): c.t + shift for c in table.channels.values()}
+    return {name: Channel(times[id(c.t)], c.values) for name, c in table.channels.items()}
+
+
+def _joined(parts: Sequence[Table], mapping: Map, wanted: Sequence[str]) -> Table:
+    """The channels of several tables on the clock of the first."""
+    origin = parts[0].origin
+    channels: dict[str, Channel] = {}
+    ranges = []
+    for table in parts:
+        mine = _shifted(table, mapping, (table.origin - origin) * 1e-9)
+        used = [mine[name].t for name in wanted if name in mine]
+        ranges.append((min(np.nanmin(t) for t in used), max(np.nanmax(t) for t in used)))
+        for name, channel in mine.items():
+            if name in channels and name in wanted:
+                both = zip(channels[name], channel, strict=True)
+                channels[name] = Channel(*(np.concatenate(pair) for pair in both))
+            else:
+                channels[name] = channel
+    missing = [name for name in wanted if name not in channels]
+    names = ", ".join(table.source for table in parts)
+    if missing:
+        remedy = "Give all files of a log."
+        raise InvalidInput(names, f"the channel {missing[0]}", "none of this name", remedy)
+    if max(a for a, _ in ranges) >= min(b for _, b in ranges) and len(channels) == len(
+        {n for t in parts for n in t.channels}
+    ):
+        each = "; ".join(
+            f"{t.source} {a:.6g} to {b:.6g} s" for t, (a, b) in zip(parts, ranges, strict=True)
+        )
+        remedy = "Put them on one clock by an offset in map.toml, as in "
+        remedy += f'`[files."{parts[1].source}"]` `offset = {ranges[0][0] - ranges[1][0]:.6g}`.'
+        raise InvalidInput(names, "files with a time in common", each, remedy)
+    return Table(names, channels, origin)

@@ -97,6 +97,12 @@ class JointEstimate(NamedTuple):
         """Unit of a thousandth of its position."""
         return UNITS[self.slides]
 
+    def widened(self, place: int, deviation: float) -> JointEstimate:
+        """The estimate with a further deviation of one entry of θ, in that entry's unit."""
+        covariance = self.covariance.copy()
+        covariance[place, place] += (deviation / self.theta[place]) ** 2
+        return self._replace(covariance=covariance)
+
 
 class MassScale(NamedTuple):
     """The common scale, from a load.
@@ -193,7 +199,10 @@ def estimate(
         one = _judged(own.logs, fit, bool(known[j]), used, found.covariance, quantile, change)
         if not one.poor:
             named = effects_of(robot.joints[j], UNITS[slide[j]], own, fit, prior, cluster)
-            one, effects = _with_effects(one, named), [*effects, *named]
+            effects += named
+            sizes = [f.data["size"] for f in named if f.data["effect"] == "stribeck"]
+            excess = float(np.sum(np.array(sizes, dtype=np.float64)))  # of friction at rest
+            one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
         judged.append(one._replace(zero=float(zero[j]), slides=slide[j]))
     return Estimate(_moderated(judged, cluster), used, None, tuple(effects))
 
@@ -215,15 +224,6 @@ def _sag(logs: Sequence[ServoLog], x: Sequence[Array]) -> Array:
     """(n,) how much the joints' sinking under gravity varies along logs [rad or m]."""
     load = np.concatenate([log.load for log in logs])
     return np.exp([own[GRAVITY] for own in x]) * load.std(axis=0)
-
-
-def _with_effects(joint: JointEstimate, effects: Sequence[Finding]) -> JointEstimate:
-    """The estimate, whose interval of friction includes half of what this changes with speed."""
-    sizes = [f.data["size"] for f in effects if f.data["effect"] == "stribeck"]
-    excess = float(np.sum(np.array(sizes, dtype=np.float64)))
-    wider = np.zeros((5, 5))
-    wider[FRICTION, FRICTION] = (0.25 * excess / joint.theta[FRICTION]) ** 2
-    return joint._replace(covariance=joint.covariance + wider)
 
 
 def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
@@ -305,19 +305,11 @@ def _judged(
     offset: float,
 ) -> JointEstimate:
     """An estimate with its covariance, and the error of predictions without a model."""
-    error, simple, travel = _errors(logs, fit, used)
+    (error, simple, travel), rate = _errors(logs, fit, used), effective_rate(logs, fit.residual)
     return JointEstimate(
-        fit.x,
-        covariance,
-        quantile,
-        gravity,
-        offset,
-        error,
-        simple,
-        limit=logs[0].limit,
-        travel=travel,
-        effective=effective_rate(logs, fit.residual),
-    )
+        fit.x, covariance, quantile, gravity, offset, error, simple,
+        limit=logs[0].limit, travel=travel, effective=rate,
+    )  # fmt: skip
 
 
 def _errors(logs: Sequence[JointLog], fit: OutputError, used: Array) -> tuple[float, float, float]:

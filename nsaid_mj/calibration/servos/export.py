@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
 
 import mujoco
 import numpy as np
+from lxml.etree import SubElement
+from lxml.etree import _Element as Node
 from numpy.typing import ArrayLike
 
 from ...errors import BadRobot
 from ...parameters import Array
 from ...plants.world.coordinates import JointMap
 from ...plants.world.quiet import quiet
-from ...resources import write_text
-from ...robot.mjcf_file import compile_file
+from ...robot.mjcf_file import actuators_of_file, compile_file, joints_of_file, relocate
 from ...robot.target_profile import followed
 from ...robot.tree import (
     TARGET_DELAY,
@@ -29,7 +27,7 @@ from ...robot.tree import (
     target_delays,
     target_profiles,
 )
-from ...robot.xml import numbers
+from ...robot.xml import numbers, read_xml, write_xml
 from .logs import ServoLog
 from .result import Servo, ServoIdentification
 
@@ -40,13 +38,13 @@ _QUICK = "0.002 1"
 # solreffriction: MuJoCo takes twice its time step if that is longer; the default lets a joint slide
 # for 20 ms before it sticks
 _IMMOVABLE = 1e8  # [kg·m² or kg]
-_REMARK = """ Servos identified by nsaid from logs of targets and positions.
+_REMARK = """Servos identified by nsaid from logs of targets and positions.
 {verdict}
 kp, kv, armature and frictionloss are identified; damping is part of kv; forcerange is removed where
 no saturation was seen. Targets act after the delays below, which MuJoCo ignores and nsaid applies:
 shift the targets, or set the actuators' `delay` and `nsample` (MuJoCo 4) and fill the buffers with
 the first targets (mj_initCtrlHistory), as a buffer of zeros pulls the arm to 0. Their bias is 0.
-{profile}{masses}{joints} """
+{profile}{masses}{joints}"""
 _PROFILED = """Limits of the targets' speed and acceleration, and time constants of their filters,
 are in the numeric target_profile, which MuJoCo ignores and nsaid applies.
 """
@@ -60,13 +58,9 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     """
     source = result.robot.source
     assert source is not None  # a model with servos comes from a file
-    builder = ElementTree.TreeBuilder(insert_comments=True)
-    root = ElementTree.parse(source, ElementTree.XMLParser(target=builder)).getroot()
-    mj = compile_file(source)[1]
-    names = joint_names(mj)
-    joints = {e.get("name"): e for body in root.findall("worldbody") for e in body.iter("joint")}
-    actuators = [e for section in root.findall("actuator") for e in section if e.tag != "!"]
-    actuators = [e for e in actuators if isinstance(e.tag, str)]
+    root, (spec, mj, _) = read_xml(source)[0], compile_file(source)
+    names, actuators = joint_names(mj), actuators_of_file(root)
+    joints = {joint.get("name"): joint for joint in joints_of_file(root)}
     delays, profiles = target_delays(mj), target_profiles(mj)
     stated = result.robot.servos
     assert stated is not None  # as the logs were of targets
@@ -75,27 +69,20 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         if servo.name not in joints or len(actuators) != mj.nu:
             remedy = "Merge the included files into one (MuJoCo's `compile` does it)."
             raise BadRobot(str(source), servo.name, "it is not in the file itself", remedy)
-        joint = joints[servo.name]
-        joint.attrib |= {
-            "armature": numbers(servo.armature),
-            "damping": "0",
-            "frictionloss": numbers(servo.friction),
-            "solimpfriction": HARD,
-            "solreffriction": _QUICK,
-        }
+        identified = {"armature": servo.armature, "damping": 0.0, "frictionloss": servo.friction}
+        own = joints[servo.name].attrib
+        own.update({key: numbers(value) for key, value in identified.items()})
+        own.update({"solimpfriction": HARD, "solreffriction": _QUICK})
         _set_actuator(actuators[index], servo)
         delays[index], profiles[index] = servo.delay, profile
         if profile[2] == 0:
             actuators[index].attrib.pop("timeconst", None)
     _state(root, TARGET_DELAY, delays)
     _state(root, TARGET_PROFILE, profiles.T.ravel())
+    relocate(root, spec, source, path.resolve().parent)
     for scale in result.scale:
-        if root.find("compiler") is None:
-            root.insert(0, Element("compiler"))
         total = numbers(scale.value * mj.body_subtreemass[0])
         root.findall("compiler")[-1].set("settotalmass", total)
-    for compiler in root.findall("compiler"):
-        _redirect(compiler, source.resolve().parent, path.resolve().parent)
     told = "\n".join(
         f"{s.name}: delay {s.delay * 1e3:.1f} ms, kp "
         + ("determined by gravity" if s.gravity else "a convention")
@@ -106,23 +93,19 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         for scale in result.scale
     )
     parts = {"masses": weighed, "joints": told, "profile": _PROFILED if profiles.any() else ""}
-    remark = _REMARK.format(verdict=result.verdict, **parts)
-    remark = remark.replace("--", "- -")
-    root.insert(0, ElementTree.Comment(remark))
-    write_text(path, ElementTree.tostring(root, encoding="unicode") + "\n")
+    write_xml(path, root, _REMARK.format(verdict=result.verdict, **parts))
 
 
-def _state(root: Element, name: str, data: Array) -> None:
+def _state(root: Node, name: str, data: Array) -> None:
     """States a custom numeric, if not all its numbers are 0."""
     for custom in root.findall("custom"):
         for old in custom.findall(f"numeric[@name='{name}']"):
             custom.remove(old)
     if data.any():
-        custom = ElementTree.SubElement(root, "custom")
-        ElementTree.SubElement(custom, "numeric", name=name, data=numbers(data))
+        SubElement(SubElement(root, "custom"), "numeric", name=name, data=numbers(data))
 
 
-def _set_actuator(element: Element, servo: Servo) -> None:
+def _set_actuator(element: Node, servo: Servo) -> None:
     """Gives an actuator its gains."""
     for key in ("dampratio", "forcerange", "damping", "armature", "delay", "nsample"):
         element.attrib.pop(key, None)
@@ -130,17 +113,10 @@ def _set_actuator(element: Element, servo: Servo) -> None:
     if servo.limit is not None:
         element.set("forcerange", numbers([-servo.limit, servo.limit]))
     if element.tag == "position":
-        element.attrib |= {"kp": numbers(servo.kp), "kv": numbers(servo.kv)}
+        element.attrib.update({"kp": numbers(servo.kp), "kv": numbers(servo.kv)})
     else:
         element.set("gainprm", numbers(servo.kp))
         element.set("biasprm", numbers([0.0, -servo.kp, -servo.kv]))
-
-
-def _redirect(compiler: Element, old: Path, new: Path) -> None:
-    """Makes the folders of meshes and textures relative to the new file's folder."""
-    for directory in ("meshdir", "texturedir"):
-        inside = compiler.get(directory, compiler.get("assetdir", ""))
-        compiler.set(directory, Path(os.path.relpath(old / inside, new)).as_posix())
 
 
 def rollout(

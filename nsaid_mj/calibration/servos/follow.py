@@ -17,8 +17,8 @@ from numba import njit
 from ...parameters import Array
 from .estimate import JointEstimate
 from .fit import EFFECTIVE, GRAVITY
+from .joint_fits import LEAST, start
 from .simulation import NONE, STEP, JointLog, move
-from .start import LEAST, start
 
 _BEGIN = 10.0  # of the first log, whose regression is the filter's start [s]
 _SPREAD = np.array([1.0, 2.0, 2.0])  # standard deviations of ln T, ln f, ln g there

@@ -7,7 +7,7 @@ a profile that the joints have in common, and a profile is used that predicts th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -61,7 +61,11 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     best = tries[int(np.argmin(ratios))]
     if not min(ratios) < _WORTH:
         return none, ()
-    found = best * _refined(lambda scale: float(ratio(scale * best).mean()))
+    spread, options = np.log(_NEAR), {"xatol": _EXACT}
+    least = minimize_scalar(
+        lambda x: float(ratio(np.exp(x) * best).mean()), bounds=(-spread, spread), options=options
+    )
+    found = float(np.exp(least.x)) * best
     after = ratio(found)
     if not after.max() < _BETTER:
         return none, ()
@@ -74,15 +78,6 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     )
     remedy = f"State your controller's own number in map.toml: `[profile]` `{name} = {size:.3g}`."
     return found, (Finding("warning", "hidden_profile", "", text, remedy, {name: size}),)
-
-
-def _refined(cost: Callable[[float], float]) -> float:
-    """The best factor of the first trial."""
-    spread = np.log(_NEAR)
-    found = minimize_scalar(
-        lambda x: cost(float(np.exp(x))), bounds=(-spread, spread), options={"xatol": _EXACT}
-    )
-    return float(np.exp(found.x))
 
 
 def _errors(pieces: Sequence[ServoLog], joints: Indices, profile: Array) -> Array:

@@ -21,7 +21,7 @@ from ..findings import Finding
 from ..logs import Map, Table, read_map, read_tables
 from ..models import load_robot_model
 from ..payloads import Load, carrier, check_loads
-from .estimate import Estimate, JointEstimate, estimate
+from .estimate import Estimate, estimate
 from .fit import DELAY
 from .follow import follow
 from .hidden_profile import hidden_profile
@@ -41,7 +41,7 @@ from .words import (
 
 _MOST = 0.3  # share of masked samples that points to the structure rather than foreign forces
 
-_TRADED = 1e-3  # deviation of delays behind a profile that was not told, on simulated arms [s]
+_TRADED = 1e-3  # that a profile which was not told trades with a delay, on simulated arms [s]
 
 
 class ServoLogs(NamedTuple):
@@ -157,7 +157,7 @@ def identify_servos(
     limits = np.asarray(given.robot.limits, dtype=np.float64)
     found = estimate(given.robot, given.logs, given.kp, told, given.load, limits)
     if profile:
-        found = found._replace(joints=tuple(_traded(joint) for joint in found.joints))
+        found = found._replace(joints=tuple(j.widened(DELAY, _TRADED) for j in found.joints))
     names, joints, used = given.robot.joints, found.joints, found.used
     pairs = list(zip(names, joints, strict=True))
     servos = tuple(servo(name, joint, found.scale) for name, joint in pairs)
@@ -201,13 +201,6 @@ def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
     logs = tuple(log._replace(target=followed(log.t, log.issued, every)) for log in given.logs)
     robot = replace(given.robot, servos=servos._replace(profile=every))
     return given._replace(robot=robot, logs=logs) if said else given, said
-
-
-def _traded(joint: JointEstimate) -> JointEstimate:
-    """The estimate whose interval of the delay includes what a profile found by the logs trades."""
-    wider = np.zeros_like(joint.covariance)
-    wider[DELAY, DELAY] = (_TRADED / joint.theta[DELAY]) ** 2
-    return joint._replace(covariance=joint.covariance + wider)
 
 
 def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:

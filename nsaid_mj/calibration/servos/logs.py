@@ -14,18 +14,16 @@ from ...robot.model import Servos
 from ...robot.target_profile import followed
 from ...structure.optional import pin
 from ..data import RobotModel
-from ..findings import Finding, UnusableLog
+from ..findings import Finding, UnmatchedChannels, UnusableLog, refused
 from ..links import positions
 from ..logs import Map, signals
 from ..logs.checks import beyond_limits
-from ..logs.cleaning import Recording, clean
-from ..logs.errors import UnmatchedChannels
+from ..logs.cleaning import clean
 from ..logs.formats.run import FOLLOWED
-from ..logs.joining import join
 from ..logs.layout import Layout, Source
 from ..logs.mapping import Column, Joint
 from ..logs.matching import candidates, lacking_targets, match_targets
-from ..logs.tables import Table
+from ..logs.tables import Table, join
 from .simulation import STEP, JointLog, move_arm
 
 DELAYS = np.arange(0.0, 0.31, 0.01)
@@ -167,12 +165,12 @@ def read_servo_logs(
     fast = np.quantile(np.concatenate(speeds), 0.95, axis=0)
     findings += beyond_limits(np.concatenate([log.position for log in logs]), fast, robot)
     findings += _motionless(logs)
-    if any(f.level == "refusal" for f in findings):
+    if refused(findings):
         raise UnusableLog(tuple(findings))
     return tuple(weighed(model, log) for log in logs), tuple(findings)
 
 
-def _stiffer(recordings: Sequence[Recording], mapping: Map) -> dict[str, float]:
+def _stiffer(recordings: Sequence[Table], mapping: Map) -> dict[str, float]:
     """kp of the recordings over that of the first, by their sources, as far as the map tells.
 
     Raises:
@@ -223,7 +221,7 @@ def _layout(columns: dict[str, Joint], joints: Sequence[str]) -> Layout:
 
 
 def _stretches(
-    recording: Recording, made: Layout, servos: Servos
+    recording: Table, made: Layout, servos: Servos
 ) -> tuple[list[ServoLog], tuple[Finding, ...]]:
     """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
     found, findings = clean(recording, made)

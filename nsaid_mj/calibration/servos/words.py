@@ -58,21 +58,8 @@ def parameters(
         value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
         if half > 1.0 and short != "kp":
             low = 0.0  # the motion is linear in all but kp, and hardly differs without it
-        about = f"{label} of {name}"
-        found.append(
-            Parameter(
-                f"{short}_{k}",
-                about,
-                "servo",
-                units[joint.slides],
-                value,
-                low,
-                high,
-                np.nan,
-                status,
-                combination,
-            )
-        )
+        about = f"{short}_{k}", f"{label} of {name}", "servo", units[joint.slides]
+        found.append(Parameter(*about, value, low, high, np.nan, status, combination))
     return tuple(found)
 
 
@@ -151,20 +138,15 @@ def verdict(
 ) -> tuple[Explains, str, tuple[Finding, ...]]:
     """Whether the model explains the logs better than predictions without a model."""
     moving = [k for k, joint in enumerate(joints) if joint.judged]
-    poor = [k for k, joint in enumerate(joints) if joint.poor]
-    findings = [
-        Finding(
-            "warning",
-            "no_better_than_simple",
-            servos[k].name,
-            "the delayed target itself or a constant position predicts the motion nearly as well "
-            f"({joints[k].simple * 1e3:.1f} {joints[k].unit}) as the servo's model "
-            f"({joints[k].error * 1e3:.1f} {joints[k].unit}); its numbers mean nothing",
-            "Record faster motions, stops and reversals; check that targets and positions have "
-            "the same zero, unit and sign.",
-        )
-        for k in poor
-    ]
+    poor, findings = [k for k, joint in enumerate(joints) if joint.poor], []
+    for k in poor:
+        one = joints[k]
+        simple, error = (f"({x * 1e3:.1f} {one.unit})" for x in (one.simple, one.error))
+        text = "the delayed target itself or a constant position predicts the motion nearly as "
+        text += f"well {simple} as the servo's model {error}; its numbers mean nothing"
+        remedy = "Record faster motions, stops and reversals; check that targets and positions "
+        remedy += "have the same zero, unit and sign."
+        findings.append(Finding("warning", "no_better_than_simple", servos[k].name, text, remedy))
     still = [servos[k].name for k in range(len(servos)) if k not in moving]
     if still:
         text = "it hardly moves, or follows its target exactly, so it is not judged"
@@ -172,10 +154,7 @@ def verdict(
     explains: Explains = "yes" if not poor else "partly"
     if len(poor) == len(moving):
         explains = "no"
-    ours, late = (
-        1e3 * float(np.mean([part for part in parts]))
-        for parts in ([j.error for j in joints], [j.simple for j in joints])
-    )
+    ours, late = 1e3 * np.mean([(joint.error, joint.simple) for joint in joints], axis=0)
     unit = " or ".join(sorted({joint.unit for joint in joints}, reverse=True))
     words = {"yes": "explains", "partly": "partly explains", "no": "does not explain"}[explains]
     sentence = (
@@ -194,28 +173,18 @@ def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> t
     if others:
         source = "the mean of the others" if told else "the model file's"
         source += " unless the motion contradicts that"
-        found.append(
-            Finding(
-                "note",
-                "kp_convention",
-                ", ".join(others),
-                f"gravity does not reveal kp, which is {source}; the motion depends on kv/kp, f/kp "
-                "and armature/kp",
-            )
-        )
+        text = f"gravity does not reveal kp, which is {source}; the motion depends on kv/kp, f/kp "
+        text += "and armature/kp"
+        found.append(Finding("note", "kp_convention", ", ".join(others), text))
     for s, joint in zip(servos, joints, strict=True):
-        if s.gravity and abs(joint.offset) > 0.02:
-            found.append(
-                Finding(
-                    "note",
-                    "offset_trade",
-                    s.name,
-                    "kp and an offset between the zeros of target and position trade: "
-                    f"{1e3 * joint.zero:.2g} {joint.unit} would change kp by "
-                    f"{100 * abs(joint.offset):.0f} %; the interval includes this",
-                    data={"relative": abs(joint.offset)},
-                )
+        size = abs(joint.offset)
+        if s.gravity and size > 0.02:
+            text = "kp and an offset between the zeros of target and position trade: "
+            text += (
+                f"{1e3 * joint.zero:.2g} {joint.unit} would change kp by {100 * size:.0f} %; the "
             )
+            text += "interval includes this"
+            found.append(Finding("note", "offset_trade", s.name, text, data={"relative": size}))
     return tuple(found)
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from ... import __version__
 from ...calibration import words
-from ...calibration.result import Identification
-from ...calibration.timeline import own_shifts, recording_shifts
+from ...calibration.result import Identification, own_shifts, recording_shifts
 from ...evaluation.confidence import INTERVAL
 from ...evaluation.result import STATUSES, Mark, Parameter, counts
 from ...evaluation.words import estimate

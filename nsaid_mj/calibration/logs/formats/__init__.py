@@ -1,7 +1,8 @@
 """File formats of logs: one module for each, chosen by the content of a file.
 
-A module has `recognises(path, head)`, whether a file (or folder) with the given first bytes has its
-format, and `read(path)`, its columns. The text format accepts what no other one recognises.
+A module has `read(path)`: the file's columns, in groups that share their rows. It may raise
+whatever its library raises, an `ImportError` where that is not installed; it calls `check_size`
+before it unpacks.
 """
 
 from __future__ import annotations
@@ -14,15 +15,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from contextvars import ContextVar
 from pathlib import Path
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple
 
 import numpy as np
 
 from ....errors import InvalidInput, NsaidError, printable
-from ..errors import UnreadableLog
-
-HEAD = 64
-"""Number of bytes by which a format is recognised."""
+from ....experiment.record import FILE
+from ...findings import MissingExtra, UnreadableLog
 
 LIMIT = 4.0
 """Largest size of an unpacked file, unless `limited_to` says otherwise [GB]."""
@@ -33,7 +32,6 @@ STRAY = "a stray quote"
 """The problem of a row whose quotes were ignored."""
 
 _MOST_SAID = 1 << 20  # characters of a library's output that are examined
-_ORDER = ("run", "lerobot", "arrow", "npz", "rosbag", "ulog", "dataflash", "rrd", "text")
 _SUFFIXES = (
     *(".csv", ".tsv", ".gz", ".parquet", ".arrow", ".feather", ".npz"),
     *(".bag", ".mcap", ".ulg", ".bin", ".rrd"),
@@ -59,26 +57,47 @@ class Columns(NamedTuple):
     skipped: int = 0
 
 
-class Format(Protocol):
-    """The interface of a module of this folder; `LIBRARY` names the reader in messages."""
+class Format(NamedTuple):
+    """A file format.
 
-    LIBRARY: str
+    Attributes:
+        name: of its module, which is imported for files of this format alone.
+        library: that reads it, for messages.
+        heads: first bytes of a file.
+        inside: name of the file by which a folder is one log; "" if none is.
+        extra: the optional dependency with the library; "" if it is always there.
+    """
 
-    def recognises(self, path: Path, head: bytes, /) -> bool:
-        """Whether a file with these first bytes has the format."""
-        ...
+    name: str
+    library: str
+    heads: tuple[bytes, ...] = ()
+    inside: str = ""
+    extra: str = ""
 
-    def read(self, path: Path) -> list[Columns]:
-        """The file's columns, in groups that share their rows.
+    def recognises(self, path: Path, head: bytes = b"") -> bool:
+        """Whether a file with these first bytes, or a folder, has this format."""
+        named = self.inside and (path.name == self.inside or (path / self.inside).is_file())
+        return bool(named) or head.startswith(self.heads)
 
-        It may raise whatever the library raises; it calls `check_size` before it unpacks.
-        """
-        ...
+
+_BAGS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
+FORMATS = (
+    Format("run", "Arrow", inside=FILE),
+    Format("lerobot", "Arrow", inside="meta/info.json"),
+    Format("arrow", "Arrow", (b"PAR1", b"ARROW1", b"\xff\xff\xff\xff")),
+    Format("npz", "NumPy", (b"PK\x03\x04",)),
+    Format("rosbag", "rosbags", _BAGS, inside="metadata.yaml", extra="ros"),
+    Format("ulog", "pyulog", (b"ULog\x01\x12\x35",), extra="ulog"),
+    Format("dataflash", "pymavlink", (b"\xa3\x95\x80",), extra="dataflash"),
+    Format("rrd", "Rerun", (b"RRF",), extra="view"),
+)
+TEXT = Format("text", "the reader of text tables", (b"\x1f\x8b",))
+"""Of a gzip file, and of any other without a byte 0 that no other format recognises."""
 
 
 def files(path: Path) -> list[Path]:
     """The log files of a folder, ordered by name; a log that is a folder is one."""
-    if not path.is_dir() or any(_module(name).recognises(path, b"") for name in _ORDER[:-1]):
+    if not path.is_dir() or any(form.recognises(path) for form in FORMATS):
         return [path]
     found = sorted(p for p in path.iterdir() if p.suffix.lower() in _SUFFIXES and p.is_file())
     if not found:
@@ -102,20 +121,14 @@ def read(path: Path) -> list[Columns]:
     head = b""
     if path.is_file():
         with path.open("rb") as stream:
-            head = stream.read(HEAD)
+            head = stream.read(64)
         if not head:
             raise UnreadableLog(path, "the file is empty", "Record the log again.")
-    for name in _ORDER:
-        candidate = _module(name)
-        if candidate.recognises(path, head):
-            return _read(candidate, path)
+    found = next((form for form in (*FORMATS, TEXT) if form.recognises(path, head)), None)
+    if found is not None or (path.is_file() and b"\x00" not in head):
+        return _read(found or TEXT, path)
     remedy = "Known are CSV, Parquet, Arrow, npz, ROS bags, MCAP, ULog, DataFlash, LeRobot, Rerun."
     raise UnreadableLog(path, "no known format", remedy)
-
-
-def _module(name: str) -> Format:
-    """A format's module, imported alone: some need an optional library, which most files do not."""
-    return cast(Format, importlib.import_module(f"{__name__}.{name}"))
 
 
 @contextmanager
@@ -141,20 +154,22 @@ def check_size(path: Path, size: int) -> None:
         )
 
 
-def _read(candidate: Format, path: Path) -> list[Columns]:
+def _read(form: Format, path: Path) -> list[Columns]:
     """Reads a file with one format; the only boundary to the formats' libraries."""
     try:
         with _output_caught() as output:
-            found = candidate.read(path)
+            found = importlib.import_module(f"{__name__}.{form.name}").read(path)
     except NsaidError:
         raise
+    except ImportError as error:
+        raise MissingExtra(path, form.extra) from error
     except Exception as error:  # whatever a library raises on a damaged file
         said = " ".join(printable(str(error)).split())[:200]
-        reason = f"{candidate.LIBRARY} cannot read it ({type(error).__name__}: {said})"
+        reason = f"{form.library} cannot read it ({type(error).__name__}: {said})"
         raise UnreadableLog(path, reason, "Record or export the log again.") from error
     # lines with control characters are from our own progress bar, drawn meanwhile
     if said := [line for line in output if line.strip() and line == printable(line)]:
-        about = (candidate.LIBRARY, f"its first of {len(said)} messages is: {said[0][:200]}")
+        about = (form.library, f"its first of {len(said)} messages is: {said[0][:200]}")
         found[0] = found[0]._replace(dropped=(*found[0].dropped, about))
     return [
         group._replace(values={printable(name): column for name, column in group.values.items()})

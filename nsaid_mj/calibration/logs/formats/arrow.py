@@ -11,16 +11,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
 
-LIBRARY = "Arrow"
-_PARQUET, _FILE, _STREAM = b"PAR1", b"ARROW1", b"\xff\xff\xff\xff"
-
-
-def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it begins like Parquet or Arrow."""
-    return head.startswith((_PARQUET, _FILE, _STREAM))
+_PARQUET, _FILE = b"PAR1", b"ARROW1"  # first bytes of files that are no streams
 
 
 def read(path: Path) -> list[Columns]:

@@ -8,19 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import MissingExtra, UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
-
-LIBRARY = "pymavlink"
 
 _LATEST = 1e15  # thirty years [µs]; a time beyond is damaged
 _INSTANCES = ("I", "Instance", "C")
-_HEAD = b"\xa3\x95\x80"  # the first message declares the format of formats
-
-
-def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it begins like DataFlash."""
-    return head.startswith(_HEAD)
 
 
 def read(path: Path) -> list[Columns]:
@@ -30,13 +22,10 @@ def read(path: Path) -> list[Columns]:
     `KIND_1/FIELD` of instance 1.
 
     Raises:
-        MissingExtra: `pymavlink` is not installed.
         UnreadableLog: the file is beyond the limit or has no message with a time.
     """
-    try:
-        from pymavlink.DFReader import DFReader_binary
-    except ImportError as error:
-        raise MissingExtra(path, "dataflash") from error
+    from pymavlink.DFReader import DFReader_binary
+
     check_size(path, path.stat().st_size)
     rows: dict[tuple[str, tuple[str, ...]], list[list[float]]] = defaultdict(list)
     unread: dict[str, str] = {}

@@ -13,19 +13,13 @@ import numpy as np
 import pyarrow as pa
 
 from ....resources import json_of
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns
 from .arrow import flat, table_of
 
-LIBRARY = "Arrow"
 _PAUSE = 1.0  # between episodes [s]: the log is split there
 _OWN = ("episode_index", "frame_index", "timestamp")
 _REMEDY = "Download the whole dataset, with its folders `meta` and `data`."
-
-
-def recognises(path: Path, _head: bytes) -> bool:
-    """Whether it is the folder of a dataset."""
-    return (path / "meta" / "info.json").is_file()
 
 
 def read(path: Path) -> list[Columns]:

@@ -7,15 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
-
-LIBRARY = "NumPy"
-
-
-def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it is a zip archive."""
-    return head.startswith(b"PK\x03\x04")
 
 
 def read(path: Path) -> list[Columns]:

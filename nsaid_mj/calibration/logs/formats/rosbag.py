@@ -13,19 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import MissingExtra, UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
 
-LIBRARY = "rosbags"
-
-_HEADS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 _VECTOR = ("x", "y", "z")
 _QUATERNION = ("x", "y", "z", "w")
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is a bag, or the folder of one."""
-    return (path / "metadata.yaml").is_file() or head.startswith(_HEADS)
 
 
 def read(path: Path) -> list[Columns]:
@@ -36,14 +28,11 @@ def read(path: Path) -> list[Columns]:
     `TOPIC/data_0` …
 
     Raises:
-        MissingExtra: `rosbags` is not installed.
         UnreadableLog: the bag is beyond the limit or has no message of these types.
     """
-    try:
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise MissingExtra(path, "ros") from error
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
     times: dict[str, list[int]] = defaultdict(list)
     rows: dict[str, list[dict[str, float]]] = defaultdict(list)
     store, numbers = get_typestore(Stores.ROS2_HUMBLE), 0
@@ -82,15 +71,9 @@ def _stamp(message: Any) -> int:
 
 def _joints(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
     """Each joint's numbers; a part that the publisher leaves empty is absent."""
+    parts = {part: getattr(message, part) for part in ("position", "velocity", "effort")}
     for k, joint in enumerate(message.name):
-        yield (
-            joint,
-            {
-                f"{part}/{joint}": float(getattr(message, part)[k])
-                for part in ("position", "velocity", "effort")
-                if len(getattr(message, part)) > k
-            },
-        )
+        yield joint, {f"{part}/{joint}": float(x[k]) for part, x in parts.items() if len(x) > k}
 
 
 def _odometry(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
@@ -101,10 +84,8 @@ def _odometry(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
         ("linear", twist.linear, _VECTOR),
         ("angular", twist.angular, _VECTOR),
     )
-    yield (
-        "odometry",
-        {f"{name}/{axis}": getattr(part, axis) for name, part, axes in parts for axis in axes},
-    )
+    found = {f"{name}/{axis}": getattr(part, axis) for name, part, axes in parts for axis in axes}
+    yield "odometry", found
 
 
 def _array(message: Any) -> Iterator[tuple[str, dict[str, float]]]:

@@ -9,18 +9,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ..errors import MissingExtra, UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns
 
-LIBRARY = "Rerun"
-_HEAD = b"RRF"
 _VALUES, _NAMES = "Scalars:scalars", "SeriesLines:names"
 _LOGGED = "log_time"  # Rerun's own timeline, used where the recording has no other times
-
-
-def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it begins like a Rerun recording."""
-    return head.startswith(_HEAD)
 
 
 def read(path: Path) -> list[Columns]:
@@ -30,13 +23,10 @@ def read(path: Path) -> list[Columns]:
     `log_time` if there is no other.
 
     Raises:
-        MissingExtra: `rerun-sdk` is not installed.
         UnreadableLog: the file has no scalars over time.
     """
-    try:
-        from rerun.chunk import RrdReader
-    except ImportError as error:
-        raise MissingExtra(path, "view") from error
+    from rerun.chunk import RrdReader
+
     parts: dict[str, list[pa.RecordBatch]] = defaultdict(list)
     names: dict[str, list[str]] = {}
     for chunk in RrdReader(path).stream():

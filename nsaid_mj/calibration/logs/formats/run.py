@@ -8,17 +8,11 @@ import numpy as np
 
 from ....errors import BadRun
 from ....experiment.record import FILE, PROFILED, TARGET_DELAYS, Record
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
 
-LIBRARY = "Arrow"
 FOLLOWED = "followed"
 """First word of columns of targets to which a profile has been applied."""
-
-
-def recognises(path: Path, _head: bytes) -> bool:
-    """Whether it is the folder of a run or its record."""
-    return (path / FILE).is_file() or path.name == FILE
 
 
 def read(path: Path) -> list[Columns]:

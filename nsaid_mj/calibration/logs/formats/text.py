@@ -13,11 +13,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from ..errors import UnreadableLog
+from ...findings import UnreadableLog
 from . import STRAY, Columns, check_size
 from .arrow import numpy_column
 
-LIBRARY = "the reader of text tables"
 _NULLS = ["", "NaN", "nan", "-nan", "NA", "N/A", "null", "NULL", "None", "none", "-", "--"]
 _NULLS += ["#N/A", "#NA", "#NV", "#VALUE!", "#DIV/0!", "#REF!", "#NUM!", "1.#QNAN", "-1.#IND"]
 _COMMENT = re.compile(rb"^[ \t]*(?:#|%|//)")
@@ -49,11 +48,6 @@ class Dialect(NamedTuple):
     decimal: str
     names: list[str]
     header: bool
-
-
-def recognises(path: Path, head: bytes) -> bool:
-    """Whether it is text or a gzip file; UTF-16 and other binary data are not."""
-    return path.is_file() and (head.startswith(b"\x1f\x8b") or b"\x00" not in head)
 
 
 def read(path: Path) -> list[Columns]:

@@ -6,17 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import MissingExtra, UnreadableLog
+from ...findings import UnreadableLog
 from . import Columns, check_size
-
-LIBRARY = "pyulog"
-
-_HEAD = b"ULog\x01\x12\x35"
-
-
-def recognises(_path: Path, head: bytes) -> bool:
-    """Whether it begins like ULog."""
-    return head.startswith(_HEAD)
 
 
 def read(path: Path) -> list[Columns]:
@@ -25,13 +16,10 @@ def read(path: Path) -> list[Columns]:
     Times are the fields `timestamp`, or `timestamp_sample` where a topic has it.
 
     Raises:
-        MissingExtra: `pyulog` is not installed.
         UnreadableLog: the file is beyond the limit or has no data.
     """
-    try:
-        from pyulog import ULog
-    except ImportError as error:
-        raise MissingExtra(path, "ulog") from error
+    from pyulog import ULog
+
     check_size(path, path.stat().st_size)
     log = ULog(str(path))
     found = []
@@ -50,6 +38,6 @@ def read(path: Path) -> list[Columns]:
         raise UnreadableLog(path, "the log has no data", "Record the log again.")
     dropped = []
     if log.file_corruption:
-        dropped.append((LIBRARY, "a part of the file is damaged and was skipped"))
+        dropped.append(("pyulog", "a part of the file is damaged and was skipped"))
     dropped += [("logger", f"{d.duration} ms were not recorded") for d in log.dropouts]
     return [found[0]._replace(dropped=tuple(dropped)), *found[1:]]
