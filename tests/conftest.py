@@ -2,6 +2,7 @@
 
 import gc
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,14 @@ wait.
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     rank = {Path(__file__).parent / name: k for k, name in enumerate(DEAREST)}
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
+
+
+@pytest.fixture(scope="module")
+def no_drawings() -> Iterator[None]:
+    """Pages without drawings, which take more than half of the time of `nsaid identify`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("nsaid_mj.reporting.drawings.draw", lambda panel: "<svg></svg>")
+        yield
 
 
 @pytest.fixture

@@ -18,6 +18,9 @@ from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.resources import asset
 
 
+pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/reporting looks at the pages
+
+
 class Found(NamedTuple):
     """What `nsaid identify` says of a log.
 
