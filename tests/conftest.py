@@ -51,6 +51,12 @@ wait.
 """
 
 
+def pytest_collection_finish() -> None:
+    """Leaves what is imported and collected out of every later search for cycles."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     rank = {Path(__file__).parent / name: k for k, name in enumerate(DEAREST)}
