@@ -4,7 +4,6 @@
     python -m scripts.calibration scale [--robots ur5,panda,kinova,z1,xarm7] [--seeds 100:110]
     python -m scripts.calibration payload [--seeds 0:5]
     python -m scripts.calibration tx40
-    python -m scripts.calibration laws FOLDER [--robots ur5,panda]
 
 - `arms`: logs `Simulated` of scripts/simulated_logs.py, the scale fixed by one known gain. Errors
   of the gain ratios, and whether the stated intervals hold.
@@ -17,9 +16,6 @@
 - `tx40`: three fifths of the moving part of the Stäubli's log (last, first, middle) are held out in
   turn: NRMSE of every joint, and its ratio to weighted least squares on the same rows. Then the
   published essential parameters with the gears given, and the gains where they are free.
-- `laws`: how far the laws that see a log once stay from the batch fit. Every folder below FOLDER
-  with a model (.urdf or .xml) and logs (.csv or .csv.gz) is identified by every law, with its own
-  map.toml or that of the packed robot of its name; then 20 s of simulated robots.
 """
 
 from __future__ import annotations
@@ -28,26 +24,21 @@ import argparse
 import csv
 import re
 import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from nsaid_mj.calibration.arms import structured_arm
 from nsaid_mj.calibration.calibrate import tempered_fit
-from nsaid_mj.calibration.data import RobotModel
 from nsaid_mj.calibration.fit import minimise
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.law import LAWS, follow_log
 from nsaid_mj.calibration.logs import prepare, read_map, read_tables
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.payloads import Load
 from nsaid_mj.calibration.precision import tempered
 from nsaid_mj.calibration.problem import least_squares
-from nsaid_mj.calibration.result import AlongLog
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
 from nsaid_mj.calibration.structure import Options
-from nsaid_mj.errors import NsaidError
 from nsaid_mj.resources import asset
 
 from .simulated_logs import HeavyWrist, Simulated, nominal_model
@@ -213,85 +204,20 @@ def tx40() -> None:
         print(f"{gain.label}: {gain.value:.3f} [{gain.low:.2f}, {gain.high:.2f}] {gain.status}")
 
 
-# -- laws that see a log once ----------------------------------------------------------------------
-
-HEADS = ("log", "law", "largest deviation of a gain's ratio", "gains whose interval holds the "
-         "batch fit's", "told apart", "misfit", "NRMSE of the last fifth", "time [s]")  # fmt: skip
-
-
-def laws(folder: Path, robots: list[str]) -> None:
-    """Prints the table of the laws along every log, or why one cannot follow it."""
-    rows = ["| " + " | ".join(HEADS) + " |", "|---" * len(HEADS) + "|"]
-    print("\n".join(rows))
-    for place in sorted(path for path in folder.iterdir() if path.is_dir()):
-        models = sorted([*place.glob("*.urdf"), *place.glob("*.xml")])
-        logs = sorted([*place.glob("*.csv"), *place.glob("*.csv.gz")])
-        logs = [log for log in logs if "parameters" not in log.name]
-        maps = [place / "map.toml", asset(place.name, "map.toml")]
-        mapping = next((path for path in maps if path.is_file()), None)
-        if models and logs:
-            along(place.name, str(models[0]), logs, mapping)
-    for name in robots:
-        simulated = Simulated(name, 0, 20.0)
-        with tempfile.TemporaryDirectory() as place:
-            log = simulated.write(Path(place) / "log.csv")
-            along(f"{name}, simulated", nominal_model(simulated, 0), [log], None)
-
-
-def along(name: str, model: str | RobotModel, logs: list[Path], mapping: Path | None) -> None:
-    """Prints the rows of a robot; of a servo's logs, that only its own fit can use them."""
-    for row in lines(name, model, logs, mapping):
-        print("| " + " | ".join([*row, *[""] * (len(HEADS) - len(row))]) + " |", flush=True)
-
-
-def lines(
-    name: str, model: str | RobotModel, logs: list[Path], mapping: Path | None
-) -> Iterator[list[str]]:
-    """The cells of a robot's rows."""
-    if isinstance(model, str) and servo_logs(model, logs) is not None:
-        yield [name, "all but batch", "its commands are position targets"]
-        return
-    found = identify(model, logs, mapping=mapping)
-    for law in LAWS:
-        if law == "batch":
-            worst = max(joint.held_out for joint in found.joints)
-            yield [name, law, "", "", "", found.explains, f"{worst:.3f}", f"{found.seconds:.0f}"]
-            continue
-        try:
-            with tempfile.TemporaryDirectory() as folder:
-                yield [name, law, *figures(follow_log(law, found, Path(folder)))]
-        except NsaidError as error:
-            yield [name, law, str(error)]
-
-
-def figures(followed: AlongLog) -> list[str]:
-    """The cells of a law that has followed a log."""
-    apart = max((abs(g.law / g.batch - 1) for g in followed.gains), default=np.nan)
-    stated = [g for g in followed.gains if np.isfinite(g.half)]
-    covered = f"{sum(g.covers for g in stated)} of {len(stated)}" if stated else "no intervals"
-    halves = f", ± {np.median([g.half for g in stated]):.0%}" if stated else ""
-    last = f"{np.nanmax(followed.last):.3f} (batch {np.nanmax(followed.batch_last):.3f})"
-    status = "" if followed.completed else f", ended at {followed.run.ending.time:.1f} s"
-    told = str(sum(g.apart for g in followed.gains)) if stated else "–"
-    return [f"{apart:.0%}{status}", covered + halves, told, followed.misfit or "–", last,
-            f"{followed.seconds:.1f}"]  # fmt: skip
-
-
 def main() -> None:
     """Runs a study."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    studies = ("arms", "scale", "payload", "tx40", "laws")
+    studies = ("arms", "scale", "payload", "tx40")
     parser.add_argument("study", choices=studies, nargs="?", default="arms")
-    parser.add_argument("folder", type=Path, nargs="?")
-    parser.add_argument("--robots", help="of arms, scale and laws")
+    parser.add_argument("--robots", help="of arms and scale")
     parser.add_argument("--seeds", help="as 0:5; of arms, scale and payload")
     parser.add_argument("--duration", type=float, help="of arms (40) and scale (30) [s]")
     parser.add_argument("--rate", type=float, default=500.0, help="of arms [Hz]")
     chosen = parser.parse_args()
     robots = {"arms": "ur5,panda,kinova", "scale": "ur5,panda,kinova,z1,xarm7"}
-    names = (chosen.robots or robots.get(chosen.study, "ur5,panda")).split(",")
+    names = (chosen.robots or robots.get(chosen.study, "")).split(",")
     first, last = (chosen.seeds or ("0:10" if chosen.study == "scale" else "0:5")).split(":")
     seeds = range(int(first), int(last))
     if chosen.study == "arms":
@@ -300,12 +226,8 @@ def main() -> None:
         scale(names, seeds, chosen.duration or 30.0)
     elif chosen.study == "payload":
         payload(seeds)
-    elif chosen.study == "tx40":
-        tx40()
-    elif chosen.folder is None:
-        parser.error("laws: name the folder of the robots' folders")
     else:
-        laws(chosen.folder, names)
+        tx40()
 
 
 if __name__ == "__main__":

@@ -1,7 +1,6 @@
-"""Measures how computing time grows with the system's size, and memory with a run's duration.
+"""Measures how computing time grows with the system's size.
 
     python scripts/growth.py [FOLDER]             time per step against size: growth.png, .json
-    python scripts/growth.py --hour [FOLDER]      memory over an hour of a run: memory.png, .json
     python scripts/growth.py --log [SECONDS]      time and memory of `nsaid identify` on a long log
 
 Time: serial chains of 1 to 38 joints (xarm7s end to end), fixed-base and floating robots, and
@@ -13,14 +12,12 @@ in a run.
 
 import argparse
 import json
-import os
 import resource
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -32,12 +29,10 @@ import pinocchio as pin
 from machine import machine
 from simulated_logs import Simulated
 
-from nsaid_mj import ArmPlant, Measurement, NullspaceAID, Scenario
+from nsaid_mj import ArmPlant, Measurement, NullspaceAID
 from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.identifiers import State
 from nsaid_mj.log import Log
-from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import nominal_scales
 from nsaid_mj.robot.loading import Base, load_robot
 from nsaid_mj.robot.tree import tree_spec
@@ -243,77 +238,6 @@ def draw_growth(rows: list[Row], path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-# -- memory ----------------------------------------------------------------------------------------
-
-
-class Watch(Observer):
-    """Records the process's resident memory once a minute of simulated time.
-
-    Attributes:
-        rows: simulated time [s] and resident memory [MB] of every sample.
-    """
-
-    def __init__(self) -> None:
-        self.rows: list[tuple[float, float]] = []
-
-    def start(self, scenario: Scenario, plant: Plant) -> None:
-        """Does nothing: the first sample is that of the first stretch."""
-
-    def see(
-        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
-    ) -> None:
-        """Records the memory if a minute has passed since the last sample."""
-        if measurement.t >= 60 * len(self.rows) - DT:
-            pages = int(Path("/proc/self/statm").read_text().split()[1])
-            self.rows.append((measurement.t, pages * os.sysconf("SC_PAGE_SIZE") / 1e6))
-
-    def stop(self) -> None:
-        """Does nothing."""
-
-
-def an_hour(name: str) -> None:
-    """Runs a scenario for an hour of simulated time; prints its memory over time as JSON."""
-    scenario = load(name)
-    identifier = replace(scenario.identifier, law="memory")
-    scenario = replace(scenario, identifier=identifier, duration=3600.0, record_every=100)
-    watch = Watch()
-    with tempfile.TemporaryDirectory() as folder:
-        ended = run(scenario, Path(folder), watch)
-        size = (Path(folder) / "record.arrow").stat().st_size
-    words = {"scenario": name, "law": "memory", "status": ended.ending.status.words}
-    costs = {"wall_s": ended.cost.wall, "steps": ended.cost.steps, "record_bytes": size}
-    print(json.dumps(words | costs | {"rows": watch.rows}))
-
-
-def memory(folder: Path, names: list[str]) -> None:
-    """Runs scenarios for an hour each, in separate processes, and plots their memory."""
-    here, found = machine(), []
-    figure, axis = plt.subplots(figsize=(9, 4.4), layout="constrained")
-    for name, (colour, mark, _) in zip(names, STYLES.values(), strict=False):
-        words = [sys.executable, __file__, "--one", name]
-        done = subprocess.run(words, check=True, capture_output=True, text=True)
-        row = json.loads(done.stdout.splitlines()[-1])
-        t, size = np.array(row["rows"]).T
-        later = t >= 600
-        slope = float(np.polyfit(t[later] / 3600, size[later], 1)[0])
-        found.append(row | {"slope_MB_per_hour": slope})
-        print(
-            f"{name}: {row['status']}, {slope:+.2f} MB/h after the first ten minutes, "
-            f"{size[later].min():.1f} to {size[later].max():.1f} MB",
-            flush=True,
-        )
-        label = f"{name}, law {row['law']}: {slope:+.2f} MB/h after 10 min"
-        axis.plot(t / 60, size, color=colour, marker=mark, ms=4, lw=1.2, label=label)
-    document = {"machine": here, "unit": "s, MB resident", "runs": found}
-    (folder / "memory.json").write_text(json.dumps(document, indent=1) + "\n")
-    most = max(size for row in found for _, size in row["rows"])
-    axis.set(xlim=(0, 60), ylim=(0, 1.25 * most), title="A run of an hour, 360 000 steps")
-    axis.set(xlabel="simulated time [min]", ylabel="resident memory of the process [MB]")
-    axis.grid(alpha=0.3)
-    axis.legend(loc="lower right")
-    figure.savefig(folder / "memory.png", dpi=110)
-
-
 def long_log(seconds: float) -> None:
     """Prints what `nsaid identify` takes for a CSV log of six joints at 1 kHz."""
     with tempfile.TemporaryDirectory() as folder:
@@ -327,20 +251,13 @@ def long_log(seconds: float) -> None:
 
 
 def main() -> None:
-    """Measures time or, with --hour and --log, memory."""
+    """Measures the time of steps or, with --log, of an identification."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("folder", type=Path, nargs="?", default=Path("docs"))
-    parser.add_argument("--hour", action="store_true", help="measure memory instead of time")
-    parser.add_argument("--scenarios", nargs="+", default=["bluerov2", "scalar_rov"])
     parser.add_argument("--log", type=float, nargs="?", const=3600.0, metavar="SECONDS")
-    parser.add_argument("--one", help=argparse.SUPPRESS)
     chosen = parser.parse_args()
-    if chosen.one:
-        an_hour(chosen.one)
-    elif chosen.log:
+    if chosen.log:
         long_log(chosen.log)
-    elif chosen.hour:
-        memory(chosen.folder, chosen.scenarios)
     else:
         growth(chosen.folder)
 

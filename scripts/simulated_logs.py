@@ -80,8 +80,8 @@ class Simulated:
             current = np.round(current / 0.004) * 0.004
             jitter, delay = self.jitter * rng.uniform(-1, 1, len(times)), self.delay
             keep[int(0.4 * len(times)) : int(0.4 * len(times) + 1.5 * rate)] = False
-        angles = _coordinates(model, log.q).T
-        q = np.column_stack([np.interp(times + jitter, t, angle) for angle in angles])
+        angles = np.unwrap(self.setup.system.angles(log.q), axis=0)
+        q = np.column_stack([np.interp(times + jitter, t, angle) for angle in angles.T])
         q = q + 1e-4 * rng.standard_normal(q.shape)
         held = np.clip(np.searchsorted(t, times + delay, side="right") - 1, 0, len(t) - 1)
         arm = [j for j, joint in enumerate(names) if "finger" not in joint]  # they are locked
@@ -95,17 +95,6 @@ class Simulated:
     def write(self, path: Path, **changes: Array) -> Path:
         """Writes the log as CSV; `changes` may replace q or u."""
         return _write(path, self.joints, self.t, **{"q": self.q, "u": self.u} | changes)
-
-
-def _coordinates(model: pin.Model, q: Array) -> Array:
-    """(N, n) angles of Pinocchio's q."""
-    found = np.empty((len(q), model.nv))
-    for joint in list(model.joints)[1:]:
-        column = q[:, joint.idx_q]
-        if joint.nq == 2:
-            column = np.unwrap(np.arctan2(q[:, joint.idx_q + 1], column))
-        found[:, joint.idx_v] = column
-    return found
 
 
 def nominal_model(simulated: Simulated, seed: int) -> RobotModel:

@@ -2,6 +2,7 @@
 
 import gc
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,13 @@ DEAREST = (
     "calibration/test_families.py",
     "plants/test_aerial.py",
     "design/test_design.py",
+    "calibration/servos/test_recovery.py",
+    "calibration/servos/test_profiles.py",
+    "faults/test_cache.py",
+    "calibration/servos/test_comparison.py",
+    "cli/test_servos.py",
+    "calibration/servos/test_effects.py",
+    "streaming/test_live.py",
     "cli/test_exciting.py",
     "control/test_adaptive_tracking.py",
     "faults/test_endings.py",
@@ -50,10 +58,24 @@ wait.
 """
 
 
+def pytest_collection_finish() -> None:
+    """Leaves what is imported and collected out of every later search for cycles."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     rank = {Path(__file__).parent / name: k for k, name in enumerate(DEAREST)}
     items.sort(key=lambda item: rank.get(item.path, len(rank)))
+
+
+@pytest.fixture(scope="module")
+def no_drawings() -> Iterator[None]:
+    """Pages without drawings, which take more than half of the time of `nsaid identify`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("nsaid_mj.reporting.drawings.draw", lambda panel: "<svg></svg>")
+        yield
 
 
 @pytest.fixture

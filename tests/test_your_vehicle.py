@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,7 @@ import pytest
 
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.plants import BlueROV2Plant
-from tests.support.faulty import CHECKOUT, call
+from tests.support.faulty import CHECKOUT, shell
 
 PAGE = (CHECKOUT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r'^```(\w+)(?: title="(\S+)")?\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
@@ -43,18 +41,19 @@ def test_the_page_has_three_files_two_commands_and_one_python_block():
     assert [kind for kind, name, _ in BLOCKS if not name] == own
 
 
-def test_every_command_of_the_page_completes_and_its_python_prints_what_it_says(tmp_path):
+def test_every_command_of_the_page_completes_and_its_python_prints_what_it_says(
+    tmp_path, monkeypatch, capsys
+):
     written(tmp_path)
+    monkeypatch.chdir(tmp_path)
     for command in COMMANDS[:2]:
         program, *words = shlex.split(f"{command} {SHORT}")
         assert program == "nsaid"
-        done = call(*words, cwd=tmp_path)
-        assert (done.returncode, done.stderr) == (0, ""), command
+        code, said = shell(*words)
+        assert (code, said.err) == (0, ""), command
     (reading,) = [text for kind, name, text in BLOCKS if kind == "python" and not name]
-    done = subprocess.run(
-        [sys.executable, "-c", reading], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    status, sizes, *_ = done.stdout.splitlines()
+    exec(compile(reading, "the page", "exec"), {})
+    status, sizes, *_ = capsys.readouterr().out.splitlines()
     assert status == "completed" and sizes == "6 43"
     both = [
         json.loads((tmp_path / "runs" / name / "summary.json").read_text())

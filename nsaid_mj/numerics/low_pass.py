@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -16,15 +18,23 @@ def zero_phase(x: _Array, cutoff: float, rate: float, periods: float = 3.0) -> _
     `cutoff` is the frequency of −6 dB and `rate` that of the samples [Hz]; values are extrapolated
     by so many `periods` of the cut-off at both ends.
     """
-    sections = scipy.signal.butter(_ORDER, cutoff, fs=rate, output="sos")
     reach = min(len(x) - 1, int(periods * rate / cutoff))
-    return np.asarray(scipy.signal.sosfiltfilt(sections, x, axis=0, padlen=reach), dtype=np.float64)
+    found = scipy.signal.sosfiltfilt(_sections(cutoff, rate), x, axis=0, padlen=reach)
+    return np.asarray(found, dtype=np.float64)
 
 
+@lru_cache(maxsize=64)
+def _sections(cutoff: float, rate: float) -> _Array:
+    """The filter's second-order sections, whose design takes longer than filtering a short log."""
+    return scipy.signal.butter(_ORDER, cutoff, fs=rate, output="sos")
+
+
+@lru_cache(maxsize=64)
 def symmetric(cutoff: float, rate: float) -> _Array:
     """(2h + 1,) weights of an FIR filter with half amplitude at the cut-off [Hz]."""
     half = int(np.ceil(1.5 * rate / cutoff))
     weights = scipy.signal.firwin(2 * half + 1, min(cutoff, 0.45 * rate), fs=rate)
+    weights.flags.writeable = False  # they are shared
     return np.asarray(weights, dtype=np.float64)
 
 

@@ -12,31 +12,13 @@ from pathlib import Path
 from nsaid_mj import Record
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.recording import postprocessing
-from tests.support.faulty import NSAID
+from tests.support.faulty import start
 
 from .tries import Draw, Kind
 
 PATIENCE = 300.0  # of a busy machine [s]
 SHORT = ("run", "scalar_rov", "--duration", "5", "--held-out", "0.5", "--pe-window", "0.5")
 LONG = ("run", "scalar_rov", "--duration", "3000", "--held-out", "0.5", "--pe-window", "0.5")
-
-
-def start(*words: str, cwd: Path, before: str = "", redirect: str = "") -> subprocess.Popen[str]:
-    """`nsaid …` in a process of its own, which signals reach even under nohup."""
-    kept = signal.signal(signal.SIGINT, signal.default_int_handler)
-    hangup = signal.signal(signal.SIGHUP, signal.SIG_DFL)
-    try:
-        return subprocess.Popen(
-            ["sh", "-c", f'{before}exec "$0" "$@" {redirect}', str(NSAID), *words],
-            cwd=cwd,
-            env={**os.environ, "PYTHONUTF8": "1"},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-    finally:
-        signal.signal(signal.SIGINT, kept)
-        signal.signal(signal.SIGHUP, hangup)
 
 
 def ended(process: subprocess.Popen[str], *codes: int) -> str:

@@ -14,6 +14,7 @@ from nsaid_mj.calibration.result import Identification
 from nsaid_mj.calibration.statements import verdict
 from nsaid_mj.parameters import Array
 from nsaid_mj.resources import packed_robots
+from nsaid_mj.structure.joints import JointTree
 
 from .cases import Case
 from .judging import Judgement
@@ -71,11 +72,11 @@ def arm_table(
 ) -> dict[str, np.ndarray]:
     """The log's columns at a rate [Hz], commands in units (n,) of amperes per command."""
     log, system = found.log, found.setup.system
+    assert isinstance(system, JointTree)
     every = max(1, round(1 / (rate * found.setup.scenario.dt)))
     table, fingers = {"time": log.t[::every]}, _fingers(found)
-    for k, (name, angle) in enumerate(
-        zip(joint_names(found.setup), _angles(system, log.q), strict=True)
-    ):
+    angles = np.unwrap(system.angles(log.q), axis=0)
+    for k, (name, angle) in enumerate(zip(joint_names(found.setup), angles.T, strict=True)):
         if name in fingers:
             continue
         table[f"{name}_position"] = angle[::every]
@@ -83,18 +84,6 @@ def arm_table(
             table[f"{name}_velocity"] = log.v[::every, k]
         table[f"{name}_current"] = units[k] * log.u[::every, k]
     return table
-
-
-def _angles(system: Any, q: Array) -> list[Array]:
-    """Angles or travels (N,) of every joint from the system's positions (N, m)."""
-    found, at = [], 0
-    for joint in system.joints:
-        if joint.nq == 2:
-            found.append(np.unwrap(np.arctan2(q[:, at + 1], q[:, at])))
-        else:
-            found.append(q[:, at])
-        at += joint.nq
-    return found
 
 
 def _vehicle_log(found: Simulated, folder: Path) -> Path:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 import pytest
@@ -17,20 +15,10 @@ from nsaid_mj.calibration.logs.formats import FORMATS, TEXT, text
 from nsaid_mj.calibration.logs.tables import Table, read
 from nsaid_mj.errors import InvalidInput
 from tests.support import damaged
+from tests.support.damaged import end_of_reading, write_bomb
 
 CORPUS = sorted((Path(__file__).parents[1] / "data" / "damaged").iterdir())
 FUZZ = {"deadline": None, "suppress_health_check": list(HealthCheck)}
-
-
-def end_of_reading(path: Path) -> Table | UnusableLog:
-    """A table with channels, or the error that names the file."""
-    try:
-        table = read(path)
-    except UnusableLog as error:
-        assert str(path) in str(error) and error.findings[0].level == "refusal"
-        return error
-    assert table.channels
-    return table
 
 
 @pytest.fixture(scope="module")
@@ -94,22 +82,6 @@ def test_whatever_a_library_raises_names_file_and_library(error, tmp_path, monke
 def test_every_format_has_its_own_module():
     modules = Path(text.__file__).parent.glob("[a-z]*.py")
     assert sorted(form.name for form in (*FORMATS, TEXT)) == sorted(path.stem for path in modules)
-
-
-def write_bomb(kind: str, path: Path, count: int) -> None:
-    """A small file of `count` equal numbers."""
-    zeros = np.zeros(count)
-    if kind == "gz":
-        path.write_bytes(gzip.compress(b"t,q\n" + b"0,0\n" * count))
-    elif kind == "npz":
-        np.savez_compressed(path, t=zeros, q=zeros)
-    elif kind == "parquet":
-        pa.parquet.write_table(pa.table({"t": zeros, "q": zeros}), path)
-    else:
-        table = pa.table({"t": zeros, "q": zeros})
-        options = pa.ipc.IpcWriteOptions(compression="zstd")
-        with pa.ipc.new_file(str(path), table.schema, options=options) as stream:
-            stream.write_table(table, max_chunksize=10_000)
 
 
 @pytest.mark.parametrize("kind", ["gz", "npz", "parquet", "arrow"])

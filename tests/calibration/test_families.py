@@ -17,6 +17,8 @@ from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.resources import asset
 
+pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/reporting looks at the pages
+
 
 class Found(NamedTuple):
     """What `nsaid identify` says of a log.

@@ -1,4 +1,4 @@
-"""Packages that a run must not import at its start; scripts/startup.py measures the times."""
+"""Packages that a run must not import at its start."""
 
 import subprocess
 import sys

@@ -164,7 +164,9 @@ def running(endless: Path) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "how", [signal.SIGINT, signal.SIGTERM, pytest.param(signal.SIGHUP, marks=pytest.mark.slow)]
+)
 def test_ctrl_c_ends_a_run_with_all_its_files(
     how: signal.Signals, running: subprocess.Popen[str], endless: Path
 ) -> None:

@@ -80,7 +80,10 @@ def test_a_full_standard_output_is_told_in_one_line(words: tuple[str, ...], tmp_
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
-@pytest.mark.parametrize("redirect", ["2>/dev/full", "<&- 2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize(
+    "redirect",
+    ["2>/dev/full", pytest.param("<&- 2>&-", marks=pytest.mark.slow), "<&- >&- 2>&-"],
+)
 def test_a_full_standard_error_or_closed_streams_do_not_matter(
     redirect: str, tmp_path: Path
 ) -> None:

@@ -80,7 +80,7 @@ def test_second_moments_are_those_of_the_draws(error):
     space, theta = random_tree(0)
     rng = np.random.default_rng(0)
     theta = drawn_inside(space, theta, 0.0, rng)
-    draws = np.array([drawn_inside(space, theta, error, rng) - theta for _ in range(4000)])
+    draws = np.array([drawn_inside(space, theta, error, rng) - theta for _ in range(2000)])
     draws /= space.scale
     stated = drawn_covariance(space, theta, error)
     for _, place in space:

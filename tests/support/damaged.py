@@ -14,6 +14,8 @@ import pyarrow.feather
 import pyarrow.parquet
 from hypothesis import strategies as st
 
+from nsaid_mj.calibration.findings import UnusableLog
+from nsaid_mj.calibration.logs.tables import Table, read
 from tests.support.bags import write_bag
 from tests.support.flight_logs import write_dataflash, write_ulog
 from tests.support.robot_logs import columns, motion
@@ -76,6 +78,22 @@ def write_record(path: Path, t: np.ndarray) -> None:
     writer.close()
 
 
+def write_bomb(kind: str, path: Path, count: int) -> None:
+    """A small file of `count` equal numbers."""
+    zeros = np.zeros(count)
+    if kind == "gz":
+        path.write_bytes(gzip.compress(b"t,q\n" + b"0,0\n" * count))
+    elif kind == "npz":
+        np.savez_compressed(path, t=zeros, q=zeros)
+    elif kind == "parquet":
+        pa.parquet.write_table(pa.table({"t": zeros, "q": zeros}), path)
+    else:
+        table = pa.table({"t": zeros, "q": zeros})
+        options = pa.ipc.IpcWriteOptions(compression="zstd")
+        with pa.ipc.new_file(str(path), table.schema, options=options) as stream:
+            stream.write_table(table, max_chunksize=10_000)
+
+
 def damage(data: bytes, edits: list[Edit]) -> bytes:
     """Data after some damages, one after the other."""
     for way, share, junk in edits:
@@ -90,6 +108,17 @@ def damage(data: bytes, edits: list[Edit]) -> bytes:
             "remove": data[:at] + data[end:],
         }[way]
     return data
+
+
+def end_of_reading(path: Path) -> Table | UnusableLog:
+    """A table with channels, or the error that names the file."""
+    try:
+        table = read(path)
+    except UnusableLog as error:
+        assert str(path) in str(error) and error.findings[0].level == "refusal"
+        return error
+    assert table.channels
+    return table
 
 
 def edits() -> st.SearchStrategy[list[Edit]]:

@@ -125,13 +125,19 @@ def call(*arguments: object, cwd: Path, **more: str) -> subprocess.CompletedProc
     )
 
 
-def start(*arguments: object, cwd: Path, **more: str) -> subprocess.Popen[str]:
-    """A real `nsaid …` in its own process, which signals reach even where tests run behind."""
+def start(
+    *arguments: object, cwd: Path, before: str = "", redirect: str = "", **more: str
+) -> subprocess.Popen[str]:
+    """A real `nsaid …` in its own process, which signals reach even where tests run behind.
+
+    A shell carries out `before`, `ulimit -f 9; ` say, and redirects streams, as in `>/dev/full`.
+    """
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # never inherit SIG_IGN
     hangup = signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as under nohup
     try:
+        line = f'{before}exec "$0" "$@" {redirect}'
         return subprocess.Popen(
-            [str(NSAID), *map(str, arguments)],
+            ["sh", "-c", line, str(NSAID), *map(str, arguments)],
             cwd=cwd,
             env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONUTF8": "1", **more},
             text=True,

@@ -10,12 +10,13 @@ from nsaid_mj.cli.commands import command
 from tests.support import menagerie
 from tests.support.menagerie import HEAVY_ARM, LEG, SOFT_ARM, STIFF_ARM, TORQUE_ARM, write
 
+pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/reporting looks at the pages
 FINGERS = ["--lock", "left_finger,right_finger"]
 CASES = {
-    "stiff": (STIFF_ARM, FINGERS, 20.0),
-    "soft": (SOFT_ARM, FINGERS, 40.0),
+    "stiff": (STIFF_ARM, FINGERS, 12.0),
+    "soft": (SOFT_ARM, FINGERS, 25.0),
     "heavy": (HEAVY_ARM, [], 20.0),
-    "leg": (LEG, [], 20.0),
+    "leg": (LEG, [], 12.0),
 }
 
 
