@@ -7,15 +7,14 @@ once in it, what replaces it, the tests that should fail, why it matters, and, f
 survive, why that does not matter. Every named test must pass before anything is changed. Prints
 killed and survived, and ends with 1 if fewer than nine in ten are killed.
 
-Kernels are compiled in a cache of the copy's own. A mutant of a file that no kernel can come from
-uses those of the unchanged tree, and those of a room that is `interpreted` run as plain Python.
+Kernels are compiled in a cache of the copy's own, again where a mutant is in one of their sources.
+Those of a room that is `interpreted` run as plain Python.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -24,13 +23,9 @@ import tomllib
 from pathlib import Path
 from typing import NamedTuple
 
-from nsaid_mj.numerics.cache import digest
-
 ROOT = Path(__file__).parents[1]
 KILLED = 0.9  # least share
 TREES = ("nsaid_mj", "tests", "scripts", "assets", "scenarios")
-COMPILED = re.compile(r"^ *@\w*(njit|compiled|cfunc|overload|law)\b|\b(njit|cfunc)\(", re.M)
-"""What a file with kernels contains."""
 
 
 class Mutant(NamedTuple):
@@ -101,26 +96,12 @@ def passes(folder: Path, tests: tuple[str, ...], interpreted: bool = False) -> b
     return done.returncode == 0
 
 
-def compiled(folder: Path, name: str) -> bool:
-    """Whether kernels may be compiled from a file: its own, or of one that imports from it."""
-    imported = re.compile(rf"\b{Path(name).stem} import\b|\bimport .*\b{Path(name).stem}\b")
-    for path in (folder / "nsaid_mj").rglob("*.py"):
-        text = path.read_text(encoding="utf-8")
-        if COMPILED.search(text) and (path == folder / name or imported.search(text)):
-            return True
-    return False
-
-
 def survives(folder: Path, mutant: Mutant) -> bool:
     """Whether the tests of a mutant pass although it is in the tree."""
-    path, caches = folder / mutant.file, folder / "kernels/nsaid-mj"
+    path = folder / mutant.file
     text, stamp = path.read_text(encoding="utf-8"), path.stat()
-    kernels = caches / digest(folder / "nsaid_mj")
     try:
         path.write_text(text.replace(mutant.old, mutant.new), encoding="utf-8")
-        same = caches / digest(folder / "nsaid_mj")
-        if not compiled(folder, mutant.file) and not same.exists():
-            same.symlink_to(kernels)
         return passes(folder, mutant.tests, mutant.interpreted)
     finally:
         path.write_text(text, encoding="utf-8")
