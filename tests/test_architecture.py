@@ -190,7 +190,6 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
         ),
         ("matplotlib", {"reporting"}),
         ("pyarrow", {"experiment", "recording", "studies", "calibration"}),
-        ("joblib", {"studies"}),
     ],
 )
 def test_heavy_packages_are_named_only_in_their_own_folders(package, homes):

@@ -24,14 +24,12 @@ class Forces(NamedTuple):
         predicted: (k, n) forces that the motion requires under the estimated plant.
         half: (k, n) half width of the prediction's 95 % interval; None if the law states none, or
             if the run was read from its record.
-        held_out: whether the trajectory is one that no identifier has seen.
     """
 
     t: Array
     measured: Array
     predicted: Array
     half: Array | None
-    held_out: bool
 
     @property
     def nrmse(self) -> Array:
@@ -55,11 +53,10 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
     exact = None if truth is None else truth.exact
     if later is None and (run.scenario.record_every != 1 or len(run.record) < 20):
         return None
-    held_out = later is not None
-    log = later if later is not None else run.record.log
-    if not held_out:
-        log, exact = log.last(max(2, len(log.t) // 10)), None
-    t, W = timed_rows(system, log, exact)
+    if later is None:
+        log = run.record.log
+        later, exact = log.last(max(2, len(log.t) // 10)), None
+    t, W = timed_rows(system, later, exact)
     scale, k = system.space.scale, system.space.actuators
     factor = 1.0
     if truth is not None:
@@ -73,4 +70,4 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
         spread = (W * scale) @ (found.directions.T * found.deviation)
         half = INTERVAL * np.linalg.norm(spread, axis=-1) * float(np.linalg.norm(theta / scale))
         half *= abs(factor)
-    return Forces(t, -factor * given, factor * (W @ theta - given), half, held_out)
+    return Forces(t, -factor * given, factor * (W @ theta - given), half)

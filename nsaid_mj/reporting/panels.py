@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -61,6 +62,7 @@ class Panel:
         level: of a horizontal reference line; None for no line.
         level_name: entry of that line in the legend; empty for none.
         band_name: entry of the curves' bands in the legend.
+        events: times of vertical lines [s].
         curves: added by `add`.
     """
 
@@ -70,6 +72,7 @@ class Panel:
     level: float | None = None
     level_name: str = ""
     band_name: str = INTERVAL
+    events: Sequence[float] = ()
     curves: list[Curve] = field(default_factory=list)
     wide: bool = False
 

@@ -28,7 +28,7 @@ from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
 from ..resources import write_json
 from . import compare_report
-from .compare_results import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
+from .compare_report import BOUND, DEFAULT, METHODS, OURS, PRIOR, Cell, sensors
 from .study import Study, carried_out, write_csv
 
 FILES = ("compare.json", "compare.csv")
@@ -206,7 +206,7 @@ def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:
     identifier = base.identifier
     assert isinstance(identifier, NullspaceAID)  # checked by the plan
     rivals: dict[str, IdentifierConfig] = {
-        law: replace(identifier, law=law) for law in LAWS if law in plan.methods
+        law: replace(identifier, law=law) for law in OURS if law in plan.methods
     }
     if "conventional" in plan.methods:
         known = base.rivals.get("conventional")

@@ -1,30 +1,46 @@
-"""Executes the runs of a sweep with joblib, on local processes or on a cluster."""
+"""Executes the runs of a sweep in parallel, on this machine or on a Dask cluster.
+
+A thread here, or a worker of the cluster, executes no run itself: see `sweep_worker`.
+"""
 
 from __future__ import annotations
 
-import _thread
 import importlib
 import math
-import multiprocessing
 import os
-import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from typing import Any
-
-import joblib
+from itertools import islice
+from typing import Any, NamedTuple
 
 from ..errors import InvalidInput, UnknownName
 from ..experiment.scenario import Scenario
 from .study import MOST_JOBS, check_count
-from .sweep_worker import Job, supervised
+from .sweep_worker import Job, stop_children, supervised
 
-ENGINES = ("loky", "dask")
+ENGINES = ("local", "dask")
 _UNFIT = "Run `python -m nsaid_mj.studies.sweep_worker` on a worker's machine to see why."
+_POLL = 0.5  # time between two checks of the scheduler [s]
+_SILENCE = 10.0  # time without a connection after which the scheduler counts as dead [s]
+
+
+class _Pool(NamedTuple):
+    """Executes `jobs` runs at the same time; `lost` is the error of a worker that died."""
+
+    executor: Executor
+    jobs: int
+    check: Callable[[], object] = lambda: None
+    lost: type[Exception] | tuple[()] = ()
 
 
 @dataclass(frozen=True)
@@ -32,8 +48,8 @@ class Engine:
     """Executes runs in parallel.
 
     Attributes:
-        name: `loky` for processes on this machine, `dask` for a cluster.
-        address: of the cluster's scheduler; None for loky.
+        name: `local` for this machine, `dask` for a cluster.
+        address: of the cluster's scheduler; None for this machine.
         jobs: number of parallel runs; None for the number of processors.
         timeout: wall time after which a run counts as hung [s]; None for two minutes plus twenty
             times its simulated time.
@@ -43,7 +59,7 @@ class Engine:
         InvalidInput: an attribute is out of range, or the address does not fit the engine.
     """
 
-    name: str = "loky"
+    name: str = "local"
     address: str | None = None
     jobs: int | None = None
     timeout: float | None = None
@@ -51,8 +67,8 @@ class Engine:
     def __post_init__(self) -> None:
         if self.name not in ENGINES:
             raise UnknownName("engine", self.name, ENGINES)
-        if (self.name == "loky") != (self.address is None):
-            expected = "none for loky, which is local" if self.address else "a cluster's"
+        if (self.name == "local") != (self.address is None):
+            expected = "none for the engine `local`" if self.address else "a cluster's"
             raise InvalidInput("address", expected, self.address, "tcp://host:8786 is Dask's form.")
         if self.jobs is not None:
             check_count("jobs", self.jobs, "Omit it for all processors.", MOST_JOBS)
@@ -63,142 +79,95 @@ class Engine:
         """The wall time after which a run of a scenario counts as hung [s]."""
         return self.timeout or 120.0 + 20.0 * (scenario.duration + scenario.held_out)
 
-    def make(
-        self, numbers: Sequence[int], job: Callable[[int], Job], longest: float
-    ) -> Iterator[dict[str, Any]]:
+    def make(self, numbers: Sequence[int], job: Callable[[int], Job]) -> Generator[dict[str, Any]]:
         """Executes runs and yields their figures as they become available, in any order.
 
-        If a worker dies, joblib loses all runs in progress. They are repeated one at a time, so
-        that the death of a worker can be attributed to one run. A run that crashes or hangs, or
-        takes longer than `longest` [s], does so in a child process of its worker, so the worker
-        survives.
+        A run that crashes or hangs does so in a child process, without loss of others. The
+        cluster gives a run whose worker dies to other workers, until it has lost several.
 
         Raises:
             InvalidInput: the engine is not available or has died, or its workers cannot execute any
                 run.
         """
-        patience = 60.0 + 2 * longest  # time without a row after which a worker must have died
-
-        def parallel(some: Sequence[int], begun: list[int]) -> Iterator[dict[str, Any]]:
-            return self._parallel(some, job, begun, patience)
-
-        with self._open() as broken:
-            waiting = dict.fromkeys(numbers)
-            while waiting:
-                begun: list[int] = []
-                try:
-                    for row in parallel(list(waiting), begun):
-                        del waiting[row["run"]]
-                        yield _fit(row)
-                except broken:
-                    for number in begun:
-                        if number in waiting:
-                            del waiting[number]
-                            try:
-                                rows = list(parallel([number], []))
-                            except broken:
-                                rows = [{"run": number, "failure": "its worker died"}]
-                            yield from map(_fit, rows)
-
-    def _parallel(
-        self,
-        numbers: Sequence[int],
-        job: Callable[[int], Job],
-        begun: list[int],
-        patience: float,
-    ) -> Iterator[dict[str, Any]]:
-        """Yields the rows of runs from joblib; appends the number of every started run."""
-        local = self.name == "loky"
-        at_once = self.jobs or (joblib.cpu_count() if local else -1)
-        engine = os.getpid() if local else None
-
-        def tasks() -> Iterator[Any]:
-            for number in numbers:
-                begun.append(number)
-                yield joblib.delayed(supervised)(job(number), engine)
-
-        in_turn = at_once == 1  # joblib then starts no worker and has no timeout
-        settings: dict[str, Any] = {"n_jobs": at_once, "pre_dispatch": "n_jobs", "batch_size": 1}
-        parallel: Any = partial(joblib.Parallel, timeout=None if in_turn else patience, **settings)
-        yield from parallel(return_as="generator_unordered")(tasks())
+        todo, running = iter(numbers), dict[Future[dict[str, Any]], int]()
+        with self._open(running) as pool:
+            while True:
+                for number in islice(todo, pool.jobs - len(running)):
+                    running[pool.executor.submit(supervised, job(number))] = number
+                if not running:
+                    return
+                done, _ = wait(running, _POLL, FIRST_COMPLETED)
+                pool.check()
+                for future in done:
+                    number = running.pop(future)
+                    try:
+                        row = future.result()
+                    except pool.lost:
+                        row = {"run": number, "failure": "its worker died"}
+                    if "unfit" in row:
+                        expected = "workers that can import nsaid_mj"
+                        raise InvalidInput("engine", expected, row["failure"], _UNFIT)
+                    yield row
 
     @contextmanager
-    def _open(self) -> Iterator[tuple[type[Exception], ...]]:
-        """Makes joblib use the engine; yields the exceptions that mean that a worker died."""
-        broken: tuple[type[Exception], ...] = (BrokenExecutor, multiprocessing.TimeoutError)
-        if self.name == "loky":
-            with _isolated(), joblib.parallel_config("loky"):
-                yield broken
-        else:
+    def _open(self, running: dict[Future[Any], int]) -> Iterator[_Pool]:
+        """Opens the engine; runs that are still `running` at its end are abandoned."""
+        if self.name == "local":
+            jobs = self.jobs or os.cpu_count() or 1
+            pool = ThreadPoolExecutor(jobs)
             try:
-                distributed: Any = importlib.import_module("distributed")
-                client = distributed.Client(self.address, set_as_default=False)
-            except ImportError as error:
-                expected, remedy = "one whose package is installed", "pip install 'nsaid-mj[dask]'"
-                raise InvalidInput("engine", expected, "dask", remedy) from error
-            except (OSError, ValueError) as error:
-                expected = f"that of a running {self.name} cluster"
-                raise InvalidInput("address", expected, self.address, str(error)) from error
-            with (
-                client,
-                watched(client, self.address),
-                joblib.parallel_config("dask", client=client),
-            ):
-                yield (*broken, distributed.KilledWorker)
+                yield _Pool(pool, jobs)
+            finally:
+                pool.shutdown(wait=False, cancel_futures=True)
+                while wait(running, 0.1).not_done:
+                    stop_children()  # some may just have been started again
+                stop_children()
+                pool.shutdown()
+        else:
+            with self._connected() as client:
+                jobs = self.jobs or max(1, sum(client.nthreads().values()))
+                lost = importlib.import_module("distributed").KilledWorker
+                cluster = client.get_executor(pure=False)
+                try:
+                    yield _Pool(cluster, jobs, watched(client), lost)
+                finally:
+                    cluster.shutdown(wait=False)
+
+    @contextmanager
+    def _connected(self) -> Iterator[Any]:
+        """A client of the cluster; errors after the scheduler's death become `InvalidInput`."""
+        try:
+            distributed: Any = importlib.import_module("distributed")
+            client = distributed.Client(self.address, set_as_default=False)
+        except ImportError as error:
+            expected, remedy = "one whose package is installed", "pip install 'nsaid-mj[dask]'"
+            raise InvalidInput("engine", expected, "dask", remedy) from error
+        except (OSError, ValueError) as error:
+            expected = f"that of a running {self.name} cluster"
+            raise InvalidInput("address", expected, self.address, str(error)) from error
+        with client:
+            try:
+                yield client
+            except Exception as error:
+                if client.status == "running" and not isinstance(error, CancelledError):
+                    raise
+                raise InvalidInput(
+                    "address",
+                    "a scheduler that keeps running",
+                    f"none any more at {self.address}",
+                    "Start the cluster again; the same command then resumes the sweep.",
+                ) from error
 
 
-@contextmanager
-def _isolated() -> Iterator[None]:
-    """Context in which new Pythons, such as joblib's, import nothing from the current folder."""
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        yield
-    finally:
-        del os.environ["PYTHONSAFEPATH"]
-        if before is not None:
-            os.environ["PYTHONSAFEPATH"] = before
+def watched(client: Any) -> Callable[[], None]:
+    """A check of a client's scheduler, which raises TimeoutError once that is silent too long."""
+    seen = time.monotonic()
 
+    def check() -> None:
+        nonlocal seen
+        if client.status == "running":
+            seen = time.monotonic()
+        elif time.monotonic() > seen + _SILENCE:
+            raise TimeoutError("the scheduler is silent")
 
-def _fit(row: dict[str, Any]) -> dict[str, Any]:
-    """A row of a worker that can execute runs."""
-    if "unfit" in row:
-        raise InvalidInput("engine", "workers that can import nsaid_mj", row["failure"], _UNFIT)
-    return row
-
-
-_SILENCE = 10.0  # time without a connection after which the scheduler counts as dead [s]
-
-
-@contextmanager
-def watched(client: Any, address: str | None) -> Iterator[None]:
-    """Context in which the scheduler's death ends the main thread's wait with `InvalidInput`."""
-    dead, done = threading.Event(), threading.Event()
-
-    def watch() -> None:
-        seen = time.monotonic()
-        while not done.wait(0.5):
-            if client.status == "running":
-                seen = time.monotonic()
-            elif time.monotonic() > seen + _SILENCE:
-                dead.set()
-                _thread.interrupt_main()  # it waits in joblib, which would not notice
-                return
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    try:
-        yield
-    except (KeyboardInterrupt, Exception) as error:
-        lost = dead.is_set() or (isinstance(error, Exception) and client.status != "running")
-        if not lost:
-            raise
-        raise InvalidInput(
-            "address",
-            "a scheduler that keeps running",
-            f"none any more at {address}",
-            "Start the cluster again; the same command then resumes the sweep.",
-        ) from error
-    finally:
-        done.set()
-        thread.join()
+    return check

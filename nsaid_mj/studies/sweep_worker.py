@@ -1,13 +1,13 @@
 """Executes the runs of a sweep in a child process, which may crash or hang without loss of others.
 
-An engine's worker (a local process of joblib, or a thread on a cluster) executes no run itself. It
-keeps one child process, sends it one run at a time as a line of JSON, and waits for a line in
-answer. If the child crashes or times out, its current run is lost and the next gets a new child.
+An engine's worker, a thread here or on a cluster, executes no run itself. It keeps one child
+process, sends it one run at a time as a line of JSON, and waits for a line in answer. If the child
+crashes or times out, its current run is lost and the next gets a new child. A child ends when its
+standard input is closed, so none outlives the engine.
 """
 
 from __future__ import annotations
 
-import atexit
 import contextlib
 import faulthandler
 import json
@@ -17,7 +17,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
 
 _START = 300.0  # timeout for a child's imports [s]
 _STARTS = 3  # children that may be killed in their imports before their run counts as lost
-_WATCH = 0.5  # time between two checks of the engine's process [s]
 _GRACE = 10.0  # after a run's timeout, at which a child without a worker exits by itself [s]
 _LEFT_OUT = {"versions", "status_remedy"}  # keys of a summary with equal values in many runs
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -57,18 +55,13 @@ class Job(NamedTuple):
     timeout: float
 
 
-def supervised(job: Job, engine: int | None = None) -> dict[str, Any]:
+def supervised(job: Job) -> dict[str, Any]:
     """Executes a job in this thread's child process.
-
-    `engine` is its process ID, if its workers are local processes: when that process is gone, the
-    worker ends, and its child with it.
 
     Returns:
         The run's number and figures by key, or its number and the reason of a `failure`. If a
         child process cannot import this package, the number, the reason as `failure`, and `unfit`.
     """
-    if engine not in (None, os.getpid()):
-        _end_with(engine)
     child = _child_for(job)
     if child.fault:
         unfit = {} if child.killed else {"unfit": True}
@@ -82,32 +75,23 @@ def _child_for(job: Job) -> _Child:
     child: _Child | None = getattr(_mine, "child", None)
     if child is not None and child.serves(job):
         return child
-    if child is not None:
-        child.stop()
     for _ in range(_STARTS):
+        if child is not None:
+            child.stop()
         child = _mine.child = _Child(job)
         if not child.killed:
-            return child
+            break
     return _mine.child
 
 
-@cache
-def _end_with(engine: int) -> None:
-    """Ends this worker process, and its child with it, when the engine's process is gone.
-
-    A killed engine can notify nobody, and a worker waiting for a long run would not notice. The
-    engine may even be gone before the worker has imported this module.
-    """
-
-    def watch() -> None:
-        while os.getppid() == engine:
-            time.sleep(_WATCH)
-        os._exit(1)  # closes the child's standard input, at which it ends
-
-    threading.Thread(target=watch, daemon=True).start()
+def stop_children() -> None:
+    """Stops the child processes of all threads, whose runs are then lost."""
+    for child in tuple(_children):
+        child.stop()
 
 
-_mine = threading.local()  # a worker on a cluster may have several threads, each with a child
+_mine = threading.local()  # every thread has its own child
+_children: set[_Child] = set()
 
 
 class _Child:
@@ -123,7 +107,7 @@ class _Child:
             env={**os.environ, **_ONE_THREAD},
             encoding="utf-8",
         )
-        atexit.register(self.stop)
+        _children.add(self)
         self.fault = self._wait(_START)[1]  # imports do not count towards a run's timeout
 
     @property
@@ -159,9 +143,6 @@ class _Child:
             answer = self._process.stdout.readline()
         except BrokenPipeError:
             answer = ""
-        except BaseException:  # Ctrl-C: the answer is not needed any more
-            self.stop()
-            raise
         finally:
             timer.cancel()
             timer.join()
@@ -176,8 +157,8 @@ class _Child:
         return "", f"its process died: {how}"
 
     def stop(self) -> None:
-        """Stops the process and waits for it."""
-        atexit.unregister(self.stop)
+        """Stops the process and waits for it, from any thread."""
+        _children.discard(self)
         if self._process.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self._process.stdin.close()

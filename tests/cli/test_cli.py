@@ -34,7 +34,6 @@ HEAVY = (
     "rerun",
     "matplotlib",
     "example_robot_data",
-    "joblib",
 )
 ROV = ("run", "scalar_rov", "--duration", "1", "--held-out", "0.5", "--pe-window", "0.5")
 SCRIPTS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.py"))

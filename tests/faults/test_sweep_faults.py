@@ -5,11 +5,10 @@ from __future__ import annotations
 import itertools
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -19,10 +18,10 @@ from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.experiment.library import digest_of
 from nsaid_mj.studies import sweep_report, sweep_worker
 from nsaid_mj.studies.sweep import Plan, run
-from nsaid_mj.studies.sweep_engine import Engine
+from nsaid_mj.studies.sweep_engine import Engine, _Pool
 from nsaid_mj.studies.sweep_results import MANIFEST, ROWS, TABLE, Row, Sweep, read
 from nsaid_mj.studies.sweep_worker import Job, supervised
-from tests.support.faulty import CHECKOUT, ROV, shell
+from tests.support.faulty import ROV, shell
 
 PLAN = Plan("scalar_rov", ROV, {"identifier.gain": (0.1, 1.0)}, seeds=2)
 
@@ -38,7 +37,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The numbers of the runs that are made, by an engine that takes no time."""
     numbers: list[int] = []
 
-    def make(self, todo, job, longest):
+    def make(self, todo, job):
         for number in todo:
             numbers.append(number)
             yield {key: value for key, value in row(number).items() if key not in PLAN.what(0)} | {
@@ -89,13 +88,6 @@ def test_a_child_killed_at_every_start_loses_only_its_run(
     assert supervised(job()) == {"run": 0, "failure": "its process died: Killed"}
 
 
-def test_a_worker_whose_engine_is_gone_before_it_starts_ends_at_once() -> None:
-    code = "import time; from nsaid_mj.studies import sweep_worker as worker; worker._end_with(1)"
-    words = [sys.executable, "-c", f"{code}; time.sleep(60); raise SystemExit(0)"]
-    done = subprocess.run(words, cwd=CHECKOUT, check=False, timeout=120)
-    assert done.returncode == 1
-
-
 def test_workers_that_cannot_import_the_package_end_the_sweep(tmp_path: Path) -> None:
     unfit = {"run": 0, "failure": "its process died: exit code 1", "unfit": True}
     with pytest.MonkeyPatch.context() as patch, pytest.raises(InvalidInput, match="can import"):
@@ -104,16 +96,21 @@ def test_workers_that_cannot_import_the_package_end_the_sweep(tmp_path: Path) ->
     assert read(tmp_path).rows == []
 
 
-def test_every_row_of_a_worker_that_died_has_a_failure() -> None:
-    def broken(self, numbers, job, begun, patience):
-        begun += numbers
-        if len(numbers) > 1:
+def test_only_the_run_of_a_worker_that_died_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    def worker(job: Job) -> Row:
+        if job.number == 1:
             raise BrokenExecutor
-        yield {"run": numbers[0], "failure": "its process died: exit code 1", "unfit": True}
+        return {"run": job.number, "failure": None}
 
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(InvalidInput, match="can import"):
-        patch.setattr(Engine, "_parallel", broken)
-        list(Engine(jobs=2).make([0, 1], lambda number: job(), 1.0))
+    @contextmanager
+    def pool(self, running):
+        with ThreadPoolExecutor(2) as threads:
+            yield _Pool(threads, 2, lost=BrokenExecutor)
+
+    monkeypatch.setattr(Engine, "_open", pool)
+    monkeypatch.setattr("nsaid_mj.studies.sweep_engine.supervised", worker)
+    rows = Engine("dask", "tcp://a").make(range(3), lambda number: job()._replace(number=number))
+    assert {row["run"]: row["failure"] for row in rows} == {0: None, 1: "its worker died", 2: None}
 
 
 # -- files that are damaged --------------------------------------------------------------------
