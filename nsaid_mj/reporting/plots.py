@@ -26,8 +26,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocat
 
 from ..parameters import Array
 from .pages import Figure as PageFigure
-from .palette import COLOURS, GRID, INK, VARIABLES
-from .panels import Panel
+from .panels import COLOURS, GRID, INK, VARIABLES, Panel
 
 CURVE, NAMES = "curve:", "names"
 """Prefix of the gid of what is drawn of a curve, before its name; gid of an axis of names."""
@@ -213,7 +212,7 @@ def svg(figure: Figure, title: str) -> str:
     """Renders a figure as an SVG element for an HTML page with other drawings.
 
     Ids that are referenced are prefixed with a hash of the drawing, so that they are unique on the
-    page; all others are removed. Colours in `palette.VARIABLES` become CSS variables. The curves'
+    page; all others are removed. Colours in `panels.VARIABLES` become CSS variables. The curves'
     values are in the element's metadata, from where the page's script reads them.
 
     Args:
@@ -315,7 +314,7 @@ def _numbers(values: Any) -> list[float | None]:
 
 _NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 _COLOUR = re.compile("|".join(VARIABLES))
-_FONT = re.compile(r"(font: [\d.]+px) [^;]*")
+_FONT = re.compile(r"(font: [\d.]+px|font-family:) [^;]*")
 
 
 def _local(name: str) -> str:

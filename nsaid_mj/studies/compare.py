@@ -100,14 +100,8 @@ class Plan(Study):
     @property
     def manifest(self) -> dict[str, Any]:
         """Everything that the results depend on, as JSON values; the scenario as JSON text."""
-        return self.manifest_of(
-            methods=list(self.methods),
-            seeds=list(self.seeds),
-            durations=list(self.durations),
-            noises=list(self.noises),
-            budget=self.budget,
-            bound=self.bound,
-        ) | {"scenario": self.scenario.to_json()}
+        own = {f.name: getattr(self, f.name) for f in fields(self)[len(fields(Study)) :]}
+        return self.manifest_of(**own) | {"scenario": self.scenario.to_json()}
 
 
 def compare(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Cell]:

@@ -18,7 +18,7 @@ from ..evaluation.result import Mark, judged
 from ..identifiers import NullspaceAID
 from ..reporting import pages, plots
 from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
-from ..reporting.palette import BAD, COLOURS, INK, LAWS
+from ..reporting.panels import BAD, COLOURS, INK, LAWS
 from ..reporting.terminal import print_panels
 from ..robot.findings import Finding
 from .study import repeated

@@ -18,8 +18,7 @@ from ..recording.tracking import record
 from ..reporting import pages, plots
 from ..reporting.drawings import figures_of
 from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
-from ..reporting.palette import COLOURS, LAWS
-from ..reporting.panels import Panel, local_rms
+from ..reporting.panels import COLOURS, LAWS, Panel, local_rms
 from ..reporting.picture import picture
 from ..robot.findings import Finding
 from ..system import SecondOrderSystem
