@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from nsaid_mj.design import Experiment, design
-from nsaid_mj.design.harmonics import ranks
+from nsaid_mj.design.information import ranks
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation import truth_of
 from nsaid_mj.evaluation.figures import actuator_ratio_error

@@ -53,7 +53,7 @@ _HOMES = {
     "identify": ("identifying", "identify_log"),
     "live": ("living", "follow_robot"),
     "excite": ("exciting", "excite"),
-    "inspect": ("inspecting", "inspect_log"),
+    "inspect": ("identifying", "inspect_log"),
     "report": ("studies", "report"),
 }
 """Module and function of commands that need no scenario's name; imported on use."""

@@ -40,9 +40,8 @@ def excite(chosen: Excite) -> int:
 def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     """Designs, and writes and prints the results."""
     from .. import design
-    from ..design import files, harmonics, prediction
+    from ..design import files, information, prediction
     from ..design.experiment import own_limits
-    from ..design.trial import tried
     from ..recording.design import FILE, record
     from ..reporting import design as design_page
     from ..reporting.progress import Progress
@@ -68,11 +67,11 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
         )
         predicted = prediction.predict(found, progress.tell)
         progress.say("counting harmonics")
-        ranks = harmonics.ranks(experiment, found.limits)
+        ranks = information.ranks(experiment, found.limits)
         written = files.write(found, predicted, ranks, files.scenario_of(found, scenario), folder)
         document = files.document(found, predicted, ranks, folder.name)
         progress.say("trying the experiment on a draw of the prior")
-        trial = tried(found)
+        trial = prediction.tried(found)
         written += [
             design_page.write_page(name, document, trial, folder),
             record(found, trial, name, folder / FILE),

@@ -1,28 +1,30 @@
-"""`nsaid identify`: reads files and writes results; the work is in `calibration`."""
+"""`nsaid identify` and `nsaid inspect`: files in and out; the work is in `calibration`."""
 
 from __future__ import annotations
 
 import shlex
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
+from functools import partial
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..bounds import without_nonfinite
-from ..errors import InvalidInput
+from ..errors import InvalidInput, printable
 from ..resources import print_json, reading, write_json
-from .folders import folder_for_results
-from .grammar import Identify, names_in, numbers_in
-from .process import code_of
+from .folders import check_writable, folder_for_results
+from .grammar import Identify, Inspect, names_in, numbers_in
+from .process import EXPLAINED, UNUSABLE, code_of
 
 if TYPE_CHECKING:
-    from ..calibration.findings import Finding, UnusableLog
+    from ..calibration.findings import Finding
+    from ..calibration.logs.inspection import Inspection
     from ..calibration.result import Identification
     from ..calibration.servos import Replayed, ServoIdentification, ServoLogs
     from ..reporting.progress import Progress
-
 
 RESULT = "identification.json"
 
@@ -45,68 +47,62 @@ def identify_log(chosen: Identify) -> int:
 
 
 def _identify(model: str, chosen: Identify, folder: Path) -> int:
-    from ..reporting.progress import Progress
+    from rich.console import Console
 
-    with Progress(Path(model).stem, quiet=chosen.quiet or chosen.json) as progress:
-        progress.say("reading the model and the log")
-        given = servos_of(model, chosen.log, chosen)
-        if given is not None:
-            result, files = identify_given(model, given, chosen, folder / RESULT, progress)
-    if given is None:
-        return _identify_by_force(model, chosen, folder)
-    if chosen.json:
-        print_json(result.summary())
-    elif not chosen.quiet:
-        from rich.console import Console
-
-        from ..reporting.identification.servos import print_servos
-
-        print_servos(result, Console(), files)
-    return code_of(result.mark)
-
-
-def _identify_by_force(model: str, chosen: Identify, folder: Path) -> int:
     from ..calibration.findings import UnusableLog
-    from ..calibration.identify import identify
+    from ..reporting.identification import brief
     from ..reporting.progress import Progress
+    from ..reporting.terminal import print_findings, print_page
 
-    with Progress(Path(model).stem, quiet=chosen.quiet or chosen.json) as progress:
+    quiet, ended = chosen.quiet or chosen.json, False
+    with Progress(Path(model).stem, quiet=quiet) as progress:
+        progress.say("reading the model and the log")
         try:
-            result = identify(
-                model,
-                chosen.log,
-                validate=chosen.validate,
-                mapping=chosen.map,
-                validate_mapping=chosen.validate_map,
-                known=dict(_known(text) for text in chosen.known),
-                loads=chosen.load,
-                lock=names_in(chosen.lock),
-                joints=names_in(chosen.joints) or None,
-                columns=None if chosen.columns == "auto" else names_in(chosen.columns),
-                delay=None
-                if chosen.delay == "auto"
-                else numbers_in("--delay", chosen.delay, "Such as 0.01."),
-                cutoff=chosen.cutoff,
-                law=chosen.law,
-                folder=folder / chosen.law,
-                told=progress.say,
-            )
+            given = servos_of(model, chosen.log, chosen)
+            if given is not None:
+                from ..reporting.identification.servos import print_servos
+
+                result, files = identify_given(model, given, chosen, folder / RESULT, progress)
+                show = partial(print_servos, result, Console(), files)
+            else:
+                result = _identified(model, chosen, folder, progress)
+                result, files = write(result, folder, progress.say, repeated(chosen))
+                show = partial(print_page, brief(result, files), Console())
+                ended = result.law is not None and not result.law.completed
         except UnusableLog as error:
-            if not (chosen.quiet or chosen.json):
-                _print_notes(error)
+            if not quiet:  # the error itself reports the refusals
+                notes = [finding for finding in error.findings if finding.level != "refusal"]
+                print_findings(notes, Console(stderr=True))
             raise
-        result, files = write(result, folder, progress.say, repeated(chosen))
     if chosen.json:
         print_json(result.summary())
     elif not chosen.quiet:
-        from rich.console import Console
-
-        from ..reporting.identification import brief
-        from ..reporting.terminal import print_page
-
-        print_page(brief(result, files), Console())
-    ended = result.law is not None and not result.law.completed
+        show()
     return max(code_of(result.mark), int(ended))
+
+
+def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) -> Identification:
+    """The result of logs with commands that are forces."""
+    from ..calibration.identify import identify
+
+    delay = chosen.delay
+    return identify(
+        model,
+        chosen.log,
+        validate=chosen.validate,
+        mapping=chosen.map,
+        validate_mapping=chosen.validate_map,
+        known=dict(_known(text) for text in chosen.known),
+        loads=chosen.load,
+        lock=names_in(chosen.lock),
+        joints=names_in(chosen.joints) or None,
+        columns=None if chosen.columns == "auto" else names_in(chosen.columns),
+        delay=None if delay == "auto" else numbers_in("--delay", delay, "Such as 0.01."),
+        cutoff=chosen.cutoff,
+        law=chosen.law,
+        folder=folder / chosen.law,
+        told=progress.say,
+    )
 
 
 def repeated(chosen: Identify) -> str:
@@ -157,16 +153,6 @@ def write(
         finish(result.law.run, told)
         files.append(result.law.run.folder / "report.html")
     return result, [folder / RESULT, *files]
-
-
-def _print_notes(error: UnusableLog) -> None:
-    """Prints warnings and notes; the error itself reports the refusals."""
-    from rich.console import Console
-
-    from ..reporting.terminal import print_findings
-
-    notes = [finding for finding in error.findings if finding.level != "refusal"]
-    print_findings(notes, Console(stderr=True))
 
 
 def _known(text: str) -> tuple[str, float]:
@@ -269,3 +255,69 @@ def _followed(
     return Finding(level, "replay", "", text, "", data), Replayed(
         tuple(logs), tuple(simulated), used
     )
+
+
+MAP, PICTURE = "map.toml", "inspection.png"
+
+
+def inspect_log(chosen: Inspect) -> int:
+    """Executes the command and returns the exit code: unusable where `identify` would refuse."""
+    if not chosen.logs:
+        raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
+    check_writable(chosen.out)
+    from ..calibration.logs import limited_to, read_map, read_tables
+    from ..calibration.logs.inspection import inspect
+
+    mapping = read_map(chosen.map) if chosen.map else None
+    robot = None
+    if chosen.model is not None:
+        from ..calibration.models import load_robot_model
+
+        kept = names_in(chosen.joints) or None
+        robot = load_robot_model(chosen.model, names_in(chosen.lock), kept)
+    with limited_to(chosen.limit * 1e9):
+        tables = read_tables(chosen.logs, mapping)
+    found = inspect(tables, mapping, robot)
+    with reading(*chosen.logs, chosen.map, chosen.model):
+        files = _written(found, chosen)
+    if chosen.json:
+        print_json(document(found))
+    else:
+        from rich.console import Console
+
+        from ..reporting.inspection import print_inspection
+
+        print_inspection(found, Console(highlight=False))
+        for path in files:
+            print(printable(str(path)))
+    refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
+    return UNUSABLE if refused else EXPLAINED
+
+
+def document(found: Inspection) -> dict[str, object]:
+    """Figures and findings as plain data."""
+    return {name: [asdict(x) for x in getattr(found, name)] for name in ("channels", "findings")}
+
+
+def _written(found: Inspection, chosen: Inspect) -> list[Path]:
+    """Writes the picture and, if a model is given and no map, a first map; returns the files.
+
+    An existing map may have been edited by hand and is kept: a new one that differs gets another
+    name, and so does the picture beside one that is not ours.
+    """
+    from ..calibration.logs.first_map import first_map
+    from ..reporting.inspection import draw
+    from ..reporting.plots import is_own
+    from ..resources import write_text
+
+    chosen.out.mkdir(parents=True, exist_ok=True)
+    names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
+    paths = (chosen.out / name for name in names)
+    files = [draw(found, next(p for p in paths if not p.exists() or is_own(p)))]
+    if found.robot is not None and chosen.map is None:
+        text, names = first_map(found.tables, found.robot), map("map-new-{}.toml".format, count(2))
+        paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
+        path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
+        write_text(path, text)
+        files.append(path)
+    return files

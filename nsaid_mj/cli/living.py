@@ -15,7 +15,7 @@ from .process import code_of
 
 if TYPE_CHECKING:
     from ..experiment.loop import Observer
-    from ..streaming.estimate import Estimate
+    from ..streaming.session import Estimate
 
 _SHOWN = 1.0  # time between two printed estimates [s]
 
@@ -27,8 +27,8 @@ def follow_robot(chosen: Live) -> int:
     from ..recording.postprocessing import finish
     from ..reporting.progress import Progress
     from ..reporting.report import print_summary
+    from ..streaming.samples import bound
     from ..streaming.session import Session
-    from ..streaming.stream import bound
 
     name = Path(chosen.model).stem
     lock, joints = names_in(chosen.lock), names_in(chosen.joints)

@@ -35,9 +35,7 @@ _Options = TypeVar("_Options")
 
 def compare(script: str, arguments: Sequence[str]) -> int:
     """Compares methods on the logs of a scenario."""
-    for flag, own in (("--seed", "--seeds"), ("--duration", "--durations")):
-        if any(argument.partition("=")[0] == flag for argument in arguments):
-            raise InvalidInput(flag, f"{own}, with one or more values", flag, f"Give {own}.")
+    _refuse(arguments, "--seed", "--duration")
     given, chosen, folder = _given("compare", script, arguments, Compare)
     from ..studies import compare as study
 
@@ -64,6 +62,13 @@ def compare(script: str, arguments: Sequence[str]) -> int:
     from ..studies.compare_report import verdict_of
 
     return code_of(verdict_of(cells))
+
+
+def _refuse(arguments: Sequence[str], *flags: str) -> None:
+    """Refuses flags of a single run in place of which the study has lists, such as --seeds."""
+    for flag in flags:
+        if any(argument.partition("=")[0] == flag for argument in arguments):
+            raise InvalidInput(flag, f"{flag}s, with one or more values", flag, f"Give {flag}s.")
 
 
 def _given(
@@ -112,8 +117,7 @@ def montecarlo(script: str, arguments: Sequence[str]) -> int:
 
 def track(script: str, arguments: Sequence[str]) -> int:
     """Compares tracking laws on the plants of a scenario."""
-    if any(argument.partition("=")[0] == "--seed" for argument in arguments):
-        raise InvalidInput("--seed", "--seeds, with one or more values", "--seed", "Give --seeds.")
+    _refuse(arguments, "--seed")
     given, chosen, folder = _given("track", script, arguments, Track)
     from ..studies import tracking, tracking_run
 

@@ -17,8 +17,7 @@ from ..identifiers import NullspaceAID
 from ..resources import write_json, write_text
 from ..structure.sensing import velocity_labels
 from .designing import Design
-from .harmonics import Ranks
-from .information import rms
+from .information import Ranks, rms
 from .prediction import Prediction
 
 DESIGN, MOTION, SCENARIO, SCRIPT = "design.json", "motion.csv", "scenario.json", "scenario.py"

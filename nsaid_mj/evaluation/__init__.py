@@ -4,22 +4,22 @@
 them also accepts None, for a run whose truth is unknown. `figures` evaluates the estimate of any
 method, `lyapunov` the paper's V, `excitation` the motion. `summary` assembles summary.json, `words`
 phrases it, and `verify` checks the paper's statements against a run. `result` holds what every
-command tells at its end, `run_result` makes it of a run's summary.
+command tells at its end.
 """
 
 from ..structure.sensing import velocity_labels as velocity_labels
 from .figures import CONVERGED as CONVERGED
+from .figures import Forces as Forces
 from .figures import Judge as Judge
 from .figures import converged_at as converged_at
-from .forces import Forces as Forces
-from .forces import forces_of as forces_of
+from .figures import forces_of as forces_of
 from .lyapunov import energy as energy
-from .run_result import mark_of as mark_of
-from .run_result import result_of as result_of
-from .summary import nullspace_of as nullspace_of
+from .result import mark_of as mark_of
+from .result import result_of as result_of
 from .summary import summarize as summarize
 from .summary import versions as versions
 from .truth import Truth as Truth
+from .truth import nullspace_of as nullspace_of
 from .truth import truth_of as truth_of
 from .words import FIGURES as FIGURES
 from .words import OWN as OWN

@@ -11,9 +11,8 @@ import numpy as np
 
 from ..bounds import without_nonfinite
 from ..experiment.loop import Run
-from ..experiment.setup import Seeds
 from ..identifiers import ConventionalAID, IdentifierConfig
-from ..nullspace import Nullspace, directions, structural
+from ..nullspace import directions
 from ..numerics.threads import single_threaded
 from ..parameters import Array, ParameterSpace
 from .confidence import Determined, determined, known
@@ -21,7 +20,7 @@ from .excitation import motion_figures, persistence_figures
 from .figures import held_out_rows, judge, residual_floor
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
 from .misfit import misfit_of, widened
-from .truth import Truth
+from .truth import Truth, nullspace_of
 from .words import scientific, verdict
 
 _CORRELATED = 40  # parameters whose correlations are kept, at most
@@ -112,16 +111,6 @@ def _summary(run: Run, truth: Truth | None) -> dict[str, Any]:
         "versions": versions(),
         "scenario_hash": scenario.hash,
     }
-
-
-def nullspace_of(run: Run, truth: Truth | None) -> Nullspace:
-    """Structural nullspace P_s(θ), at the true θ or, if that is unknown, at the last estimate."""
-    if truth is not None:
-        return truth.nullspace
-    theta = run.record.rows("theta_hat", -1) if len(run.record) else run.prior
-    return structural(
-        run.system, theta, np.random.default_rng(Seeds.of(run.scenario.seed).structure)
-    )
 
 
 def _findings(run: Run, truth: Truth | None) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..experiment.loop import Run, SimulatedRun
-from ..experiment.setup import Setup
+from ..experiment.setup import Seeds, Setup
 from ..identifiers.cone.prior import drawn_covariance
 from ..log import Log
 from ..nullspace import Nullspace, structural
@@ -116,3 +116,12 @@ def truth_of(run: Run) -> Truth | None: ...
 def truth_of(run: Run) -> Truth | None:
     """The truth of a run's plant; None if the plant was not simulated."""
     return Truth(run.setup, run.ending.time) if isinstance(run, SimulatedRun) else None
+
+
+def nullspace_of(run: Run, truth: Truth | None) -> Nullspace:
+    """Structural nullspace P_s(θ), at the true θ or, if that is unknown, at the last estimate."""
+    if truth is not None:
+        return truth.nullspace
+    theta = run.record.rows("theta_hat", -1) if len(run.record) else run.prior
+    rng = np.random.default_rng(Seeds.of(run.scenario.seed).structure)
+    return structural(run.system, theta, rng)

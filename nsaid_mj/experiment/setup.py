@@ -122,20 +122,9 @@ class Setup:
         }
 
     def simulate(self, check: Callable[[], object] = lambda: None) -> Log:
-        """Drives the plant for the run's duration; call it inside `with plant.running():`.
-
-        `check` is called now and then; it may raise, to stop. The measurements end early if the
-        plant diverges, or after one that is not finite.
-        """
-        driver, sensors, parts = self.driver(), self.sensors(), []
-        last, left = self.plant.begin(driver, sensors), self.scenario.steps
-        while True:
-            check()
-            log = self.plant.drive(driver, last, min(left, _PIECE), sensors)
-            parts.append(log.part(1 if parts else 0, len(log.t)))
-            left, last = left - _PIECE, log.at(-1)
-            if left <= 0 or not is_sound(self.plant, log):
-                return Log.unchecked(*map(np.concatenate, zip(*parts, strict=True)))
+        """Drives the plant for the run's duration; see `trajectory`."""
+        steps, sensors = self.scenario.steps, self.sensors()
+        return trajectory(self.plant, self.driver(), steps, sensors, check=check)
 
     def held_out(self, as_at: float) -> Log | None:
         """Drives the plant along a trajectory that no identifier has seen, with exact sensors.
@@ -242,13 +231,22 @@ def trajectory(
     steps: int,
     sensors: Sensors = EXACT_SENSORS,
     as_at: float | None = None,
+    check: Callable[[], object] = lambda: None,
 ) -> Log:
     """Drives a running plant for a number of time steps.
 
-    `as_at` freezes the actuators in their state at this time of a run [s]. Returns steps + 1
-    measurements, fewer if the plant diverges.
+    `as_at` freezes the actuators in their state at this time of a run [s]. `check` is called now
+    and then; it may raise, to stop. Returns steps + 1 measurements; fewer if the plant diverges, or
+    after one that is not finite.
     """
-    return plant.drive(driver, plant.begin(driver, sensors, as_at), steps, sensors)
+    last, parts = plant.begin(driver, sensors, as_at), []
+    while True:
+        check()
+        log = plant.drive(driver, last, min(steps, _PIECE), sensors)
+        parts.append(log.part(1 if parts else 0, len(log.t)))
+        steps, last = steps - _PIECE, log.at(-1)
+        if steps <= 0 or not is_sound(plant, log):
+            return Log.unchecked(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def is_sound(plant: Plant, log: Log) -> bool:

@@ -2,7 +2,7 @@
 
 Only this package imports rerun, which the extra `view` installs; its names are imported on first
 use. `scene` draws the robot, `forces` the actuator forces, `series` the curves; `layout` arranges
-them in the viewer. `file` writes a finished run, `live` streams a running one, and `viewer` finds
+them in the viewer. `run` writes a finished run, `live` streams a running one, and `viewer` finds
 and starts Rerun's viewer.
 """
 
@@ -13,14 +13,14 @@ from ..resources import RECORDING
 from ..structure.optional import installed, require
 
 FILE = RECORDING
-_HOMES = {"write": "file", "Live": "live", "viewer_command": "viewer", "record": "identification",
-          "record_servos": "servos"}  # fmt: skip
+_HOMES = {"write": "run", "Live": "live", "viewer_command": "viewer", "record": "identification",
+          "record_servos": "identification"}  # fmt: skip
 
 if TYPE_CHECKING:
-    from .file import write as write
     from .identification import record as record
+    from .identification import record_servos as record_servos
     from .live import Live as Live
-    from .servos import record_servos as record_servos
+    from .run import write as write
     from .viewer import viewer_command as viewer_command
 
 

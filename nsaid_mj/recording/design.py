@@ -9,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..design.designing import Design
-from ..design.trial import Trial
+from ..design.prediction import Trial
 from ..evaluation.confidence import INTERVAL
 from ..structure.sensing import velocity_labels
 from .layout import beside, robot, whole

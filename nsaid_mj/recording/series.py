@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
 from ..evaluation import OWN, Truth, energy, force_units, velocity_labels
 from ..evaluation.confidence import INTERVAL
@@ -16,13 +15,10 @@ from ..evaluation.figures import midpoints
 from ..evaluation.summary import law_of
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
-from ..parameters import Array, ParameterSpace
-from ..reporting.palette import LAWS
-from ..reporting.panels import local_rms
+from ..parameters import Array, Indices, ParameterSpace
+from ..reporting.panels import LAWS, local_rms
 from ..system import SecondOrderSystem
 from .text import drawable
-
-Indices = NDArray[np.intp]
 
 PALETTE = (  # RGB, readable on a dark and on a light background; hues in the order of the pages'
     (58, 134, 226), (230, 126, 34), (148, 103, 232), (46, 160, 87), (222, 93, 164),

@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from ..experiment.loop import Looks
 from ..parameters import Array
-from ..reporting.palette import LAWS
+from ..reporting.panels import LAWS
 from ..structure.joints import JointTree, bones
 from ..system import SecondOrderSystem
 from .layout import RIGHT, beside, result, robot, whole

@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 
 from ..design.limits import RANDOM
-from ..design.trial import Trial
+from ..design.prediction import Trial
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Mark, judged
 from ..evaluation.summary import versions

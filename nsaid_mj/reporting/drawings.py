@@ -13,9 +13,12 @@ from matplotlib.figure import Figure
 
 from ..parameters import Array, Indices
 from .pages import Figure as PageFigure
-from .palette import BAD, COLOURS, GRID, INK
 from .panels import (
+    BAD,
+    COLOURS,
     DIFFERENCE,
+    GRID,
+    INK,
     INTERVAL,
     MEASURED,
     PREDICTED,

@@ -16,7 +16,7 @@ from ..evaluation.result import Mark, gravest_first
 from ..parameters import Array, number
 from .drawings import extremes
 from .pages import Cell, Table, Text
-from .palette import BAD, COLOURS
+from .panels import BAD, COLOURS
 from .plots import png_of
 from .terminal import print_findings, print_panels
 

@@ -1,7 +1,8 @@
 """The page of every command as data: a verdict, its figure, and sections made of panels.
 
 A command builds a `Page`; `render` makes one self-contained HTML file of it, with every value
-escaped, and `terminal.print_page` prints it. Any text may have `code` in backticks.
+escaped, `markdown` a text for recordings, and `terminal.print_page` prints it. Any text may have
+`code` in backticks.
 """
 
 from __future__ import annotations
@@ -17,8 +18,7 @@ from typing import Any, NamedTuple
 from ..evaluation.result import LEVELS, Mark
 from ..resources import write_text
 from ..robot.findings import Finding
-from .palette import COLOURS, DARK, VARIABLES
-from .panels import BAND, DASHES, MARKERS
+from .panels import BAND, COLOURS, DARK, DASHES, MARKERS, VARIABLES
 
 FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -231,3 +231,55 @@ def _environment() -> Any:
         shared_legend=shared_legend,
     )  # fmt: skip
     return environment
+
+
+def markdown(page: Page) -> str:
+    """A page's verdict, findings, texts, lists and tables; its commands are left out."""
+    lines = [f"## {plain(page.heading)}", ""] if page.heading else []
+    lines += [f"**{plain(page.verdict.text)}**", ""] if page.verdict else []
+    lines += [plain(page.lead), ""] if page.lead else []
+    for finding in page.findings:
+        where = f"**{plain(finding.where)}**: " if finding.where else ""
+        lines.append(f"- {where}{plain(f'{finding.text}. {finding.remedy}')}")
+    for section in page.sections:
+        lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
+        lines += panels(section.panels)
+    return "\n".join(lines) + "\n"
+
+
+def panels(some: Sequence[Panel]) -> list[str]:
+    """The lines of texts, lists, tables and folded panels."""
+    lines: list[str] = []
+    for panel in some:
+        if isinstance(panel, Text):
+            lines += [f"{'#### ' * panel.head}{plain(panel.words)}", ""]
+        elif isinstance(panel, Items):
+            for entry in panel.entries:
+                what, more = (entry, "") if isinstance(entry, str) else entry
+                lines.append(f"- {f'**{plain(what)}**: {plain(more)}' if more else plain(what)}")
+            lines.append("")
+        elif isinstance(panel, Badges):
+            lines += [", ".join(plain(mark.text) for mark in panel.marks), ""]
+        elif isinstance(panel, Table) and panel.lines:
+            lines += [_row(panel.heads), "|---" * len(panel.heads) + "|"]
+            lines += [_row([_cell(cell) for cell in line]) for line in panel.lines] + [""]
+        elif isinstance(panel, Fold):
+            lines += [f"#### {plain(panel.title)}", "", *panels(panel.panels)]
+    return lines
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(map(plain, cells))} |"
+
+
+def _cell(cell: Cell) -> str:
+    if isinstance(cell, Mark | Link):
+        return cell.text
+    return " ".join(map(_cell, cell)) if isinstance(cell, tuple) else str(cell)
+
+
+def plain(text: str) -> str:
+    """Text without the characters that Markdown interprets."""
+    for mark in "\\`*_{}[]<>#|":
+        text = text.replace(mark, f"\\{mark}")
+    return " ".join(text.split())

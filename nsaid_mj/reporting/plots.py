@@ -21,12 +21,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from ..parameters import Array
 from .pages import Figure as PageFigure
-from .palette import GRID, INK, VARIABLES
-from .panels import Panel
+from .panels import COLOURS, GRID, INK, VARIABLES, Panel
 
 CURVE, NAMES = "curve:", "names"
 """Prefix of the gid of what is drawn of a curve, before its name; gid of an axis of names."""
@@ -89,20 +89,27 @@ def over_time(panel: Panel) -> str:
     """Draws a panel's curves as an SVG element; title and legend are left to the page."""
     with style():
         figure, left = Figure(figsize=(_WIDTH * (1 + panel.wide), _HEIGHT)), 0.15 / (1 + panel.wide)
-        axis = figure.add_axes((left, 0.165, 0.96 - left, 0.79))
-        if panel.level is not None:
-            axis.axhline(panel.level, color=INK, linewidth=0.6, linestyle="--")
-        for curve in panel.curves:
-            if curve.low is not None and curve.high is not None:
-                low, high = (np.clip(end, -_HUGE, _HUGE) for end in (curve.low, curve.high))
-                band(axis, curve.t, low, high, curve.colour, panel.band_name, curve.name)
-            line(axis, curve.t, curve.values, curve.name, curve.dash, color=curve.colour)
-        axis.margins(x=0.0)
-        axis.set_xlabel("t [s]")
-        axis.set_ylabel(panel.label)
-        if panel.logarithmic:
-            logarithmic(axis)
+        curves(panel, figure.add_axes((left, 0.165, 0.96 - left, 0.79)))
         return svg(figure, panel.title)
+
+
+def curves(panel: Panel, axis: Axes) -> None:
+    """Draws a panel's curves into axes."""
+    if panel.level is not None:
+        axis.axhline(panel.level, color=INK, linewidth=0.6, linestyle="--")
+    for t in panel.events:
+        axis.axvline(t, color=COLOURS[8], linestyle=":")
+    for curve in panel.curves:
+        if curve.low is not None and curve.high is not None:
+            low, high = (np.clip(end, -_HUGE, _HUGE) for end in (curve.low, curve.high))
+            band(axis, curve.t, low, high, curve.colour, panel.band_name, curve.name)
+        style = {"color": curve.colour, "label": curve.name or None}
+        line(axis, curve.t, curve.values, curve.name, curve.dash, **style)
+    axis.margins(x=0.0)
+    axis.set_xlabel("t [s]")
+    axis.set_ylabel(panel.label)
+    if panel.logarithmic:
+        logarithmic(axis)
 
 
 def line(axis: Axes, x: Any, y: Any, name: str, dash: str = "-", **style: Any) -> None:
@@ -130,30 +137,25 @@ def band(
         tell(axis, t, values, f"{f'{of}, ' if of else ''}{name}, {end}")
 
 
-def page_figure(
-    title: str,
-    draw: Callable[[Axes], None],
-    wide: bool = False,
-    legend: Sequence[tuple[str, str, str]] | None = None,
-) -> PageFigure:
-    """A figure of a page, drawn by a function of its axes.
+def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) -> PageFigure:
+    """A figure of a page, drawn by a function of its axes; its legend has all labelled curves.
 
     Args:
         title: above the panel.
         draw: draws the panel.
         wide: whether the panel takes the whole width of the page.
-        legend: (name, colour, dash) of the entries below it; by default those of labelled bars.
     """
     with style():
         size = (2 * _WIDTH if wide else _WIDTH, _HEIGHT)
         figure = Figure(figsize=size, layout="constrained")
         axis = figure.add_subplot()
         draw(axis)
-        if legend is None:
-            legend = [
-                (label, to_hex(bars.patches[0].get_facecolor()), "-")
-                for bars, label in zip(*axis.get_legend_handles_labels(), strict=True)
-            ]
+        legend = []
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            first = handle[0] if isinstance(handle, tuple) else handle  # a bar, or a curve
+            bar = isinstance(first, Rectangle)
+            colour = to_hex(first.get_facecolor() if bar else first.get_color())
+            legend.append((label, colour, "-" if bar else first.get_linestyle()))
         return PageFigure(title, svg(figure, title), legend, wide)
 
 
@@ -210,7 +212,7 @@ def svg(figure: Figure, title: str) -> str:
     """Renders a figure as an SVG element for an HTML page with other drawings.
 
     Ids that are referenced are prefixed with a hash of the drawing, so that they are unique on the
-    page; all others are removed. Colours in `palette.VARIABLES` become CSS variables. The curves'
+    page; all others are removed. Colours in `panels.VARIABLES` become CSS variables. The curves'
     values are in the element's metadata, from where the page's script reads them.
 
     Args:
@@ -312,7 +314,7 @@ def _numbers(values: Any) -> list[float | None]:
 
 _NO_METADATA = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 _COLOUR = re.compile("|".join(VARIABLES))
-_FONT = re.compile(r"(font: [\d.]+px) [^;]*")
+_FONT = re.compile(r"(font: [\d.]+px|font-family:) [^;]*")
 
 
 def _local(name: str) -> str:
@@ -326,7 +328,7 @@ def _page_style(text: str) -> str:
     return _COLOUR.sub(lambda match: f"var({VARIABLES[match[0]]}, {match[0]})", text)
 
 
-def png(figure: Figure, path: Path) -> Path:
+def _png(figure: Figure, path: Path) -> Path:
     """Writes a figure as PNG, atomically, and returns the path."""
     partial = path.with_name(f".{path.name}.part")
     with style():
@@ -336,7 +338,7 @@ def png(figure: Figure, path: Path) -> Path:
 
 
 def is_own(path: Path) -> bool:
-    """Whether a path is that of a PNG file that `png` wrote."""
+    """Whether a path is that of a PNG file that `png_of` wrote."""
     if not path.is_file():
         return False
     with path.open("rb") as file:
@@ -344,29 +346,32 @@ def is_own(path: Path) -> bool:
 
 
 def png_of(
-    lines: Sequence[Mapping[str, Callable[[Axes], None]]], size: tuple[float, float], path: Path
+    lines: Sequence[Mapping[str, Callable[[Axes], None]]],
+    size: tuple[float, float],
+    path: Path,
+    names: Sequence[str] = (),
 ) -> Path:
-    """Writes a grid of panels as PNG, each drawn by a function of its axes.
+    """Writes a grid of panels as PNG, each drawn by a function of its axes, with one legend.
 
     Args:
         lines: drawing functions by title, from top to bottom; all lines have the same titles.
         size: of the whole picture [inch].
         path: of the file; it is returned.
+        names: of the lines, on their left; empty for none.
     """
     with style():
-        figure, axes = grid(len(lines), len(lines[0]), size)
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots(len(lines), len(lines[0]), squeeze=False)
+        handles: dict[str, Any] = {}
         for row, line in zip(axes, lines, strict=True):
             for axis, draw in zip(row, line.values(), strict=True):
                 draw(axis)
-                if axis.get_legend_handles_labels()[0]:
-                    axis.set_ylim(top=1.4 * axis.get_ylim()[1])  # space for the legend
-                    axis.legend(loc="upper left")
+                for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+                    handles.setdefault(label, handle)
         for axis, title in zip(axes[0], lines[0], strict=True):
             axis.set_title(title)
-        return png(figure, path)
-
-
-def grid(lines: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
-    """A figure of lines × columns panels and the array of its axes; call this within `style`."""
-    figure = Figure(figsize=size, layout="constrained")
-    return figure, figure.subplots(lines, columns, squeeze=False)
+        for row, name in zip(axes, names, strict=False):
+            row[0].set_ylabel(name)
+        if handles:
+            figure.legend(handles.values(), handles.keys(), loc="outside right center")
+        return _png(figure, path)

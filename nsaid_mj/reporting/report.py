@@ -11,8 +11,7 @@ from rich.console import Console
 
 from .. import evaluation
 from ..evaluation import Truth, mark_of, result_of
-from ..evaluation.result import Mark, Result
-from ..evaluation.run_result import figures_of
+from ..evaluation.result import Mark, Result, figures_of
 from ..evaluation.verify import ROWS, Verdict, verify
 from ..experiment.loop import Run
 from ..parameters import rounded

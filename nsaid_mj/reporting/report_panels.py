@@ -13,8 +13,7 @@ from ..evaluation.result import Result
 from ..evaluation.words import CONVERGED
 from ..experiment.loop import Run
 from ..parameters import Array
-from .palette import COLOURS, LAWS
-from .panels import AnyPanel, Comparison, HeatMap, Panel, local_rms, thin
+from .panels import COLOURS, LAWS, AnyPanel, Comparison, HeatMap, Panel, local_rms, thin
 from .parameters import correlations, forests
 
 _FORCES = 600  # points of a curve of forces

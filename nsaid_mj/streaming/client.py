@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike
 
 from ..calibration.measured import LiveRobot, measured_scenario
 from ..errors import BadRun, InvalidInput
-from .estimate import Estimate
 from .samples import sample_of
-from .session import Session
+from .session import Estimate, Session
 
 _START = "from nsaid_mj.cli.commands import run_from_shell; run_from_shell()"
 _REMEDY = "See the message above; what was recorded is in the folder."

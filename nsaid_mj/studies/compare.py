@@ -28,7 +28,7 @@ from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
 from ..resources import write_json
 from . import compare_report
-from .compare_results import BOUND, DEFAULT, LAWS, METHODS, PRIOR, Cell, sensors
+from .compare_report import BOUND, DEFAULT, METHODS, OURS, PRIOR, Cell, sensors
 from .study import Study, carried_out, write_csv
 
 FILES = ("compare.json", "compare.csv")
@@ -100,14 +100,8 @@ class Plan(Study):
     @property
     def manifest(self) -> dict[str, Any]:
         """Everything that the results depend on, as JSON values; the scenario as JSON text."""
-        return self.manifest_of(
-            methods=list(self.methods),
-            seeds=list(self.seeds),
-            durations=list(self.durations),
-            noises=list(self.noises),
-            budget=self.budget,
-            bound=self.bound,
-        ) | {"scenario": self.scenario.to_json()}
+        own = {f.name: getattr(self, f.name) for f in fields(self)[len(fields(Study)) :]}
+        return self.manifest_of(**own) | {"scenario": self.scenario.to_json()}
 
 
 def compare(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Cell]:
@@ -206,7 +200,7 @@ def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:
     identifier = base.identifier
     assert isinstance(identifier, NullspaceAID)  # checked by the plan
     rivals: dict[str, IdentifierConfig] = {
-        law: replace(identifier, law=law) for law in LAWS if law in plan.methods
+        law: replace(identifier, law=law) for law in OURS if law in plan.methods
     }
     if "conventional" in plan.methods:
         known = base.rivals.get("conventional")

@@ -1,28 +1,140 @@
-"""The report of a comparison: which method is best, figures of all, and their plots."""
+"""The results of a comparison: statistics over the seeds, the best method, a page and plots."""
 
 from __future__ import annotations
 
 import math
-import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 from rich.console import Console
 
+from ..baselines import BATCH
 from ..evaluation import figure
 from ..evaluation.result import Mark, judged
+from ..identifiers import NullspaceAID
 from ..reporting import pages, plots
 from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
-from ..reporting.palette import BAD, COLOURS, INK, LAWS
+from ..reporting.panels import BAD, COLOURS, INK, LAWS
 from ..reporting.terminal import print_panels
 from ..robot.findings import Finding
-from .compare_results import BOUND, FIGURES, PRIOR, Cell, Row, rows, sensors
-from .compare_results import LAWS as OURS
+from .study import repeated
 from .sweep_results import digits
+
+PRIOR = "prior"
+"""Name of the prior, which is judged like a method."""
+
+BOUND = "bound"
+"""Name of the Cramér–Rao bound, whose median figures stand beside those of the methods."""
+
+OURS: tuple[str, ...] = get_args(get_type_hints(NullspaceAID)["law"])
+
+METHODS = ("conventional", *OURS, *BATCH, "sysid")
+DEFAULT = METHODS[:-1]  # all but sysid, which takes minutes
+
+FIGURES = (
+    ("distance to the true set", "theta_perp_ratio"),
+    ("error of gain ratios", "actuator_ratio_error"),
+    ("force residual, held out", "force_residual_ratio"),
+    ("wall time [s]", "wall_s"),
+)
+"""The figures that are compared: label, key."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """The result of one method on one log; figures are those of summary.json, None if it failed.
+
+    Attributes:
+        noise: multiple of the scenario's sensor noise.
+        duration: length of the log [s].
+        force_residual_ratio: None also if the plant diverges on the held-out trajectory.
+        wall_s: wall time of the method, including its regressors [s].
+        note: settings that the method chose automatically.
+        failure: why it failed; empty if it did not.
+    """
+
+    method: str
+    seed: int
+    noise: float
+    duration: float
+    theta_perp_ratio: float | None = None
+    actuator_ratio_error: float | None = None
+    force_residual_ratio: float | None = None
+    wall_s: float | None = None
+    note: str = ""
+    failure: str = ""
+
+
+def sensors(noise: float) -> str:
+    """A multiple of the scenario's sensor noise, in words."""
+    return "exact sensors" if noise == 0 else f"{noise:g} × noise"
+
+
+@dataclass(frozen=True)
+class Row:
+    """Statistics of one method over all seeds, by key of `FIGURES`; failed seeds count as infinite.
+
+    Attributes:
+        noise: multiple of the scenario's sensor noise.
+        duration: length of the log [s].
+        failures: one reason for each failed seed.
+        notes: settings that the method chose automatically, without duplicates.
+        over_bound: median over that of the Cramér–Rao bound; empty where that was not computed.
+    """
+
+    method: str
+    noise: float
+    duration: float
+    median: dict[str, float]
+    worst: dict[str, float]
+    best: dict[str, float]
+    failures: tuple[str, ...]
+    notes: tuple[str, ...]
+    over_bound: dict[str, float]
+
+
+def rows(cells: Sequence[Cell]) -> list[Row]:
+    """Statistics over the seeds, ordered by noise, duration and `METHODS`."""
+    groups: dict[tuple[float, float, str], list[Cell]] = {}
+    for cell in cells:
+        groups.setdefault((cell.noise, cell.duration, cell.method), []).append(cell)
+    found: list[Row] = []
+    bounds: dict[tuple[float, float], dict[str, float]] = {}
+    order = (PRIOR, BOUND, *METHODS)
+    for noise, duration, method in sorted(groups, key=lambda k: (*k[:2], order.index(k[2]))):
+        group = groups[noise, duration, method]
+        values = {
+            key: np.array([_number(getattr(cell, key)) for cell in group]) for _, key in FIGURES
+        }
+        median = {key: float(np.median(v)) for key, v in values.items()}
+        if method == BOUND:
+            bounds[noise, duration] = {
+                key: value for key, value in median.items() if 0 < value < np.inf
+            }
+        least = bounds.get((noise, duration), {}) if method not in {PRIOR, BOUND} else {}
+        found.append(
+            Row(
+                method,
+                noise,
+                duration,
+                median=median,
+                worst={key: float(np.max(v)) for key, v in values.items()},
+                best={key: float(np.min(v)) for key, v in values.items()},
+                failures=tuple(cell.failure for cell in group if cell.failure),
+                notes=tuple(dict.fromkeys(cell.note for cell in group if cell.note)),
+                over_bound={key: median[key] / value for key, value in least.items()},
+            )
+        )
+    return found
+
+
+def _number(value: float | None) -> float:
+    return np.inf if value is None else value
+
 
 _DECIDES = "theta_perp_ratio"
 _HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "gain ratios", "force residual", "time [s]")
@@ -34,7 +146,7 @@ _BARS = "Markers are medians over the seeds, bars reach from the best to the wor
 def write(
     folder: Path,
     cells: Sequence[Cell],
-    drawn: Mapping[str, Sequence[Line]],
+    drawn: Mapping[str, Mapping[str, Panels]],
     manifest: dict[str, Any],
 ) -> Path:
     """Writes a comparison's report.html, with its plots from `lines`, and returns its path."""
@@ -94,19 +206,14 @@ def print_table(cells: Sequence[Cell], console: Console) -> None:
 def _command(manifest: dict[str, Any]) -> str:
     """The command line that repeats a comparison."""
     noisy = [noise for noise in manifest["noises"] if noise]
-    kinds = ["ideal"] * (0 in manifest["noises"]) + ["noisy"] * bool(noisy)
-    lists = {
-        "--methods": manifest["methods"],
-        "--seeds": manifest["seeds"],
-        "--sensors": kinds,
-        "--durations": [f"{d:g}" for d in manifest["durations"]],
-        "--noise-scales": [f"{noise:g}" for noise in noisy],
+    flags = {
+        "methods": manifest["methods"],
+        "seeds": manifest["seeds"],
+        "sensors": ["ideal"] * (0 in manifest["noises"]) + ["noisy"] * bool(noisy),
+        "durations": [f"{d:g}" for d in manifest["durations"]],
+        "noise-scales": [f"{noise:g}" for noise in noisy],
     }
-    flags = [word for flag, values in lists.items() if values
-             for word in (flag, ",".join(map(str, values)))]  # fmt: skip
-    bound = ["--bound"] if manifest["bound"] else []
-    words = ["nsaid", "compare", manifest["script"], *manifest["arguments"], *flags, *bound]
-    return shlex.join(words)
+    return repeated("compare", manifest, flags) + " --bound" * manifest["bound"]
 
 
 def verdict_of(cells: Sequence[Cell]) -> Mark:
@@ -155,90 +262,64 @@ _REST = {"sysid": BAD, PRIOR: COLOURS[8]}  # colours of methods that are not law
 _REFERENCES = (PRIOR, BOUND)
 _TITLES = {"wall_time": "wall time", "data_length": "length of the log", "noise": "sensor noise"}
 
-Draw = Callable[[Any], None]
-"""Draws one panel into matplotlib axes."""
+Panels = dict[str, Callable[[Any], None]]
+"""Functions that draw panels into matplotlib axes, by the label of the figure that they show."""
 
 
-@dataclass(frozen=True)
-class Line:
-    """A line of panels in a picture, by the figure's label, on the same logs."""
-
-    logs: str
-    methods: Sequence[str]
-    panels: Mapping[str, Draw]
-
-
-def lines(cells: Sequence[Cell]) -> dict[str, list[Line]]:
-    """The lines of panels with enough cells, by the stem of a picture's file.
+def lines(cells: Sequence[Cell]) -> dict[str, dict[str, Panels]]:
+    """The panels with enough cells, by the stem of a picture's file and by the logs of a line.
 
     Markers are medians over the seeds, error bars reach from the best to the worst seed. Medians
     that are not finite are left out.
     """
     found = rows(cells)
     noises, durations = sorted({r.noise for r in found}), sorted({r.duration for r in found})
-    drawn: dict[str, list[Line]] = {}
     if not found:
-        return drawn
+        return {}
+    # the error of gain ratios of a single actuator is 0
+    shown = [(label, key) for label, key in _SHOWN if any(r.median[key] for r in found)]
+
+    def line(chosen: list[Row], draw: Callable[..., None]) -> Panels:
+        return {label: partial(draw, chosen, key) for label, key in shown}
+
     last = [r for r in found if r.duration == durations[-1]]
     logs = f"{durations[-1]:g} s of data"
     able = [r for r in last if r.method not in _REFERENCES]
-    # the error of gain ratios of a single actuator is 0
-    shown = [(label, key) for label, key in _SHOWN if any(r.median[key] for r in found)]
-    line_of = partial(_panels, shown)
-    drawn["wall_time"] = [
-        line_of(f"{sensors(x)}, {logs}", [r for r in able if r.noise == x], _over_time)
-        for x in noises
-    ]
+    drawn = {
+        "wall_time": {
+            f"{sensors(x)}, {logs}": line([r for r in able if r.noise == x], _over_time)
+            for x in noises
+        }
+    }
     if len(durations) > 1:
         over = partial(_over_length, durations)
-        drawn["data_length"] = [
-            line_of(sensors(x), [r for r in found if r.noise == x], over) for x in noises
-        ]
+        drawn["data_length"] = {
+            sensors(x): line([r for r in found if r.noise == x], over) for x in noises
+        }
     if len(noises) > 1:
-        drawn["noise"] = [line_of(logs, last, partial(_over_noise, noises))]
+        drawn["noise"] = {logs: line(last, partial(_over_noise, noises))}
     return drawn
 
 
-def write_pictures(folder: Path, drawn: Mapping[str, Sequence[Line]]) -> list[Path]:
+def write_pictures(folder: Path, drawn: Mapping[str, Mapping[str, Panels]]) -> list[Path]:
     """Writes the plots as PNG, and returns their paths."""
-    with plots.style():
-        return [
-            plots.png(_picture(of), folder / f"{stem}.png") for stem, of in sorted(drawn.items())
-        ]
+    return [
+        plots.png_of(
+            list(of.values()), (12.5, 1.0 + 3.3 * len(of)), folder / f"{stem}.png", list(of)
+        )
+        for stem, of in sorted(drawn.items())
+    ]
 
 
-def figures(drawn: Mapping[str, Sequence[Line]]) -> list[Figure]:
+def figures(drawn: Mapping[str, Mapping[str, Panels]]) -> list[Figure]:
     """The plots of the page, the noisiest logs and distances first."""
-    found = []
-    for label, _ in _SHOWN:
-        for stem, of in drawn.items():
-            for line in (line for line in reversed(of) if label in line.panels):
-                title = f"{label.capitalize()} over {_TITLES[stem]}: {line.logs}"
-                legend = [(m, _look(m)[0], _look(m)[2]) for m in line.methods]
-                found.append(plots.page_figure(title, line.panels[label], legend=legend))
-    return found
-
-
-def _panels(
-    shown: Sequence[tuple[str, str]], logs: str, chosen: list[Row], draw: Callable[..., None]
-) -> Line:
-    methods = list(dict.fromkeys(row.method for row in chosen))
-    return Line(logs, methods, {label: partial(draw, chosen, key) for label, key in shown})
-
-
-def _picture(of: Sequence[Line]) -> Any:
-    figure, axes = plots.grid(len(of), len(of[0].panels), (12.5, 1.0 + 3.3 * len(of)))
-    handles: dict[str, Any] = {}
-    for row, line in zip(axes, of, strict=True):
-        for axis, draw in zip(row, line.panels.values(), strict=True):
-            draw(axis)
-            for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-                handles.setdefault(label, handle)
-        row[0].set_ylabel(line.logs)
-    for axis, label in zip(axes[0], of[0].panels, strict=True):
-        axis.set_title(label)
-    figure.legend(handles.values(), handles.keys(), loc="outside right center")
-    return figure
+    return [
+        plots.page_figure(f"{label.capitalize()} over {_TITLES[stem]}: {logs}", panels[label])
+        for label, _ in _SHOWN
+        for stem, of in drawn.items()
+        for logs, panels in reversed(list(of.items()))
+        if label in panels
+    ]
 
 
 def _over_length(durations: list[float], chosen: list[Row], key: str, axis: Any) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import shlex
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -64,6 +65,14 @@ class Study:
             "versions": evaluation.versions(),
             "arguments": list(self.arguments),
         }
+
+
+def repeated(command: str, manifest: Mapping[str, Any], flags: Mapping[str, Sequence[Any]]) -> str:
+    """The command line that repeats a study, with the flags that have values."""
+    words = ["nsaid", command, manifest["script"], *manifest["arguments"]]
+    for flag, values in flags.items():
+        words += [f"--{flag}", ",".join(map(str, values))] if values else []
+    return shlex.join(words)
 
 
 def carried_out(

@@ -12,8 +12,7 @@ import numpy as np
 
 from ..reporting import pages, plots
 from ..reporting.pages import Cell, Figures, Page, Section, Table, Text
-from ..reporting.palette import BAD, COLOURS
-from ..reporting.panels import thin
+from ..reporting.panels import BAD, COLOURS, thin
 from ..robot.findings import Finding
 from .sweep_results import HEADS, SPREADS, Group, Sweep, cells, verdict_of
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,12 +16,13 @@ from ..numerics.threads import single_threaded
 from ..parameters import Array, rounded
 from ..recording.tracking import record
 from ..reporting import pages, plots
+from ..reporting.drawings import figures_of
 from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
-from ..reporting.palette import COLOURS, LAWS
+from ..reporting.panels import COLOURS, LAWS, Panel, local_rms
 from ..reporting.picture import picture
 from ..robot.findings import Finding
 from ..system import SecondOrderSystem
-from .study import carried_out
+from .study import carried_out, repeated
 from .tracking import FILES, Course, Plan, courses, medians_in_words, print_table, table_of, write
 
 
@@ -48,28 +48,23 @@ def _thinned(motion: Motion) -> Motion:
 
 
 PICTURE, RECORDING = "tracking.png", "tracking.rrd"
-_WINDOWS = 120  # of the error over time
-_LABEL = 20  # windows below a curve's name
 
 
 def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     """Writes report.html, tracking.png and tracking.rrd, and returns their paths."""
     shown = [c for c in done if c.seed == done[0].seed]
     table, length = table_of(plan, done), plan.scenario.duration
-    panels = {
-        f"Tracking error [{unit}]": partial(_errors, shown, unit) for unit in _units(shown[0])
-    }
-    named = {title: partial(panel, named=True) for title, panel in panels.items()}
-    plot = plots.png_of([named], (6.0 * len(panels), 3.4), folder / PICTURE)
-    legend = [(c.law, COLOURS[LAWS[c.law]], "-") for c in shown]
-    figures = [plots.page_figure(name, panel, legend=legend) for name, panel in panels.items()]
+    panels = [_errors(shown, unit) for unit in _units(shown[0])]
+    lines = [{panel.title: partial(plots.curves, panel) for panel in panels}]
+    plot = plots.png_of(lines, (1.0 + 6.0 * len(panels), 3.4), folder / PICTURE)
+    figures = figures_of(panels, 1)
     sections = [Section("Tracking errors", [table, Text(
         f"{medians_in_words(plan)} “Better by” is the median over the seeds of the conventional "
         "law's rms error over this law's. “V rises” counts the steps in which the Lyapunov "
         "function rose by more than its discretisation explains.", note=True,
     )])]  # fmt: skip
-    averaged = f"Root mean square over the coordinates and over windows of {length / _WINDOWS:.2g}"
-    drawn = Text(f"{averaged} s; seed {shown[0].seed}.", note=True)
+    averaged = "Root mean square over the coordinates and over short intervals"
+    drawn = Text(f"{averaged}; seed {shown[0].seed}.", note=True)
     if figures[1:]:
         sections.append(Section("Over time", [Figures(figures[1:]), drawn]))
     page = Page(
@@ -82,7 +77,10 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         findings=_missing(plan, done),
         carrying=[*figures[:1], *_robot(shown[0])],
         sections=sections,
-        commands=[_command(plan), shlex.join(["nsaid", "view", str(folder / RECORDING)])],
+        commands=[
+            repeated("track", plan.manifest, {"laws": plan.laws, "seeds": plan.seeds}),
+            shlex.join(["nsaid", "view", str(folder / RECORDING)]),
+        ],
         notes=["All figures are in tracking.json and tracking.csv."],
         versions=plan.manifest["versions"],
     )
@@ -128,13 +126,6 @@ def _missing(plan: Plan, done: list[Course]) -> list[Finding]:
     return [Finding("refusal", "missing", "not finished", words)] if missing else []
 
 
-def _command(plan: Plan) -> str:
-    """The command line that repeats a study."""
-    laws, seeds = ",".join(plan.laws), ",".join(map(str, plan.seeds))
-    words = ["nsaid", "track", plan.script, "--laws", laws, "--seeds", seeds, *plan.arguments]
-    return shlex.join(words)
-
-
 def _record(folder: Path, shown: list[Course], result: str) -> Path:
     first = shown[0]
     tracker, system, motion = first.tracker, first.setup.system, first.motion
@@ -176,22 +167,11 @@ def _robot(c: Course) -> list[Figure]:
     return [found] if found else []
 
 
-def _errors(shown: list[Course], unit: str, axis: Any, named: bool = False) -> None:
-    """Draws every law's rms error over short windows, on a logarithmic scale; `named` in itself."""
+def _errors(shown: list[Course], unit: str) -> Panel:
+    """Every law's error over time, in the unit of some coordinates."""
+    faults = shown[0].setup.plant.faults
+    events = [t for fault in faults for t in (fault.time, fault.until) if t is not None]
+    panel = Panel(f"Tracking error [{unit}]", f"rms error [{unit}]", True, events=events)
     for c in shown:
-        colour = COLOURS[LAWS[c.law]]
-        pieces = np.array_split(np.arange(len(c.motion.t)), min(_WINDOWS, len(c.motion.t)))
-        rms = [np.sqrt(np.mean(_error(c, unit)[rows] ** 2)) for rows in pieces]
-        t = [c.motion.t[rows].mean() for rows in pieces]
-        plots.line(axis, t, rms, c.law, color=colour)
-        if named:
-            place = 1.4 * max(rms[-_LABEL:])
-            axis.text(t[-1], place, c.law, color=colour, ha="right", va="bottom")
-    for fault in shown[0].setup.plant.faults:
-        for t in (fault.time, fault.until):
-            if t is not None:
-                axis.axvline(t, color=COLOURS[8], ls=":")
-    axis.margins(x=0.0)
-    axis.set_xlabel("t [s]")
-    axis.set_ylabel(f"rms error [{unit}]")
-    plots.logarithmic(axis)
+        panel.add(*local_rms(c.motion.t, _error(c, unit)), c.law, colour=COLOURS[LAWS[c.law]])
+    return panel

@@ -127,8 +127,8 @@ def test_track(status: str, code: int, monkeypatch: Patch) -> None:
 
 @pytest.mark.parametrize(("kind", "code"), [("good", 0), ("fair", 0), ("poor", 1)])
 def test_excite(kind: str, code: int, monkeypatch: Patch) -> None:
-    for name in ("design.design", "design.prediction.predict", "design.harmonics.ranks",
-                 "design.files.scenario_of", "design.files.document", "design.trial.tried",
+    for name in ("design.design", "design.prediction.predict", "design.information.ranks",
+                 "design.files.scenario_of", "design.files.document", "design.prediction.tried",
                  "recording.design.record", "reporting.design.write_page"):  # fmt: skip
         put(monkeypatch, name, SimpleNamespace(limits=None))
     put(monkeypatch, "design.files.write", [])

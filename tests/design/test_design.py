@@ -11,11 +11,10 @@ from nsaid_mj.control import DesignedSignals, DesignedTracking, FourierTracking
 from nsaid_mj.control.driver import Tracking
 from nsaid_mj.design import Design, Experiment, Limit, Limits, asked_for, design, read_limits
 from nsaid_mj.design.files import motion_csv
-from nsaid_mj.design.harmonics import ranks
+from nsaid_mj.design.information import ranks
 from nsaid_mj.design.limits import extents_of
-from nsaid_mj.design.prediction import predict, remedies
+from nsaid_mj.design.prediction import predict, remedies, tried
 from nsaid_mj.design.search import minimise
-from nsaid_mj.design.trial import tried
 from nsaid_mj.errors import InvalidInput, NoMotion, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.scenario import Scenario

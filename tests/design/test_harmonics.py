@@ -7,7 +7,7 @@ import pytest
 
 from nsaid_mj.control import FourierTracking
 from nsaid_mj.design import Experiment, Limit, Limits
-from nsaid_mj.design.harmonics import ranks
+from nsaid_mj.design.information import ranks
 from nsaid_mj.experiment.library import load
 from nsaid_mj.nullspace import level, split
 

@@ -11,7 +11,7 @@ from scipy.stats import norm
 from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.evaluation.confidence import INTERVAL, Known
 from nsaid_mj.evaluation.figures import last_tenth
-from nsaid_mj.evaluation.run_result import result_of
+from nsaid_mj.evaluation.result import result_of
 from nsaid_mj.experiment.loop import run
 from tests.support.faulty import ROV
 

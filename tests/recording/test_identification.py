@@ -16,7 +16,7 @@ from nsaid_mj.log import Log
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
 from nsaid_mj.recording.text import drawable
-from nsaid_mj.reporting.markdown import plain
+from nsaid_mj.reporting.pages import plain
 from tests.support.identification import identification
 from tests.support.recordings import entities_of
 

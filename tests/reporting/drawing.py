@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from nsaid_mj.reporting.palette import VARIABLES
+from nsaid_mj.reporting.panels import VARIABLES
 
 
 def points_of(drawing: ElementTree.Element, colour: str) -> np.ndarray:

@@ -18,8 +18,16 @@ from matplotlib.figure import Figure
 
 from nsaid_mj.reporting import plots
 from nsaid_mj.reporting.drawings import draw
-from nsaid_mj.reporting.palette import COLOURS, VARIABLES
-from nsaid_mj.reporting.panels import POINTS, Comparison, Forest, Panel, Points, thin
+from nsaid_mj.reporting.panels import (
+    COLOURS,
+    POINTS,
+    VARIABLES,
+    Comparison,
+    Forest,
+    Panel,
+    Points,
+    thin,
+)
 from nsaid_mj.reporting.plots import number, over_time
 from tests.reporting.drawing import points_of, words_of
 from tests.reporting.markup import data_of

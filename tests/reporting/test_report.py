@@ -20,7 +20,7 @@ from nsaid_mj import (
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.parameters import number
 from nsaid_mj.reporting import pages, report
-from nsaid_mj.reporting.palette import COLOURS, LAWS
+from nsaid_mj.reporting.panels import COLOURS, LAWS
 from tests.reporting.drawing import points_of, words_of
 from tests.reporting.markup import Page, unscripted
 from tests.support.faulty import WITH_RIVAL as ROV

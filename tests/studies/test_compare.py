@@ -16,8 +16,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.identifiers import ConventionalAID
 from nsaid_mj.studies import compare, compare_report
 from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World
-from nsaid_mj.studies.compare_report import lines, print_table, write_pictures
-from nsaid_mj.studies.compare_results import rows
+from nsaid_mj.studies.compare_report import lines, print_table, rows, write_pictures
 from tests.reporting.markup import Page
 
 SCALAR = load("scalar_rov")
@@ -68,7 +67,7 @@ def test_a_scenario_of_another_identifier_is_refused():
 
 def test_every_law_can_be_compared():
     """A law that is added to NullspaceAID is a method without a line here."""
-    laws = compare.LAWS
+    laws = compare.OURS
     assert {"paper", "cone"} <= set(laws)
     found = cells(methods=laws, durations=(1.0,))
     assert [cell.method for cell in found] == [PRIOR, *laws]

@@ -12,7 +12,7 @@ from ...calibration.result import Identification
 from ...parameters import Array
 from ...structure.joints import bones
 from ..pages import Figure as PageFigure
-from ..palette import BAD, COLOURS, GRID, INK
+from ..panels import BAD, COLOURS, GRID, INK
 from ..plots import style, svg
 
 _WIDTH = 4.3  # [inch]

@@ -19,8 +19,7 @@ from ...evaluation.words import estimate
 from ...parameters import number
 from .. import pages
 from ..pages import Badges, Cell, Figures, Items, Page, Section, Table, Text
-from ..palette import COLOURS
-from ..panels import AnyPanel, Comparison, Forest, HeatMap, Panel, Points
+from ..panels import COLOURS, AnyPanel, Comparison, Forest, HeatMap, Panel, Points
 from ..parameters import CORRELATIONS, brief_gains, correlations, folds, forests, table
 
 _WIDEST = 2.0  # half-width of a drawn interval, of a gain's logarithm

@@ -1,24 +1,76 @@
-"""The robot's drawing in 3D: its shape, forces or torques, link inertias, and found faults."""
+"""run.rrd: a finished run, and its robot with forces or torques, link inertias and faults."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ..evaluation import Truth
+from ..evaluation import Truth, nullspace_of
+from ..evaluation.verify import Verdict
 from ..experiment.loop import Run
 from ..experiment.record import Record
 from ..identifiers.faults import FaultEvent
 from ..log import Log
-from ..parameters import Array, Indices
+from ..parameters import Array, Indices, ParameterSpace
+from ..reporting.pages import markdown, panels
+from ..reporting.report import brief, statements, unobservable
 from ..system import SecondOrderSystem
-from . import forces, inertia, torques
+from . import FILE, forces, inertia, torques
 from .forces import Arrows
-from .layout import words
+from .layout import blueprint, words
+from .plots import Plots
 from .scene import BODY, Scene
-from .series import along, spread
+from .series import along, curves, intervals, shared, spread
+from .stream import write as write_file
 from .text import drawable
+
+_POINTS = 4000  # of a curve, at most; more than the width of a screen
+_SHORT = "The run is too short for a verdict."
+_NUMBERS = 400_000  # entries of θ̂ over all curves, at most: a minute stays below 20 MB
+
+
+def write(
+    run: Run, summary: dict[str, Any], truth: Truth | None, verdicts: Sequence[Verdict] = ()
+) -> Path:
+    """Writes a run's recording atomically, and returns its path.
+
+    Args:
+        run: a finished run with at least one row, completed or not.
+        summary: the content of its summary.json.
+        truth: of its plant; None leaves out everything that needs it.
+        verdicts: on the paper's statements, for a separate page.
+    """
+    t = run.record["t"]
+    rows = spread(len(t), min(_POINTS, max(1000, _NUMBERS // run.system.p)))
+    nullspace = nullspace_of(run, truth)
+    robot = Robot(run, truth)
+    shown = curves(run, nullspace, rows, truth) + intervals(run, summary, rows)
+    name = run.folder.resolve().name
+    documents = {
+        "result": markdown(brief(name, summary, run.folder)),
+        "statements": "\n".join(panels(statements(verdicts))) or _SHORT,
+        "unknown": "\n".join(panels(unobservable(summary))),
+    }
+    space, plots = run.system.space, Plots(shown, float(t[-1]))
+    kind = "" if truth is None else _kind(space, shared(space, nullspace.r, truth.theta))
+    layout = blueprint(
+        space, robot.camera, plots, survey=robot.survey, drawn=robot.words, shared=kind
+    )
+    return write_file(run.folder / FILE, name, layout, documents, [(t[rows], shown)], robot.log)
+
+
+def _kind(space: ParameterSpace, chosen: Indices) -> str:
+    """A common noun for the chosen parameters; empty if there are none."""
+    kinds = [block for block, place in space if place.start in chosen]
+    if len(kinds) > 1:
+        return "actuator parameter" if all(b.actuator for b in kinds) else "parameter"
+    return kinds[0].name if kinds else ""
+
 
 _LOOKS = 500  # rows of the record from which camera, arrows and arcs are set up
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
