@@ -3,7 +3,7 @@
 from .calibration.data import RobotModel as RobotModel
 from .calibration.findings import UnusableLog as UnusableLog
 from .calibration.identify import identify as identify
-from .calibration.live_robot import LiveRobot as LiveRobot
+from .calibration.measured import LiveRobot as LiveRobot
 from .calibration.log_robot import LoggedArm as LoggedArm
 from .calibration.log_robot import LoggedVehicle as LoggedVehicle
 from .calibration.log_robot import LogRobot as LogRobot
