@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from ..baselines.least_squares import smoothed
 from ..parameters import Array, Block, ParameterSpace
 from ..structure.columns import fluid, thrust
+from ..structure.sensing import rate_labels
 from .data import Recordings, RobotModel, Segment
 from .findings import Finding
 from .fit import minimise
@@ -33,7 +34,6 @@ _CUTOFFS = (0.7, 0.5, 0.35, 0.25, 0.17, 0.12)  # trial cut-offs, over that of th
 _ROUNDS = 3  # of choosing timing and cut-off in turn
 _FEWEST = 200  # rows per velocity that a lower cut-off must leave
 _NARROWER = 0.6  # another plausible cut-off over the chosen one
-_TWIST = ("surge", "sway", "heave", "roll rate", "pitch rate", "yaw rate")
 _FLOWN = {kind.name for kind in (*fluid.KINDS, *thrust.KINDS) if kind.reads == "velocity"}
 _FLOW = 0.05  # of a current, for differences [m/s]
 _SPREAD = 0.3  # prior spread of positive parameters
@@ -146,7 +146,7 @@ class VehicleRows:
         """A block of one further parameter per velocity."""
         units = self.system.velocity_units
         force = ["N" if unit == "m/s" else "N·m" for unit in units]
-        names = velocity_names(self.robot)
+        names = rate_labels(self.system)
         at = self.system.space.actuators
         size = np.sqrt(np.mean((rows[:, :, at] @ self._prior[at]) ** 2, axis=0))
         size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-9))
@@ -172,14 +172,6 @@ def _size(space: ParameterSpace, columns: Array, prior: Array) -> Array:
     if matrix.any():
         return size_weights(columns * matrix, prior)
     return np.where(positive, 1 / np.where(positive, prior, 1.0), 0.0) / positive.sum()
-
-
-def velocity_names(robot: RobotModel) -> tuple[str, ...]:
-    """Names of a vehicle's velocities."""
-    system = robot.system
-    twist = _TWIST[: system.group] if system.group == 6 else ()
-    rest = tuple(f"velocity {i + 1}" for i in range(len(twist), system.n))
-    return twist + rest
 
 
 def motion_of(system, segment: Segment, chosen: Filter) -> tuple[Array, Array, Array, Array]:
@@ -245,7 +237,7 @@ def structured_vehicle(
         problem,
         _alternatives(rows, columns, timing, others),
         checked,
-        tuple(Velocity(name, *own) for name in velocity_names(robot)),
+        tuple(Velocity(name, *own) for name in rate_labels(rows.system)),
         tuple(findings),
         rows.filter.cutoff,
         np.zeros(0),

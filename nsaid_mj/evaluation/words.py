@@ -61,10 +61,10 @@ def observable_line(summary: dict[str, Any]) -> str:
 
 
 def scientific(value: float) -> str:
-    """A level with up to four digits; in scientific notation below 0.01: 1e-4, 5e-3, 0.02."""
+    """A level with up to three digits; in scientific notation below 0.01: 1e-4, 5e-3, 0.02."""
     if value == 0 or abs(value) >= 0.01:
-        return f"{value:.4g}"
-    mantissa, _, exponent = f"{value:.3e}".partition("e")
+        return f"{value:.3g}"
+    mantissa, _, exponent = f"{value:.2e}".partition("e")
     return f"{float(mantissa):g}e{int(exponent)}"
 
 

@@ -17,6 +17,7 @@ from ..experiment.loop import Run
 from ..nullspace import Nullspace
 from ..parameters import Array, Indices, ParameterSpace
 from ..reporting.panels import LAWS, local_rms
+from ..structure.sensing import rate_labels
 from ..system import SecondOrderSystem
 from .text import drawable
 
@@ -120,12 +121,8 @@ def groups(space: ParameterSpace) -> list[Group]:
 
 def velocity_names(system: SecondOrderSystem, mark: str = "Δ") -> list[str]:
     """Names of the velocities, or of their errors, with units and the prefix `mark`."""
-    turning = [k < system.group and u == "rad/s" for k, u in enumerate(system.velocity_units)]
-    labels = [
-        f"{label} rate" if turns else label
-        for label, turns in zip(velocity_labels(system), turning, strict=True)
-    ]
-    return [f"{mark}{a} [{unit}]" for a, unit in zip(labels, system.velocity_units, strict=True)]
+    named = zip(rate_labels(system), system.velocity_units, strict=True)
+    return [f"{mark}{label} [{unit}]" for label, unit in named]
 
 
 def command_names(system: SecondOrderSystem) -> list[str]:

@@ -10,7 +10,7 @@ from .. import evaluation
 from ..evaluation import Truth
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Result
-from ..evaluation.words import CONVERGED
+from ..evaluation.words import CONVERGED, figure
 from ..experiment.loop import Run
 from ..parameters import Array
 from .panels import COLOURS, LAWS, AnyPanel, Comparison, HeatMap, Panel, local_rms, thin
@@ -105,7 +105,7 @@ def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
     order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
     panels = []
     for j in order:
-        note = f": error {100 * error[j]:.2g} %" if np.isfinite(error[j]) else ", not actuated"
+        note = f": error {figure(float(error[j]), '%')}" if np.isfinite(error[j]) else ", not actuated"
         kind = {"N": "force", "N·m": "torque"}.get(units[j], "generalised force")
         panels.append(
             Comparison(

@@ -31,6 +31,13 @@ def velocity_labels(system: SecondOrderSystem) -> list[str]:
     return twist + names
 
 
+def rate_labels(system: SecondOrderSystem) -> list[str]:
+    """The same, with the angular velocities of a body named as such: surge …, yaw rate."""
+    turning = [k < system.group and u == "rad/s" for k, u in enumerate(system.velocity_units)]
+    named = zip(velocity_labels(system), turning, strict=True)
+    return [f"{label} rate" if turns else label for label, turns in named]
+
+
 def sensor_labels(system: SecondOrderSystem) -> list[str]:
     """A name for each sensor of position, then for each of velocity."""
     rates = velocity_labels(system)
