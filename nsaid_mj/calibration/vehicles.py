@@ -182,6 +182,21 @@ def motion_of(system, segment: Segment, chosen: Filter) -> tuple[Array, Array, A
     return log.t[pick], log.q[pick], log.v[pick], a[pick]
 
 
+def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Finding]]:
+    """The further columns that are worth their parameters, and notes about them."""
+    columns, notes, cost = frozenset[str](), [], _cost(rows, frozenset(), timing)
+    best = cost(columns, timing)
+    for name in EXTRA:
+        trial = cost(columns | {name}, timing)
+        worth = best - trial
+        if worth > WORTH * 2:
+            columns, best = columns | {name}, trial
+            text = f"a column of {name} per velocity lowers the cost by {worth:.0f}"
+            data = {"columns": sorted(columns)}
+            notes.append(Finding("note", "columns", "", text, data=data))
+    return columns, notes
+
+
 def structured_vehicle(
     robot: RobotModel,
     recordings: Recordings,
@@ -207,16 +222,8 @@ def structured_vehicle(
             break
     if options.columns is None:
         told("choosing columns")
-        cost = _cost(rows, columns, timing)
-        best = cost(columns, timing)
-        for name in EXTRA:
-            trial = cost(columns | {name}, timing)
-            worth = best - trial
-            if worth > WORTH * 2:
-                columns, best = columns | {name}, trial
-                text = f"a column of {name} per velocity lowers the cost by {worth:.0f}"
-                data = {"columns": sorted(columns)}
-                findings.append(Finding("note", "columns", "", text, data=data))
+        columns, notes = _richer(rows, timing)
+        findings.extend(notes)
     problem = rows.problem(columns, timing)
     checked = None
     if validation is not None:

@@ -105,7 +105,9 @@ def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
     order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
     panels = []
     for j in order:
-        note = f": error {figure(float(error[j]), '%')}" if np.isfinite(error[j]) else ", not actuated"
+        note = (
+            f": error {figure(float(error[j]), '%')}" if np.isfinite(error[j]) else ", not actuated"
+        )
         kind = {"N": "force", "N·m": "torque"}.get(units[j], "generalised force")
         panels.append(
             Comparison(

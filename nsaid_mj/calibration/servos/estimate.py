@@ -26,7 +26,7 @@ from .fit import (
     effective_rate,
     minimise,
 )
-from .joint_fits import fit_free
+from .joint_fits import Fitted, fit_free
 from .logs import DELAYS, TRAVEL, ServoLog, late
 from .simulation import JointLog
 from .weighing import Weighed, weigh
@@ -173,24 +173,7 @@ def estimate(
         return _with_load(found, logs, kp, slide)
     cluster, zero = clusters(logs), zeros(logs)
     simulated = [fitted.simulated(j) for j in range(len(kp))]
-    spread = [
-        covariance_of(own, fit, prior, cluster, zero[[j]])
-        for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True))
-    ]
-    known = np.array([
-        _reveals(of.covariance[GRAVITY, GRAVITY], of.moved[GRAVITY, 1])
-        and _follows(own.logs, fit, used)
-        for of, own, fit in zip(spread, simulated, fits, strict=True)
-    ])  # fmt: skip
-    known &= _sag(logs, [fit.x for fit in fits]) > _LEAST_SAG * zero
-    common = _common(fits, known, kp)
-    for j in np.flatnonzero(~known):
-        prior = Prior(priors[j].mean.copy(), priors[j].deviation.copy())
-        prior.mean[GRAVITY], prior.deviation[GRAVITY] = common[j], 0.0
-        fixed = minimise(simulated[j], fits[j].x, prior)
-        unsure = spread[j].covariance[GRAVITY, GRAVITY] > (2 * _KNOWN) ** 2
-        if unsure or fits[j].sigma > _CONTRADICTS * fixed.sigma:
-            fits[j], priors[j] = fixed, prior  # else the links' inertia reveals that kp is another
+    known = _with_kp(fitted, logs, kp, cluster, zero)
     judged, effects = [], []
     for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True)):
         found = covariance_of(own, fit, prior, cluster, zero[[j]])
@@ -205,6 +188,33 @@ def estimate(
             one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
         judged.append(one._replace(zero=float(zero[j]), slides=slide[j]))
     return Estimate(_moderated(judged, cluster), used, None, tuple(effects))
+
+
+def _with_kp(
+    fitted: Fitted, logs: Sequence[ServoLog], kp: Array, cluster: Indices, zero: Array
+) -> Mask:
+    """(n,) joints whose kp gravity determines; in `fitted`, the others are refitted with theirs."""
+    fits, priors = fitted.fits, fitted.priors
+    simulated = [fitted.simulated(j) for j in range(len(kp))]
+    spread = [
+        covariance_of(own, fit, prior, cluster, zero[[j]])
+        for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True))
+    ]
+    known = np.array([
+        _reveals(of.covariance[GRAVITY, GRAVITY], of.moved[GRAVITY, 1])
+        and _follows(own.logs, fit, fitted.used)
+        for of, own, fit in zip(spread, simulated, fits, strict=True)
+    ])  # fmt: skip
+    known &= _sag(logs, [fit.x for fit in fits]) > _LEAST_SAG * zero
+    common = _common(fits, known, kp)
+    for j in np.flatnonzero(~known):
+        prior = Prior(priors[j].mean.copy(), priors[j].deviation.copy())
+        prior.mean[GRAVITY], prior.deviation[GRAVITY] = common[j], 0.0
+        fixed = minimise(simulated[j], fits[j].x, prior)
+        unsure = spread[j].covariance[GRAVITY, GRAVITY] > (2 * _KNOWN) ** 2
+        if unsure or fits[j].sigma > _CONTRADICTS * fixed.sigma:
+            fits[j], priors[j] = fixed, prior  # else the links' inertia reveals that kp is another
+    return known
 
 
 def _directions(x: Array) -> Array:
