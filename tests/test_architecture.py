@@ -337,3 +337,12 @@ def test_a_truth_object_is_made_only_after_a_run():
         "studies.sweep_worker",
         "studies.tracking",
     }
+
+
+def test_files_and_functions_are_short():
+    for path in FILES.values():
+        text = path.read_text(encoding="utf-8")
+        assert len(text.splitlines()) <= 400, path
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef):
+                assert (node.end_lineno or 0) - node.lineno < 60, (path, node.name)
