@@ -24,7 +24,7 @@ from .statements import in_words
 
 _SURE = 0.15  # standard deviation of the scale's logarithm, that of commands in N·m, below which a
 # known value fixes it
-_REMEDY = "Give one motor's gain, or weigh a load that one of two logs carries: --load."
+_REMEDY = "Give one motor's gain{}, or weigh a load that one of two logs carries: --load."
 
 
 class Scale(NamedTuple):
@@ -156,6 +156,7 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
         share, told = _share(problem, index), combined.members(index)
         if index in problem.space.actuators:
             why = "the log hardly relates it to the other parameters"
+            why += ", and not at all to those of other limbs" if scale.limbs > 1 else ""
         elif told:
             seen = in_words(combined.expression(told[0]), problem.space)
             why = f"the log shows it only in combination ({seen})"
@@ -168,5 +169,6 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
             f"absolute values hold to a factor of {scale.factor:.2g}"
         )
         data = {"share": share}
-        found.append(Finding("warning", "known_in_combination", label, text, _REMEDY, data))
+        remedy = _REMEDY.format(" of each limb" if scale.limbs > 1 else "")
+        found.append(Finding("warning", "known_in_combination", label, text, remedy, data))
     return found

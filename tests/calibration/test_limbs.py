@@ -58,9 +58,14 @@ def logged(folder: Path, seed: int) -> tuple[Path, Path, np.ndarray]:
     return model, write_csv(folder / "biped.csv", values), gain
 
 
-@pytest.fixture(scope="module", params=[5])
-def identified(request, tmp_path_factory) -> tuple[Identification, np.ndarray]:
-    model, log, gain = logged(tmp_path_factory.mktemp("biped"), request.param)
+@pytest.fixture(scope="module")
+def biped(tmp_path_factory) -> tuple[Path, Path, np.ndarray]:
+    return logged(tmp_path_factory.mktemp("biped"), 5)
+
+
+@pytest.fixture(scope="module")
+def identified(biped) -> tuple[Identification, np.ndarray]:
+    model, log, gain = biped
     return identify(str(model), [log]), gain
 
 
@@ -71,3 +76,10 @@ def test_gains_of_both_legs_are_covered(identified):
     assert [p.name for p, k in zip(gains, truth, strict=True) if not p.low <= k <= p.high] == []
     assert max(abs(np.log(p.value / k)) for p, k in zip(gains, truth, strict=True)) < 0.5
     assert "within each of the 2 limbs" in result.verdict
+
+
+def test_a_known_gain_says_nothing_of_the_other_leg(biped):
+    model, log, gain = biped
+    result = identify(str(model), [log], known={"gain_1": float(gain[0])})
+    (told,) = (f for f in result.findings if f.code == "known_in_combination")
+    assert "not at all to those of other limbs" in told.text and "of each limb" in told.remedy
