@@ -59,14 +59,19 @@ def sizes_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:
     """(s, 10 b) w_k with w_kᵀθ the weight of limb k along the log over that in the model file.
 
     Weight is the part of the torques that a motion separates from rotors and friction. Where there
-    is hardly any, as with vertical axes, inertia replaces it. `moving` (N, 10 b) are columns of
-    inertia and weight along the log, `weight` (K, 10 b) those of weight alone.
+    is hardly any, as with vertical axes, inertia replaces it, and mass where such a limb stands
+    still. `moving` (N, 10 b) are columns of inertia and weight along the log, `weight` (K, 10 b)
+    those of weight alone.
     """
     limbs, found = np.repeat(limbs_of(model), 10), []
     for limb in range(limbs.max() + 1):
         own = np.where(limbs == limb, file_links(model), 0.0)
         still, whole = (np.linalg.norm(c @ own) / max(len(c), 1) ** 0.5 for c in (weight, moving))
-        found.append(size_weights(moving if still < _LIGHT * whole else weight, own))
+        if max(still, whole) > 0:
+            found.append(size_weights(moving if still < _LIGHT * whole else weight, own))
+        else:
+            masses = 1.0 * ((limbs == limb) & (np.arange(len(limbs)) % 10 == 0))
+            found.append(masses / (masses @ own))
     return np.array(found)
 
 

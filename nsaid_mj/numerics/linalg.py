@@ -140,13 +140,13 @@ def evaluate(mass_tensor, W_C, F, theta):
 
 @kernel(void(matrix, matrix, matrix), inner=True, _nrt=True)
 def multiply(A, B, C):
-    """Writes A B (n, k) into C, for A (n, m) and B (m, k); it is BLAS's, as in the next two."""
+    """Writes A B (n, k) into C, for A (n, m) and B (m, k), by BLAS."""
     np.dot(A, B, C)
 
 
 @kernel(void(matrix, matrix, matrix), inner=True, _nrt=True)
 def multiply_transposed(A, B, C):
-    """Writes A Bᵀ (n, k) into C, for A (n, m) and B (k, m)."""
+    """Writes A Bᵀ (n, k) into C, for A (n, m) and B (k, m), by BLAS."""
     np.dot(A, B.T, C)
 
 

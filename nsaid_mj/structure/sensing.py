@@ -32,7 +32,7 @@ def velocity_labels(system: SecondOrderSystem) -> list[str]:
 
 
 def rate_labels(system: SecondOrderSystem) -> list[str]:
-    """The same, with the angular velocities of a body named as such: surge …, yaw rate."""
+    """A name for each velocity, a body's angular ones as rates: surge, … yaw rate, joints."""
     turning = [k < system.group and u == "rad/s" for k, u in enumerate(system.velocity_units)]
     named = zip(velocity_labels(system), turning, strict=True)
     return [f"{label} rate" if turns else label for label, turns in named]

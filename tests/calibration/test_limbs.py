@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.links import file_links, sizes_of_links, torque_rows, weight_columns
+from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.result import Identification
 from tests.support.robot_logs import write_csv
 
@@ -76,6 +78,20 @@ def test_gains_of_both_legs_are_covered(identified):
     assert [p.name for p, k in zip(gains, truth, strict=True) if not p.low <= k <= p.high] == []
     assert max(abs(np.log(p.value / k)) for p, k in zip(gains, truth, strict=True)) < 0.5
     assert "within each of the 2 limbs" in result.verdict
+
+
+def test_a_limb_that_stands_still_on_a_vertical_axis_has_its_mass_as_size(biped):
+    """Neither weight nor inertia acts on its joint."""
+    pan = '<body><joint name="pan" axis="0 0 1"/><geom size=".1" mass="2"/></body></worldbody>'
+    motor = '<motor joint="pan"/></actuator>'
+    text = MODEL.replace("</worldbody>", pan).replace("</actuator>", motor)
+    (path := biped[0].parent / "head.xml").write_text(text, encoding="utf-8")
+    model, rng = load_robot_model(str(path)).model, np.random.default_rng(0)
+    q, v, a = rng.uniform(-1, 1, (3, 50, 7)) * np.append(np.ones(6), 0.0)
+    moving = torque_rows(model, q, v, a).reshape(-1, 70)
+    sizes = sizes_of_links(model, moving, weight_columns(model, q))
+    np.testing.assert_allclose(sizes @ file_links(model), 1.0, rtol=1e-9)
+    assert sizes[2].nonzero()[0].tolist() == [60] and sizes[2, 60] == pytest.approx(0.5)
 
 
 def test_a_known_gain_says_nothing_of_the_other_leg(biped):
