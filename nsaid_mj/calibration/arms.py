@@ -174,10 +174,11 @@ def _guessed(rows: JointRows, commands: Array) -> Array:
 
     A command is regressed on this torque, acceleration, viscous and Coulomb friction, and a
     constant of either sign, none of them negative. A joint whose command does not show its links
-    counts them as a twentieth of it, and its gain as at least a tenth of the largest.
+    counts them as a twentieth of it, and its gain as at least a tenth of the largest, as does a
+    joint that stands still.
     """
     force, k = rows.links @ file_links(rows.robot.model), commands.shape[1]
-    found, unseen = np.full(k, 1e-12), np.zeros(k, dtype=bool)
+    found, unseen = np.full(k, 1e-12), np.ones(k, dtype=bool)
     for j in range(k):
         use, one = rows.usable[:, j], np.ones(len(commands))
         columns = [force[:, j], rows.diagonal["rotor"][:, j], rows.diagonal["viscous"][:, j],

@@ -80,12 +80,29 @@ def test_gains_of_both_legs_are_covered(identified):
     assert "within each of the 2 limbs" in result.verdict
 
 
-def test_a_limb_that_stands_still_on_a_vertical_axis_has_its_mass_as_size(biped):
-    """Neither weight nor inertia acts on its joint."""
+def with_head(folder: Path) -> Path:
+    """The model file with a head that turns about a vertical axis."""
     pan = '<body><joint name="pan" axis="0 0 1"/><geom size=".1" mass="2"/></body></worldbody>'
     motor = '<motor joint="pan"/></actuator>'
     text = MODEL.replace("</worldbody>", pan).replace("</actuator>", motor)
-    (path := biped[0].parent / "head.xml").write_text(text, encoding="utf-8")
+    (path := folder / "head.xml").write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_gain_of_a_head_that_stands_still_is_a_wide_guess(biped, tmp_path):
+    names, *rows = biped[1].read_text(encoding="utf-8").splitlines()
+    values, rng = np.array([row.split(",") for row in rows], float), np.random.default_rng(0)
+    still = rng.normal(size=(len(values), 3)) * [1e-4, 2e-3, 1e-3]
+    columns = [*names.split(","), "pan_pos", "pan_vel", "pan_effort"]
+    table = dict(zip(columns, np.hstack([values, still]).T, strict=True))
+    found = identify(str(with_head(tmp_path)), [write_csv(tmp_path / "log.csv", table)])
+    gain = found.of("motor gain")[-1]
+    assert gain.low < 1.0 < gain.high and gain.status != "identified"
+
+
+def test_a_limb_that_stands_still_on_a_vertical_axis_has_its_mass_as_size(biped):
+    """Neither weight nor inertia acts on its joint."""
+    path = with_head(biped[0].parent)
     model, rng = load_robot_model(str(path)).model, np.random.default_rng(0)
     q, v, a = rng.uniform(-1, 1, (3, 50, 7)) * np.append(np.ones(6), 0.0)
     moving = torque_rows(model, q, v, a).reshape(-1, 70)
