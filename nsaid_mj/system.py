@@ -163,7 +163,7 @@ class SecondOrderSystem(ABC):
         """Terms of the filtered momentum balance along a log of N samples; unchecked.
 
         Args:
-            leak: rate a of the filter [1/s]; see `identifiers.memory.momentum`.
+            leak: rate a of the filter [1/s]; see `laws.memory.momentum`.
             log: the samples.
             q: (N−1, m) positions half-way between samples.
             v: (N−1, n) velocities half-way between samples.

@@ -27,7 +27,7 @@ from nsaid_mj.evaluation.figures import actuator_ratio_error
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.identifiers import NullspaceAID
+from nsaid_mj.laws import NullspaceAID
 from nsaid_mj.numerics.stopwatch import compile_seconds
 
 ARMS, VEHICLES = ("ur5", "panda", "kinova"), ("bluerov2", "crazyflie", "remus100")

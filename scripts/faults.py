@@ -30,9 +30,9 @@ from nsaid_mj.evaluation import Truth
 from nsaid_mj.evaluation.confidence import known
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import NullspaceAID, Status
-from nsaid_mj.identifiers.base import Estimates, State
-from nsaid_mj.identifiers.faults import FaultEvent
+from nsaid_mj.laws import NullspaceAID, Status
+from nsaid_mj.laws.base import Estimates, State
+from nsaid_mj.laws.faults import FaultEvent
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import parse_faults

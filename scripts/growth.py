@@ -31,7 +31,7 @@ from simulated_logs import Simulated
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID
 from nsaid_mj.experiment.library import load
-from nsaid_mj.identifiers import State
+from nsaid_mj.laws import State
 from nsaid_mj.log import Log
 from nsaid_mj.plants.arm import nominal_scales
 from nsaid_mj.robot.loading import Base, load_robot

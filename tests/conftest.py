@@ -25,10 +25,10 @@ DEAREST = (
     "structure/test_compiled.py",
     "baselines/test_baselines.py",
     "contract/test_identifiers.py",
-    "identifiers/test_cone.py",
-    "identifiers/test_memory_law.py",
-    "identifiers/test_never_wrong.py",
-    "identifiers/test_bodies.py",
+    "laws/test_cone.py",
+    "laws/test_memory_law.py",
+    "laws/test_never_wrong.py",
+    "laws/test_bodies.py",
     "recovery/test_memory.py",
     "calibration/test_flight.py",
     "calibration/test_families.py",
@@ -74,7 +74,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def no_drawings() -> Iterator[None]:
     """Pages without drawings, which take more than half of the time of `nsaid identify`."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nsaid_mj.reporting.drawings.draw", lambda panel: "<svg></svg>")
+        patch.setattr("nsaid_mj.pages.drawings.draw", lambda panel: "<svg></svg>")
         yield
 
 

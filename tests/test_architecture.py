@@ -25,7 +25,7 @@ ORDER = (
     ("structure",),
     ("nullspace",),
     ("quotient",),
-    ("identifiers",),
+    ("laws",),
     ("robot",),
     ("control",),
     ("plants",),
@@ -34,7 +34,7 @@ ORDER = (
     ("evaluation",),
     ("calibration",),
     ("design",),
-    ("reporting",),
+    ("pages",),
     ("recording",),
     ("streaming",),
     ("studies",),
@@ -159,7 +159,7 @@ def test_importing_the_package_loads_nothing_heavy():
 
 
 def test_the_lower_rooms_load_nothing_heavy():
-    rooms = ("numerics", "system", "structure", "nullspace", "identifiers")
+    rooms = ("numerics", "system", "structure", "nullspace", "laws")
     assert not imported("import " + ", ".join(f"nsaid_mj.{room}" for room in rooms)) & HEAVY
     assert not imported("import nsaid_mj.control") & (HEAVY - {"pinocchio"})
 
@@ -188,7 +188,7 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
             "pinocchio",
             {"optional", "robot", "plants", "structure", "recording", "baselines", "calibration"},
         ),
-        ("matplotlib", {"reporting"}),
+        ("matplotlib", {"pages"}),
         ("pyarrow", {"experiment", "recording", "studies", "calibration"}),
         ("joblib", {"studies"}),
     ],
@@ -247,7 +247,7 @@ def test_only_experiment_setup_imports_the_expected_gramian():
 
 def test_identifiers_are_numpy_numba_and_declared_configurations():
     for module, path in FILES.items():
-        if part(module) == "identifiers":
+        if part(module) == "laws":
             foreign = written(path) - set(sys.stdlib_module_names) - {"."}
             assert foreign <= {"numpy", "numba", "pydantic", "scipy"}, module
 
@@ -300,7 +300,7 @@ def calls(path: Path) -> set[str]:
 
 
 def test_only_evaluation_and_recording_read_the_truth():
-    after = {"evaluation", "recording", "reporting", "studies"}
+    after = {"evaluation", "recording", "pages", "studies"}
     readers = {m for m, path in FILES.items() if readers_of_truth(path)}
     assert {part(m) for m in readers} <= {"plants", "experiment"} | after
 
@@ -316,7 +316,7 @@ def test_evaluation_reads_a_plants_truth_in_one_place():
     """`evaluation.truth.Truth`: everybody else is handed one, or None."""
     readers = {m for m, path in FILES.items() if "truth_at" in attributes(path)}
     assert {m for m in readers if part(m) != "plants"} == {"evaluation.truth"}
-    after = {m for m in FILES if part(m) in {"evaluation", "recording", "reporting"}}
+    after = {m for m in FILES if part(m) in {"evaluation", "recording", "pages"}}
     assert {m for m in after if "setup" in attributes(FILES[m])} == {"evaluation.truth"}
 
 

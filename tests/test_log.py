@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import NullspaceAID, Status
+from nsaid_mj.laws import NullspaceAID, Status
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.plants import ArmPlant
 

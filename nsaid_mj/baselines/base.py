@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ..errors import NoEstimate
-from ..identifiers import Identifier, Status
+from ..laws import Identifier, Status
 from ..log import EXACT, Log, SensorLevels
 from ..parameters import Array
 from ..system import SecondOrderSystem

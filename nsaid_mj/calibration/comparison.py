@@ -14,7 +14,7 @@ import numpy as np
 from ..baselines import Problem
 from ..baselines.sysid import BUDGET, sysid, toolbox
 from ..errors import BadRobot, InvalidInput
-from ..identifiers.cone.prior import drawn_inside
+from ..laws.cone.prior import drawn_inside
 from ..log import SensorLevels
 from ..parameters import Array
 from ..robot.identified import Identified, with_inertias

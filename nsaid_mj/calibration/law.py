@@ -18,9 +18,9 @@ from ..experiment.loop import Observer, Robot, Run, followed
 from ..experiment.record import Record
 from ..experiment.scenario import Scenario
 from ..experiment.source import Logs
-from ..identifiers import Identifier, NullspaceAID, State, Status
-from ..identifiers.efficient.replay import EfficientConfig
-from ..identifiers.memory.statistics import MemoryConfig
+from ..laws import Identifier, NullspaceAID, State, Status
+from ..laws.efficient.replay import EfficientConfig
+from ..laws.memory.statistics import MemoryConfig
 from ..log import Log, Measurement
 from ..parameters import Array
 from .data import Recordings, RobotModel

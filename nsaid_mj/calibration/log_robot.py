@@ -14,8 +14,8 @@ from ..experiment.loop import Cost, Ending, Robot, Run
 from ..experiment.loop import columns as columns_of
 from ..experiment.record import Record
 from ..experiment.scenario import Scenario
-from ..identifiers import Status
-from ..identifiers.cone.prior import drawn_inside
+from ..laws import Status
+from ..laws.cone.prior import drawn_inside
 from ..parameters import Array, Block, Geometry, ParameterSpace
 from ..structure.joints import (
     JointScales,

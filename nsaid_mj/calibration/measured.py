@@ -13,8 +13,8 @@ from ..errors import InvalidInput
 from ..experiment.loop import Robot
 from ..experiment.scenario import MOST_STEPS, Scenario
 from ..experiment.setup import with_prior_error
-from ..identifiers import Identifier, NullspaceAID
-from ..identifiers.cone.prior import drawn_inside
+from ..laws import Identifier, NullspaceAID
+from ..laws.cone.prior import drawn_inside
 from ..plants import PlantConfig, SensorNoise
 from ..plants.arm import ArmPlant, nominal_scales
 from ..structure.multibody import CompiledMultibody

@@ -13,7 +13,7 @@ from .. import plants
 from ..errors import BadRobot, InvalidInput, NsaidError, UnknownName
 from ..experiment.library import load
 from ..experiment.setup import published
-from ..identifiers.cone.prior import drawn_inside
+from ..laws.cone.prior import drawn_inside
 from ..plants import ParametricPlantConfig, PlantConfig
 from ..plants.world.blueprint import VehiclePlant
 from ..resources import folder, path_of, scenarios, vehicle_files

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..evaluation.result import Result
 from ..experiment.loop import Run
-from ..identifiers import Status
+from ..laws import Status
 from ..parameters import Array, Indices
 from .data import Recordings, RobotModel
 from .fit import Fit

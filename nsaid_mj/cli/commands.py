@@ -157,7 +157,7 @@ def _command(arguments: Sequence[str]) -> int:
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, result, summary, output = _carry_out(name, default, arguments, "run")
-    from ..reporting.report import print_summary
+    from ..pages.report import print_summary
 
     if output.json:
         print_json(summary)
@@ -200,7 +200,7 @@ def _carry_out(
     scenario, output = parse(name, default, arguments, asked)
     title = title_of(name, default, scenario)
     from ..experiment.loop import Observer, run
-    from ..reporting.progress import Progress
+    from ..pages.progress import Progress
 
     watchers: list[Observer] = []
     if output.live:
@@ -236,7 +236,7 @@ def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, 
 def _code(result: Run, summary: dict[str, Any]) -> int:
     """The exit code of a finished run: that of its verdict, unless it was interrupted."""
     from ..evaluation import mark_of
-    from ..identifiers import Status
+    from ..laws import Status
 
     interrupted = result.ending.status is Status.interrupted
     return INTERRUPTED if interrupted else code_of(mark_of(summary))

@@ -16,7 +16,7 @@ from .process import code_of
 if TYPE_CHECKING:
     from ..control import DriverConfig
     from ..experiment.scenario import Scenario
-    from ..reporting.progress import Progress
+    from ..pages.progress import Progress
 
 DESIGN = "design.json"
 
@@ -42,9 +42,9 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     from .. import design
     from ..design import files, information, prediction
     from ..design.experiment import own_limits
+    from ..pages import design as design_page
+    from ..pages.progress import Progress
     from ..recording.design import FILE, record
-    from ..reporting import design as design_page
-    from ..reporting.progress import Progress
 
     def limited(own: design.Limits) -> design.Limits:
         """The limits of model and file; a real robot must not touch itself or the ground either."""

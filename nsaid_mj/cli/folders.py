@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ..errors import BadRun, FolderInUse
 from ..experiment.scenario import Scenario
-from ..identifiers import ConventionalAID
+from ..laws import ConventionalAID
 from ..resources import check_own, json_of, locked
 
 RUNS = Path("runs")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ..calibration.logs.inspection import Inspection
     from ..calibration.result import Identification
     from ..calibration.servos import Replayed, ServoIdentification, ServoLogs
-    from ..reporting.progress import Progress
+    from ..pages.progress import Progress
 
 RESULT = "identification.json"
 
@@ -50,9 +50,9 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
     from rich.console import Console
 
     from ..calibration.findings import UnusableLog
-    from ..reporting.identification import brief
-    from ..reporting.progress import Progress
-    from ..reporting.terminal import print_findings, print_page
+    from ..pages.identification import brief
+    from ..pages.progress import Progress
+    from ..pages.terminal import print_findings, print_page
 
     quiet, ended = chosen.quiet or chosen.json, False
     with Progress(Path(model).stem, quiet=quiet) as progress:
@@ -60,7 +60,7 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
         try:
             given = servos_of(model, chosen.log, chosen)
             if given is not None:
-                from ..reporting.identification.servos import print_servos
+                from ..pages.identification.servos import print_servos
 
                 result, files = identify_given(model, given, chosen, folder / RESULT, progress)
                 show = partial(print_servos, result, Console(), files)
@@ -138,10 +138,10 @@ def write(
     result = replace(result, findings=(*result.findings, *followed))
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     told("writing the report")
-    from ..reporting import pages
-    from ..reporting.identification import page
+    from ..pages.identification import page
+    from ..pages.page import write_html
 
-    files.append(pages.write(page(result, command), folder))
+    files.append(write_html(page(result, command), folder))
     from .. import recording
 
     if recording.available():
@@ -210,7 +210,7 @@ def identify_given(
     result = replace(result, findings=(*result.findings, told))
     write_json(path, without_nonfinite(result.summary()))
     from .. import recording
-    from ..reporting.identification.servos import write_servos
+    from ..pages.identification.servos import write_servos
 
     commands, folder, files = [repeated(chosen)], path.parent, [path, model_file]
     if recording.available():
@@ -285,7 +285,7 @@ def inspect_log(chosen: Inspect) -> int:
     else:
         from rich.console import Console
 
-        from ..reporting.inspection import print_inspection
+        from ..pages.inspection import print_inspection
 
         print_inspection(found, Console(highlight=False))
         for path in files:
@@ -306,8 +306,8 @@ def _written(found: Inspection, chosen: Inspect) -> list[Path]:
     name, and so does the picture beside one that is not ours.
     """
     from ..calibration.logs.first_map import first_map
-    from ..reporting.inspection import draw
-    from ..reporting.plots import is_own
+    from ..pages.inspection import draw
+    from ..pages.plots import is_own
     from ..resources import write_text
 
     chosen.out.mkdir(parents=True, exist_ok=True)

@@ -24,9 +24,9 @@ def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
     from ..calibration.measured import LiveRobot, measured_scenario
     from ..evaluation import mark_of
+    from ..pages.progress import Progress
+    from ..pages.report import print_summary
     from ..recording.postprocessing import finish
-    from ..reporting.progress import Progress
-    from ..reporting.report import print_summary
     from ..streaming.samples import bound
     from ..streaming.session import Session
 

@@ -201,7 +201,7 @@ def compare_on_logs(arguments: Sequence[str]) -> int:
     elif not chosen.quiet:
         from rich.console import Console
 
-        from ..reporting.identification.servos import print_scores
+        from ..pages.identification.servos import print_scores
 
         print_scores(scores, robot.small_unit, Console())
     return 0
@@ -215,7 +215,7 @@ def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Scor
     from ..calibration.models import load_robot_model
     from ..calibration.servos import servo_logs
     from ..calibration.structure import Options
-    from ..reporting.progress import Progress
+    from ..pages.progress import Progress
 
     with Progress("compare", quiet=chosen.quiet or chosen.json) as progress:
         given = servo_logs(first, chosen.log, chosen.map)

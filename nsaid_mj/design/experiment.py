@@ -25,7 +25,7 @@ from ..errors import InvalidInput, UnknownName
 from ..experiment.library import load
 from ..experiment.scenario import Scenario
 from ..experiment.setup import is_sound, published, trajectory
-from ..identifiers.cone.prior import drawn_inside
+from ..laws.cone.prior import drawn_inside
 from ..log import Log, SensorLevels
 from ..nullspace import Nullspace, structural
 from ..parameters import Array

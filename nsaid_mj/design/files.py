@@ -13,7 +13,7 @@ import numpy as np
 
 from ..control import DesignedTracking
 from ..experiment.scenario import Scenario
-from ..identifiers import NullspaceAID
+from ..laws import NullspaceAID
 from ..resources import write_json, write_text
 from ..structure.sensing import velocity_labels
 from .designing import Design

@@ -24,7 +24,7 @@ import scipy.linalg
 from ..control import DesignedSignals, DesignedTracking
 from ..evaluation.confidence import INTERVAL
 from ..experiment.setup import Seeds
-from ..identifiers import NullspaceAID, Status
+from ..laws import NullspaceAID, Status
 from ..log import Log, SensorLevels
 from ..nullspace import directions
 from ..parameters import Array, phrase

@@ -15,9 +15,9 @@ import numpy as np
 import scipy.linalg
 
 from ..errors import NoEstimate
-from ..identifiers.efficient.filter import Law, filter_at
-from ..identifiers.efficient.kalman import covariance_along
-from ..identifiers.efficient.steps import margin_of
+from ..laws.efficient.filter import Law, filter_at
+from ..laws.efficient.kalman import covariance_along
+from ..laws.efficient.steps import margin_of
 from ..log import Log, SensorLevels
 from ..parameters import Array
 from ..quotient.cone import cone_of

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ..identifiers import Confidence
+from ..laws import Confidence
 from ..nullspace import Nullspace
 from ..parameters import Array, Indices, ParameterSpace
 

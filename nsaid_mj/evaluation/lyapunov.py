@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..experiment.loop import Run
 from ..experiment.record import Record
-from ..identifiers import Identifier
-from ..identifiers.nullspace_aid import NullspaceIdentifier
+from ..laws import Identifier
+from ..laws.nullspace_aid import NullspaceIdentifier
 from ..parameters import Array
 from ..system import SecondOrderSystem
 from .figures import states

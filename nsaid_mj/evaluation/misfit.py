@@ -39,11 +39,11 @@ from scipy.special import gammaincc
 from ..experiment.loop import Run
 from ..experiment.setup import with_prior_error
 from ..experiment.source import LONGEST_STEP
-from ..identifiers import Confidence, NullspaceAID, State
-from ..identifiers.cone.prior import drawn_inside
-from ..identifiers.efficient.drift import walks
-from ..identifiers.efficient.faults.signals import Signals
-from ..identifiers.efficient.replay import FilterAlone, Replay
+from ..laws import Confidence, NullspaceAID, State
+from ..laws.cone.prior import drawn_inside
+from ..laws.efficient.drift import walks
+from ..laws.efficient.faults.signals import Signals
+from ..laws.efficient.replay import FilterAlone, Replay
 from ..log import Log
 from ..parameters import Array, Indices
 from ..quotient.cone import cone_of, inside

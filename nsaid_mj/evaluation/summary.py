@@ -11,7 +11,7 @@ import numpy as np
 
 from ..bounds import without_nonfinite
 from ..experiment.loop import Run
-from ..identifiers import ConventionalAID, IdentifierConfig
+from ..laws import ConventionalAID, IdentifierConfig
 from ..nullspace import directions
 from ..numerics.threads import single_threaded
 from ..parameters import Array, ParameterSpace

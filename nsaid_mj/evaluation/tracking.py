@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from ..control.adaptive import Tracker
-from ..identifiers.cone.law import ConeMetric
-from ..identifiers.metric import Metric
+from ..laws.cone.law import ConeMetric
+from ..laws.metric import Metric
 from ..log import Log
 from ..parameters import Array
 from ..system import SecondOrderSystem

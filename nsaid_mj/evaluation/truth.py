@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..experiment.loop import Run, SimulatedRun
 from ..experiment.setup import Seeds, Setup
-from ..identifiers.cone.prior import drawn_covariance
+from ..laws.cone.prior import drawn_covariance
 from ..log import Log
 from ..nullspace import Nullspace, structural
 from ..parameters import Array

@@ -19,8 +19,8 @@ from rich.console import Console
 from ..errors import BadRun
 from ..experiment.loop import Run, reopen
 from ..experiment.record import Record
-from ..identifiers import ConventionalAID
-from ..identifiers import Status as Ended
+from ..laws import ConventionalAID
+from ..laws import Status as Ended
 from ..numerics.threads import single_threaded
 from ..parameters import rounded
 from ..resources import write_json

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..identifiers import Identifier, State, Status
-from ..identifiers.base import Estimates
-from ..identifiers.faults import FaultEvent
+from ..laws import Identifier, State, Status
+from ..laws.base import Estimates
+from ..laws.faults import FaultEvent
 from ..log import Log, Measurement
 from ..nullspace import PersistenceMonitor
 from ..numerics.stopwatch import clock

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadRun
-from ..identifiers import Identifier, State, Status
-from ..identifiers.faults import FaultEvent
+from ..laws import Identifier, State, Status
+from ..laws.faults import FaultEvent
 from ..nullspace import PersistenceMonitor, structural
 from ..numerics.stopwatch import clock, compile_seconds
 from ..numerics.threads import single_threaded

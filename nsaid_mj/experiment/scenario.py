@@ -19,7 +19,7 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 from ..bounds import Config, Name, NonNegative, Positive, Seed, Share, config, refusal
 from ..control import DriverConfig, FourierTracking
 from ..errors import InvalidInput, UnknownName
-from ..identifiers import IdentifierConfig, NullspaceAID
+from ..laws import IdentifierConfig, NullspaceAID
 from ..plants import ArmPlant, Fault, PlantConfig, SensorNoise, fault_text, parse_faults
 
 MOST_STEPS = 1e9

@@ -21,8 +21,8 @@ import numpy as np
 from ..control import Driver, DriverConfig
 from ..control.driver import Tracking
 from ..errors import BadScript, InvalidInput
-from ..identifiers import Identifier, IdentifierConfig, NullspaceAID
-from ..identifiers.cone.prior import drawn_inside
+from ..laws import Identifier, IdentifierConfig, NullspaceAID
+from ..laws.cone.prior import drawn_inside
 from ..log import EXACT, Log
 from ..parameters import Array, ParameterSpace
 from ..plants import ParametricPlantConfig, Plant, PlantConfig, Sensors

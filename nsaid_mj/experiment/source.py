@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..control import Driver, InformedDriver
-from ..identifiers import Status
+from ..laws import Status
 from ..log import Log, Measurement
 from ..parameters import Array
 from ..plants import Plant, Sensors

@@ -18,11 +18,11 @@ from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification, own_shifts, recording_shifts, shifts
 from ..calibration.servos import Replayed, ServoIdentification
 from ..evaluation.confidence import INTERVAL
+from ..pages.identification import brief
+from ..pages.identification.servos import brief as brief_of_servos
+from ..pages.page import Page, Section, markdown
+from ..pages.parameters import folds, table
 from ..parameters import Array, Indices
-from ..reporting.identification import brief
-from ..reporting.identification.servos import brief as brief_of_servos
-from ..reporting.pages import Page, Section, markdown
-from ..reporting.parameters import folds, table
 from ..structure.joints import JointScales, moving_joints, slides
 from ..structure.multibody import Multibody
 from ..system import SecondOrderSystem

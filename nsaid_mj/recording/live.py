@@ -13,7 +13,7 @@ import rerun as rr
 from ..errors import InvalidInput
 from ..experiment.loop import Observer, Robot
 from ..experiment.scenario import Scenario
-from ..identifiers import State
+from ..laws import State
 from ..log import Log, Measurement
 from ..system import SecondOrderSystem
 from .forces import ESTIMATED, Arrows

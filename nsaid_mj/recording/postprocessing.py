@@ -17,10 +17,11 @@ from ..errors import BadRun
 from ..evaluation.verify import ROWS, verify
 from ..experiment.loop import Cost, Ending, Run, reopen
 from ..experiment.record import Record
-from ..identifiers import Status
+from ..laws import Status
 from ..numerics.threads import single_threaded
-from ..reporting import pages, report
-from ..reporting.progress import Progress
+from ..pages import report
+from ..pages.page import __package__, write_html
+from ..pages.progress import Progress
 from ..resources import json_of, locked, write_json, write_text
 
 _BLOCK = 10_000  # rows of a record, which may be large, in memory at once
@@ -63,7 +64,7 @@ def _check_record(run: Run) -> None:
 def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
     say("evaluating the estimate")
     # half a second of matplotlib, which the page needs last
-    Thread(target=import_module, args=[f"{pages.__package__}.drawings"], daemon=True).start()
+    Thread(target=import_module, args=[f"{__package__}.drawings"], daemon=True).start()
     truth = evaluation.truth_of(run)
     summary = evaluation.summarize(run, truth)
     write_json(run.folder / SUMMARY, summary)
@@ -74,7 +75,7 @@ def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any
     verdicts = verify(run, truth, summary) if len(run.record) >= ROWS else []
     if recording.available():
         recording.write(run, summary, truth, verdicts)
-    pages.write(report.page(run, summary, truth, verdicts, command), run.folder)
+    write_html(report.page(run, summary, truth, verdicts, command), run.folder)
     return summary
 
 

@@ -14,11 +14,11 @@ from ..evaluation import Truth, nullspace_of
 from ..evaluation.verify import Verdict
 from ..experiment.loop import Run
 from ..experiment.record import Record
-from ..identifiers.faults import FaultEvent
+from ..laws.faults import FaultEvent
 from ..log import Log
+from ..pages.page import markdown, panels
+from ..pages.report import brief, statements, unobservable
 from ..parameters import Array, Indices, ParameterSpace
-from ..reporting.pages import markdown, panels
-from ..reporting.report import brief, statements, unobservable
 from ..system import SecondOrderSystem
 from . import FILE, forces, inertia, torques
 from .forces import Arrows

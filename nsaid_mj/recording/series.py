@@ -15,8 +15,8 @@ from ..evaluation.figures import midpoints
 from ..evaluation.summary import law_of
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
+from ..pages.panels import LAWS, local_rms
 from ..parameters import Array, Indices, ParameterSpace
-from ..reporting.panels import LAWS, local_rms
 from ..structure.sensing import rate_labels
 from ..system import SecondOrderSystem
 from .text import drawable

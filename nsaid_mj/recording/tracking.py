@@ -10,8 +10,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..experiment.loop import Looks
+from ..pages.panels import LAWS
 from ..parameters import Array
-from ..reporting.panels import LAWS
 from ..structure.joints import JointTree, bones
 from ..system import SecondOrderSystem
 from .layout import RIGHT, beside, result, robot, whole

@@ -16,7 +16,7 @@ import orjson
 from ..bounds import shown
 from ..errors import InvalidInput, UnknownName
 from ..experiment.source import LONGEST_STEP, Segment, Source
-from ..identifiers import Status
+from ..laws import Status
 from ..log import Log, Measurement
 from ..parameters import Array
 from ..resources import json_of

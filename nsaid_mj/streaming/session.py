@@ -18,7 +18,7 @@ from ..evaluation.confidence import INTERVAL, gain_deviations
 from ..evaluation.misfit import running_misfit
 from ..experiment.loop import Observer, Robot, Run, followed
 from ..experiment.scenario import Scenario
-from ..identifiers import Identifier, State
+from ..laws import Identifier, State
 from ..log import Measurement
 from ..numerics.threads import single_threaded
 from ..parameters import Array, ParameterSpace

@@ -23,7 +23,7 @@ from ..errors import InvalidInput, NoEstimate, NsaidError, UnknownName
 from ..evaluation.bound import bound_figures, cramer_rao
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup, is_sound
-from ..identifiers import ConventionalAID, IdentifierConfig, NullspaceAID
+from ..laws import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
 from ..resources import write_json

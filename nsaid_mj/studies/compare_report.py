@@ -15,11 +15,12 @@ from rich.console import Console
 from ..baselines import BATCH
 from ..evaluation import figure
 from ..evaluation.result import Mark, judged
-from ..identifiers import NullspaceAID
-from ..reporting import pages, plots
-from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
-from ..reporting.panels import BAD, COLOURS, INK, LAWS
-from ..reporting.terminal import print_panels
+from ..laws import NullspaceAID
+from ..pages import plots
+from ..pages.page import Cell as Written
+from ..pages.page import Figure, Figures, Page, Section, Table, Text, count, write_html
+from ..pages.panels import BAD, COLOURS, INK, LAWS
+from ..pages.terminal import print_panels
 from ..robot.findings import Finding
 from .study import repeated
 from .sweep_results import digits
@@ -178,14 +179,14 @@ def write(
         versions=manifest["versions"],
         notes=["All cells are in compare.json and compare.csv."],
     )
-    return pages.write(page, folder)
+    return write_html(page, folder)
 
 
 def print_table(cells: Sequence[Cell], console: Console) -> None:
     """Prints medians over the seeds, with the worst in brackets, and the failures."""
     several = len({cell.seed for cell in cells}) > 1
     found = rows(cells)
-    lines: list[list[pages.Cell]] = []
+    lines: list[list[Written]] = []
     for row in found:
         log = f"{sensors(row.noise)}, {row.duration:g} s"
         if [log] not in lines:
@@ -239,7 +240,7 @@ def _log(row: Row) -> str:
     ).replace(" s", "\u00a0s")
 
 
-def _line(row: Row, several: bool) -> list[pages.Cell]:
+def _line(row: Row, several: bool) -> list[Written]:
     return [_log(row), row.method, *_figures(row, several), "; ".join(row.notes)]
 
 

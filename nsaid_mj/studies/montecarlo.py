@@ -28,9 +28,9 @@ from ..experiment.following import CHECK, Following, due_rows
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
 from ..experiment.source import ended
-from ..identifiers import Identifier, State, Status
-from ..identifiers.base import Estimates
-from ..identifiers.nullspace_aid import NullspaceIdentifier
+from ..laws import Identifier, State, Status
+from ..laws.base import Estimates
+from ..laws.nullspace_aid import NullspaceIdentifier
 from ..log import Log
 from ..numerics.stopwatch import compile_seconds
 from ..numerics.threads import single_threaded

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from ..identifiers import Status
+from ..laws import Status
 from ..numerics.threads import single_threaded
+from ..pages.page import Page, Section, Table, count
+from ..pages.progress import announcing, counted
+from ..pages.terminal import print_page
 from ..parameters import rounded
-from ..reporting.pages import Page, Section, Table, count
-from ..reporting.progress import announcing, counted
-from ..reporting.terminal import print_page
 from ..resources import check_own
 from ..robot.findings import Finding
 from .montecarlo import JOBS, Plan, rows_of

@@ -19,7 +19,7 @@ from ..bounds import shown
 from ..errors import InvalidInput
 from ..experiment.library import digest_of
 from ..experiment.scenario import Scenario
-from ..reporting.progress import announcing, counted
+from ..pages.progress import announcing, counted
 from ..resources import check_own, locked, write_text
 
 MOST_RUNS = 1_000_000

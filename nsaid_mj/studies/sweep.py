@@ -24,7 +24,7 @@ import numpy as np
 from ..bounds import without_nonfinite
 from ..errors import BadRun, InvalidInput, NotWritten
 from ..experiment.scenario import Scenario, field_path, field_value, with_fields
-from ..reporting.progress import counted
+from ..pages.progress import counted
 from ..resources import atomic_write, check_own, locked, write_json, writing
 from .study import Study, check_count
 from .sweep_engine import Engine

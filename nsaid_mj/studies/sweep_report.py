@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from ..reporting import pages, plots
-from ..reporting.pages import Cell, Figures, Page, Section, Table, Text
-from ..reporting.panels import BAD, COLOURS, thin
+from ..pages import plots
+from ..pages.page import Cell, Figures, Page, Section, Table, Text, count, write_html
+from ..pages.panels import BAD, COLOURS, thin
 from ..robot.findings import Finding
 from .sweep_results import HEADS, SPREADS, Group, Sweep, cells, verdict_of
 
@@ -37,7 +37,7 @@ def write(sweep: Sweep) -> list[Path]:
     widest = max((len(values) for values in sweep.manifest["vary"].values()), default=1)
     size = (min(max(12.5, 2.4 * widest), 40.0), 0.4 + 3.6 * len(lines))
     picture = plots.png_of(lines, size, sweep.folder / PICTURE)
-    return [pages.write(_page(sweep, lines), sweep.folder), picture]
+    return [write_html(_page(sweep, lines), sweep.folder), picture]
 
 
 def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
@@ -76,8 +76,8 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
         heading=sweep.folder.name,
         verdict=verdict_of(sweep),
         eyebrow=f"many runs of {manifest['script']}",
-        lead=f"{results} of {pages.count(manifest['runs'], 'run')} "
-        f"{'has' if manifest['runs'] == 1 else 'have'} a result; {pages.count(seeds, 'seed')} from "
+        lead=f"{results} of {count(manifest['runs'], 'run')} "
+        f"{'has' if manifest['runs'] == 1 else 'have'} a result; {count(seeds, 'seed')} from "
         f"the master seed {manifest['master_seed']}.",
         findings=[unfinished] if missing else [],
         carrying=drawn[:first],

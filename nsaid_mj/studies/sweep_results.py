@@ -17,9 +17,9 @@ from rich.console import Console
 
 from ..errors import BadRun
 from ..evaluation.result import Mark, judged
+from ..pages.page import Page, Section, Table, Text, count
+from ..pages.terminal import print_page
 from ..parameters import ABSENT, rounded
-from ..reporting.pages import Page, Section, Table, Text, count
-from ..reporting.terminal import print_page
 from ..resources import atomic_write, json_of
 from ..robot.findings import Finding
 

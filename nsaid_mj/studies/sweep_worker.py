@@ -280,7 +280,7 @@ def time_to_converge(run: SimulatedRun, truth: Truth) -> float | None:
     See `evaluation.converged_at`. None if it does not stay small, or if the run ended early.
     """
     from ..evaluation import converged_at
-    from ..identifiers import Status
+    from ..laws import Status
 
     if run.ending.status is not Status.completed:
         return None

@@ -22,13 +22,13 @@ from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.following import Following
 from ..experiment.setup import Setup
 from ..experiment.source import informing_steps
-from ..identifiers import Status
-from ..identifiers.cone.law import ConeMetric
+from ..laws import Status
+from ..laws.cone.law import ConeMetric
 from ..log import Log
+from ..pages.page import Table, Text
+from ..pages.terminal import print_panels
 from ..parameters import Array
 from ..plants import Plant
-from ..reporting.pages import Table, Text
-from ..reporting.terminal import print_panels
 from ..resources import write_json
 from .study import Study, write_csv
 

@@ -13,13 +13,13 @@ import numpy as np
 from ..evaluation.result import Mark, judged
 from ..evaluation.tracking import Motion
 from ..numerics.threads import single_threaded
+from ..pages import plots
+from ..pages.drawings import figures_of
+from ..pages.page import Figure, Figures, Page, Section, Table, Text, count, write_html
+from ..pages.panels import COLOURS, LAWS, Panel, local_rms
+from ..pages.picture import picture
 from ..parameters import Array, rounded
 from ..recording.tracking import record
-from ..reporting import pages, plots
-from ..reporting.drawings import figures_of
-from ..reporting.pages import Figure, Figures, Page, Section, Table, Text, count
-from ..reporting.panels import COLOURS, LAWS, Panel, local_rms
-from ..reporting.picture import picture
 from ..robot.findings import Finding
 from ..system import SecondOrderSystem
 from .study import carried_out, repeated
@@ -85,7 +85,7 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         versions=plan.manifest["versions"],
     )
     result = _markdown(plan, shown, table)
-    return [pages.write(page, folder), plot, _record(folder, shown, result)]
+    return [write_html(page, folder), plot, _record(folder, shown, result)]
 
 
 def _markdown(plan: Plan, shown: list[Course], table: Table) -> str:

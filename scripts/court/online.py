@@ -14,9 +14,9 @@ from nsaid_mj.evaluation.truth import Truth
 from nsaid_mj.experiment.loop import Cost, Ending, SimulatedRun
 from nsaid_mj.experiment.record import Record
 from nsaid_mj.experiment.setup import with_prior_error
-from nsaid_mj.identifiers import NullspaceAID, Status
-from nsaid_mj.identifiers.efficient.replay import FilterAlone
-from nsaid_mj.identifiers.faults import FaultEvent
+from nsaid_mj.laws import NullspaceAID, Status
+from nsaid_mj.laws.efficient.replay import FilterAlone
+from nsaid_mj.laws.faults import FaultEvent
 from nsaid_mj.numerics.threads import single_threaded
 from nsaid_mj.parameters import Array
 

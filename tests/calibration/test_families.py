@@ -17,7 +17,7 @@ from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.resources import asset
 
-pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/reporting looks at the pages
+pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/pages looks at the pages
 
 
 class Found(NamedTuple):

@@ -22,7 +22,7 @@ from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.resources import asset
 from tests.support.flight_logs import MOTORS, speeds, topics, write_dataflash, write_ulog
 
-pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/reporting looks at the pages
+pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/pages looks at the pages
 DELAY, LAG, TOP = 0.02, 0.03, 1500.0
 
 

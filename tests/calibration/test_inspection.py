@@ -14,7 +14,7 @@ from nsaid_mj.calibration.logs.signals import quantum
 from nsaid_mj.calibration.logs.tables import Channel, Table
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.cli.commands import command
-from nsaid_mj.reporting.inspection import draw
+from nsaid_mj.pages.inspection import draw
 from nsaid_mj.resources import asset
 from tests.support.robot_logs import columns, two_joints, write_csv
 

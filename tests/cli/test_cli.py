@@ -581,7 +581,7 @@ def test_a_scenario_script_runs_as_main(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(path), *ALONE])
     if path.stem in LIKE_UR5:
-        monkeypatch.setattr("nsaid_mj.reporting.drawings.draw", lambda panel: "<svg></svg>")
+        monkeypatch.setattr("nsaid_mj.pages.drawings.draw", lambda panel: "<svg></svg>")
     code, said = code_of(lambda: runpy.run_path(str(path), run_name="__main__"))
     check_alone(tmp_path, code, said.out, said.err)
 

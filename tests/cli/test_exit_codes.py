@@ -14,7 +14,7 @@ from nsaid_mj.cli import commands
 from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation.result import Mark
-from nsaid_mj.identifiers import Status
+from nsaid_mj.laws import Status
 from nsaid_mj.studies.compare import PRIOR, Cell
 from nsaid_mj.studies.sweep_results import Sweep
 from tests.support.faulty import call, shell
@@ -129,11 +129,11 @@ def test_track(status: str, code: int, monkeypatch: Patch) -> None:
 def test_excite(kind: str, code: int, monkeypatch: Patch) -> None:
     for name in ("design.design", "design.prediction.predict", "design.information.ranks",
                  "design.files.scenario_of", "design.files.document", "design.prediction.tried",
-                 "recording.design.record", "reporting.design.write_page"):  # fmt: skip
+                 "recording.design.record", "pages.design.write_html"):  # fmt: skip
         put(monkeypatch, name, SimpleNamespace(limits=None))
     put(monkeypatch, "design.files.write", [])
     put(monkeypatch, "design.Experiment.of", None)
-    put(monkeypatch, "reporting.design.verdict_of", Mark("", kind))
+    put(monkeypatch, "pages.design.verdict_of", Mark("", kind))
     assert shell("excite", "scalar_rov", "--quiet", "--out", "out")[0] == code
 
 
@@ -168,7 +168,7 @@ def test_inspect_ends_as_identify_does(
     found = SimpleNamespace(findings=findings, channels=(), robot=None)
     put(monkeypatch, "calibration.logs.read_tables", ())
     put(monkeypatch, "calibration.logs.inspection.inspect", found)
-    put(monkeypatch, "reporting.inspection.draw", Path("inspection.png"))
+    put(monkeypatch, "pages.inspection.draw", Path("inspection.png"))
     assert shell("inspect", "a.csv", "--out", "out")[0] == code
 
     def refuse(*_: Any, **__: Any) -> None:

@@ -19,7 +19,7 @@ from nsaid_mj.evaluation.figures import force_residual_ratio
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.identifiers import NullspaceAID
+from nsaid_mj.laws import NullspaceAID
 from nsaid_mj.plants import (
     ArmPlant,
     BlueROV2Plant,

@@ -22,10 +22,10 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
-from nsaid_mj.identifiers.conventional import known_mask
-from nsaid_mj.identifiers.metric import ConstantMetric
-from nsaid_mj.identifiers.nullspace_aid import paper_identifier
+from nsaid_mj.laws import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
+from nsaid_mj.laws.conventional import known_mask
+from nsaid_mj.laws.metric import ConstantMetric
+from nsaid_mj.laws.nullspace_aid import paper_identifier
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
 from tests.support.plants import drive
 

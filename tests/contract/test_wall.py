@@ -15,7 +15,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import Identifier, NullspaceAID
+from nsaid_mj.laws import Identifier, NullspaceAID
 from nsaid_mj.parameters import Array, ParameterSpace
 from nsaid_mj.plants import Plant
 from nsaid_mj.resources import scenarios

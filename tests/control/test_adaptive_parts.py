@@ -15,9 +15,9 @@ from nsaid_mj.control.adaptive.actuation import Actuation
 from nsaid_mj.control.adaptive.laws import Estimate
 from nsaid_mj.control.adaptive.reference import loop_frequency, mean_inertia, rehearse, stiffness
 from nsaid_mj.control.adaptive.tracker import command_range
-from nsaid_mj.identifiers.cone.law import ConeMetric
-from nsaid_mj.identifiers.cone.prior import drawn_inside
-from nsaid_mj.identifiers.metric import ConstantMetric
+from nsaid_mj.laws.cone.law import ConeMetric
+from nsaid_mj.laws.cone.prior import drawn_inside
+from nsaid_mj.laws.metric import ConstantMetric
 from nsaid_mj.numerics.spatial import product
 from nsaid_mj.parameters import Array, Block, ParameterSpace
 from tests.support.plants import plant

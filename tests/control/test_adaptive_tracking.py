@@ -22,10 +22,10 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import NullspaceAID
-from nsaid_mj.identifiers.cone.law import ConeMetric
-from nsaid_mj.identifiers.cone.prior import drawn_inside
-from nsaid_mj.identifiers.metric import ConstantMetric
+from nsaid_mj.laws import NullspaceAID
+from nsaid_mj.laws.cone.law import ConeMetric
+from nsaid_mj.laws.cone.prior import drawn_inside
+from nsaid_mj.laws.metric import ConstantMetric
 from nsaid_mj.parameters import Array
 from nsaid_mj.recording.scene import ROBOT
 from nsaid_mj.resources import locked, scenarios

@@ -8,9 +8,9 @@ import pytest
 from nsaid_mj.design import Experiment
 from nsaid_mj.design.information import PRIOR, gramian, predicted
 from nsaid_mj.experiment.library import load
-from nsaid_mj.identifiers.efficient.filter import Law, filter_at
-from nsaid_mj.identifiers.efficient.kalman import covariance_along
-from nsaid_mj.identifiers.efficient.steps import margin_of
+from nsaid_mj.laws.efficient.filter import Law, filter_at
+from nsaid_mj.laws.efficient.kalman import covariance_along
+from nsaid_mj.laws.efficient.steps import margin_of
 from nsaid_mj.log import Log
 from nsaid_mj.quotient.cone import cone_of
 

@@ -28,8 +28,8 @@ from nsaid_mj.evaluation.verify import verify
 from nsaid_mj.experiment.loop import Run, SimulatedRun, run
 from nsaid_mj.experiment.record import FILE as RECORD
 from nsaid_mj.nullspace import structural
+from nsaid_mj.pages.page import FILE
 from nsaid_mj.recording import postprocessing
-from nsaid_mj.reporting import pages
 from tests.support.faulty import ROV
 from tests.support.recordings import entities_of
 
@@ -162,7 +162,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
     summary = postprocessing.finish(bare)
     assert json.loads((tmp_path / postprocessing.SUMMARY).read_text(encoding="utf-8")) == summary
-    page = (tmp_path / pages.FILE).read_text(encoding="utf-8")
+    page = (tmp_path / FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
     seen = entities_of(tmp_path / recording.FILE)
     wanted = {"/velocity", "/velocity/predicted", "/force/motion", "/force/actuators"}

@@ -23,9 +23,9 @@ from nsaid_mj.experiment.expected_gramian import expected_gramian
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.identifiers import NullspaceAID
-from nsaid_mj.identifiers.config import floored_inverse
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.laws import NullspaceAID
+from nsaid_mj.laws.config import floored_inverse
+from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import BlueROV2Plant, ScalarRovPlant
 from nsaid_mj.plants.world.simulated import SimulatedRobot

@@ -17,7 +17,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers.cone.prior import drawn_inside
+from nsaid_mj.laws.cone.prior import drawn_inside
 from nsaid_mj.parameters import Array, ParameterSpace
 from nsaid_mj.plants import (
     ArmPlant,

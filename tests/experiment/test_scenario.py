@@ -31,7 +31,7 @@ from nsaid_mj.control import (
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.identifiers import ConventionalAID, EfficientConfig, MemoryConfig, NullspaceAID
+from nsaid_mj.laws import ConventionalAID, EfficientConfig, MemoryConfig, NullspaceAID
 from nsaid_mj.plants import (
     ArmPlant,
     AstrobeePlant,

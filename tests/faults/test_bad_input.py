@@ -17,8 +17,8 @@ from nsaid_mj import ConventionalAID, FourierTracking, NsaidError, NullspaceAID,
 from nsaid_mj.errors import BadRobot, BadRun, InvalidInput, UnknownName
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import Record
-from nsaid_mj.identifiers import State, Status
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
+from nsaid_mj.laws import State, Status
+from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Measurement
 from nsaid_mj.recording.postprocessing import rebuild
 from nsaid_mj.resources import scenarios

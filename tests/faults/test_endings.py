@@ -20,7 +20,7 @@ from nsaid_mj.control import multisine, tracking
 from nsaid_mj.evaluation import mark_of
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.record import BATCH_SECONDS, Record
-from nsaid_mj.identifiers import Status
+from nsaid_mj.laws import Status
 from nsaid_mj.plants import SensorNoise
 from nsaid_mj.recording import postprocessing
 from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import nsaid_mj
-from nsaid_mj.identifiers.rk4 import follow
+from nsaid_mj.laws.rk4 import follow
 from nsaid_mj.numerics import cache
 from nsaid_mj.numerics.kernels import callees, named
 

@@ -11,7 +11,7 @@ import pytest
 from nsaid_mj.evaluation import summarize, truth_of
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.identifiers import NullspaceAID, Status
+from nsaid_mj.laws import NullspaceAID, Status
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
 from tests.support.bench import TwoVehicles, bench, simulate

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nsaid_mj.identifiers import ConventionalAID, NullspaceAID
+from nsaid_mj.laws import ConventionalAID, NullspaceAID
 from nsaid_mj.parameters import Array
 from tests.support.bench import Bench, bench, estimates
 

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from nsaid_mj.identifiers import Status
-from nsaid_mj.identifiers.nullspace_aid import paper_identifier
+from nsaid_mj.laws import Status
+from nsaid_mj.laws.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import level
 from nsaid_mj.parameters import Array, Block, ParameterSpace

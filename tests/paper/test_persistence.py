@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nsaid_mj.identifiers.nullspace_aid import paper_identifier
+from nsaid_mj.laws.nullspace_aid import paper_identifier
 from nsaid_mj.nullspace import PersistenceMonitor, level, structural
 from nsaid_mj.parameters import Array
 from tests.support.bench import (

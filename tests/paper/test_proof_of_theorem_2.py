@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.nullspace import level
 from nsaid_mj.parameters import Array
 from tests.support.bench import accelerations, columns

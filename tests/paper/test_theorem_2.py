@@ -7,7 +7,7 @@ import pytest
 
 from nsaid_mj.control import Driver
 from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.identifiers.nullspace_aid import paper_identifier
+from nsaid_mj.laws.nullspace_aid import paper_identifier
 from nsaid_mj.log import Measurement
 from nsaid_mj.nullspace import level, structural
 from nsaid_mj.parameters import Array

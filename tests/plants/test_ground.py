@@ -14,7 +14,7 @@ from nsaid_mj.control import Driving
 from nsaid_mj.control.driver import Driver
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.identifiers import NullspaceAID, Status
+from nsaid_mj.laws import NullspaceAID, Status
 from nsaid_mj.nullspace import structural
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import (

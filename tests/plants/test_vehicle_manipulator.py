@@ -9,8 +9,8 @@ import pytest
 
 from nsaid_mj.control import HoverAndReach, SwimAndReach
 from nsaid_mj.errors import InvalidInput, UnknownName
-from nsaid_mj.identifiers import NullspaceAID, Status
-from nsaid_mj.identifiers.nullspace_aid import paper_identifier
+from nsaid_mj.laws import NullspaceAID, Status
+from nsaid_mj.laws.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.numerics.spatial import unrotate

@@ -35,8 +35,8 @@ from nsaid_mj import (
 from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
 from nsaid_mj.evaluation import truth_of
 from nsaid_mj.experiment.loop import FAULTS, Robot, SimulatedRun, run
-from nsaid_mj.identifiers import Status
-from nsaid_mj.identifiers.faults import FaultEvent
+from nsaid_mj.laws import Status
+from nsaid_mj.laws.faults import FaultEvent
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.recording import forces, inertia, layout, live, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread

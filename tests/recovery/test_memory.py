@@ -12,8 +12,8 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import NullspaceAID, State, Status
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.laws import NullspaceAID, State, Status
+from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import SensorNoise
 

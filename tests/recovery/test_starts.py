@@ -9,7 +9,7 @@ import pytest
 from nsaid_mj import Scenario
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import prior_for
-from nsaid_mj.identifiers import Status
+from nsaid_mj.laws import Status
 from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.studies.montecarlo import Course, identify
 from nsaid_mj.studies.sweep_results import Row

@@ -25,7 +25,7 @@ class Counter(event.Listener):
 counter = Counter()
 event.register("numba:compile", counter)
 import nsaid_mj.structure.multibody, nsaid_mj.structure.motion_types
-from nsaid_mj.identifiers.efficient.kalman import _follow
+from nsaid_mj.laws.efficient.kalman import _follow
 from nsaid_mj.plants.world.stepping import track
 assert counter.count == 0, "importing compiles"
 _follow.load()
@@ -51,7 +51,7 @@ def twice(x):
 
 
 def test_importing_compiles_nothing_and_a_second_process_finds_all_kernels():
-    from nsaid_mj.identifiers.efficient.kalman import _follow
+    from nsaid_mj.laws.efficient.kalman import _follow
 
     _follow.load()
     track.load()

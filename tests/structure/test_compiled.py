@@ -14,9 +14,9 @@ import pytest
 from nsaid_mj.errors import BadRobot
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
-from nsaid_mj.identifiers import MemoryConfig, NullspaceAID
-from nsaid_mj.identifiers.base import State, Status
-from nsaid_mj.identifiers.nullspace_aid import paper_identifier
+from nsaid_mj.laws import MemoryConfig, NullspaceAID
+from nsaid_mj.laws.base import State, Status
+from nsaid_mj.laws.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.plants.arm import Backend, nominal_scales

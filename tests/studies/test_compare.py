@@ -13,11 +13,11 @@ from nsaid_mj.baselines import BATCH, Estimate
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.experiment.library import load
-from nsaid_mj.identifiers import ConventionalAID
+from nsaid_mj.laws import ConventionalAID
 from nsaid_mj.studies import compare, compare_report
 from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World
 from nsaid_mj.studies.compare_report import lines, print_table, rows, write_pictures
-from tests.reporting.markup import Page
+from tests.pages.markup import Page
 
 SCALAR = load("scalar_rov")
 

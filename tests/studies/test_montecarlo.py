@@ -26,9 +26,9 @@ from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.experiment import following
 from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.identifiers import MemoryConfig, State, Status
-from nsaid_mj.identifiers.base import Estimates
-from nsaid_mj.identifiers.nullspace_aid import NullspaceIdentifier, paper_identifier
+from nsaid_mj.laws import MemoryConfig, State, Status
+from nsaid_mj.laws.base import Estimates
+from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array
 from nsaid_mj.studies import montecarlo, montecarlo_results, sweep_results

@@ -24,13 +24,13 @@ from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run as run_alone
 from nsaid_mj.experiment.scenario import Scenario, field_at
-from nsaid_mj.identifiers import Status
+from nsaid_mj.laws import Status
 from nsaid_mj.studies.sweep import Plan, run, seed_of, varied
 from nsaid_mj.studies.sweep_engine import Engine
 from nsaid_mj.studies.sweep_report import write
 from nsaid_mj.studies.sweep_results import COSTS, ROWS, TABLE, Sweep, read
 from nsaid_mj.studies.sweep_worker import time_to_converge
-from tests.reporting.markup import Page, unscripted
+from tests.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict
 
 PATIENCE = 90.0  # on a busy machine [s]

@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.control import DriverConfig, FourierTracking, MultisineCommand, PoseHold
 from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.identifiers import Identifier, IdentifierConfig, NullspaceAID, State, Status
-from nsaid_mj.identifiers.base import Estimates
+from nsaid_mj.laws import Identifier, IdentifierConfig, NullspaceAID, State, Status
+from nsaid_mj.laws.base import Estimates
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.nullspace import Nullspace, structural
 from nsaid_mj.parameters import Array, Block, ParameterSpace

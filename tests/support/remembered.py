@@ -11,7 +11,7 @@ import numpy as np
 
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.identifiers.memory.statistics import Memory, Recorder
+from nsaid_mj.laws.memory.statistics import Memory, Recorder
 from nsaid_mj.log import Log as Measured
 from nsaid_mj.log import Measurement
 from nsaid_mj.parameters import Array

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...identifiers.cone.law import ConeMetric
-from ...identifiers.metric import (
+from ...laws.cone.law import ConeMetric
+from ...laws.metric import (
     CHARTS,
     ConstantMetric,
     Metric,

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from ...bounds import NonNegative, Positive, PositiveShare, Tones, config
-from ...identifiers.metric import Metric
+from ...laws.metric import Metric
 from ...log import Measurement
 from ...parameters import Array
 from ...structure.joints import JointTree

@@ -1,0 +1,229 @@
+"""A design on the terminal, and its page."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+
+from ..design.limits import RANDOM
+from ..design.prediction import Trial
+from ..evaluation.confidence import INTERVAL
+from ..evaluation.result import Mark, judged
+from ..evaluation.summary import versions
+from ..parameters import number, rounded
+from .page import Figure, Items, Page, Panel, Section, Table, Text, count, write_html
+from .panels import Panel as Plot
+from .terminal import print_page
+
+HALVES = ("half", "before")
+_NONE, _LISTED = "–", 3  # no value; number of listed directions of P_s
+_INTERVALS = "At a fixed common scale. – means that motion does not reveal the parameter by itself."
+_WEAK = (
+    "The predicted standard deviation over that before the experiment; the weakest directions of "
+    "the published values."
+)
+_HELP = "Deviations for the published values, each over that of the design."
+_ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
+
+
+def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> None:
+    """Prints the predicted results of a design, its `design.files.document`, and the files."""
+    lines = [*statements(document), *_helping(document), *_unobservable(document)]
+    page = Page(
+        heading=name,
+        verdict=verdict_of(document),
+        lead=f"{document['duration']:g} s for {document['asked']}",
+        sections=[
+            Section("", [_intervals(document), Text(f"{_INTERVALS[0].lower()}{_INTERVALS[1:]}")]),
+            Section("", [_limits(document)]),
+            Section("", list(map(Text, lines))),
+        ],
+        commands=list(map(str, files)),
+    )
+    print_page(page, Console(highlight=False))
+
+
+def verdict_of(document: dict[str, Any]) -> Mark:
+    """Whether the design is better than random motions, and how much."""
+    own, asked = document["predicted_deviation"], document["asked"]
+    squares = np.square(document["predicted_deviation_of_random_motions"])
+    random = float(np.sqrt(np.mean(squares)))  # over draws like the design's
+    sources = {limit["source"] for limit in document["limits"].values()}
+    which = " of the same limits" if sources <= {RANDOM} else " of the usual size"
+    which += ", which may touch themselves" if document["contacts"] else ""
+    if random > own:
+        words = (
+            f"Predicted rms deviation of the {asked}: {_percent(own)}, {random / own:.2g} times "
+            f"smaller than with random motions{which} ({_percent(random)})."
+        )
+        return judged("yes", words)
+    words = (
+        f"No better than random motions{which}: predicted rms deviation of the {asked} "
+        f"{_percent(own)}, of random motions {_percent(random)}."
+    )
+    return judged("partly", words)
+
+
+def _percent(deviation: float) -> str:
+    """A relative deviation with two digits."""
+    return f"{number(float(f'{100 * deviation:.2g}'))} %"
+
+
+def statements(document: dict[str, Any]) -> list[str]:
+    """How much of θ the experiment determines, and how many harmonics that needs."""
+    count, needed = document["weak_directions"], document["harmonics"]["dimension_of_P_perp"]
+    lines = [
+        f"{needed - count} of {needed} observable directions will be known, "
+        + (f"{count} stay weak." if count else "none stays weak.")
+    ]
+    measured = ", ".join(f"{h}: {rank}" for h, rank in document["harmonics"]["measured"])
+    if measured:
+        lines.append(f"Rank by number of harmonics: {measured}, of p − r = {needed}.")
+    return lines
+
+
+def _helping(document: dict[str, Any]) -> list[str]:
+    """What helps the weak directions and the requested numbers most, a line each."""
+    lines = []
+    for words, left, remedy, after in _weak_rows(document):
+        helped = f"{after} after {remedy}" if after != _NONE else "nothing tried helps"
+        lines.append(f"Weak: {words}: {left} of its deviation stays; {helped}.")
+    return lines + [
+        f"{words}: {share} times the deviation, {count(int(weak), 'weak direction')}."
+        for words, share, weak in _remedy_rows(document)
+    ]
+
+
+def _unobservable(document: dict[str, Any]) -> list[str]:
+    """Directions that no motion reveals, the first ones."""
+    every = document["unobservable"]
+    lines = [f"Not observable: {words}; {fix}." for words, fix in every[:_LISTED]]
+    if (more := len(every) - _LISTED) > 0:
+        lines.append(f"In design.json: {count(more, 'more such direction')}.")
+    return lines
+
+
+def _weak_rows(document: dict[str, Any]) -> list[list[str]]:
+    """Weak directions, the share of their deviation that stays, the best remedy, and its share."""
+    return [
+        [
+            direction["words"],
+            f"{100 * direction['left']:.0f} %",
+            direction["remedy"] or "nothing tried helps",
+            f"{100 * direction['after']:.2g} %" if direction["remedy"] else _NONE,
+        ]
+        for direction in document["weak"]
+    ]
+
+
+def _remedy_rows(document: dict[str, Any]) -> list[list[str]]:
+    """Other experiments, their deviation over the design's, and the weak directions they leave."""
+    own = document["predicted_deviation_of_prior"]
+    return [
+        [other["words"], rounded(other["predicted"] / own, 2), str(other["weak"])]
+        for other in document["remedies"]
+    ]
+
+
+def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder: Path) -> Path:
+    """Writes report.html atomically into an existing folder and returns its path.
+
+    `document` is that of `design.files.document`, `trial` the design on a draw of the prior.
+    """
+    weak = Table(
+        ["direction", "deviation left", "what helps most", "left then"], _weak_rows(document),
+        (0, 2),
+    )  # fmt: skip
+    determined: list[Panel] = [Items(statements(document))]
+    if weak.lines:
+        determined += [Text("Directions that stay weak", head=True), weak, Text(_WEAK, note=True)]
+    designed = ["as designed", "1", str(document["weak_directions"])]
+    heads = ["experiment", "deviation over the design's", "weak directions"]
+    helps = Table(heads, [designed, *_remedy_rows(document)])
+    page = Page(
+        heading=robot,
+        verdict=verdict_of(document),
+        eyebrow=f"design of an experiment {folder.name}",
+        lead=f"{document['duration']:g} s of motion, before anything moves.",
+        carrying=_figures(document, trial),
+        sections=[
+            Section("What the experiment will determine", determined),
+            Section("What would help", [helps, Text(_HELP, note=True)]),
+            Section("What no motion reveals", [Items(_unobservable(document))]),
+            Section("Predicted 95 % intervals", [
+                _intervals(document),
+                Text(f"{_INTERVALS} Root mean squares over draws of the prior; all parameters are "
+                     "in design.json.", note=True),
+            ]),
+            Section("Limits", [_limits(document)]),
+        ],
+        commands=[f"nsaid run {shlex.quote(str(folder / 'scenario.py'))}"],
+        notes=["motion.csv is the motion; scenario.py makes it in MuJoCo; all figures are in "
+               "design.json."],
+        versions=versions(),
+    )  # fmt: skip
+    return write_html(page, folder)
+
+
+def _figures(document: dict[str, Any], trial: Trial | None) -> list[Figure]:
+    """The trial's largest deviations and errors over time."""
+    if trial is None:
+        return []
+    from .plots import over_time  # imported late: matplotlib takes half a second
+
+    title = f"Predicted and reached: {document['asked']}"
+    panel = Plot(title, "largest relative error [–]", True, wide=True)
+    for values, label in (
+        (INTERVAL * trial.predicted, "predicted 95 %"),
+        (INTERVAL * trial.stated, "stated by the law, 95 %"),
+        (trial.error, "error in the trial"),
+    ):
+        panel.add(trial.t, values.max(axis=1), label)
+    return [Figure(panel.title, over_time(panel), panel.legend, wide=True)]
+
+
+def _intervals(document: dict[str, Any]) -> Table:
+    """The predicted intervals of gains, masses and frictions."""
+    lines = [
+        [
+            row["label"],
+            number(float(f"{row['value']:.3g}")),
+            *(
+                number(float(f"{row[half]:.2g}")) if row["observable"] > _ALONE else _NONE
+                for half in HALVES
+            ),
+            row["unit"],
+        ]
+        for row in shown(document)
+    ]
+    return Table(["parameter", "prior", "±", "before ±", "unit"], lines, (0, 4))
+
+
+def shown(document: dict[str, Any]) -> list[dict[str, Any]]:
+    """The intervals of gains, masses and frictions; all others are in design.json."""
+    words = ("gain", "friction", "drag", "lift", "thrust")
+    return [
+        row
+        for row in document["intervals"]
+        if row["label"].startswith("mass") or any(word in row["kind"] for word in words)
+    ]
+
+
+def _limits(document: dict[str, Any]) -> Table:
+    """The limits, and the simulated motions' use of them."""
+    lines = [
+        [
+            name,
+            f"{np.max(np.abs([limit['low'], limit['high']])):.3g}",
+            limit["unit"],
+            f"{100 * document['uses'][name]:.0f} %",
+            limit["source"],
+        ]
+        for name, limit in document["limits"].items()
+    ]
+    return Table(["limit", "largest", "unit", "use in simulation", "from"], lines, (0, 2, 4))

@@ -1,0 +1,146 @@
+"""Identified servos as a page, and on the terminal."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from ... import __version__
+from ...calibration.comparison import Score
+from ...calibration.servos import Replayed, ServoIdentification
+from ...evaluation.result import Parameter
+from ...structure.joints import moving_joints, slides
+from ..drawings import figures_of
+from ..page import Cell, Figures, Page, Panel, Section, Table, Text, count, write_html
+from ..panels import Comparison
+from ..terminal import print_page, print_panels
+
+_SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
+# factor to the unit in the head
+_HEADS = ("servo", "kv/kp [ms]", "f/kp [{rad}]", "kp [{kp}]", "delay [ms]", "armature [{armature}]",
+          "error [{rad}]", "simple [{rad}]")  # fmt: skip
+_UNITS = {"kp": ("N·m/rad", "N/m"), "armature": ("kg·m²", "kg"), "rad": ("mrad", "mm")}
+# of hinges and slides
+_REPLAYED = 30.0  # of a log that are drawn [s]
+_PER_SERVO = 6  # parameters
+
+
+def write_servos(
+    result: ServoIdentification,
+    folder: Path,
+    commands: Sequence[str] = (),
+    replay: Replayed | None = None,
+) -> Path:
+    """Writes report.html into a folder, atomically, and returns its path.
+
+    `commands` repeat the identification and show its recording; the first log of `replay` is drawn.
+    """
+    page = _page(result, commands)
+    if replay is not None:
+        page = dataclasses.replace(page, sections=[*page.sections, _replay(result, replay)])
+    return write_html(page, folder)
+
+
+def _replay(result: ServoIdentification, replay: Replayed) -> Section:
+    """Positions of every joint, measured and simulated; windows left out of the fit are shaded."""
+    log = replay.logs[0]
+    t = log.t[log.t <= log.t[0] + _REPLAYED] - log.t[0]
+    used, joints = replay.used[: len(t)] > 0, moving_joints(result.robot.model)
+    panels = [
+        Comparison(servo.name, "q", "m" if slides(joint) else "rad", t, log.position[: len(t), j],
+                   replay.simulated[0][: len(t), j], used=used)
+        for j, (servo, joint) in enumerate(zip(result.servos, joints, strict=True))
+    ]  # fmt: skip
+    note = "MuJoCo with the exported file, driven by the targets alone from the first position on"
+    note += f"; the first {t[-1]:.0f} s." if len(t) < len(log.t) else "."
+    note += "" if used.all() else " Shaded: left out of the fit, because of foreign forces."
+    return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
+
+
+def print_servos(result: ServoIdentification, console: Console, files: Sequence[Path] = ()) -> None:
+    """Prints the verdict, findings, every servo with its 95 % intervals, and the written files."""
+    page = brief(result, files)
+    narrow = [Table([head.replace(" [", "\n[") for head in panel.heads], panel.lines, spare=(7,))
+              if isinstance(panel, Table) else panel
+              for panel in page.sections[0].panels]  # fmt: skip
+    print_page(dataclasses.replace(page, heading="", sections=[Section("", narrow)]), console)
+
+
+def brief(result: ServoIdentification, files: Sequence[Path] = ()) -> Page:
+    """What the terminal and the recording tell of servos; the files are listed last."""
+    page = _page(result, list(map(str, files)))
+    return Page(
+        page.heading, page.verdict, findings=page.findings,
+        sections=[Section("", page.sections[0].panels)], commands=page.commands,
+    )  # fmt: skip
+
+
+def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
+    lines: list[list[Cell]] = []
+    for k, servo in enumerate(result.servos):
+        own = result.parameters[_PER_SERVO * k : _PER_SERVO * (k + 1)]
+        cells = [_cell(p) for p in own if p.name.partition("_")[0] in _SHOWN]
+        lines.append([servo.name, *cells, f"{servo.error * 1e3:.1f}", f"{servo.simple * 1e3:.1f}"])
+    kinds = sorted({slides(joint) for joint in moving_joints(result.robot.model)})
+    units = {name: ", ".join(own[kind] for kind in kinds) for name, own in _UNITS.items()}
+    heads = [head.format(**units) for head in _HEADS]
+    panels: list[Panel] = [Table(heads, lines)]
+    if any(parameter.combination for parameter in result.parameters):
+        panels.append(Text("~ only in combination with others; identification.json says which.",
+                           note=True))  # fmt: skip
+    if result.law:
+        found = [[s.name, *(_cell(p) for p in result.law[3 * k : 3 * k + 3])]
+                 for k, s in enumerate(result.servos)]  # fmt: skip
+        panels += [Text("Law efficient, a filter from positions alone, at the end of the logs:"),
+                   Table(heads[:4], found)]  # fmt: skip
+    panels.append(Text("± in %; error: of the open-loop simulation; simple: of the late target "
+                       "or a constant.", note=True))  # fmt: skip
+    return Page(
+        heading=result.robot.name,
+        verdict=result.mark,
+        eyebrow="identification of position servos from logs",
+        lead=f"{count(len(result.servos), 'servo')}, each with its 95 % intervals.",
+        findings=result.findings,
+        sections=[Section("Servos", panels)],
+        commands=commands,
+        versions={"nsaid-mj": __version__},
+    )
+
+
+def print_scores(scores: Sequence[Score], unit: str, console: Console) -> None:
+    """Prints how far models depart from logs, as means over all joints in a unit of 1/1000."""
+    heads = ["model", *(f"{time}\n[{unit}]" for time in ("0.2 s", "2 s", "log"))]
+    heads += ["one step\nNRMSE", "CPU\n[s]"]
+    lines: list[list[Cell]] = []
+    for score in scores:
+        numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
+        cells = [_figure(x) for x in numbers]
+        lines.append([score.model, *cells, f"{score.seconds:.1f}"])
+    print_panels([Table(heads, lines)], console)
+    console.print()
+    note = "Mean absolute errors of open-loop simulations that start again after this time; "
+    note += "identified, sysid: each half of the logs is predicted from the other."
+    print_panels([Text(note)], console)
+
+
+def _figure(x: float) -> str:
+    """An error for a table."""
+    return "–" if np.isnan(x) else f"{x:.2f}" if x < 1e4 else "diverges"
+
+
+def _cell(parameter: Parameter) -> str:
+    """A value with its interval, or marked where only a combination is identified."""
+    scale = _SHOWN[parameter.name.partition("_")[0]]
+    if parameter.status != "identified":
+        return f"~ {_number(scale * parameter.value)}"
+    half = 50 * (parameter.high - parameter.low) / parameter.value
+    return f"{_number(scale * parameter.value)} ±{half:.0f}"
+
+
+def _number(x: float) -> str:
+    """Three digits, all of them before the point from 1000 on."""
+    return f"{x:.0f}" if x >= 1e3 else f"{x:.3g}"

@@ -1,0 +1,145 @@
+"""An inspected log on the terminal and as a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from rich.console import Console
+
+from ..calibration.data import Recordings
+from ..calibration.logs.inspection import ChannelFigures, Inspection
+from ..evaluation.result import Mark, gravest_first
+from ..parameters import Array, number
+from .drawings import extremes
+from .page import Cell, Table, Text
+from .panels import BAD, COLOURS
+from .plots import png_of
+from .terminal import print_findings, print_panels
+
+_POINTS = 4000  # of a curve; more are thinned to the extremes of equal parts
+_LISTED = 1000  # channels that are printed, those in use first
+_MOST = 40  # largest number of drawn channels of a log without a map
+
+
+def print_inspection(found: Inspection, console: Console) -> None:
+    """Prints a line for each channel, then the findings, the gravest first.
+
+    "flat" is the share of rows at a flat extreme, "same" of those that repeat the value before; a
+    column without any entry is left out.
+    """
+    heads = ("channel", "from", "to", "noise", "step", "flat", "same", "used as")
+    for clock in dict.fromkeys(map(_clock, found.channels)):
+        own = [channel for channel in found.channels if _clock(channel) == clock]
+        more = len(own) - _LISTED
+        if more > 0:
+            own.sort(key=lambda channel: not channel.role)
+        lines = [_cells(channel) for channel in own[:_LISTED]]
+        shown = [k for k in range(len(heads)) if any(line[k] not in ("–", "") for line in lines)]
+        lines = [[line[k] for k in shown] for line in lines]
+        words = (0, len(shown) - 1) if shown[-1] == len(heads) - 1 else (0,)
+        table = Table([heads[k] for k in shown], lines, words, most=len(lines))
+        rest = [Text(f"… and {more} more, which --json lists")] if more > 0 else []
+        print_panels([Text(clock), table, *rest], console)
+        console.print()
+    print_findings(gravest_first(found.findings), console, codes=True)
+
+
+def _clock(channel: ChannelFigures) -> str:
+    """The properties that channels of one clock share: file, rows, rate, jitter, gaps."""
+    said = f"{channel.source}: {channel.rows} rows"
+    if np.isfinite(channel.rate):
+        said += f" at {channel.rate:.4g} Hz, jitter {channel.jitter:.0%}"
+        said += f", {channel.gaps} gaps up to {channel.longest:.3g} s" if channel.gaps else ""
+    return said + (f", {channel.missing} without a number" if channel.missing else "")
+
+
+def _cells(channel: ChannelFigures) -> list[Cell]:
+    return [
+        channel.name,
+        number(channel.low),
+        number(channel.high),
+        Mark("", "poor", "constant") if channel.dead else number(channel.noise, significant=1),
+        number(channel.quantum, significant=3) if channel.quantum else "–",
+        f"{channel.saturated:.1%}" if channel.saturated else "–",
+        f"{channel.unchanged:.0%}" if channel.unchanged > 0.005 else "–",
+        channel.role,
+    ]
+
+
+def draw(found: Inspection, path: Path) -> Path:
+    """Draws q, v and u of every joint over time, or all channels if they are not matched, as PNG.
+
+    Rows that are not used for a joint are marked on its velocity. Returns the path.
+    """
+    if found.recordings is not None:
+        lines = _joints(found.recordings, found.robot.joints if found.robot else ())
+    else:
+        lines = _channels(found)
+    return png_of(lines, (11.0, 1.8 * len(lines) + 0.4), path)
+
+
+Line = Mapping[str, Callable[[Axes], None]]
+
+
+def _joints(recordings: Recordings, names: Sequence[str]) -> list[Line]:
+    logs = [segment.log for segment in recordings.segments]
+    starts = np.cumsum([0.0, *(log.t[-1] - log.t[0] for log in logs)])
+    times = [log.t - log.t[0] + start for log, start in zip(logs, starts, strict=False)]
+    units = [f" [{unit}]" if unit else "" for unit in recordings.command_units]
+    lines: list[Line] = []
+    for j in range(max(len(names), logs[0].q.shape[1])):
+        used = [segment.usable[:, j] for segment in recordings.segments if j < logs[0].v.shape[1]]
+        name = names[j] if j < len(names) else ""
+        unit = units[j] if j < len(units) else ""
+        lines.append(
+            {
+                "position [rad or m]": partial(_curves, times, _part(logs, 1, j), f"q {name}", []),
+                "velocity [rad/s or m/s]": partial(
+                    _curves, times, _part(logs, 2, j), f"v {name}", used
+                ),
+                "command": partial(_curves, times, _part(logs, 3, j), f"u {name}{unit}", []),
+            }
+        )
+    return lines
+
+
+def _part(logs: Sequence[tuple[Array, ...]], part: int, column: int) -> list[Array]:
+    """One column of q (1), v (2) or u (3) of every segment; none if there is no such column."""
+    return [log[part][:, column] for log in logs if column < log[part].shape[1]]
+
+
+def _channels(found: Inspection) -> list[Line]:
+    channels = [c for table in found.tables for c in table.channels.items()][:_MOST]
+    lines: list[Line] = []
+    for start in range(0, len(channels), 3):
+        row = channels[start : start + 3]
+        panels = {
+            f"{k}": partial(_curves, [channel.t], [channel.values], name, [])
+            for k, (name, channel) in enumerate(row)
+        }
+        lines.append(panels | {f"{k}": Axes.set_axis_off for k in range(len(row), 3)})
+    return lines
+
+
+def _curves(
+    times: Sequence[Array],
+    values: Sequence[Array],
+    label: str,
+    used: Sequence[np.ndarray],
+    axis: Axes,
+) -> None:
+    """Draws one curve for each segment; rows that are not used are dots."""
+    for k, (t, x) in enumerate(zip(times, values, strict=False)):
+        rows = extremes(x, _POINTS)
+        axis.plot(t[rows], x[rows], color=COLOURS[k % len(COLOURS)], linewidth=0.8)
+        if k < len(used):
+            off = np.flatnonzero(~used[k])
+            off = off[extremes(x[off], _POINTS)] if len(off) else off
+            axis.plot(t[off], x[off], ".", color=BAD, markersize=1.5)
+    axis.margins(x=0.0)
+    axis.set_ylabel(label)
+    axis.set_xlabel("t [s]")

@@ -1,0 +1,285 @@
+"""The page of every command as data: a verdict, its figure, and sections made of panels.
+
+A command builds a `Page`; `render_html` makes one self-contained HTML file of it, with every value
+escaped, `markdown` a text for recordings, and `terminal.print_page` prints it. Any text may have
+`code` in backticks.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..evaluation.result import LEVELS, Mark
+from ..resources import write_text
+from ..robot.findings import Finding
+from .panels import BAND, COLOURS, DARK, DASHES, MARKERS, VARIABLES
+
+FILE = "report.html"
+_TEMPLATES = Path(__file__).parent / "templates"
+
+
+class Link(NamedTuple):
+    """A link to another row of the page, by its id."""
+
+    text: str
+    to: str
+
+
+Cell = str | Mark | Link | tuple[str | Mark | Link, ...]
+"""A cell of a table; a `Mark` becomes a badge."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; `note` makes it small, `head` the title of what follows."""
+
+    words: str
+    note: bool = False
+    head: bool = False
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list; an entry is a text, or a pair of its subject and the rest."""
+
+    entries: Sequence[str | tuple[str, str]]
+    ordered: bool = False
+
+
+@dataclass(frozen=True)
+class Badges:
+    """Counts side by side, such as how many parameters are identified."""
+
+    marks: Sequence[Mark]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        heads: of the columns; the first names the table on the terminal.
+        lines: cells; on the terminal a line of one cell is the title of those below it.
+        text: indices of the columns that are not numbers.
+        ids: prefix of the lines' ids, the targets of `Link`; empty for none.
+        spare: indices of the columns that a narrow terminal omits, in the order of omission.
+        most: number of lines on the terminal; the others are counted.
+    """
+
+    heads: Sequence[str]
+    lines: Sequence[Sequence[Cell]]
+    text: Sequence[int] = (0,)
+    ids: str = ""
+    spare: Sequence[int] = ()
+    most: int = 40
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawing with its title and legend.
+
+    Attributes:
+        title: above the drawing.
+        drawing: an SVG element of `plots.svg`, or an image.
+        legend: (name, colour, dash) of each entry; a dash of `BAND` is a shaded area.
+        wide: whether it takes the whole width of the page.
+    """
+
+    title: str
+    drawing: str
+    legend: Sequence[tuple[str, str, str]] = ()
+    wide: bool = False
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures side by side; those beyond `most` are folded, under a title with their `kind`."""
+
+    figures: Sequence[Figure]
+    kind: str = "plots"
+    most: int = 8
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Panels that are folded on a screen, and open on paper.
+
+    Attributes:
+        title: that opens and closes them.
+        panels: what is folded.
+        counts: marks beside the title.
+        small: words beside the title.
+        open: whether they are open at first.
+    """
+
+    title: str
+    panels: Sequence[Panel]
+    counts: Sequence[Mark] = ()
+    small: str = ""
+    open: bool = False
+
+
+Panel = Text | Items | Badges | Table | Figures | Fold
+
+
+@dataclass(frozen=True)
+class Section:
+    """Panels below a title; without a title they form a separate card.
+
+    Attributes:
+        title: above the panels.
+        panels: from top to bottom.
+        beside: on their right where the page is wide.
+    """
+
+    title: str
+    panels: Sequence[Panel]
+    beside: Figure | None = None
+
+
+@dataclass(frozen=True)
+class Page:
+    """The results of a command.
+
+    Attributes:
+        heading: the robot, or the name of the study.
+        verdict: in one sentence; None if there is none.
+        eyebrow: what made the page.
+        lead: one line below the heading.
+        tab: title of the browser's tab; the heading if empty.
+        findings: what the reader must know before believing the verdict, the gravest first.
+        carrying: figures of which the first carries the verdict.
+        sections: in order.
+        commands: command lines or code that reproduce the results, one block each.
+        notes: paragraphs below the commands.
+        versions: by name, of this package and of those that affect its results.
+    """
+
+    heading: str
+    verdict: Mark | None
+    eyebrow: str = ""
+    lead: str = ""
+    tab: str = ""
+    findings: Sequence[Finding] = ()
+    carrying: Sequence[Figure] = ()
+    sections: Sequence[Section] = ()
+    commands: Sequence[str] = ()
+    notes: Sequence[str] = ()
+    versions: dict[str, str] = field(default_factory=dict)
+
+
+def count(number: int, singular: str, plural: str = "") -> str:
+    """A number with its noun: 1 seed, 2 seeds, 0 seeds."""
+    return f"{number} {singular if number == 1 else plural or singular + 's'}"
+
+
+def write_html(page: Page, folder: Path) -> Path:
+    """Writes report.html atomically and returns its path."""
+    path = folder / FILE
+    write_text(path, render_html(page))
+    return path
+
+
+def render_html(page: Page) -> str:
+    """The page as one self-contained HTML file; the only script that may run is our own."""
+    return _environment().get_template("page.html").render(page=page)
+
+
+def shared_legend(figures: Sequence[Figure]) -> Sequence[tuple[str, str, str]]:
+    """The legend of several figures, each of which has all or part of it; empty if there is none.
+
+    It stands above them once, and switches a curve of all of them.
+    """
+    legends = [figure.legend for figure in figures]
+    longest = max(legends, key=len, default=())
+    inside = all(legend and set(legend) <= set(longest) for legend in legends)
+    return longest if len(legends) > 1 and inside else ()
+
+
+@cache
+def _environment() -> Any:
+    import jinja2  # imported late: needed only after a run
+    from markupsafe import Markup, escape
+
+    def spoken(text: object) -> Markup:
+        parts = enumerate(map(escape, str(text).split("`")))
+        code = Markup("<code>{}</code>")
+        return Markup("").join(code.format(part) if k % 2 else part for k, part in parts)
+
+    def kind(value: object) -> str:
+        return type(value).__name__
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    script = (_TEMPLATES / "plots.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    environment.filters.update(spoken=spoken, kind=kind, plain=Markup)
+    environment.globals.update(
+        light=COLOURS, dark=DARK, variables=VARIABLES, dashes=DASHES, band=BAND,
+        markers=MARKERS, script=Markup(script), digest=digest, levels=LEVELS,
+        shared_legend=shared_legend,
+    )  # fmt: skip
+    return environment
+
+
+def markdown(page: Page) -> str:
+    """A page's verdict, findings, texts, lists and tables; its commands are left out."""
+    lines = [f"## {plain(page.heading)}", ""] if page.heading else []
+    lines += [f"**{plain(page.verdict.text)}**", ""] if page.verdict else []
+    lines += [plain(page.lead), ""] if page.lead else []
+    for finding in page.findings:
+        where = f"**{plain(finding.where)}**: " if finding.where else ""
+        lines.append(f"- {where}{plain(f'{finding.text}. {finding.remedy}')}")
+    for section in page.sections:
+        lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
+        lines += panels(section.panels)
+    return "\n".join(lines) + "\n"
+
+
+def panels(some: Sequence[Panel]) -> list[str]:
+    """The lines of texts, lists, tables and folded panels."""
+    lines: list[str] = []
+    for panel in some:
+        if isinstance(panel, Text):
+            lines += [f"{'#### ' * panel.head}{plain(panel.words)}", ""]
+        elif isinstance(panel, Items):
+            for entry in panel.entries:
+                what, more = (entry, "") if isinstance(entry, str) else entry
+                lines.append(f"- {f'**{plain(what)}**: {plain(more)}' if more else plain(what)}")
+            lines.append("")
+        elif isinstance(panel, Badges):
+            lines += [", ".join(plain(mark.text) for mark in panel.marks), ""]
+        elif isinstance(panel, Table) and panel.lines:
+            lines += [_row(panel.heads), "|---" * len(panel.heads) + "|"]
+            lines += [_row([_cell(cell) for cell in line]) for line in panel.lines] + [""]
+        elif isinstance(panel, Fold):
+            lines += [f"#### {plain(panel.title)}", "", *panels(panel.panels)]
+    return lines
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(map(plain, cells))} |"
+
+
+def _cell(cell: Cell) -> str:
+    if isinstance(cell, Mark | Link):
+        return cell.text
+    return " ".join(map(_cell, cell)) if isinstance(cell, tuple) else str(cell)
+
+
+def plain(text: str) -> str:
+    """Text without the characters that Markdown interprets."""
+    for mark in "\\`*_{}[]<>#|":
+        text = text.replace(mark, f"\\{mark}")
+    return " ".join(text.split())

@@ -1,0 +1,283 @@
+"""report.html: the results of a run on one self-contained page."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from .. import evaluation
+from ..evaluation import Truth, mark_of, result_of
+from ..evaluation.result import Mark, Result, figures_of
+from ..evaluation.verify import ROWS, Verdict, verify
+from ..experiment.loop import Run
+from ..parameters import rounded
+from ..resources import RECORDING
+from . import report_panels
+from .page import FILE, Figure, Figures, Fold, Items, Page, Panel, Section, Table, Text
+from .parameters import CORRELATIONS, brief_gains, folds
+from .picture import picture
+from .terminal import print_page
+
+_RATIO = " ‖θ̄_P⊥‖/‖θ̂‖"  # left out: the first figure's axis has the formula
+_FIRST = 5  # unobservable directions that are not folded
+_DIRECTIONS = 3  # printed at most; the page has all of them
+_LENGTH = 120  # characters of a printed list of parameters, at most
+_COMPILED = 0.5  # compile times below this are not mentioned [s]
+_NO_RERUN = "none, as Rerun is not installed: pip install 'nsaid-mj[view]'"
+_HELD = "Intervals hold the mean of the actuators' gains, since the common scale is unobservable."
+_FORCES = {
+    True: "On the held-out trajectory, which no identifier has seen. Measured: the actuators' "
+    "force at the command, under the estimated gains. Predicted: the force that the motion needs "
+    "under the estimated plant. Both are scaled by the one factor that brings the estimate "
+    "closest to the truth.",
+    False: "On the last tenth of the run. Measured: the actuators' force at the command, under "
+    "the estimated gains. Predicted: the force that the motion needs under the estimated plant.",
+}
+_FILES = (
+    "The scenario, including seed {seed}, is in scenario.json (hash {scenario_hash}). With the "
+    "same versions of all packages the record is identical to the bit. All figures are in "
+    "summary.json, all samples in record.arrow, the recording is run.rrd."
+)
+_SCRIPT = """\
+from pathlib import Path
+
+from nsaid_mj import Scenario, run
+
+run(Scenario.from_json(Path("scenario.json").read_text()), Path("again"))"""
+
+
+def page(
+    run: Run,
+    summary: dict[str, Any],
+    truth: Truth | None,
+    verdicts: Sequence[Verdict] = (),
+    command: str = "",
+) -> Page:
+    """The page of a run.
+
+    Args:
+        run: a finished run with at least one row in its record.
+        summary: the content of its summary.json.
+        truth: of its plant; None if it is unknown, as on a robot's log. Comparisons with the
+            truth are then left out.
+        verdicts: on the paper's statements; computed if there are none.
+        command: command line of the run, to be repeated; empty if it is not known.
+    """
+    verdicts = verdicts or (verify(run, truth, summary) if len(run.record) >= ROWS else [])
+    from .drawings import figures_of as drawn  # imported late: matplotlib takes half a second
+
+    result = result_of(summary, run.system.space)
+    panels = report_panels.panels(run, summary, result, truth)
+    figures = {name: drawn(group) for name, group in panels.items()}
+    robot = _robot(run)
+    sketch = picture(run.looks, run.record["q"][0], robot)
+    sections = [
+        Section("Figures", [_figures(summary), Text(_checks(summary), note=True)], sketch),
+        Section("Time histories", [Figures(figures["curves"])] if figures["curves"] else []),
+        Section("Predicted against measured forces", [
+            Figures(figures["forces"], "velocities", 6),
+            Text(f"{_FORCES[truth is not None]} Error: rms over rms of the measured force.", True),
+        ] if figures["forces"] else []),
+        Section("Confidence", _confidence(summary, figures["gains"])),
+        Section("Parameters", [Text(_relative_to(result)), *folds(result)]),
+        Section("Correlations of what is identified", [
+            Figures(figures["correlations"]), Text(f"{CORRELATIONS} {_HELD}", note=True),
+        ] if figures["correlations"] else []),
+        Section("The paper's statements on this run", statements(verdicts)),
+        Section("What cannot be known from motion", unobservable(summary)),
+    ]  # fmt: skip
+    folder = shlex.quote(str(run.folder))
+    return Page(
+        heading=robot,
+        verdict=mark_of(summary),
+        eyebrow=f"run {run.folder.name}",
+        lead=_lead(summary),
+        tab=f"{robot} · {run.folder.name}",
+        findings=result.findings,
+        carrying=figures["carrying"],
+        sections=[section for section in sections if section.panels],
+        commands=[
+            *([command] if command else []),
+            _SCRIPT,
+            f"nsaid view {folder}",
+            f"nsaid verify --run {folder}",
+        ],
+        notes=[_FILES.format(**summary)],
+        versions=summary["versions"],
+    )
+
+
+def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
+    """Prints the verdict on a run, the figures behind it, and the paths of its files."""
+    print_page(brief(name, summary, folder), Console(highlight=False))
+
+
+def brief(name: str, summary: dict[str, Any], folder: Path) -> Page:
+    """What the terminal and the recording tell of a run.
+
+    Args:
+        name: of the run.
+        summary: the content of its summary.json.
+        folder: of the run.
+    """
+    compiled = summary["compile_s"]
+    done = "followed" if "stream" in summary else "simulated"
+    lead = (
+        f"{summary['sim_s']:.4g} s {done} in {summary['wall_s']:.1f} s "
+        f"({summary['real_time_factor']:.1f} × real time)"
+        + (f", plus {compiled:.0f} s of one-time compilation" if compiled > _COMPILED else "")
+    )
+    result = result_of(summary)
+    gains = brief_gains(result)
+    lines = [(_cut(what), _cut(fix)) for what, fix in evaluation.unobservable_lines(summary)]
+    more = [f"… all in {folder / FILE}"] if len(lines) > _DIRECTIONS else []
+    among = ", among them" if more else ""
+    known = f"{evaluation.observable_line(summary)}{among}{':' if lines else ''}"
+    file = folder / RECORDING
+    seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
+    return Page(
+        heading=name,
+        verdict=mark_of(summary),
+        lead=lead,
+        findings=result.findings,
+        sections=[
+            Section("", [*gains, *[Text(f"({_HELD[:1].lower()}{_HELD[1:-1]})")] * bool(gains)]),
+            Section("", [_figures(summary, terminal=True)]),
+            Section("", [Text(line) for line in evaluation.confidence_lines(summary)]),
+            Section("", [Text(known), Items([*lines[:_DIRECTIONS], *more])]),
+        ],
+        commands=[
+            f"recording  {seen if file.is_file() else _NO_RERUN}",
+            f"report     {folder / FILE}",
+        ],
+    )
+
+
+def _robot(run: Run) -> str:
+    """The robot's name: the plant's `robot` or `vehicle` field, or the name of its class."""
+    plant = run.scenario.plant
+    chosen = getattr(plant, "robot", "") or getattr(plant, "vehicle", "")
+    return Path(chosen).stem if chosen else type(plant).__name__.removesuffix("Plant")
+
+
+def _lead(summary: dict[str, Any]) -> str:
+    return (
+        f"Law {summary['law']}, {summary['sensors']} sensors, seed {summary['seed']}: "
+        f"{summary['n']} velocities, {summary['p']} parameters, {summary['sim_s']:.4g} s of motion "
+        f"in {summary['wall_s']:.1f} s of wall time."
+    )
+
+
+def _figures(summary: dict[str, Any], terminal: bool = False) -> Table:
+    """The table of figures, one column for each identifier.
+
+    The page's first figure has the formula of the distance on its axis.
+    """
+    figures = figures_of(summary)
+    lines = [
+        [
+            figure.name if terminal else figure.name.replace(_RATIO, ""),
+            *(evaluation.figure(value, figure.unit) for value in figure.values.values()),
+        ]
+        for figure in figures
+    ]
+    return Table(["figures" if terminal else "", *(figures[0].values if figures else ())], lines)
+
+
+def _confidence(summary: dict[str, Any], gains: Sequence[Figure]) -> list[Panel]:
+    """The stated confidence in words, and the least known directions; empty if none is stated."""
+    stated = summary["confidence"]
+    if stated is None:
+        return []
+    label = {row["name"]: row["label"] for row in summary["parameters"]}
+    worst = [
+        [
+            ", ".join(f"{weight:+.2f} {label[name]}" for name, weight in row["parameters"].items()),
+            f"±{rounded(100 * row['deviation'], 2)} %",
+            "below the noise" if row["below_noise"] else "",
+        ]
+        for row in stated["worst_known"]
+    ]
+    return [
+        *([Figures(gains)] if gains else []),
+        Items(evaluation.confidence_lines(summary)),
+        Text("Least known directions of θ/scale", head=True),
+        Table(["largest components", "standard deviation / ‖θ̂/scale‖", ""], worst),
+    ]
+
+
+def _relative_to(result: Result) -> str:
+    """What the tables of parameters are relative to."""
+    words = "Estimates are determined up to the unobservable directions below."
+    if any(p.true is not None for p in result.parameters):
+        words += (
+            " For comparison, prior and estimate are multiplied by the one factor that makes the "
+            "mean of the estimated gains equal to the true one."
+        )
+    if any(p.status for p in result.parameters):
+        words += f" {_HELD} What the motion reveals only in sums has none."
+    return words
+
+
+def _checks(summary: dict[str, Any]) -> str:
+    """How far the run agrees with the theory: conserved quantity and excitation."""
+    said = []
+    if (drift := summary.get("conserved_drift")) is not None:
+        said.append(f"Relative drift of the conserved quantity θ̂ᵀΓ⁻¹θ̂: {rounded(drift, 2)}.")
+    levels = [
+        f"{rounded(summary[key], 2)} N·m·s in ({equation})"
+        for key, equation in (("pe_level_perp", "75"), ("pe_level", "2"))
+        if summary.get(key) is not None
+    ]
+    measured = ("pe_level_perp", "pe_level", "pe_share_perp")  # 0 or None without a window
+    if levels and any(summary.get(key) for key in measured):
+        said.append(f"Smallest level of excitation ε₀ of any window: {', '.join(levels)}.")
+    return " ".join(said)
+
+
+def statements(verdicts: Sequence[Verdict]) -> list[Table]:
+    """The paper's statements with their verdicts; empty if there are none."""
+    kinds = {
+        "holds": ("✔", "good"),
+        "not yet": ("◐", "fair"),
+        "fails": ("✘", "poor"),
+        "not applicable": ("○", "weak"),
+    }
+    lines = [[v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words] for v in verdicts]
+    heads = ["statement", "claim", "verdict", "figure"]
+    return [Table(heads, lines, (0, 1, 2, 3))] if lines else []
+
+
+def unobservable(summary: dict[str, Any]) -> list[Panel]:
+    """The five directions that concern most parameters, and the others by block."""
+    lines = summary["unobservable"]
+    entries = evaluation.unobservable_lines(summary)
+    sizes = {line["direction"]: len(line["labels"]) for line in lines}
+    scales = [entry for entry in entries if entry[0].startswith("common scale")]
+    others = sorted(
+        (entry for entry in entries if entry not in scales),
+        key=lambda entry: -sizes.get(entry[0], len(lines)),
+    )
+    ordered = [(what, f"{fix}.") for what, fix in scales + others]
+    groups: dict[str, list[tuple[str, str]]] = {}
+    for what, fix in ordered[_FIRST:]:
+        part = what.partition(" against ")[0].partition(" of ")[2] or "others"
+        groups.setdefault(part, []).append((what, fix))
+    first = ". First those that concern most parameters:" if groups else ":" if ordered else "."
+    return [
+        Text(f"{evaluation.observable_line(summary)}{first}"),
+        *([Items(ordered[:_FIRST], ordered=True)] if ordered else []),
+        *(Fold(name, [Items(some)], small=str(len(some))) for name, some in groups.items()),
+    ]
+
+
+def _cut(words: str) -> str:
+    """A list in words; a long one is cut after a comma."""
+    if len(words) <= _LENGTH:
+        return words
+    end = words.rfind(", ", 0, _LENGTH)
+    return f"{words[: end if end > 0 else _LENGTH]}, …"

@@ -1,0 +1,116 @@
+"""A page on the terminal: verdict, findings, tables and lists, in brief."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich import markup
+from rich.console import Console
+from rich.table import Table as Grid
+
+from ..errors import printable
+from ..evaluation.result import LEVELS, Mark
+from ..robot.findings import Finding
+from .page import Cell, Items, Link, Page, Panel, Table, Text, count
+
+_COLOURS = {"good": "green", "fair": "yellow", "poor": "red", "weak": "bright_black"}
+_NOTES, _GRAVE = 6, 40  # largest printed number of notes, and of findings of any graver level
+
+
+def escape(text: str) -> str:
+    """A text as it is, for the console: no markup, no control characters."""
+    return markup.escape(printable(text))
+
+
+def print_page(page: Page, console: Console) -> None:
+    """Prints a page; its commands, such as the paths of files, come last, after a blank line."""
+    if page.verdict is not None:
+        glyph, kind, text = page.verdict
+        name = f"[bold]{escape(page.heading)}[/]: " if page.heading else ""
+        console.print(
+            f"[bold {_COLOURS[kind]}]{glyph}[/] {name}[bold {_COLOURS[kind]}]{escape(text)}[/]",
+            soft_wrap=True,
+        )
+    elif page.heading:
+        console.print(f"[bold]{escape(page.heading)}[/]: {escape(page.lead)}", soft_wrap=True)
+    print_findings(page.findings, console)
+    if page.verdict is not None and page.lead:
+        console.print(f"  {escape(page.lead)}", soft_wrap=True)
+    for section in page.sections:
+        if section.panels and isinstance(section.panels[0], Text):
+            console.print()
+        print_panels(section.panels, console)
+    for k, line in enumerate(page.commands):
+        console.print(f"{'' if k else chr(10)}  {printable(line)}", soft_wrap=True, markup=False)
+
+
+def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
+    """Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
+
+    The gravest come first. With `codes`, levels and codes precede the words, and all are printed.
+    """
+    for level, mark in LEVELS.items():
+        some = [finding for finding in findings if finding.level == level]
+        most = len(some) if codes else _NOTES if level == "note" else _GRAVE
+        lines = [f"{f.level} {f.code}: {f}" if codes else str(f) for f in some[:most]]
+        lines += [f"and {count(len(some) - most, f'more {level}')}"] if len(some) > most else []
+        for line in lines:
+            words = f"[dim]{escape(line)}[/]" if level == "note" else escape(line)
+            console.print(f"  [{_COLOURS[mark.kind]}]{mark.glyph}[/] {words}", soft_wrap=True)
+
+
+def print_panels(panels: Sequence[Panel], console: Console) -> None:
+    """Prints texts, lists and tables, each indented by two characters."""
+    for panel in panels:
+        if isinstance(panel, Text):
+            console.print(f"  {escape(_spoken(panel.words))}", soft_wrap=True)
+        elif isinstance(panel, Items):
+            for entry in panel.entries:
+                what, more = (entry, "") if isinstance(entry, str) else entry
+                more = f"\n      {_spoken(more)}" if more else ""
+                console.print(f"    {escape(_spoken(what) + more)}", soft_wrap=True)
+        elif isinstance(panel, Table) and panel.lines:
+            _print_table(panel, console)
+
+
+def _print_table(table: Table, console: Console) -> None:
+    """Prints a table, on a narrow terminal without its spare columns."""
+    hidden: set[int] = set()
+    unlimited = console.options.update(max_width=10_000)
+    for column in [None, *table.spare]:
+        hidden |= set() if column is None else {column}
+        grid = _grid(table, hidden)
+        if console.measure(grid, options=unlimited).maximum <= console.width:
+            break
+    console.print()
+    console.print(grid)
+    if len(table.lines) > table.most:
+        console.print(f"    … and {len(table.lines) - table.most} more in the report")
+
+
+def _grid(table: Table, hidden: set[int]) -> Grid:
+    grid = Grid(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    shown = [k for k in range(len(table.heads)) if k not in hidden]
+    for k in shown:
+        head = f"  {table.heads[k]}" if k == 0 else table.heads[k]
+        justify = "left" if k in table.text else "right"
+        grid.add_column(escape(head), justify=justify, no_wrap=True)
+    for line in table.lines[: table.most]:
+        if len(line) == 1:
+            grid.add_row(f"[bold]{_cell(line[0])}[/]")
+        else:
+            grid.add_row(*(f"{'' if k else '  '}{_cell(line[k])}" for k in shown))
+    return grid
+
+
+def _cell(cell: Cell) -> str:
+    """A cell in the markup of rich; a mark is coloured."""
+    if isinstance(cell, Mark):
+        return f"[{_COLOURS[cell.kind]}]{escape(f'{cell.glyph} {cell.text}'.strip())}[/]"
+    if isinstance(cell, Link):
+        return escape(cell.text)
+    return " ".join(map(_cell, cell)) if isinstance(cell, tuple) else escape(str(cell))
+
+
+def _spoken(words: str) -> str:
+    return words.replace("`", "")

@@ -1,0 +1,104 @@
+"""The summary of a run as printed on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from nsaid_mj import recording
+from nsaid_mj.evaluation import FIGURES, observable_line
+from nsaid_mj.pages.report import print_summary
+
+
+def summary(**changes: Any) -> dict[str, Any]:
+    base = {
+        "verdict": "converged: 0.1 % from the true set",
+        "status_remedy": "",
+        "sim_s": 10.0,
+        "wall_s": 1.0,
+        "compile_s": 0.0,
+        "real_time_factor": 10.0,
+        "mismatch": [],
+        "fault": "",
+        "faults": [],
+        "sensor_noise": "",
+        "confidence": None,
+        "rivals": {},
+        "n": 1,
+        "p": 4,
+        "r": 1,
+        "unobservable": [
+            {
+                "direction": "common scale of mass and drag",
+                "fix": "one known number fixes it, and with it these 2: mass, drag",
+                "labels": ["mass", "drag"],
+            }
+        ],
+    }
+    return base | changes
+
+
+def printed(capsys: pytest.CaptureFixture[str], folder: str = "runs/a", **changes: Any) -> str:
+    print_summary("rov", summary(**changes), Path(folder))
+    return capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("p", "r", "words"),
+    [
+        (4, 1, "3 of 4 directions of θ are observable; 1 is not"),
+        (4, 3, "1 of 4 directions of θ is observable; 3 are not"),
+        (4, 0, "4 of 4 directions of θ are observable; 0 are not"),
+    ],
+)
+def test_the_count_of_directions_is_grammatical(p: int, r: int, words: str) -> None:
+    assert observable_line({"p": p, "r": r}) == words
+
+
+def test_a_fault_found_is_printed_with_its_time_and_confidence(capsys) -> None:
+    found = {"found": 12.5, "words": "thruster 3 lost 40 %", "confidence": 0.99}
+    said = printed(capsys, faults=[found])
+    assert "found at 12.5 s: thruster 3 lost 40 %, 99 % sure" in said
+
+
+def test_the_line_ends_in_a_colon_only_if_directions_follow(capsys) -> None:
+    assert "1 is not:\n" in printed(capsys)
+    assert "0 are not\n" in printed(capsys, r=0, unobservable=[])
+
+
+def test_a_long_list_is_cut_after_a_comma_and_a_short_one_is_not(capsys) -> None:
+    names = [f"gain of joint_{i}" for i in range(40)]
+    line = {
+        "direction": "common scale of motor gains",
+        "fix": f"one known number fixes it, and with it these 40: {', '.join(names)}",
+        "labels": names,
+    }
+    out = printed(capsys, unobservable=[line])
+    cut = next(row for row in out.splitlines() if "these 40" in row)
+    assert cut.endswith("gain of joint_3, …") and len(cut) < 130
+    assert "these 2: mass, drag\n" in printed(capsys)
+
+
+def test_sensor_noise_is_not_listed_as_unknown_to_the_structure(capsys) -> None:
+    out = printed(capsys, sensor_noise="noise of 1e-4 rad, 5e-3 rad/s")
+    assert "  · sensors: noise of 1e-4 rad, 5e-3 rad/s.\n" in out
+    assert "not in the structure" not in out
+    assert "sensors:" not in printed(capsys)
+
+
+def test_the_view_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "nsaid view" not in printed(capsys)  # there is nothing to view
+    for name, words in {"my [red] run": "'runs/my [red] run'", "a": "runs/a"}.items():
+        file = Path("runs") / name / recording.FILE
+        file.parent.mkdir(parents=True)
+        file.touch()
+        assert f"(nsaid view {words})" in printed(capsys, f"runs/{name}")
+
+
+def test_every_figure_has_a_label_of_its_own() -> None:
+    labels = [label for label, _, _ in FIGURES]
+    assert len(set(labels)) == len(labels)
+    assert not any(label.startswith("…") for label in labels)
