@@ -1,8 +1,7 @@
 """The public names and where they are defined; each is imported when it is first used."""
 
-from .calibration.data import RobotModel as RobotModel
-from .calibration.findings import UnusableLog as UnusableLog
 from .calibration.identify import identify as identify
+from .calibration.live import live as live
 from .calibration.log_robot import LoggedArm as LoggedArm
 from .calibration.log_robot import LoggedVehicle as LoggedVehicle
 from .calibration.log_robot import LogRobot as LogRobot
@@ -42,6 +41,7 @@ from .laws.nullspace_aid import paper_identifier as paper_identifier
 from .log import Log as Log
 from .log import Measurement as Measurement
 from .log import SensorLevels as SensorLevels
+from .logs.unusable import UnusableLog as UnusableLog
 from .parameters import Block as Block
 from .parameters import ParameterSpace as ParameterSpace
 from .plants import Bias as Bias
@@ -74,7 +74,7 @@ from .plants.torpedo import REMUS100Plant as REMUS100Plant
 from .plants.underwater import BlueROV2Plant as BlueROV2Plant
 from .plants.uvms import UvmsPlant as UvmsPlant
 from .recording.postprocessing import finish as finish
-from .streaming.client import live as live
+from .robot.model import RobotModel as RobotModel
 from .structure.general import GeneralSystem as GeneralSystem
 from .structure.joints import JointScales as JointScales
 from .structure.joints import JointTree as JointTree
@@ -84,6 +84,6 @@ from .structure.single_body import Operation as Operation
 from .structure.single_body import SingleBody as SingleBody
 from .structure.structured import StructuredKinematics as StructuredKinematics
 from .structure.structured import StructuredSystem as StructuredSystem
-from .system import SecondOrderSystem as SecondOrderSystem
+from .structure.system import SecondOrderSystem as SecondOrderSystem
 
 __version__: str

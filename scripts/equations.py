@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "nsaid_mj"
 LAST = 96  # the paper's last equation
 PLACES = 6  # shown for each equation, at most
-ELSEWHERE = {"calibration", "recording", "pages", "studies", "cli"}
+ELSEWHERE = {"calibration", "logs", "recording", "pages", "studies", "cli"}
 """Rooms that state no equation; a number in parentheses is the length of an array there."""
 
 TITLES = {

@@ -37,7 +37,7 @@ from nsaid_mj.plants.arm import nominal_scales
 from nsaid_mj.robot.loading import Base, load_robot
 from nsaid_mj.robot.tree import tree_spec
 from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
-from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 
 matplotlib.use("Agg")
 

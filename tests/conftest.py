@@ -40,7 +40,7 @@ DEAREST = (
     "calibration/servos/test_comparison.py",
     "cli/test_servos.py",
     "calibration/servos/test_effects.py",
-    "streaming/test_live.py",
+    "calibration/test_live.py",
     "cli/test_exciting.py",
     "control/test_adaptive_tracking.py",
     "faults/test_endings.py",

@@ -9,7 +9,7 @@ from ..errors import NoEstimate
 from ..laws import Identifier, Status
 from ..log import EXACT, Log, SensorLevels
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 
 
 class Problem(NamedTuple):

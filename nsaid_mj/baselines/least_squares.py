@@ -20,7 +20,7 @@ from ..parameters import Array
 from ..quotient.cost import Quotient
 from ..quotient.descent import Rules, minimise
 from ..quotient.likelihood import Posterior
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .base import Estimate, Problem
 
 

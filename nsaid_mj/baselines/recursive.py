@@ -10,7 +10,7 @@ from scipy import signal
 from ..errors import NoEstimate
 from ..log import Log, SensorLevels
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .base import Estimate, Problem
 from .least_squares import central_rows, window
 

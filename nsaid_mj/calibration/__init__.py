@@ -1,6 +1,6 @@
 """A user's robot: its model file, its logs, and what they reveal about its parameters.
 
-`identify` fits plant and actuators to logs of any number of files.
+`identify` fits plant and actuators to logs of any number of files, `live` while the robot moves.
 """
 
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled

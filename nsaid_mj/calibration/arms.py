@@ -8,11 +8,12 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
+from ..logs.recordings import Recordings
 from ..parameters import Array
+from ..robot.findings import Finding, refused
 from ..robot.identified import with_inertias
+from ..robot.model import RobotModel
 from .checks import fit_checks, rate_checks, reversed_commands, unit_checks
-from .data import Recordings, RobotModel
-from .findings import Finding, refused
 from .fit import minimise
 from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
 from .links import file_links

@@ -9,11 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..evaluation.result import gravest_first
+from ..logs.recordings import Recordings
+from ..logs.unusable import UnusableLog
 from ..parameters import Array
+from ..robot.findings import Finding, refused
+from ..robot.model import RobotModel
 from .arms import structured_arm
 from .checks import structure_checks
-from .data import Recordings, RobotModel
-from .findings import Finding, UnusableLog, refused
 from .fit import Fit, minimise
 from .joints import TRUSTED, nearest_friction
 from .payloads import check_loads, payloads

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from ..parameters import Array
-from .findings import Finding
+from ..robot.findings import Finding
 from .fit import minimise
 from .joints import Choice, JointRows
 from .problem import Problem

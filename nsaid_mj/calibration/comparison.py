@@ -16,18 +16,18 @@ from ..baselines.sysid import BUDGET, sysid, toolbox
 from ..errors import BadRobot, InvalidInput
 from ..laws.cone.prior import drawn_inside
 from ..log import SensorLevels
+from ..logs.recordings import Recordings, Segment
 from ..parameters import Array
 from ..robot.identified import Identified, with_inertias
 from ..robot.mjcf_file import compile_file
+from ..robot.model import RobotModel
 from ..robot.tree import joint_names, position_servos
-from ..structure.joints import JointScales
+from ..structure.joints import JointScales, positions
 from ..structure.multibody import CompiledMultibody
 from .arms import structured_arm
 from .calibrate import calibrate
-from .data import Recordings, RobotModel, Segment
 from .export import identified
 from .joints import BASIC
-from .links import positions
 from .models import load_robot_model
 from .replay import departures
 from .servos.export import rollout, write_servo_mjcf

@@ -11,11 +11,11 @@ import numpy as np
 
 from ..errors import NsaidError
 from ..parameters import Array, number
+from ..robot.findings import Finding
 from ..robot.identified import Coupling, Identified, Spring, with_inertias
 from ..robot.mjcf_export import write_mjcf
 from ..robot.tables import write_sysid, write_table
 from ..robot.urdf import write_urdf
-from .findings import Finding
 from .joints import joint_of
 from .replay import replay
 from .result import Identification

@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InvalidInput, UnknownName
+from ..logs import Map, checked, prepare, read_map, read_tables
+from ..logs.recordings import Recordings
+from ..logs.unusable import UnreadableLog, UnusableLog
 from ..numerics.threads import single_threaded
 from ..resources import asset
+from ..robot.model import RobotModel
 from .calibrate import calibrate
-from .data import Recordings, RobotModel
-from .findings import UnreadableLog, UnusableLog
 from .joints import BASIC, COLUMNS
 from .law import LAWS, with_law
-from .logs import Map, checked, prepare, read_map, read_tables
 from .models import load_robot_model
 from .payloads import Load, load_of
 from .result import Identification

@@ -15,11 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from ..logs.recordings import Recordings
 from ..parameters import Array, Block, Indices, ParameterSpace
 from ..robot.identified import with_inertias
+from ..robot.model import RobotModel
 from ..structure.columns import KINDS, Kind
 from ..structure.joints import slides
-from .data import Recordings, RobotModel
 from .links import (
     file_links,
     limbs_of,

@@ -22,11 +22,12 @@ from ..laws import Identifier, NullspaceAID, State, Status
 from ..laws.efficient.replay import EfficientConfig
 from ..laws.memory.statistics import MemoryConfig
 from ..log import Log, Measurement
+from ..logs.recordings import Recordings
 from ..parameters import Array
-from .data import Recordings, RobotModel
-from .findings import Finding
+from ..robot.findings import Finding
+from ..robot.model import RobotModel
+from ..structure.joints import positions
 from .fit import minimise
-from .links import positions
 from .log_robot import log_robot
 from .measured import identifiers_of, measured_scenario
 from .precision import tempered

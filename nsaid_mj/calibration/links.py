@@ -9,7 +9,7 @@ import numpy as np
 from ..parameters import Array, Block, Indices
 from ..plants.arm import extent
 from ..structure.blocks import link_block
-from ..structure.joints import body_names
+from ..structure.joints import body_names, positions
 from ..structure.optional import pin
 from .problem import size_weights
 
@@ -80,20 +80,6 @@ def file_links(model: pin.Model) -> Array:
     return np.concatenate(
         [model.inertias[i].toDynamicParameters() for i in range(1, model.njoints)]
     )
-
-
-def positions(model: pin.Model, coordinates: Array) -> Array:
-    """(N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin)."""
-    if model.nq == model.nv:
-        return coordinates
-    q = np.empty((len(coordinates), model.nq))
-    for joint in list(model.joints)[1:]:
-        c = coordinates[:, joint.idx_v]
-        if joint.nq == 2:
-            q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(c), np.sin(c)
-        else:
-            q[:, joint.idx_q] = c
-    return q
 
 
 def weight_of(model: pin.Model) -> Callable[[Array], Array]:

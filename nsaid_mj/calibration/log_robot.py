@@ -16,7 +16,9 @@ from ..experiment.record import Record
 from ..experiment.scenario import Scenario
 from ..laws import Status
 from ..laws.cone.prior import drawn_inside
+from ..logs.recordings import Recordings
 from ..parameters import Array, Block, Geometry, ParameterSpace
+from ..robot.model import RobotModel
 from ..structure.joints import (
     JointScales,
     JointTree,
@@ -32,7 +34,6 @@ from ..structure.parts import Column, Inertia, Rotor
 from ..structure.single_body import LEVEL
 from ..structure.structure import Structure
 from ..structure.structured import StructuredKinematics, StructuredSystem
-from .data import Recordings, RobotModel
 from .joints import COLUMNS, STRIBECK, joint_of
 from .measured import MeasuredRobot, identifiers_of
 from .models import load_robot_model

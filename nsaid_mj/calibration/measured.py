@@ -17,8 +17,8 @@ from ..laws import Identifier, NullspaceAID
 from ..laws.cone.prior import drawn_inside
 from ..plants import PlantConfig, SensorNoise
 from ..plants.arm import ArmPlant, nominal_scales
+from ..robot.model import RobotModel
 from ..structure.multibody import CompiledMultibody
-from .data import RobotModel
 from .links import file_links
 from .models import load_robot_model
 

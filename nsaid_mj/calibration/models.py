@@ -19,7 +19,7 @@ from ..plants.world.blueprint import VehiclePlant
 from ..resources import folder, path_of, scenarios, vehicle_files
 from ..robot.loading import load_tree, packed_folders
 from ..robot.model import RobotModel
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 
 _STEP = 1e-3  # any time step: a structure has none [s]
 

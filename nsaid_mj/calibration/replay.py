@@ -10,13 +10,14 @@ import numpy as np
 from mujoco import rollout
 
 from ..errors import InvalidInput
+from ..logs.recordings import Recordings, Segment
 from ..parameters import Array
 from ..plants.world.coordinates import JointMap
 from ..plants.world.quiet import quiet
 from ..robot.identified import Identified
 from ..robot.mjcf_export import mjcf_text
+from ..robot.model import RobotModel
 from ..robot.tree import actuators_of
-from .data import Recordings, RobotModel, Segment
 
 _WINDOW = 0.2  # length of a simulation [s]
 _LONGEST_STEP = 2e-3  # of the simulation [s]

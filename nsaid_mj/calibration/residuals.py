@@ -28,7 +28,7 @@ import scipy.special
 
 from ..evaluation.result import Explains
 from ..parameters import Array, Indices
-from .findings import Finding
+from ..robot.findings import Finding
 from .fit import cost_of, gramians
 from .precision import Precision
 from .problem import Problem, mean_squares

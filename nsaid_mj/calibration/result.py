@@ -11,8 +11,9 @@ import numpy as np
 from ..evaluation.result import Result
 from ..experiment.loop import Run
 from ..laws import Status
+from ..logs.recordings import Recordings
 from ..parameters import Array, Indices
-from .data import Recordings, RobotModel
+from ..robot.model import RobotModel
 from .fit import Fit
 from .precision import Precision
 from .problem import Mask, Problem

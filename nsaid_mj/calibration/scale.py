@@ -17,7 +17,7 @@ from ..errors import InvalidInput, UnknownName
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Explains
 from ..parameters import Array
-from .findings import Finding
+from ..robot.findings import Finding
 from .precision import Precision, combinations
 from .problem import Problem
 from .statements import in_words

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 
 from ..parameters import Array, Indices
-from .findings import Finding
+from ..robot.findings import Finding
 from .fit import cost_of, gramians, minimise
 from .joints import BASIC, SPEEDS, Choice, JointRows
 from .problem import Problem, folds

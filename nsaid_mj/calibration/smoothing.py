@@ -14,10 +14,10 @@ import numpy as np
 import scipy
 
 from ..log import Log
+from ..logs.recordings import Recordings, Segment
+from ..logs.signals import noise
 from ..numerics.low_pass import decimated, symmetric, zero_phase
 from ..parameters import Array, Indices
-from .data import Recordings, Segment
-from .logs.signals import noise
 from .problem import Mask
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from ..parameters import Array
-from .findings import Finding
+from ..robot.findings import Finding
 from .payloads import Load
 from .problem import Problem
 from .residuals import Suspect

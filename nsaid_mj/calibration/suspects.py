@@ -15,9 +15,10 @@ from numba import njit
 
 from ..parameters import Array
 from ..robot.identified import with_inertias
+from ..structure.joints import positions
 from ..structure.optional import pin
 from .joints import SPEEDS, Choice, JointRows
-from .links import positions, weight_of
+from .links import weight_of
 from .problem import Problem
 from .residuals import Suspect
 from .smoothing import Smooth

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from ..parameters import Array
-from .findings import Finding
+from ..robot.findings import Finding
 from .selection import REACH
 
 WORTH = 6.0

@@ -12,11 +12,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..baselines.least_squares import smoothed
+from ..logs.recordings import Recordings, Segment
 from ..parameters import Array, Block, ParameterSpace
+from ..robot.findings import Finding
+from ..robot.model import RobotModel
 from ..structure.columns import fluid, thrust
 from ..structure.sensing import rate_labels
-from .data import Recordings, RobotModel, Segment
-from .findings import Finding
 from .fit import minimise
 from .joints import FILE
 from .precision import inflation, tempered

@@ -20,11 +20,11 @@ from .grammar import Identify, Inspect, names_in, numbers_in
 from .process import EXPLAINED, UNUSABLE, code_of
 
 if TYPE_CHECKING:
-    from ..calibration.findings import Finding
-    from ..calibration.logs.inspection import Inspection
+    from ..calibration.inspection import Inspection
     from ..calibration.result import Identification
     from ..calibration.servos import Replayed, ServoIdentification, ServoLogs
     from ..pages.progress import Progress
+    from ..robot.findings import Finding
 
 RESULT = "identification.json"
 
@@ -34,7 +34,7 @@ def identify_log(chosen: Identify) -> int:
     model = chosen.model or chosen.packed
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
-    from ..calibration.logs import limited_to
+    from ..logs import limited_to
 
     with (
         reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
@@ -49,7 +49,7 @@ def identify_log(chosen: Identify) -> int:
 def _identify(model: str, chosen: Identify, folder: Path) -> int:
     from rich.console import Console
 
-    from ..calibration.findings import UnusableLog
+    from ..logs.unusable import UnusableLog
     from ..pages.identification import brief
     from ..pages.progress import Progress
     from ..pages.terminal import print_findings, print_page
@@ -231,8 +231,8 @@ def _followed(
         result: of the fit.
         path: of the exported file.
     """
-    from ..calibration.findings import Finding
     from ..calibration.servos import Replayed, rollout
+    from ..robot.findings import Finding
 
     source, joints = result.robot.source, result.robot.joints
     logs = [log for log in (others or given).logs if not log.loaded]  # of the file's own links
@@ -265,8 +265,8 @@ def inspect_log(chosen: Inspect) -> int:
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
-    from ..calibration.logs import limited_to, read_map, read_tables
-    from ..calibration.logs.inspection import inspect
+    from ..calibration.inspection import inspect
+    from ..logs import limited_to, read_map, read_tables
 
     mapping = read_map(chosen.map) if chosen.map else None
     robot = None
@@ -305,7 +305,7 @@ def _written(found: Inspection, chosen: Inspect) -> list[Path]:
     An existing map may have been edited by hand and is kept: a new one that differs gets another
     name, and so does the picture beside one that is not ours.
     """
-    from ..calibration.logs.first_map import first_map
+    from ..logs.first_map import first_map
     from ..pages.inspection import draw
     from ..pages.plots import is_own
     from ..resources import write_text

@@ -14,8 +14,8 @@ from .grammar import Live, names_in
 from .process import code_of
 
 if TYPE_CHECKING:
+    from ..calibration.session import Estimate
     from ..experiment.loop import Observer
-    from ..streaming.session import Estimate
 
 _SHOWN = 1.0  # time between two printed estimates [s]
 
@@ -23,12 +23,12 @@ _SHOWN = 1.0  # time between two printed estimates [s]
 def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
     from ..calibration.measured import LiveRobot, measured_scenario
+    from ..calibration.session import Session
     from ..evaluation import mark_of
+    from ..logs.stream import bound
     from ..pages.progress import Progress
     from ..pages.report import print_summary
     from ..recording.postprocessing import finish
-    from ..streaming.samples import bound
-    from ..streaming.session import Session
 
     name = Path(chosen.model).stem
     lock, joints = names_in(chosen.lock), names_in(chosen.joints)

@@ -211,10 +211,10 @@ def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Scor
     """The first model, and the scores."""
     from ..calibration.comparison import compare_arms, compare_servos
     from ..calibration.identify import coupled, recordings_of
-    from ..calibration.logs import read_map
     from ..calibration.models import load_robot_model
     from ..calibration.servos import servo_logs
     from ..calibration.structure import Options
+    from ..logs import read_map
     from ..pages.progress import Progress
 
     with Progress("compare", quiet=chosen.quiet or chosen.json) as progress:

@@ -11,7 +11,7 @@ from ..bounds import Number, Positive, Tones, config
 from ..numerics.spatial import rotation
 from ..parameters import Array
 from ..structure.single_body import SingleBody, single_body
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 

@@ -18,7 +18,7 @@ from ..structure.compiled import SLOPES, STRUCTURE, WORKSPACE, f8, i8, kernel, m
 from ..structure.forces import ALL, write_forces
 from ..structure.kinematics import place
 from ..structure.stage import require
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .signals import SERIES, Series, fourier
 
 

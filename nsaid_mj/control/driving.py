@@ -10,7 +10,7 @@ from pydantic import Field
 from ..bounds import Positive, Tones, config
 from ..parameters import Array
 from ..structure.single_body import SingleBody, single_body
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..bounds import Number, Positive, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 

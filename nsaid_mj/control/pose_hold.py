@@ -6,7 +6,7 @@ import numpy as np
 
 from ..bounds import Flag, NonNegative, Positive, Tones, config
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig
 from .multisine import unit_wrenches
 from .signals import Multisine

@@ -22,7 +22,7 @@ from ..structure.kinematics import write_rotation
 from ..structure.single_body import SingleBody, single_body
 from ..structure.spatial import dot3
 from ..structure.structured import plain
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig
 from .signals import Multisine
 

@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 from ..bounds import Config, Name, NonNegative, Positive, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig, InformedDriver
 from .multisine import MultisineCommand
 

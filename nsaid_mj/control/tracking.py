@@ -18,7 +18,7 @@ from ..errors import InvalidInput
 from ..parameters import Array, Indices
 from ..structure.joints import JointTree
 from ..structure.structured import plain
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig, Tracking, computed_torque, tracking_workspace
 from .multisine import MultisineCommand
 from .signals import FourierTrajectory, Series, fourier

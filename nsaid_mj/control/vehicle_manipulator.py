@@ -9,7 +9,7 @@ from ..errors import InvalidInput
 from ..numerics.spatial import cross, product, quaternion_of, rotate, rotation_vector, unrotate
 from ..parameters import Array
 from ..structure.joints import JointTree
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig
 from .multisine import pushes
 from .signals import FourierTrajectory, Multisine

@@ -34,7 +34,7 @@ from ..plants.world.contacts import Contacts
 from ..plants.world.sensors import EXACT_SENSORS
 from ..resources import path_of, scenarios, vehicle_files
 from ..robot.loading import load_robot
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .limits import Limit, Limits, source_of
 
 DRAWS = 4

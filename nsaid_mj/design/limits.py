@@ -20,7 +20,7 @@ from ..errors import InvalidInput, UnknownName
 from ..log import Log
 from ..parameters import Array
 from ..structure.joints import JointTree
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 
 Extents = Mapping[str, tuple[Array, Array]]
 """The smallest and the largest values (k,) of every limited quantity along a motion."""

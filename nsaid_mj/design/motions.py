@@ -31,7 +31,7 @@ from ..parameters import Array
 from ..structure.arrays import memory_of
 from ..structure.information import torques_along
 from ..structure.joints import JointTree
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .experiment import Experiment
 from .limits import COMMAND, Limits, coordinates_of, extents_of
 

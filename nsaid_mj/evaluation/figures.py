@@ -10,7 +10,7 @@ from ..experiment.loop import Run
 from ..log import Log
 from ..nullspace import regressor_stack, split
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .confidence import INTERVAL, known
 from .truth import Truth, nullspace_of
 

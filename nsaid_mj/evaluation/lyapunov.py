@@ -12,7 +12,7 @@ from ..experiment.record import Record
 from ..laws import Identifier
 from ..laws.nullspace_aid import NullspaceIdentifier
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .figures import states
 from .truth import Truth
 

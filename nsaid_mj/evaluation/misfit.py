@@ -47,7 +47,7 @@ from ..laws.efficient.replay import FilterAlone, Replay
 from ..log import Log
 from ..parameters import Array, Indices
 from ..quotient.cone import cone_of, inside
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 
 _SHORTEST = 32  # samples that have a spectrum
 

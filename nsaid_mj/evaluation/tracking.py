@@ -11,7 +11,7 @@ from ..laws.cone.law import ConeMetric
 from ..laws.metric import Metric
 from ..log import Log
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .truth import Truth
 
 _ROUNDING = 64 * np.finfo(float).eps

@@ -18,7 +18,7 @@ from ..laws.cone.prior import drawn_covariance
 from ..log import Log
 from ..nullspace import Nullspace, structural
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 
 
 class Truth:

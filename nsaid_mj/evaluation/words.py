@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from ..parameters import ABSENT, number, phrase, rounded
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .figures import CONVERGED
 
 _FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of a generalised force, by unit of its velocity

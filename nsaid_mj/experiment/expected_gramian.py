@@ -12,7 +12,7 @@ from ..control import Driver
 from ..errors import InvalidInput
 from ..log import Measurement
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 
 _SAMPLES = 3000  # largest number averaged in the Gramian
 

@@ -24,7 +24,7 @@ from ..numerics.stopwatch import clock
 from ..parameters import Array
 from ..plants import Looks
 from ..resources import write_json
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .record import BATCH_SECONDS, RecordWriter
 from .scenario import Scenario
 from .source import Segment, Source

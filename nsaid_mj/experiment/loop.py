@@ -25,7 +25,7 @@ from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..plants import Looks, Plant
 from ..resources import json_of, locked, writing
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .following import FAULTS, Cost, Ending, Loop, Observer, Robot, segment_steps
 from .record import FILE, PROFILED, TARGET_DELAYS, Record, RecordWriter
 from .scenario import Scenario

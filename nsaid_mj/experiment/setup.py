@@ -27,7 +27,7 @@ from ..log import EXACT, Log
 from ..parameters import Array, ParameterSpace
 from ..plants import ParametricPlantConfig, Plant, PlantConfig, Sensors
 from ..plants.world.sensors import EXACT_SENSORS
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .expected_gramian import expected_gramian
 from .library import place_of
 from .scenario import Scenario

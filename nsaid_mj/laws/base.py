@@ -13,7 +13,7 @@ from ..bounds import Config, config
 from ..errors import InvalidInput
 from ..log import EXACT, Log, Measurement, SensorLevels
 from ..parameters import Array
-from ..system import SecondOrderSystem, checked
+from ..structure.system import SecondOrderSystem, checked
 from .faults import FaultEvent
 from .memory.statistics import Memory
 

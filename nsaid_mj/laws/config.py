@@ -13,7 +13,7 @@ from ..bounds import NonNegative, Positive, PositiveShare, config
 from ..errors import InvalidInput
 from ..log import EXACT, SensorLevels
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .base import ExpectedGramian, Identifier, IdentifierConfig
 from .efficient.law import efficient_identifier
 from .efficient.replay import EfficientConfig

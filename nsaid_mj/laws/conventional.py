@@ -13,7 +13,7 @@ from ..bounds import Name, Positive, config
 from ..errors import InvalidInput, UnknownName
 from ..log import EXACT, SensorLevels
 from ..parameters import Array, ParameterSpace
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .base import ExpectedGramian, Identifier, IdentifierConfig
 from .nullspace_aid import paper_identifier
 

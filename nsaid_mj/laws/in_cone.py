@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ..log import EXACT, SensorLevels
 from ..parameters import Array
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .cone.law import ConeMetric
 from .memory.implicit import ImplicitMemory
 from .memory.statistics import MemoryConfig

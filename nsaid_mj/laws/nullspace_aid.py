@@ -9,7 +9,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array
-from ..system import Motion, SecondOrderSystem, checked
+from ..structure.system import Motion, SecondOrderSystem, checked
 from .base import Confidence, Estimates, Identifier, State, Status
 from .memory.implicit import ImplicitMemory
 from .metric import ConstantMetric, Curved, Metric, positive_gain

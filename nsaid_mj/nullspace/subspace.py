@@ -16,7 +16,7 @@ import scipy.linalg
 
 from ..errors import InvalidInput
 from ..parameters import Array, Block, Indices, ParameterSpace, phrase
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 
 TOLERANCE = 1e-8
 """Singular values below this share of the largest count as 0. For the robots of example-robot-data

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from rich.console import Console
 
-from ..calibration.data import Recordings
-from ..calibration.logs.inspection import ChannelFigures, Inspection
+from ..calibration.inspection import ChannelFigures, Inspection
 from ..evaluation.result import Mark, gravest_first
+from ..logs.recordings import Recordings
 from ..parameters import Array, number
 from .drawings import extremes
 from .page import Cell, Table, Text

@@ -23,7 +23,7 @@ from ..experiment.scenario import Scenario
 from ..laws import State
 from ..log import Measurement
 from ..numerics.stopwatch import clock, on_compiling
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 
 COMPILING = "compiling, once (half a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]

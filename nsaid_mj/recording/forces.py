@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..log import Log
 from ..parameters import Array, Indices, phrase
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .scene import BODY, body_axes
 from .text import drawable
 

@@ -12,8 +12,6 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..calibration import words
-from ..calibration.data import RobotModel
-from ..calibration.links import positions
 from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification, own_shifts, recording_shifts, shifts
 from ..calibration.servos import Replayed, ServoIdentification
@@ -23,9 +21,10 @@ from ..pages.identification.servos import brief as brief_of_servos
 from ..pages.page import Page, Section, markdown
 from ..pages.parameters import folds, table
 from ..parameters import Array, Indices
-from ..structure.joints import JointScales, moving_joints, slides
+from ..robot.model import RobotModel
+from ..structure.joints import JointScales, moving_joints, positions, slides
 from ..structure.multibody import Multibody
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import Camera, Scene

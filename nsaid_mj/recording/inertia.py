@@ -10,7 +10,7 @@ import rerun as rr
 from ..parameters import Array, ParameterSpace
 from ..structure.joints import JointTree
 from ..structure.optional import pin
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .scene import BODY, ROBOT, body_axes
 
 LINKS = f"{ROBOT}/links_of_theta"

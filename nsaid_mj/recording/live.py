@@ -15,7 +15,7 @@ from ..experiment.loop import Observer, Robot
 from ..experiment.scenario import Scenario
 from ..laws import State
 from ..log import Log, Measurement
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .forces import ESTIMATED, Arrows
 from .layout import live_blueprint, words
 from .scene import Scene

@@ -19,7 +19,7 @@ from ..log import Log
 from ..pages.page import markdown, panels
 from ..pages.report import brief, statements, unobservable
 from ..parameters import Array, Indices, ParameterSpace
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from . import FILE, forces, inertia, torques
 from .forces import Arrows
 from .layout import blueprint, words

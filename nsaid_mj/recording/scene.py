@@ -13,7 +13,7 @@ from ..parameters import Array
 from ..structure.joints import JointTree, bones
 from ..structure.single_body import SingleBody
 from ..structure.structured import StructuredSystem
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 
 ROBOT = "robot"
 BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"

@@ -18,7 +18,7 @@ from ..nullspace import Nullspace
 from ..pages.panels import LAWS, local_rms
 from ..parameters import Array, Indices, ParameterSpace
 from ..structure.sensing import rate_labels
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .text import drawable
 
 PALETTE = (  # RGB, readable on a dark and on a light background; hues in the order of the pages'

@@ -10,7 +10,7 @@ from ..log import Log
 from ..parameters import Array, Indices
 from ..structure.joints import JointTree
 from ..structure.optional import pin
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .forces import FAILED
 from .inertia import frames
 from .scene import ROBOT, rotated

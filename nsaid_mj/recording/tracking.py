@@ -13,7 +13,7 @@ from ..experiment.loop import Looks
 from ..pages.panels import LAWS
 from ..parameters import Array
 from ..structure.joints import JointTree, bones
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import ROBOT, Camera, Scene

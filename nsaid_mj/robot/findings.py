@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -35,6 +35,11 @@ class Finding:
     def __str__(self) -> str:
         where = f"{self.where}: " if self.where else ""
         return f"{where}{self.text}. {self.remedy}".rstrip()
+
+
+def refused(findings: Iterable[Finding]) -> bool:
+    """Whether one of the findings is a refusal."""
+    return any(finding.level == "refusal" for finding in findings)
 
 
 def missing_files(

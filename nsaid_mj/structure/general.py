@@ -11,8 +11,8 @@ from ..log import Log, Middle
 from ..numerics.interpolation import half_way
 from ..numerics.linalg import evaluate
 from ..parameters import Array
-from ..system import SecondOrderSystem
 from .motion_types import TensorMotion, force_regressors
+from .system import SecondOrderSystem
 
 DIFFERENCE = 1e-5
 """Step of central differences along v [s·(1 + |v|)]."""

@@ -358,3 +358,17 @@ def link_blocks(model: pin.Model, s: JointScales) -> list[Block]:
     guesses = zip(body_names(model), s.mass, s.length, strict=True)
     first = 0 if floats(model) else 1
     return [link_block(first + i, name, mass, size) for i, (name, mass, size) in enumerate(guesses)]
+
+
+def positions(model: pin.Model, coordinates: Array) -> Array:
+    """(N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin)."""
+    if model.nq == model.nv:
+        return coordinates
+    q = np.empty((len(coordinates), model.nq))
+    for joint in list(model.joints)[1:]:
+        c = coordinates[:, joint.idx_v]
+        if joint.nq == 2:
+            q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(c), np.sin(c)
+        else:
+            q[:, joint.idx_q] = c
+    return q

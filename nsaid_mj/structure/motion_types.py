@@ -18,10 +18,10 @@ from ..log import Log, Middle
 from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, solve_positive
 from ..parameters import Array
-from ..system import SecondOrderSystem
 from .arrays import StructureArrays, workspace
 from .compiled import FAST
 from .stage import stage as structure_stage
+from .system import SecondOrderSystem
 
 _workspace = njit(workspace)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..parameters import Array
-from ..system import SecondOrderSystem
 from .joints import JointTree
 from .single_body import SingleBody
+from .system import SecondOrderSystem
 
 _TWIST = {
     6: ("surge", "sway", "heave", "roll", "pitch", "yaw"),

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
 from ..parameters import Array, Block, Geometry, ParameterSpace
-from ..system import SecondOrderSystem
 from .columns import KINDS
 from .parts import Body, Column, Inertia
 from .structure import Structure
 from .structured import StructuredSystem
+from .system import SecondOrderSystem
 
 LEVEL = (0, 1, 5)
 """The axes of a body in the plane, among the six of one in space."""

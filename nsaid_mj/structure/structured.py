@@ -10,7 +10,6 @@ import numpy as np
 from ..log import Log, Middle
 from ..numerics.spatial import pose_jacobian, quaternion_of
 from ..parameters import Array, ParameterSpace
-from ..system import SecondOrderSystem
 from .arrays import CIRCLE, FALL, FRAME, FREE, PLANAR, StructureArrays
 from .kinematics import place
 from .motion import accelerate_at, along, balance, between
@@ -19,6 +18,7 @@ from .parts import Column
 from .poses import difference, integrate, write_moves
 from .regressor import write_regressors
 from .structure import Structure
+from .system import SecondOrderSystem
 
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
 UNITS = {

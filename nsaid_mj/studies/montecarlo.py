@@ -35,7 +35,7 @@ from ..log import Log
 from ..numerics.stopwatch import compile_seconds
 from ..numerics.threads import single_threaded
 from ..parameters import Array
-from ..system import Motion
+from ..structure.system import Motion
 from .study import MOST_JOBS, Study, check_count
 from .sweep import seed_of
 from .sweep_results import Row

@@ -21,7 +21,7 @@ from ..pages.picture import picture
 from ..parameters import Array, rounded
 from ..recording.tracking import record
 from ..robot.findings import Finding
-from ..system import SecondOrderSystem
+from ..structure.system import SecondOrderSystem
 from .study import carried_out, repeated
 from .tracking import FILES, Course, Plan, courses, medians_in_words, print_table, table_of, write
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from nsaid_mj.bounds import shown
 from nsaid_mj.calibration.measured import LiveRobot, measured_scenario
+from nsaid_mj.calibration.session import Session
 from nsaid_mj.experiment.scenario import field_at
 from nsaid_mj.recording.postprocessing import finish
 from nsaid_mj.resources import scenarios
-from nsaid_mj.streaming.session import Session
 from tests.support.faulty import strict
 
 from . import fields, texts

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.calibration.findings import UnusableLog
-from nsaid_mj.calibration.logs import limited_to
-from nsaid_mj.calibration.logs.tables import read
 from nsaid_mj.calibration.models import load_robot_model
+from nsaid_mj.logs import limited_to
+from nsaid_mj.logs.tables import read
+from nsaid_mj.logs.unusable import UnusableLog
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.robot.loading import load_robot
 from tests.support import damaged

@@ -10,7 +10,7 @@ import numpy as np
 
 from nsaid_mj.laws.faults import FaultEvent
 from nsaid_mj.plants.world.faults.kinds import Fault
-from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 
 from .effects import FAULTS
 from .online import Stated

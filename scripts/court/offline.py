@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.calibration.findings import UnusableLog
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.calibration.statements import verdict
+from nsaid_mj.logs.unusable import UnusableLog
 from nsaid_mj.parameters import Array
 from nsaid_mj.resources import packed_robots
 from nsaid_mj.structure.joints import JointTree

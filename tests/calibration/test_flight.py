@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj.calibration.data import RobotModel
-from nsaid_mj.calibration.findings import UnmatchedChannels
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.logs import prepare, read_tables
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.timing import Drive
 from nsaid_mj.cli.commands import command
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
+from nsaid_mj.logs import prepare, read_tables
+from nsaid_mj.logs.unusable import UnmatchedChannels
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.resources import asset
+from nsaid_mj.robot.model import RobotModel
 from tests.support.flight_logs import MOTORS, speeds, topics, write_dataflash, write_ulog
 
 pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/pages looks at the pages

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.findings import UnreadableLog, UnusableLog
-from nsaid_mj.calibration.logs import map_of, read_map, read_tables
-from nsaid_mj.calibration.logs.first_map import first_map
-from nsaid_mj.calibration.logs.inspection import inspect
+from nsaid_mj.calibration.inspection import inspect
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.servos import servo_logs
 from nsaid_mj.errors import InvalidInput
+from nsaid_mj.logs import map_of, read_map, read_tables
+from nsaid_mj.logs.first_map import first_map
+from nsaid_mj.logs.unusable import UnreadableLog, UnusableLog
 from tests.calibration.servos.simulated import JOINTS, MODEL, write
 from tests.support.lerobot import write_dataset
 

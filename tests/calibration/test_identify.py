@@ -11,14 +11,14 @@ import nsaid_mj as ns
 from nsaid_mj.calibration.calibrate import calibrate, tempered_fit
 from nsaid_mj.calibration.fit import minimise
 from nsaid_mj.calibration.identify import coupled, identify
-from nsaid_mj.calibration.logs import Map, prepare, read_tables
-from nsaid_mj.calibration.logs.mapping import Coupling
 from nsaid_mj.calibration.precision import tempered
 from nsaid_mj.calibration.problem import Problem, least_squares
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.calibration.structure import Options
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
+from nsaid_mj.logs import Map, prepare, read_tables
+from nsaid_mj.logs.mapping import Coupling
 from scripts.calibration import essential
 from scripts.simulated_logs import Simulated, nominal_model
 from tests.support.robot_logs import columns, two_joints, write_csv

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.logs import checked, map_of, prepare, read_map, read_tables
-from nsaid_mj.calibration.logs.first_map import first_map
-from nsaid_mj.calibration.logs.inspection import Inspection, figures_of, inspect
-from nsaid_mj.calibration.logs.signals import quantum
-from nsaid_mj.calibration.logs.tables import Channel, Table
+from nsaid_mj.calibration.inspection import Inspection, figures_of, inspect
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.cli.commands import command
+from nsaid_mj.logs import checked, map_of, prepare, read_map, read_tables
+from nsaid_mj.logs.first_map import first_map
+from nsaid_mj.logs.signals import quantum
+from nsaid_mj.logs.tables import Channel, Table
 from nsaid_mj.pages.inspection import draw
 from nsaid_mj.resources import asset
 from tests.support.robot_logs import columns, two_joints, write_csv

@@ -13,11 +13,11 @@ import pytest
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.law import law_findings, law_logs
 from nsaid_mj.calibration.result import AlongLog, Gain, Identification
+from nsaid_mj.calibration.session import Session
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.experiment.record import Record
 from nsaid_mj.recording.postprocessing import finish, rebuild
-from nsaid_mj.streaming.session import Session
 from tests.support.identification import identification
 from tests.support.robot_logs import arm_log, two_joints, write_csv
 
@@ -97,8 +97,8 @@ def test_a_record_of_a_log_is_opened_again(arm, tmp_path):
 
 
 def test_logs_of_a_law_are_on_one_clock_and_commands_lie_between_samples(arm):
-    from nsaid_mj.calibration.logs import prepare, read_tables
     from nsaid_mj.calibration.models import load_robot_model
+    from nsaid_mj.logs import prepare, read_tables
 
     robot = load_robot_model(arm[0])
     recordings = prepare(read_tables([arm[1]]), None, robot)

@@ -9,18 +9,18 @@ import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, NullspaceAID, Scenario
 from nsaid_mj.calibration.export import write_models
-from nsaid_mj.calibration.findings import UnmatchedChannels
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.logs import read_tables
-from nsaid_mj.calibration.logs.layout import layout
-from nsaid_mj.calibration.logs.mapping import Column, Joint, Map
-from nsaid_mj.calibration.logs.matching import match
 from nsaid_mj.calibration.measured import LiveRobot
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.setup import Setup
+from nsaid_mj.logs import read_tables
+from nsaid_mj.logs.layout import layout
+from nsaid_mj.logs.mapping import Column, Joint, Map
+from nsaid_mj.logs.matching import match
+from nsaid_mj.logs.unusable import UnmatchedChannels
 from tests.support.robot_logs import write_csv
 
 HEAD = (

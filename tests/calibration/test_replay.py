@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration.comparison import by_toolbox, compare_arms
-from nsaid_mj.calibration.data import Recordings, Segment
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.replay import replay
 from nsaid_mj.errors import BadRobot, InvalidInput
 from nsaid_mj.log import Log
+from nsaid_mj.logs.recordings import Recordings, Segment
 from nsaid_mj.robot.identified import Identified
 from nsaid_mj.robot.mjcf_export import write_mjcf
 from tests.robot.test_mjcf import arm

@@ -10,8 +10,6 @@ import pinocchio as pin
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from nsaid_mj.calibration.data import Recordings, Segment
-from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.fit import minimise
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.joints import BASIC, SPEEDS, Choice, JointRows
@@ -31,6 +29,8 @@ from nsaid_mj.calibration.selection import choose, refined, with_constants
 from nsaid_mj.calibration.smoothing import filter_for
 from nsaid_mj.calibration.suspects import _answered, _between
 from nsaid_mj.log import Log
+from nsaid_mj.logs.recordings import Recordings, Segment
+from nsaid_mj.robot.findings import Finding
 from tests.calibration.test_fit import TRUE, problem_of
 from tests.support.robot_logs import Flaw, arm_log, motion, two_joints, write_csv
 
@@ -389,7 +389,7 @@ def test_steps_of_an_encoder_do_not_widen_the_filter():
 
 
 def test_rest_is_not_hidden_in_the_noise_of_a_velocity_column(tmp_path):
-    from tests.calibration.test_preparation import prepared
+    from tests.logs.test_preparation import prepared
 
     t = np.arange(4000) / 200
     q, v, u = motion(np.clip(t - 2, 0, 16))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration import identify as module
-from nsaid_mj.calibration.findings import UnusableLog
 from nsaid_mj.calibration.identify import identify
+from nsaid_mj.logs.unusable import UnusableLog
 from tests.support.robot_logs import columns, two_joints
 
 MAP = """

@@ -9,12 +9,13 @@ from typing import Any
 import pytest
 
 import nsaid_mj.cli
-from nsaid_mj.calibration.findings import Finding, UnusableLog
 from nsaid_mj.cli import commands
 from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation.result import Mark
 from nsaid_mj.laws import Status
+from nsaid_mj.logs.unusable import UnusableLog
+from nsaid_mj.robot.findings import Finding
 from nsaid_mj.studies.compare import PRIOR, Cell
 from nsaid_mj.studies.sweep_results import Sweep
 from tests.support.faulty import call, shell
@@ -129,7 +130,7 @@ def test_track(status: str, code: int, monkeypatch: Patch) -> None:
 def test_excite(kind: str, code: int, monkeypatch: Patch) -> None:
     for name in ("design.design", "design.prediction.predict", "design.information.ranks",
                  "design.files.scenario_of", "design.files.document", "design.prediction.tried",
-                 "recording.design.record", "pages.design.write_html"):  # fmt: skip
+                 "recording.design.record", "pages.design.write_page"):  # fmt: skip
         put(monkeypatch, name, SimpleNamespace(limits=None))
     put(monkeypatch, "design.files.write", [])
     put(monkeypatch, "design.Experiment.of", None)
@@ -166,8 +167,8 @@ def test_inspect_ends_as_identify_does(
     findings: tuple[Finding, ...], code: int, monkeypatch: Patch
 ) -> None:
     found = SimpleNamespace(findings=findings, channels=(), robot=None)
-    put(monkeypatch, "calibration.logs.read_tables", ())
-    put(monkeypatch, "calibration.logs.inspection.inspect", found)
+    put(monkeypatch, "logs.read_tables", ())
+    put(monkeypatch, "calibration.inspection.inspect", found)
     put(monkeypatch, "pages.inspection.draw", Path("inspection.png"))
     assert shell("inspect", "a.csv", "--out", "out")[0] == code
 

@@ -15,7 +15,7 @@ from nsaid_mj.log import Measurement
 from nsaid_mj.resources import scenarios
 from nsaid_mj.robot.loading import load_robot
 from nsaid_mj.structure.multibody import Multibody
-from nsaid_mj.system import checked
+from nsaid_mj.structure.system import checked
 from tests.support.matrices import assert_near
 from tests.support.plants import plant
 from tests.support.strategies import seeds

@@ -29,7 +29,7 @@ from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import BlueROV2Plant, ScalarRovPlant
 from nsaid_mj.plants.world.simulated import SimulatedRobot
-from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 from tests.support.bench import TwoVehicles
 from tests.support.strategies import seeds
 from tests.support.vehicles import VEHICLES

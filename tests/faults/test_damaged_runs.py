@@ -12,9 +12,9 @@ import pyarrow as pa
 import pytest
 
 from nsaid_mj import Record, run
-from nsaid_mj.calibration.logs.formats.run import read as read_log
 from nsaid_mj.errors import BadRun, NsaidError
 from nsaid_mj.evaluation.verify import verify_folder
+from nsaid_mj.logs.formats.run import read as read_log
 from nsaid_mj.recording import postprocessing
 from tests.support.faulty import ROV
 

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import nsaid_mj
-from nsaid_mj.calibration.logs import tables
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import InvalidInput, printable
 from nsaid_mj.experiment.record import Record
+from nsaid_mj.logs import tables
 from nsaid_mj.resources import folder, print_json, write_text
 from nsaid_mj.robot.loading import load_robot
 from tests.support.faulty import shell
@@ -103,7 +103,7 @@ def test_json_on_the_standard_output_is_strict(capsys):
 
 def test_every_command_writes_strict_json():
     made = 0
-    for path in (*(PACKAGE / "cli").glob("*.py"), PACKAGE / "streaming" / "session.py"):
+    for path in (*(PACKAGE / "cli").glob("*.py"), PACKAGE / "calibration" / "session.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and ast.unparse(node.func) == "json.dumps":
                 made += 1

@@ -17,7 +17,7 @@ from nsaid_mj.numerics import spatial
 from nsaid_mj.parameters import Array
 from nsaid_mj.structure.parts import Body, Inertia
 from nsaid_mj.structure.structure import Structure
-from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 from tests.support import poses
 from tests.support.bench import Motion, estimates, identify, lyapunov, order
 from tests.support.dense import Dense

@@ -25,7 +25,7 @@ from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.quotient.barrier import gradient_and_hessian, local_norm
 from nsaid_mj.quotient.cone import cone_of
 from nsaid_mj.structure.multibody import CompiledMultibody
-from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 
 
 class Followed(NamedTuple):

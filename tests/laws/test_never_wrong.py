@@ -36,7 +36,7 @@ from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.text import parse_faults
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.quotient.cone import cone_of, inside
-from nsaid_mj.system import SecondOrderSystem, gains_by_command
+from nsaid_mj.structure.system import SecondOrderSystem, gains_by_command
 
 
 class Ran(SimpleNamespace):

@@ -14,7 +14,6 @@ import pytest
 from rich.console import Console
 
 from nsaid_mj.calibration import words
-from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.evaluation.result import EXPLAINS, Explains
 from nsaid_mj.evaluation.words import estimate
@@ -22,6 +21,7 @@ from nsaid_mj.pages import identification as pages
 from nsaid_mj.pages.drawings import extremes
 from nsaid_mj.pages.page import render_html, write_html
 from nsaid_mj.pages.terminal import print_page
+from nsaid_mj.robot.findings import Finding
 from tests.pages.markup import Page, unscripted
 from tests.support.identification import identification
 

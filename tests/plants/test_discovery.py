@@ -15,7 +15,7 @@ import nsaid_mj
 from nsaid_mj import control, plants, structure
 from nsaid_mj.control import DriverConfig
 from nsaid_mj.plants import PlantConfig
-from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 
 PACKAGE = Path(nsaid_mj.__file__).parent
 

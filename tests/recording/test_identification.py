@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from nsaid_mj import BlueROV2Plant
-from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.result import Identification, shifts
 from nsaid_mj.log import Log
 from nsaid_mj.pages.page import plain
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
 from nsaid_mj.recording.text import drawable
+from nsaid_mj.robot.findings import Finding
 from tests.support.identification import identification
 from tests.support.recordings import entities_of
 

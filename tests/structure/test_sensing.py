@@ -10,7 +10,7 @@ import pytest
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.structure.sensing import displaced, sensor_labels, sensor_units
-from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 from tests.support.poses import pose_difference
 
 

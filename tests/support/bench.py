@@ -20,7 +20,7 @@ from nsaid_mj.parameters import Array, Block, ParameterSpace
 from nsaid_mj.plants import ArmPlant, AstrobeePlant, BlueROV2Plant, PlantConfig, ScalarRovPlant
 from nsaid_mj.plants.world.plant import Plant
 from nsaid_mj.structure.general import GeneralSystem
-from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 
 
 @dataclass(frozen=True)

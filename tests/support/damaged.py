@@ -14,8 +14,8 @@ import pyarrow.feather
 import pyarrow.parquet
 from hypothesis import strategies as st
 
-from nsaid_mj.calibration.findings import UnusableLog
-from nsaid_mj.calibration.logs.tables import Table, read
+from nsaid_mj.logs.tables import Table, read
+from nsaid_mj.logs.unusable import UnusableLog
 from tests.support.bags import write_bag
 from tests.support.flight_logs import write_dataflash, write_ulog
 from tests.support.robot_logs import columns, motion

@@ -6,7 +6,7 @@ import numpy as np
 
 from nsaid_mj.parameters import Array
 from nsaid_mj.structure.general import GeneralSystem
-from nsaid_mj.system import SecondOrderSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 
 
 class Dense(GeneralSystem):

@@ -7,8 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.calibration.data import Recordings, RobotModel, Segment
-from nsaid_mj.calibration.findings import Finding
 from nsaid_mj.calibration.result import (
     AlongLog,
     Combination,
@@ -20,6 +18,9 @@ from nsaid_mj.calibration.result import (
 from nsaid_mj.evaluation.result import Parameter, Status
 from nsaid_mj.experiment.loop import Ending
 from nsaid_mj.log import Log
+from nsaid_mj.logs.recordings import Recordings, Segment
+from nsaid_mj.robot.findings import Finding
+from nsaid_mj.robot.model import RobotModel
 
 INERTIAL = ("mass", "m·cx", "m·cy", "m·cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg", *["kg·m"] * 3, *["kg·m²"] * 6)

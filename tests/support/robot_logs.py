@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.calibration.data import RobotModel
-from nsaid_mj.calibration.links import positions
+from nsaid_mj.robot.model import RobotModel
+from nsaid_mj.structure.joints import positions
 
 JOINTS = ("shoulder", "elbow")
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...parameters import Array, Indices
-from ..findings import Finding
+from ...robot.findings import Finding
 from .fit import JointFit, OutputError, Prior, weights
 from .simulation import NONE
 

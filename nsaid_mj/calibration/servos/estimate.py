@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...parameters import Array, Indices
+from ...robot.findings import Finding
+from ...robot.model import RobotModel
 from ...structure.joints import moving_joints, slides
-from ..data import RobotModel
-from ..findings import Finding
 from ..payloads import Load
 from ..problem import Mask
 from .covariance import OFFSET, clusters, covariance_of, zeros

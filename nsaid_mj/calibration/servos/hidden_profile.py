@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from ...parameters import Array, Indices
+from ...robot.findings import Finding
 from ...robot.target_profile import followed
-from ..findings import Finding
 from .fit import JointFit, minimise
 from .joint_fits import alone
 from .logs import TRAVEL, ServoLog

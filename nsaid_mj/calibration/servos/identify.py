@@ -12,13 +12,13 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...evaluation.result import Parameter
+from ...logs import Map, Table, read_map, read_tables
 from ...numerics.threads import single_threaded
 from ...parameters import Array
 from ...resources import asset
+from ...robot.findings import Finding
+from ...robot.model import RobotModel
 from ...robot.target_profile import followed
-from ..data import RobotModel
-from ..findings import Finding
-from ..logs import Map, Table, read_map, read_tables
 from ..models import load_robot_model
 from ..payloads import Load, carrier, check_loads
 from .estimate import Estimate, estimate

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy import optimize
 
+from ...logs import signals
 from ...parameters import Array
-from ..logs import signals
 from .fit import (
     ARMATURE,
     DAMPING,

@@ -9,21 +9,21 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InvalidInput
+from ...logs import Map, signals
+from ...logs.checks import beyond_limits
+from ...logs.cleaning import clean
+from ...logs.formats.run import FOLLOWED
+from ...logs.layout import Layout, Source
+from ...logs.mapping import Column, Joint
+from ...logs.matching import candidates, lacking_targets, match_targets
+from ...logs.tables import Table, join
+from ...logs.unusable import UnmatchedChannels, UnusableLog
 from ...parameters import Array
-from ...robot.model import Servos
+from ...robot.findings import Finding, refused
+from ...robot.model import RobotModel, Servos
 from ...robot.target_profile import followed
+from ...structure.joints import positions
 from ...structure.optional import pin
-from ..data import RobotModel
-from ..findings import Finding, UnmatchedChannels, UnusableLog, refused
-from ..links import positions
-from ..logs import Map, signals
-from ..logs.checks import beyond_limits
-from ..logs.cleaning import clean
-from ..logs.formats.run import FOLLOWED
-from ..logs.layout import Layout, Source
-from ..logs.mapping import Column, Joint
-from ..logs.matching import candidates, lacking_targets, match_targets
-from ..logs.tables import Table, join
 from .simulation import STEP, JointLog, move_arm
 
 DELAYS = np.arange(0.0, 0.31, 0.01)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from ...evaluation.result import Parameter, Result
 from ...parameters import Array
-from ..data import RobotModel
+from ...robot.model import RobotModel
 from .logs import ServoLog
 
 

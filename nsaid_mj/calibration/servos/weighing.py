@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from ...parameters import Array, Indices
-from ..data import RobotModel
+from ...robot.model import RobotModel
 from ..payloads import Load, carrier, with_mass
 from .fit import STEP, JointFit, OutputError, Prior, minimise, undisturbed
 from .logs import ServoLog, coupled, weighed, without_armature

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...evaluation.confidence import INTERVAL
 from ...evaluation.result import Explains, Parameter, Status
-from ..findings import Finding
+from ...robot.findings import Finding
 from ..payloads import Load
 from .estimate import JointEstimate, MassScale
 from .fit import ARMATURE, GRAVITY

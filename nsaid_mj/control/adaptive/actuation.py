@@ -12,7 +12,7 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...parameters import Array, Indices
-from ...system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem
 
 _KNOTS = 4001  # of a tabulated command curve: relative errors of 1e-7 for smooth curves
 _PROBES = 4

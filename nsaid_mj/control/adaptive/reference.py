@@ -23,7 +23,7 @@ import numpy as np
 from ...numerics.kernels import kernel
 from ...numerics.spatial import cross, product, rotate, rotation_vector, unrotate
 from ...parameters import Array
-from ...system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem
 from ..signals import FourierTrajectory
 from .actuation import Actuation
 

@@ -18,7 +18,7 @@ from ...log import Measurement
 from ...parameters import Array
 from ...structure.joints import JointTree
 from ...structure.single_body import SingleBody
-from ...system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem
 from ..driver import DriverConfig, InformedDriver
 from ..signals import FourierTrajectory
 from .actuation import Actuation

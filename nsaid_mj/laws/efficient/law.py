@@ -23,7 +23,7 @@ import numpy as np
 from ...log import Log, Measurement
 from ...parameters import Array
 from ...quotient.cost import Remembered
-from ...system import checked
+from ...structure.system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status
 from ..memory.statistics import Memory
 from ..nullspace_aid import NullspaceIdentifier

@@ -12,7 +12,7 @@ from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array
 from ...quotient.cone import cone_of
-from ...system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem
 from ..cone.prior import drawn_covariance
 from .filter import CONTRADICTED, ROUNDED, Along, Filter, Law, filter_at
 from .kalman import follow_filter, restart_state

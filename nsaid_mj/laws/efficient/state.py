@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ...log import Log, Measurement
 from ...parameters import Array
-from ...system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem
 from ..base import State
 from ..faults import FaultEvent
 from .drift import Rivals

@@ -22,7 +22,7 @@ from ...quotient.cost import Quotient, Remembered
 from ...quotient.descent import Rules, minimise
 from ...quotient.intervals import sandwich_root
 from ...quotient.matrices import common_root
-from ...system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem
 from ..base import Confidence, State
 from ..cone.law import ConeMetric
 from .statistics import Memory, MemoryConfig, Recorder, View

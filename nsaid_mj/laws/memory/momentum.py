@@ -20,7 +20,7 @@ from numba import types
 from ...log import Log, Measurement, Middle, SensorLevels
 from ...numerics.kernels import cube, f8, i8, kernel, matrix, vector, void
 from ...parameters import Array
-from ...system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem
 from .feedback import FedBack
 
 _CORRECTION_TIME = 0.1  # time constant with which drift corrections enter the velocities [s]

@@ -14,7 +14,7 @@ from ...bounds import Config, NonNegative, Positive, config
 from ...log import Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...quotient.gramians import Means
-from ...system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem
 from .momentum import Balance, Rows
 
 _NEIGHBOURS = 4  # blocks whose residuals may be correlated (Newey and West, Econometrica 55, 1987)

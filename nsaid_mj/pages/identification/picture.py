@@ -7,10 +7,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ...calibration import words
-from ...calibration.links import positions
 from ...calibration.result import Identification
 from ...parameters import Array
-from ...structure.joints import bones
+from ...structure.joints import bones, positions
 from ..page import Figure as PageFigure
 from ..panels import BAD, COLOURS, GRID, INK
 from ..plots import style, svg

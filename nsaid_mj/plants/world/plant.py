@@ -21,7 +21,7 @@ from ...parameters import Array, Indices
 from ...robot.shapes import VisualMesh
 from ...robot.target_profile import advance, at_rest
 from ...structure.sensing import displaced
-from ...system import SecondOrderSystem
+from ...structure.system import SecondOrderSystem
 from .callbacks import installed
 from .coordinates import Reading
 from .faults.kinds import Fault

@@ -5,12 +5,12 @@ import re
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.logs import map_of, read_tables
-from nsaid_mj.calibration.logs.inspection import inspect
-from nsaid_mj.calibration.logs.matching import match_targets
+from nsaid_mj.calibration.inspection import inspect
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
 from nsaid_mj.errors import InvalidInput, NsaidError
+from nsaid_mj.logs import map_of, read_tables
+from nsaid_mj.logs.matching import match_targets
 from nsaid_mj.resources import asset
 
 from .simulated import JOINTS, MODEL, write

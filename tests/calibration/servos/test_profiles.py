@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration.comparison import compare_servos
-from nsaid_mj.calibration.logs import map_of
 from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo_mjcf
 from nsaid_mj.errors import InvalidInput
+from nsaid_mj.logs import map_of
 from nsaid_mj.robot.target_profile import followed
 
 from .simulated import DELAY, JOINTS, KP, MODEL, SKEW, F, T, limited, log, smoothed, write

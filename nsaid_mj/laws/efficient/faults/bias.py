@@ -18,7 +18,7 @@ import numpy as np
 
 from ....log import Log
 from ....parameters import Array, ParameterSpace
-from ....system import SecondOrderSystem
+from ....structure.system import SecondOrderSystem
 from ..filter import Filter, Law
 from ..kalman import restart_state
 from ..noise import noise_variance

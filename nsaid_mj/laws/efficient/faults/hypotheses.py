@@ -18,7 +18,7 @@ from ....quotient.barrier import gradient_and_hessian
 from ....quotient.cone import Cone, cone_of
 from ....structure.payload import carrier, point_mass, submerged
 from ....structure.sensing import sensor_labels, sensor_units
-from ....system import SecondOrderSystem, gains_by_command
+from ....structure.system import SecondOrderSystem, gains_by_command
 from ..covariance import SMALL
 from .evidence import Jump
 

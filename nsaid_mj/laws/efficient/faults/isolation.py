@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from ....log import Log, Measurement
 from ....parameters import Array
-from ....system import SecondOrderSystem
+from ....structure.system import SecondOrderSystem
 from ..filter import Law
 from ..kalman import restart_state
 from ..noise import noise_variance

@@ -11,7 +11,7 @@ import numpy as np
 
 from ....log import Log
 from ....parameters import Array
-from ....system import SecondOrderSystem
+from ....structure.system import SecondOrderSystem
 from ..filter import COMPLETED, Along, Filter, Law
 from ..kalman import follow_filter, restart_state
 from ..noise import noise_variance

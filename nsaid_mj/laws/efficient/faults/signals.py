@@ -10,7 +10,7 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array
 from ....structure.sensing import displaced
-from ....system import SecondOrderSystem, gains_by_command
+from ....structure.system import SecondOrderSystem, gains_by_command
 from ...faults import FaultEvent
 from .hypotheses import Hypothesis
 

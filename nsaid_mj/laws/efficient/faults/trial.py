@@ -8,7 +8,7 @@ import numpy as np
 
 from ....log import Log
 from ....parameters import Array, ParameterSpace
-from ....system import SecondOrderSystem
+from ....structure.system import SecondOrderSystem
 from ..covariance import keep_above_rounding
 from ..filter import COMPLETED, Along, Filter, Law
 from ..kalman import follow_filter

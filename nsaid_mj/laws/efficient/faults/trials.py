@@ -14,7 +14,7 @@ import numpy as np
 
 from ....log import Log
 from ....parameters import Array
-from ....system import SecondOrderSystem
+from ....structure.system import SecondOrderSystem
 from ..filter import Filter, Law
 from ..kalman import acceptable
 from .bias import BiasTrial

@@ -18,7 +18,7 @@ from ....bounds import Config, Name, NonNegative, Number, Positive, config
 from ....errors import InvalidInput, UnknownName
 from ....parameters import Array, Indices
 from ....structure.payload import carrier, point_mass
-from ....system import SecondOrderSystem, gains_by_command
+from ....structure.system import SecondOrderSystem, gains_by_command
 
 Index = Annotated[int, Field(strict=True, ge=1, le=1000)]
 Sensor = Literal["position", "velocity"]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ....parameters import Array
-from ....system import SecondOrderSystem
+from ....structure.system import SecondOrderSystem
 from .kinds import ActuatorFault, Bias, Broken, Fault, Loss, PlantFault, Stuck
 
 _NOTCH = 0.02  # share of a gain, lost slowly, from which evaluation counts the truth as another

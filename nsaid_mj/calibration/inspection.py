@@ -1,0 +1,194 @@
+"""Inspects a log: figures of every channel, and findings about the log as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..logs import signals
+from ..logs.checks import checks
+from ..logs.layout import Layout, layout, with_angles
+from ..logs.mapping import Map
+from ..logs.preparation import prepare
+from ..logs.recordings import Recordings
+from ..logs.tables import Channel, Table
+from ..logs.unusable import UnmatchedChannels, UnusableLog
+from ..robot.findings import Finding
+from ..robot.model import RobotModel
+
+
+@dataclass(frozen=True)
+class ChannelFigures:
+    """Figures of one channel, in the unit of its file.
+
+    Attributes:
+        source: name of the file.
+        name: of the channel.
+        role: such as "q of elbow"; "" if unused.
+        rows: with a number.
+        missing: rows without one.
+        rate: median rows per second [Hz].
+        jitter: half the spread of intervals between rows, 5 % to 95 %, over their median.
+        gaps: number of intervals longer than five periods and 50 ms.
+        longest: the longest interval between rows [s].
+        low: smallest value.
+        high: largest value.
+        noise: standard deviation of the white part, from fourth differences.
+        quantum: smallest step; 0 if the values are continuous.
+        saturated: share of rows at a flat extreme.
+        unchanged: share of rows that repeat the value before.
+        dead: whether all values are equal.
+    """
+
+    source: str
+    name: str
+    role: str
+    rows: int
+    missing: int
+    rate: float = np.nan
+    jitter: float = np.nan
+    gaps: int = 0
+    longest: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
+    noise: float = np.nan
+    quantum: float = 0.0
+    saturated: float = 0.0
+    unchanged: float = 0.0
+    dead: bool = False
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """The result of inspecting a log.
+
+    Attributes:
+        tables: the files.
+        channels: figures of all channels.
+        findings: what was noticed; `identify` would stop at refusals.
+        recordings: the log in the robot's coordinates; None without a model, or if channels could
+            not be matched or used.
+        robot: the model; None without one.
+    """
+
+    tables: tuple[Table, ...]
+    channels: tuple[ChannelFigures, ...]
+    findings: tuple[Finding, ...]
+    recordings: Recordings | None
+    robot: RobotModel | None
+
+
+def inspect(
+    tables: Sequence[Table], mapping: Map | None = None, robot: RobotModel | None = None
+) -> Inspection:
+    """Measures every channel of a log and, given a model, checks what `identify` would use.
+
+    Args:
+        tables: of the log's files.
+        mapping: the meaning of columns; None to match them by name.
+        robot: None to measure the channels only.
+
+    Raises:
+        InvalidInput: the map names something that does not exist.
+    """
+    roles: dict[str, str] = {}
+    recordings, findings = None, tuple(f for table in tables for f in table.findings)
+    if robot is not None:
+        tables = [with_angles(table, robot) for table in tables]
+        try:
+            given = _servo_findings(tables, mapping, robot)
+            if given is not None:
+                findings += given
+            else:
+                roles = _roles(layout(mapping, robot, tables), robot)
+                recordings = prepare(tables, mapping, robot)
+                findings = (*recordings.findings, *checks(recordings, robot))
+        except UnmatchedChannels as error:
+            findings += (_unmatched(error),)
+        except UnusableLog as error:
+            findings = error.findings
+    figures = tuple(
+        figures_of(table.source, name, channel, roles.get(name, ""))
+        for table in tables
+        for name, channel in table.channels.items()
+    )
+    return Inspection(tuple(tables), figures, (*findings, *_unmapped(figures)), recordings, robot)
+
+
+def _servo_findings(
+    tables: Sequence[Table], mapping: Map | None, robot: RobotModel
+) -> tuple[Finding, ...] | None:
+    """Findings about position targets of a servo arm; None for other logs."""
+    if not any(finding.code == "servo" for finding in robot.findings):
+        return None
+    from .servos import read_servos
+
+    given = read_servos(robot, tables, mapping)
+    if given is None:
+        return None
+    text = "the commands are position targets; `nsaid identify` fits the servos to them"
+    return (Finding("note", "targets", "", text), *given.findings)
+
+
+def _unmatched(error: UnmatchedChannels) -> Finding:
+    """What to do about channels whose names are ambiguous."""
+    text = f"cannot tell which channels are {', '.join(error.missing)}"
+    text += f". {' '.join(error.reasons)}".rstrip(".")
+    remedy = "Complete map.toml by hand and pass it with --map."
+    return Finding("warning", "unmatched", "", text, remedy)
+
+
+def figures_of(source: str, name: str, channel: Channel, role: str = "") -> ChannelFigures:
+    """The figures of a channel; NaN where it has too few rows for one."""
+    order = signals.order(channel.t)
+    present = np.isfinite(channel.values[order.index])
+    t, x = order.t[present], channel.values[order.index][present]
+    missing = int(np.sum(~np.isfinite(channel.values)))
+    if len(t) < 10:
+        return ChannelFigures(source, name, role, len(t), missing)
+    signal = signals.Signal(t, x, order.index[present], np.zeros((0, 2)))
+    intervals = np.diff(t)
+    spread = np.quantile(intervals, [0.05, 0.95])
+    return ChannelFigures(
+        source=source,
+        name=name,
+        role=role,
+        rows=len(x),
+        missing=missing,
+        rate=float(1 / signal.period),
+        jitter=float((spread[1] - spread[0]) / 2 / signal.period),
+        gaps=len(signals.gaps(signal)),
+        longest=float(intervals.max()),
+        low=float(x.min()),
+        high=float(x.max()),
+        noise=signals.noise(x),
+        quantum=signals.quantum(x),
+        saturated=float(np.mean(signals.flat_extremes(x, signal.period))),
+        unchanged=float(np.mean(np.diff(x) == 0)),
+        dead=bool(np.ptp(x) == 0),
+    )
+
+
+def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
+    """The role of each channel in use."""
+    found: dict[str, str] = {}
+    joints = robot.joints if robot.system is None else ()
+    for word, group in (("q", made.positions), ("v", made.velocities), ("u", made.commands)):
+        names = robot.joints if word == "u" else joints
+        for k, source in enumerate(group):
+            if source is not None:
+                of = names[k] if k < len(names) else f"coordinate {k}"
+                found[source.column.column] = f"{word} of {of}"
+    return found
+
+
+def _unmapped(figures: Sequence[ChannelFigures]) -> list[Finding]:
+    """Dead unused channels, which may explain why a match failed."""
+    dead = [f.name for f in figures if f.dead and not f.role]
+    if not dead:
+        return []
+    text = f"{len(dead)} unused channels are constant: "
+    text += ", ".join(dead[:12]) + (" …" if len(dead) > 12 else "")
+    return [Finding("note", "dead_channel", "", text, data={"channels": dead})]

@@ -1,0 +1,60 @@
+"""ArduPilot's DataFlash logs (.bin), through `pymavlink`."""
+
+from __future__ import annotations
+
+import contextlib
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from ..unusable import UnreadableLog
+from . import Columns, check_size
+
+_LATEST = 1e15  # thirty years [µs]; a time beyond is damaged
+_INSTANCES = ("I", "Instance", "C")
+
+
+def read(path: Path) -> list[Columns]:
+    """One group of columns for each kind of message, called `KIND/FIELD`.
+
+    Messages of several sensors or motors (field `I`, `C` or `Instance`) are separated:
+    `KIND_1/FIELD` of instance 1.
+
+    Raises:
+        UnreadableLog: the file is beyond the limit or has no message with a time.
+    """
+    from pymavlink.DFReader import DFReader_binary
+
+    check_size(path, path.stat().st_size)
+    rows: dict[tuple[str, tuple[str, ...]], list[list[float]]] = defaultdict(list)
+    unread: dict[str, str] = {}
+    numbers_read = 0
+    with contextlib.closing(DFReader_binary(str(path), zero_time_base=True)) as reader:
+        while (message := reader.recv_msg()) is not None:
+            values = message.to_dict()
+            kind = values.pop("mavpackettype")
+            if "TimeUS" not in values:
+                if kind != "FMT":  # the declarations of the others
+                    unread[kind] = "messages without a time"
+                continue
+            instance = next((values[key] for key in _INSTANCES if key in values), 0)
+            name = f"{kind}_{instance}" if isinstance(instance, int) and instance else kind
+            numbers = {k: x for k, x in values.items() if isinstance(x, int | float)}
+            unread |= {f"{name}/{k}": "text" for k in values.keys() - numbers.keys()}
+            rows[name, tuple(numbers)].append(list(numbers.values()))
+            numbers_read += len(numbers)
+            check_size(path, 8 * numbers_read)
+    found = []
+    for (name, fields), table in rows.items():
+        numbers = np.array(table, np.float64)
+        timed = np.abs(numbers[:, fields.index("TimeUS")]) < _LATEST
+        if lost := np.count_nonzero(~timed):
+            unread[name] = f"{lost} of {len(table)} messages, whose time is damaged"
+        dense = dict(zip(fields, numbers[timed].T, strict=True))
+        time = np.round(dense.pop("TimeUS") * 1000).astype(np.int64)
+        if dense and len(time):
+            found.append(Columns({f"{name}/{k}": x for k, x in dense.items()}, time))
+    if not found:
+        raise UnreadableLog(path, "no message has a time", "Record the log again.")
+    return [found[0]._replace(dropped=tuple(unread.items())), *found[1:]]

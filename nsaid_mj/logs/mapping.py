@@ -1,0 +1,331 @@
+"""`map.toml`: the columns of a log that are a robot's positions, velocities and commands."""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+from dataclasses import field
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
+
+from ..bounds import LARGEST, Flag, Name, NonNegative, Number, Positive, config, shown
+from ..errors import InvalidInput
+from .units import FACTORS, Quantity, canonical, of_name
+
+Unit = Annotated[
+    Literal[
+        "rad", "deg", "turns", "ticks", "m", "mm",
+        "rad/s", "deg/s", "turns/s", "rpm", "ticks/s", "m/s", "mm/s",
+        "N·m", "mN·m", "N", "A", "mA", "V", "%", "raw",
+    ],
+    BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text),
+]  # fmt: skip
+TimeUnit = Annotated[
+    Literal["s", "ms", "us", "ns", "date"],
+    BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text),
+]
+
+
+def _number(value: Any) -> Any:
+    """A whole number of a TOML file as a float, so that `ratio = 100` needs no point."""
+    if not isinstance(value, int) or isinstance(value, bool):
+        return value
+    return float(value) if abs(value) < LARGEST else math.inf
+
+
+def _not_zero(value: float) -> float:
+    if value == 0:
+        raise ValueError("a number that is not 0")
+    return value
+
+
+def _two_points(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if len({value for value, _ in points}) < 2 or len({position for _, position in points}) < 2:
+        raise ValueError("two different values and positions, as in [[-100, -1.9], [100, 1.9]]")
+    return points
+
+
+Plain = Annotated[Number, BeforeValidator(_number)]
+Ratio = Annotated[Number, BeforeValidator(_number), AfterValidator(_not_zero)]
+Count = Annotated[Positive, BeforeValidator(_number)]
+Level = Annotated[NonNegative, BeforeValidator(_number)]
+Points = Annotated[tuple[tuple[Plain, Plain], tuple[Plain, Plain]], AfterValidator(_two_points)]
+Three = Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
+Four = Annotated[tuple[Name, ...], Field(min_length=4, max_length=4)]
+
+
+@config
+class Column:
+    """A column of a log and its conversion to SI.
+
+    Positions and velocities become `sign · value · unit / ratio + offset`, commands
+    `sign · value · unit · ratio + offset`: `ratio` is a gear ratio, motor turns per joint turn.
+    Two `points` of the line from value to position replace all these.
+
+    Attributes:
+        column: name of the column.
+        unit: of its values; None if the name states it (`q1_deg`), or it is SI.
+        sign: −1 if the column counts against the joint's axis.
+        offset: added last [rad, m, rad/s, m/s, or the command's unit].
+        ratio: of the gear between the motor and the joint.
+        counts_per_turn: of an encoder, for `ticks` and `ticks/s`.
+        points: two values of the column, each with the position that it represents [rad or m].
+    """
+
+    column: Name
+    unit: Unit | None = None
+    sign: Annotated[Literal[-1, 1], BeforeValidator(lambda x: int(x) if x in (1, -1) else x)] = 1
+    offset: Plain = 0.0
+    ratio: Ratio = 1.0
+    counts_per_turn: Count | None = None
+    points: Points | None = None
+
+    @property
+    def zero(self) -> float:
+        """Addend of the scaled values: `offset`, or that of the line through `points`."""
+        if self.points is None:
+            return self.offset
+        value, position = self.points[0]
+        return position - self.factor("position") * value
+
+    @property
+    def is_position(self) -> bool:
+        """Whether its unit is one of positions, or it has `points`."""
+        return self.points is not None or self.unit in FACTORS["position"]
+
+    def unit_as(self, quantity: Quantity) -> str:
+        """The unit stated by the map or the column's name; "" if neither states one.
+
+        Raises:
+            InvalidInput: the stated unit does not belong to such a quantity.
+        """
+        if self.unit is not None and self.unit not in FACTORS[quantity]:
+            known = ", ".join(FACTORS[quantity])
+            remedy = "Correct map.toml."
+            raise InvalidInput(f"unit of {self.column!r}", f"one of {known}", self.unit, remedy)
+        return self.unit or of_name(self.column, FACTORS[quantity])[1]
+
+    def factor(self, quantity: Quantity) -> float:
+        """The factor from the column's values to SI, without offset.
+
+        Raises:
+            InvalidInput: the unit does not belong to such a quantity, or `counts_per_turn` is
+                missing.
+        """
+        if self.points is not None:
+            (value, position), (other, there) = self.points
+            return (there - position) / (other - value)
+        unit = self.unit_as(quantity)
+        scale = FACTORS[quantity].get(unit, 1.0)
+        if unit.startswith("ticks"):
+            if self.counts_per_turn is None:
+                remedy = "Give the encoder's counts per motor turn in map.toml."
+                raise InvalidInput(f"{self.column!r}", "counts_per_turn", "none", remedy)
+            scale /= self.counts_per_turn
+        return self.sign * scale * (self.ratio if quantity == "command" else 1 / self.ratio)
+
+
+@config
+class Profile:
+    """What a controller makes of a target before its servo follows it; 0 where it does not.
+
+    Attributes:
+        speed: largest one of the target in force [rad/s or m/s].
+        acceleration: largest one of it [rad/s² or m/s²].
+        lag: time constant of a first-order filter [s].
+    """
+
+    speed: Level = 0.0
+    acceleration: Level = 0.0
+    lag: Level = 0.0
+
+
+@config
+class Joint:
+    """The columns of one joint.
+
+    Attributes:
+        position: of the joint, or of its motor (then with `ratio`).
+        command: current, torque, or any other command or measurement of the actuator; None for a
+            joint that is passive in the model file.
+        velocity: None to differentiate the position.
+        rest: rows with a lower speed are not used [rad/s or m/s]; the speed's noise sets another
+            limit, and the higher one applies.
+        profile: of the target of a position servo; None for that of all, or of the model file.
+    """
+
+    position: Column
+    command: Column | None = None
+    velocity: Column | None = None
+    rest: Level = 0.0
+    profile: Profile | None = None
+
+
+@config
+class Time:
+    """The time of every file.
+
+    Attributes:
+        column: name of the column; None to find it.
+        unit: None to detect it.
+        rate: rows per second of files without a time [Hz].
+    """
+
+    column: Name | None = None
+    unit: TimeUnit | None = None
+    rate: Count | None = None
+
+
+@config
+class File:
+    """The properties of one file.
+
+    Attributes:
+        offset: added to the file's times, to put several files on one clock [s].
+        p: register to which the stiffness of position servos is proportional, in any unit.
+    """
+
+    offset: Plain = 0.0
+    p: Count | None = None
+
+
+Matrix = Annotated[tuple[tuple[Plain, ...], ...], Field(min_length=1)]
+
+
+@config
+class Coupling:
+    """Joints driven by several motors, as in a wrist. Rows and columns are in the robot's order.
+
+    Attributes:
+        position: (n, n) R with q_motor = R (q − offset); the same for velocities.
+        torque: (n, n) R_τ with τ_joint = R_τ τ_motor.
+    """
+
+    position: Matrix | None = None
+    torque: Matrix | None = None
+
+
+@config
+class Vehicle:
+    """Pose and twist of a vehicle, three or four columns for each part.
+
+    Attributes:
+        position: x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle
+            in the plane.
+        quaternion: from body to world; not used in the plane.
+        euler: roll, pitch and yaw [deg] instead, the turns about x, y' and z'' from the world's
+            axes to the body's, yaw first.
+        linear: velocity; None to differentiate the pose. In the plane: surge, sway, yaw rate.
+        angular: velocity in the body's axes [rad/s]; None to differentiate the pose.
+        order: of the quaternion's columns.
+        frame: axes of world and body: north-east-down with forward-right-down, or ours,
+            east-north-up with forward-left-up.
+        twist: whether `linear` is given along the body's or the world's axes.
+    """
+
+    position: Three | None = None
+    quaternion: Four | None = None
+    euler: Three | None = None
+    linear: Three | None = None
+    angular: Three | None = None
+    order: Literal["xyzw", "wxyz"] = "xyzw"
+    frame: Literal["ENU/FLU", "NED/FRD"] = "ENU/FLU"
+    twist: Literal["body", "world"] = "body"
+
+    @property
+    def pose(self) -> tuple[str, ...]:
+        """Columns of the pose."""
+        return (*(self.position or ()), *(self.quaternion or self.euler or ()))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of the pose and the twist."""
+        return (*self.pose, *(self.linear or ()), *(self.angular or ()))
+
+
+@config
+class Map:
+    """The meaning and units of columns.
+
+    Attributes:
+        time: of every file.
+        files: by name of the file.
+        joints: by the robot's joint names; empty to match columns by name.
+        coupling: of the joints with their motors.
+        vehicle: pose and twist, for a vehicle instead of joints.
+        actuators: commands of a vehicle by the names of its actuators.
+        hold: whether a command holds from row to row (True) or is interpolated (False).
+        drop_rest: whether rows at rest are left out of the fit.
+        profile: of all joints' targets; None for that of the model file.
+    """
+
+    time: Time = field(default_factory=Time)
+    files: dict[str, File] = field(default_factory=dict)
+    joints: dict[str, Joint] = field(default_factory=dict)
+    coupling: Coupling = field(default_factory=Coupling)
+    vehicle: Vehicle | None = None
+    actuators: dict[str, Column] = field(default_factory=dict)
+    hold: Flag = False
+    drop_rest: Flag = True
+    profile: Profile | None = None
+
+
+_ADAPTER = TypeAdapter(Map)
+
+
+def read_map(path: str | os.PathLike[str]) -> Map:
+    """Reads map.toml.
+
+    Raises:
+        InvalidInput: there is no such file, it is not TOML, or a field cannot be used; the message
+            names the field.
+    """
+    file = Path(path)
+    remedy = "`nsaid inspect LOG --model M` writes a map that fits the log."
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput(str(file), "a map of columns", error.strerror, remedy) from error
+    except (ValueError, RecursionError) as error:  # ValueError: not TOML, not UTF-8, 5000 digits
+        raise InvalidInput(str(file), "TOML", f"{error}", remedy) from error
+    return map_of(content, str(file))
+
+
+def map_of(content: dict[str, Any], source: str = "map") -> Map:
+    """The map of a parsed TOML document; `source` names its file in messages.
+
+    Raises:
+        InvalidInput: a field cannot be used; the message names it.
+    """
+    try:
+        return _ADAPTER.validate_python(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        text = first["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+        if first["type"] == "unexpected_keyword_argument":
+            text = "no such field"
+        remedy = "docs/map.md lists all fields of map.toml."
+        raise InvalidInput(f"{source}: {where}", text, shown(first["input"]), remedy) from error
+
+
+def matrix(name: str, rows: tuple[tuple[float, ...], ...] | None, n: int) -> np.ndarray:
+    """A coupling as an array (n, n), by default the identity.
+
+    Raises:
+        InvalidInput: it is not (n, n), or singular.
+    """
+    if rows is None:
+        return np.eye(n)
+    remedy = "It has one row and one column for each joint, in the robot's order."
+    if len(rows) != n or any(len(row) != n for row in rows):
+        shape = f"rows of {', '.join(str(len(row)) for row in rows)} numbers"
+        raise InvalidInput(f"coupling.{name}", f"a {n} × {n} matrix", shape, remedy)
+    found = np.array(rows, dtype=np.float64)
+    if np.linalg.cond(found) > 1e8:
+        raise InvalidInput(f"coupling.{name}", "an invertible matrix", "a singular one", remedy)
+    return cast(np.ndarray, found)

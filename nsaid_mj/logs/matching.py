@@ -1,0 +1,239 @@
+"""Matches channels to joints by name, where there is no map.
+
+A channel's name is divided into words: the joint's name or index, words for a quantity (`position`,
+`vel`, `tau` …), and the rest. Channels that differ only in the joint are a group, and a group with
+a channel for every joint supplies that quantity.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+
+from .mapping import Column, Joint, Map
+from .units import FACTORS, Quantity, of_name
+from .unusable import UnmatchedChannels
+
+
+def _set(text: str) -> frozenset[str]:
+    """The words of a text."""
+    return frozenset(text.split())
+
+
+WORDS: dict[Quantity, frozenset[str]] = {
+    "position": _set("position positions pos q qs angle angles ang theta enc encoder qpos"),
+    "velocity": _set("velocity velocities vel dq qd v qdot speed spd omega qvel dtheta"),
+    "command": _set(
+        "effort efforts torque torques tau current currents cur curr i u cmd command ctrl control "
+        "force moment voltage pwm esc throttle amps"
+    ),
+}
+_OTHER = _set("acceleration acc accel ddq qdd error err temperature temp status mode limit")
+_WANTED = _set("target desired des cmd command commanded ref reference setpoint goal sp")
+_TARGET = _WANTED | {"action"}
+_MEASURED = _set("actual measured meas act fb feedback present real state")
+_NAMES = {"position": "position", "velocity": "velocity", "command": "torque or current"}
+
+
+def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str] = ()) -> Map:
+    """The map of channels whose names give joint and quantity, for the robot's moving joints.
+
+    The `passive` ones among them need no command.
+
+    Raises:
+        UnmatchedChannels: a joint has no position or command, or there are several candidates.
+    """
+    groups = candidates(channels, joints, passive)
+    chosen: dict[Quantity, dict[str, str]] = {}
+    missing, reasons = [], []
+    for quantity, found in groups.items():
+        if len(found) == 1:
+            (chosen[quantity],) = found.values()
+        elif len(found) > 1:
+            missing.append(f"the {_NAMES[quantity]} of every joint")
+            reasons.append(f"{_NAMES[quantity].capitalize()} could be {' or '.join(found)}.")
+        elif quantity != "velocity":
+            missing.append(f"the {_NAMES[quantity]} of every joint")
+            idle = passive if quantity == "command" else ()
+            own = [joint for joint in joints if joint not in idle]
+            reasons.append(_lacking(quantity, channels, own))
+    if missing:
+        raise UnmatchedChannels(missing, [*reasons, *_fewer(channels, joints)], channels)
+    positions, velocities, commands = (
+        {joint: Column(column=channel) for joint, channel in chosen.get(quantity, {}).items()}
+        for quantity in WORDS
+    )
+    each = {j: Joint(positions[j], commands.get(j), velocities.get(j)) for j in joints}
+    return Map(joints=each)
+
+
+def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, str]:
+    """The channels of position targets by joint; empty if the names are ambiguous.
+
+    A target's name has its joint and a word such as `target` or `goal` beside words of positions:
+    `target_elbow`, `elbow.goal_position`, `action.elbow.pos`.
+    """
+    groups = _targets(channels, joints)
+    found = [by_joint for members in groups if (by_joint := _by_joint(members, joints))]
+    return found[0] if len(found) == 1 else {}
+
+
+def lacking_targets(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
+    """The joints without a target where names give one to others; empty if none has or all have."""
+    most = max(_targets(channels, joints), key=len, default={})
+    lacking = [joint for joint in joints if joint not in most]
+    return lacking if len(lacking) < len(joints) else []
+
+
+def _targets(channels: Iterable[str], joints: Sequence[str]) -> list[dict[str, str]]:
+    """Groups of channels of position targets, by joint (its name, or a number as text)."""
+    groups: dict[str, dict[str, str]] = defaultdict(dict)
+    others = _OTHER | WORDS["velocity"] | (WORDS["command"] - {"cmd", "command"})
+    for channel in channels:
+        joint, rest = _joint_of(words(channel), joints)
+        if joint and set(rest) & _TARGET and not set(rest) & others:
+            groups[" ".join(rest)].setdefault(joint, channel)
+    return list(groups.values())
+
+
+def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str]) -> str:
+    """Says which joints lack a channel of a quantity, or how many numbered channels there are."""
+    found = _members(channels, joints)
+    named = {joint for match, members in found.items() if match[0] == quantity for joint in members}
+    unnamed = [joint for joint in joints if joint not in named]
+    if len(unnamed) < len(joints):
+        return f"No channel names a {_NAMES[quantity]} of {', '.join(unnamed)}."
+    numbered = [members for match, members in found.items() if match[0] == quantity]
+    if numbered:
+        most = list(max(numbered, key=len).values())
+        return (
+            f"A {_NAMES[quantity]} is numbered in {len(most)} channels ({most[0]} … {most[-1]}), "
+            f"and the robot's moving joints are {len(joints)}: {', '.join(joints)}."
+        )
+    return f"No channels name a {_NAMES[quantity]} for each of {', '.join(joints)}."
+
+
+def _fewer(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
+    """The joints that the log covers, if its names say so and they are not all."""
+    named: dict[Quantity, set[str]] = {quantity: set() for quantity in WORDS}
+    for (quantity, _, _), members in _members(channels, joints).items():
+        named[quantity] |= set(members)
+    own = [j for j in joints if j in named["position"] and j in named["command"]]
+    if not own or any(j in set().union(*named.values()) for j in set(joints) - set(own)):
+        return []
+    return [f"If all other joints stood still, `--joints {','.join(own)}` locks them."]
+
+
+def candidates(
+    channels: Iterable[str], joints: Sequence[str], passive: Sequence[str] = ()
+) -> dict[Quantity, dict[str, dict[str, str]]]:
+    """For each quantity, the groups of channels that cover all joints: joint to channel by group.
+
+    Where no group of commands covers all of them, it may lack those of `passive` joints.
+    Measured quantities take precedence over setpoints of the same quantity, and names of joints
+    over numbers, which may belong to another arm in the log.
+    """
+    complete: dict[Quantity, dict[tuple[int, bool], dict[str, dict[str, str]]]]
+    complete = {quantity: {} for quantity in WORDS}
+    for (quantity, group, rank), members in _members(channels, joints).items():
+        by_joint = _by_joint(members, joints)
+        if by_joint:
+            numbered = not set(joints) <= set(members)
+            complete[quantity].setdefault((rank, numbered), {})[group] = by_joint
+    found: dict[Quantity, dict[str, dict[str, str]]]
+    found = {quantity: ranks[min(ranks)] if ranks else {} for quantity, ranks in complete.items()}
+    if passive and not found["command"]:
+        driven = [joint for joint in joints if joint not in passive]
+        found["command"] = candidates(channels, driven)["command"]
+    return found
+
+
+def _members(
+    channels: Iterable[str], joints: Sequence[str]
+) -> dict[tuple[Quantity, str, int], dict[str, str]]:
+    """Channels by joint (its name, or a number as text), for each quantity, group and rank."""
+    groups: dict[tuple[Quantity, str, int], dict[str, str]] = defaultdict(dict)
+    for channel in channels:
+        if found := read(channel, joints):
+            kind, joint = found
+            groups[kind].setdefault(joint, channel)
+    return groups
+
+
+def _by_joint(members: dict[str, str], joints: Sequence[str]) -> dict[str, str]:
+    """Channels by joint name; empty if the group does not cover all joints."""
+    if all(joint in members for joint in joints):
+        return {joint: members[joint] for joint in joints}
+    indices = sorted(int(key) for key in members if key.isdigit())
+    if len(indices) != len(joints) or indices[-1] - indices[0] != len(joints) - 1:
+        return {}
+    return {joint: members[str(k)] for joint, k in zip(joints, indices, strict=True)}
+
+
+def read(channel: str, joints: Sequence[str]) -> tuple[tuple[Quantity, str, int], str] | None:
+    """The meaning of a channel's name; None if it names no joint or no quantity.
+
+    Returns:
+        Its quantity, its group (the name without the joint) and its rank, 0 for a measurement, 1
+        for a neutral name, 2 for a setpoint; and the joint's name, or its index as text.
+    """
+    bare = channel
+    for factors in FACTORS.values():
+        bare, unit = of_name(channel, factors)
+        if unit and words(bare):
+            break
+    found = words(bare)
+    joint, rest = _joint_of(found, joints)
+    if not joint:
+        return None
+    said = {w for w in rest if w}
+    if said & _OTHER:
+        return None
+    quantity = quantity_of(said, rest)
+    if quantity is None:
+        return None
+    spare = said - ({"cmd", "command"} if quantity == "command" and not said - _WANTED else set())
+    rank = 2 if spare & _WANTED else 0 if spare & _MEASURED else 1
+    return (quantity, " ".join(rest), rank), joint
+
+
+def quantity_of(said: set[str], rest: Sequence[str]) -> Quantity | None:
+    """The quantity that the words of a channel's name give; None if none, or several."""
+    text = " ".join(rest)
+    if "q dot" in text or "d q" in text:
+        return "velocity"
+    if "q d dot" in text or "dd q" in text:
+        return None
+    if "velocity" in said or said & WORDS["velocity"]:
+        return "velocity" if not said & (WORDS["position"] - {"q", "angle"}) else None
+    if said & WORDS["position"]:
+        return "position" if not said & {"torque", "tau", "effort"} else None
+    return "command" if said & WORDS["command"] else None
+
+
+def words(name: str) -> list[str]:
+    """A name's words in lower case; digits are separate words."""
+    spaced = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
+    return re.findall(r"[a-z]+|\d+", spaced.lower())
+
+
+def _joint_of(found: list[str], joints: Sequence[str]) -> tuple[str, list[str]]:
+    """The joint that a name's words contain, and the words with `*` for it.
+
+    The longest joint name that occurs wins; failing that, the last number is an index. A name
+    without either belongs to a robot's only joint.
+    """
+    best, where = "", (0, 0)
+    for joint in joints:
+        own = words(joint)
+        for start in range(len(found) - len(own) + 1):
+            if found[start : start + len(own)] == own and len(own) > where[1] - where[0]:
+                best, where = joint, (start, start + len(own))
+    if best:
+        return best, [*found[: where[0]], "*", *found[where[1] :]]
+    numbers = [k for k, word in enumerate(found) if word.isdigit()]
+    if not numbers:
+        return (joints[0] if len(joints) == 1 else ""), found
+    last = numbers[-1]
+    return str(int(found[last])), [*found[:last], "*", *found[last + 1 :]]

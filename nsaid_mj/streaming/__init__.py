@@ -1,1 +1,0 @@
-"""Live identification: samples arrive from a robot while it moves."""

@@ -1,0 +1,360 @@
+"""The paper's class of systems: W(t, x, v, v̇) θ = 0.
+
+A `SecondOrderSystem` is structure only: it defines the regressors' columns and holds no parameter
+values. What differs between systems is abstract here; what follows from it (the paper's W_M, W_C, F
+for batches, the mass matrix (8), the acceleration (29)) is final. A system that defines only W_M,
+W_C, F and its kinematics for one sample derives from `structure.general.GeneralSystem`.
+
+Symbols: q (m,) position, v (n,) measured velocity, x = (q, v) (m+n,) the combined state (3),
+w (n,) the velocity that C multiplies (the identifier's v̂ or the measured v), a (n,)
+acceleration, u command, θ (p,) parameters. F is always evaluated at the measured x.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InvalidInput
+from ..log import Log, Measurement, Middle
+from ..parameters import Array, Indices, ParameterSpace, finite
+
+_TOGETHER = 64  # samples whose mass matrices are computed together
+
+
+class Motion(Protocol):
+    """All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
+
+    Any number of identifiers can share it. The type of the motion selects the code that compiled
+    loops run at every stage; see `structure.motion_types`.
+
+    Attributes:
+        t: (N,) times [s].
+        v: (N, n) velocities at the samples.
+        vm: (N−1, n) velocities half-way between samples.
+    """
+
+    @property
+    def t(self) -> Array: ...  # noqa: D102 (attributes)
+    @property
+    def v(self) -> Array: ...  # noqa: D102
+    @property
+    def vm(self) -> Array: ...  # noqa: D102
+
+
+class Stage(NamedTuple):
+    """A system at one measured state and command, under an estimate θ̂.
+
+    Attributes:
+        a: (n,) acceleration v̇(t, x, w, θ̂) of (29); NaN where M̂ is not positive definite.
+        W: (n, p) regressor W(t, x, w, θ̂) of (10, 31).
+        pivot: smallest pivot of M̂'s factorisation, > 0 where M̂ is positive definite.
+    """
+
+    a: Array
+    W: Array
+    pivot: float
+
+
+class SecondOrderSystem(ABC):
+    """M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
+
+    Attributes:
+        space: names, units and scale of θ.
+        n: number of velocities.
+        m: number of positions.
+        n_u: number of commands.
+        velocity_units: one SI unit for each velocity.
+        group: number of leading velocities that form a body twist: 6 in space, 3 in the plane, 0
+            if all velocities are rates of coordinates. See `numerics.spatial`.
+        mounts: (k, 3) point of application of every actuator parameter's force, in the body's
+            axes [m], NaN if it exerts no force; None if there is nothing to draw.
+        motion_steps: time steps whose motion is in memory at once.
+        forward: the structure, for compiled simulation; None where the regressors are not those
+            of one.
+    """
+
+    group: int = 0
+    mounts: Array | None = None
+    motion_steps: int = 500
+    forward: Any = None
+
+    space: ParameterSpace
+    velocity_units: tuple[str, ...]
+    n: int
+    m: int
+    n_u: int
+
+    # -- regressors, unchecked -------------------------------------------------------------------
+
+    @abstractmethod
+    def _W_M(self, q: Array, a: Array) -> Array:
+        """(n, p) with W_M θ = M(q, θ) a (8), of one sample."""
+
+    @abstractmethod
+    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
+        """(n, p) with W_C θ = C(q, v, θ) w (9), Ṁ − 2C skew, of one sample."""
+
+    @abstractmethod
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        """(n, p) with F θ the sum of all forces: gravity, dissipation, actuation, of one sample."""
+
+    @abstractmethod
+    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        """(n, p) combined regressor W = W_M + W_C − F (10), of one sample."""
+
+    @abstractmethod
+    def _moving(self, q: Array, v: Array, w: Array, a: Array) -> Array:
+        """(N, n, p) W_M + W_C of N samples."""
+
+    @abstractmethod
+    def _whole(self, t: Array, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        """(N, n, p) W of N samples."""
+
+    @abstractmethod
+    def _mass_tensors(self, q: Array) -> Array:
+        """(N, n, n, p), entry [k, j] is W_M(q_k, e_j): M(q_k, θ) = tensor · θ for every θ."""
+
+    def _mass_tensor(self, q: Array) -> Array:
+        return self._mass_tensors(q[None])[0]
+
+    @abstractmethod
+    def _transport(self, q: Array, v: Array) -> Array:
+        """(n, p) regressor of C(x)ᵀ v = Ṁ v − C v, so that d/dt(M v) = F θ + Cᵀ v."""
+
+    @abstractmethod
+    def stages(
+        self, t: Array, q: Array, v: Array, u: Array, w: Array, theta: Array
+    ) -> tuple[Array, Array, Array]:
+        """What `Stage` holds at N samples: (N, n), (N, n, p) and (N,).
+
+        t is (N,), q (N, m), v (N, n), u (N, n_u), w (N, n), theta (N, p).
+        """
+
+    # -- along a log -----------------------------------------------------------------------------
+
+    @abstractmethod
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """(N, n, p) F for N samples t (N,), q (N, m), v (N, n), u (N, n_u); unchecked."""
+
+    @abstractmethod
+    def midpoints(self, log: Log, hermite: bool) -> Middle:
+        """The states half-way between a log's samples.
+
+        Args:
+            log: N samples.
+            hermite: cubic Hermite interpolation of positions and velocities; else the mean of both
+                velocities, for positions too noisy to differentiate.
+        """
+
+    @abstractmethod
+    def motion(self, log: Log, hermite: bool) -> Motion:
+        """The log's `Motion`; arguments are those of `midpoints`."""
+
+    @abstractmethod
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Terms of the filtered momentum balance along a log of N samples; unchecked.
+
+        Args:
+            leak: rate a of the filter [1/s]; see `laws.memory.momentum`.
+            log: the samples.
+            q: (N−1, m) positions half-way between samples.
+            v: (N−1, n) velocities half-way between samples.
+
+        Returns:
+            (N, n, p) W_M(q, v) at the samples; and three arrays (N−1, n, p), a W_M(q, v) + F + the
+            regressor of Cᵀ v at start, middle and end of every step, with the command held.
+        """
+
+    # -- kinematics ------------------------------------------------------------------------------
+
+    @abstractmethod
+    def integrate(self, q: Array, dq: Array) -> Array:
+        """(m,) the position reached from q by the tangent step dq (n,)."""
+
+    @abstractmethod
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """(n,) the tangent step that leads from q0 to q1."""
+
+    @abstractmethod
+    def moves(self, q: Array) -> Array:
+        """(N−1, n) tangent steps between consecutive positions of (N, m)."""
+
+    @abstractmethod
+    def J(self, q: Array) -> Array:
+        """(m, n) matrix of the kinematics q̇ = J v (3)."""
+
+    @abstractmethod
+    def position(self, coordinates: Array) -> Array:
+        """(..., m) q of position coordinates (..., n), one per velocity, as sensors give them."""
+
+    @abstractmethod
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws a state and command (q, v, u) from the range of operation, to probe structure."""
+
+    # -- what follows, for one sample or batches -------------------------------------------------
+
+    @cached_property
+    def p(self) -> int:
+        """Number of parameters."""
+        return len(self.space)
+
+    def split(self, x: Array) -> tuple[Array, Array]:
+        """(q, v) of x (..., m+n).
+
+        Raises:
+            InvalidInput: the last axis is not m+n long.
+        """
+        x = np.asarray(x, dtype=np.float64)
+        if x.ndim == 0 or x.shape[-1] != self.m + self.n:
+            raise InvalidInput(
+                "x",
+                f"a last axis of m + n = {self.m} + {self.n}",
+                f"shape {x.shape}",
+                "x is the position followed by the velocity.",
+            )
+        return x[..., : self.m], x[..., self.m :]
+
+    def W_M(self, x: Array, a: Array) -> Array:
+        """(..., n, p) inertial regressor, W_M θ = M(x, θ) a (8)."""
+        q, _ = self.split(x)
+
+        def rows(q: Array, a: Array) -> Array:
+            return self._moving(q, np.zeros(a.shape), np.zeros(a.shape), a)
+
+        return _batched(rows, (self.m, self.n), q, a)
+
+    def W_C(self, x: Array, w: Array) -> Array:
+        """(..., n, p) Coriolis regressor, W_C θ = C(x, θ) w (9)."""
+        q, v = self.split(x)
+
+        def rows(q: Array, v: Array, w: Array) -> Array:
+            return self._moving(q, v, w, np.zeros(w.shape))
+
+        return _batched(rows, (self.m, self.n, self.n), q, v, w)
+
+    def F(self, t: Array | float, x: Array, u: Array) -> Array:
+        """(..., n, p) force regressor of (4)."""
+        return _batched(self.forces, (0, self.m, self.n, self.n_u), t, *self.split(x), u)
+
+    def regressor(self, t: Array | float, x: Array, w: Array, a: Array, u: Array) -> Array:
+        """(..., n, p) combined regressor W = W_M + W_C − F (10)."""
+        lengths = 0, self.m, self.n, self.n, self.n, self.n_u
+        return _batched(self._whole, lengths, t, *self.split(x), w, a, u)
+
+    def mass_matrix(self, x: Array, theta: Array) -> Array:
+        """(..., n, n) M(x, θ), the matrix of (8)."""
+        q, _ = self.split(x)
+        theta = self.space.check(theta)
+
+        def matrices(q: Array) -> Array:  # some tensors (n, n, p) at a time
+            parts = (q[k : k + _TOGETHER] for k in range(0, max(len(q), 1), _TOGETHER))
+            return np.concatenate([self._mass_tensors(part) @ theta for part in parts])
+
+        return _batched(matrices, (self.m,), q)
+
+    def coriolis_matrix(self, x: Array, theta: Array) -> Array:
+        """(..., n, n) C(x, θ), the matrix of (9)."""
+        theta = self.space.check(theta)
+        columns = [
+            self.W_C(x, np.broadcast_to(e, np.shape(x)[:-1] + e.shape)) @ theta
+            for e in np.eye(self.n)
+        ]
+        return np.stack(columns, axis=-1)
+
+    def acceleration(self, t: Array | float, x: Array, w: Array, u: Array, theta: Array) -> Array:
+        """(..., n) v̇(t, x, w, θ) = M(x, θ)⁻¹ [−W_C(x, w) + F(t, x)] θ (29)."""
+        theta = self.space.check(theta)
+        force = (self.F(t, x, u) - self.W_C(x, w)) @ theta
+        a = np.linalg.solve(self.mass_matrix(x, theta), force[..., None])[..., 0]
+        return np.asarray(a, dtype=np.float64)
+
+    def evaluate(self, t: Array, x: Array, w: Array, u: Array, theta: Array) -> tuple[Array, Array]:
+        """The acceleration (29) and the regressor (10) of N samples; unchecked.
+
+        Args:
+            t: (N,) times [s].
+            x: (N, m+n) measured states.
+            w: (N, n) velocities that C multiplies.
+            u: (N, n_u) commands.
+            theta: (p,) or (N, p) parameters.
+
+        Returns:
+            (N, n) v̇(t, x, w, θ) (29), and (N, n, p) W(t, x, w, v̇) (10).
+        """
+        q, v = self.split(x)
+        thetas = np.broadcast_to(theta, (len(t), self.p))
+        a, W, pivots = self.stages(t, q, v, u, w, thetas)
+        for k in np.flatnonzero(~(pivots > 0)):  # M is not positive definite: solve by LU
+            a[k] = self.acceleration(t[k], x[k], w[k], u[k], thetas[k])
+            W[k] = self._W(float(t[k]), q[k], v[k], w[k], a[k], u[k])
+        return a, W
+
+    def evaluate_at(self, t: float, q: Array, v: Array, u: Array, w: Array, theta: Array) -> Stage:
+        """(29), (10, 31) and M̂'s pivot at a sample (t, q, v, u), for velocity w and estimate θ."""
+        rows = (np.asarray(each, dtype=np.float64)[None] for each in (t, q, v, u, w, theta))
+        a, W, pivots = self.stages(*rows)
+        return Stage(a[0], W[0], float(pivots[0]))
+
+
+def _batched(
+    function: Callable[..., Array], lengths: tuple[int, ...], *arguments: ArrayLike
+) -> Array:
+    """Applies a function of N samples over the leading axes of its arguments.
+
+    `lengths` are those of the arguments' last axes, 0 for a number.
+    """
+    arrays = [np.asarray(argument, dtype=np.float64) for argument in arguments]
+    for array, length in zip(arrays, lengths, strict=True):
+        if length and array.shape[-1:] != (length,):
+            raise InvalidInput(
+                "argument",
+                f"a last axis of length {length}",
+                f"shape {array.shape}",
+                "Give one row for each sample.",
+            )
+    ends = [(length,) if length else () for length in lengths]
+    pairs = list(zip(arrays, ends, strict=True))
+    batch = np.broadcast_shapes(*(array.shape[: array.ndim - len(end)] for array, end in pairs))
+    samples = [np.broadcast_to(array, batch + end).reshape(-1, *end) for array, end in pairs]
+    found = function(*samples)
+    return found.reshape(batch + found.shape[1:])
+
+
+def gains_by_command(system: SecondOrderSystem) -> list[Indices]:
+    """For each command, the indices of its gains: the actuator parameters whose force it changes.
+
+    They are found by changing one command at a time at a random state in the range of operation.
+    """
+    rng, found = np.random.default_rng(0), []
+    q, v, u = system.random_state(rng)
+    others, x = system.random_state(rng)[2], np.concatenate([q, v])
+    for k in range(system.n_u):
+        other = u.copy()
+        other[k] = others[k]
+        moved = (system.F(0.0, x, u) != system.F(0.0, x, other)).any(axis=0)
+        found.append(system.space.actuators[moved[system.space.actuators]])
+    return found
+
+
+def checked(system: SecondOrderSystem, measurement: Measurement) -> Measurement:
+    """Checks a measurement's shapes and that it is finite, and converts it to float arrays.
+
+    Raises:
+        InvalidInput: a shape differs from the system's, or a value is NaN or infinite.
+    """
+    remedy = "A measurement is (t, q, v, u) in the system's own coordinates."
+    t, q, v, u = measurement
+    return Measurement(
+        float(finite("t", t, (), remedy)),
+        finite("q", q, (system.m,), remedy),
+        finite("v", v, (system.n,), remedy),
+        finite("u", u, (system.n_u,), remedy),
+    )
