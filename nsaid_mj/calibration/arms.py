@@ -38,14 +38,14 @@ def structured_arm(
     recordings: Recordings,
     validation: Recordings | None,
     options: Options,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> Structured:
     """Chooses columns and delays of every joint and makes the rows of the fit.
 
     `robot` is a tree of joints, `recordings` are training logs, `validation` is a log that takes no
-    part in the fit, or None; `told` is called with the name of every stage.
+    part in the fit, or None; `report` is called with the name of every stage.
     """
-    told("filtering")
+    report("filtering")
     slow, measured, recordings = rate_checks(recordings.rate), recordings, finer(recordings)
     chosen, unknown = filter_for(recordings, options.cutoff), np.ones(len(robot.joints))
     rows = JointRows(robot, recordings, chosen, unknown, loads=options.loads)
@@ -53,7 +53,7 @@ def structured_arm(
         rows.robot = robot = _weighed(rows)
         rows.loading = file_links(robot.model)
     rows.gain, rows.spread, faults = expected_gains(rows)
-    told("choosing columns and delays")
+    report("choosing columns and delays")
     choice, notes = choose(rows, options.coupled, options.delay, options.columns)
     rows.gain = expected_gains(rows, choice)[0]
     problem, others = rows.problem(choice), iter(())
@@ -61,7 +61,7 @@ def structured_arm(
     if not refused(faults):
         faults += reversed_commands(rows, choice, problem)
     if not refused(faults):
-        told("fitting delays")
+        report("fitting delays")
         choice, doubt, said = _finished(rows, choice, problem, options)
         others = _alternatives(rows, choice, doubt)
         notes, problem = [*notes, *said], rows.problem(choice)

@@ -38,7 +38,7 @@ def calibrate(
     *,
     known: Mapping[str, float] | None = None,
     findings: tuple[Finding, ...] = (),
-    told: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identifies the parameters of a robot from prepared recordings.
 
@@ -49,7 +49,7 @@ def calibrate(
         options: of the structure.
         known: values of parameters by name or label [SI].
         findings: earlier ones.
-        told: called with the name of every stage, for progress.
+        report: called with the name of every stage, for progress.
 
     Raises:
         UnusableLog: the log cannot be used; all findings are attached.
@@ -66,24 +66,24 @@ def calibrate(
         found += [f for f in validation.findings if f not in found]
     _refuse(found)
     build = structured_arm if arm else structured_vehicle
-    made = build(robot, recordings, validation, options, told)
+    made = build(robot, recordings, validation, options, report)
     found += made.findings
     _refuse(found)
-    told("fitting and estimating intervals")
+    report("fitting and estimating intervals")
     problem, fit, share, exact = _estimated(made, robot.weightless, known)
     tried, theta = made.suspects(fit.theta), fit.theta
     left = followed(problem, theta, exact.covariance, share, tried, made.noisier)
-    told("predicting held-out parts")
+    report("predicting held-out parts")
     joints = _joints(made, problem, theta, share, robot)
     doubted, exact = _judged(problem, exact, left, joints, arm)
     fitted = Fitted(made, problem, fit, exact, share, options.coupled)
     result = _identification(robot, recordings, fitted, joints, [*found, *doubted], known, begin)
     level = options.level | _without_offset(result)
     if options.columns is None and level != options.level:
-        told("fitting without an offset whose interval holds 0")
+        report("fitting without an offset whose interval holds 0")
         again = replace(options, level=level)
         return calibrate(
-            robot, recordings, validation, again, known=known, findings=findings, told=told
+            robot, recordings, validation, again, known=known, findings=findings, report=report
         )
     return result
 

@@ -43,7 +43,7 @@ def identify(
     cutoff: float | None = None,
     law: str = "batch",
     folder: PathLike | None = None,
-    told: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identifies plant and actuator parameters of a robot from logs of its motion.
 
@@ -66,7 +66,7 @@ def identify(
         law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` also
             follow the log, sample by sample, with the columns, delays and prior of the fit.
         folder: of the record of such a law; None keeps no files.
-        told: called with the name of every stage, for progress.
+        report: called with the name of every stage, for progress.
 
     Returns:
         The result, whose `explains` and `verdict` say whether the model explains the log at all.
@@ -77,16 +77,16 @@ def identify(
     """
     if law not in LAWS:
         raise UnknownName("law", law, LAWS)
-    told("reading the model")
+    report("reading the model")
     robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
     logs, chosen = _files(model, _listed(logs), mapping)
-    told("reading the log")
+    report("reading the log")
     recordings = recordings_of(logs, chosen, robot)
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
     validation = _validation(_listed(validate), other, robot)
     options = _options(robot, columns, coupled(chosen), delay, cutoff, loads)
-    found = calibrate(robot, recordings, validation, options, known=known, told=told)
-    return found if law == "batch" else with_law(found, law, folder, told)
+    found = calibrate(robot, recordings, validation, options, known=known, report=report)
+    return found if law == "batch" else with_law(found, law, folder, report)
 
 
 def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:

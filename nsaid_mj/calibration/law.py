@@ -68,7 +68,7 @@ class _Watch(Observer):
 
 
 def with_law(
-    found: Identification, law: str, folder: str | Path | None, told: Callable[[str], None]
+    found: Identification, law: str, folder: str | Path | None, report: Callable[[str], None]
 ) -> Identification:
     """An identification to which a law's run along the log, and findings about it, are added.
 
@@ -76,12 +76,12 @@ def with_law(
         found: by the batch fit.
         law: one of `LAWS` but `batch`.
         folder: of the law's record; None keeps no files.
-        told: called with the name of the stage.
+        report: called with the name of the stage.
 
     Raises:
         InvalidInput: the law does not suit the robot or its log.
     """
-    told(f"following the log by law {law}")
+    report(f"following the log by law {law}")
     with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
         along = follow_log(law, found, Path(place))
     findings = gravest_first((*found.findings, *law_findings(along)))

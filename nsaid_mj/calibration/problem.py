@@ -147,8 +147,8 @@ def folds(problem: Problem, count: int) -> list[tuple[Problem, Problem]]:
     A part is contiguous in time and has an equal share of the information in the rows of every
     velocity; otherwise rows in which a joint hardly moves might have to predict its only motion.
     """
-    told = np.cumsum(_leverages(problem), axis=0)
-    number = np.minimum((count * told / np.maximum(told[-1], 1e-300)).astype(int), count - 1)
+    sums = np.cumsum(_leverages(problem), axis=0)
+    number = np.minimum((count * sums / np.maximum(sums[-1], 1e-300)).astype(int), count - 1)
     found = []
     for k in range(count):
         own = problem.usable & (number == k)

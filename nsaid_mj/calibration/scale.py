@@ -153,12 +153,12 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
     combined, found = combinations(problem), []
     for name, value in known.items():
         index, why = _index(problem, name), "the log does not show it"
-        share, told = _share(problem, index), combined.members(index)
+        share, members = _share(problem, index), combined.members(index)
         if index in problem.space.actuators:
             why = "the log hardly relates it to the other parameters"
             why += ", and not at all to those of other limbs" if scale.limbs > 1 else ""
-        elif told:
-            seen = in_words(combined.expression(told[0]), problem.space)
+        elif members:
+            seen = in_words(combined.expression(members[0]), problem.space)
             why = f"the log shows it only in combination ({seen})"
         effect = "it changes no other parameter"
         if share > 0.005:

@@ -50,15 +50,15 @@ def choose(
     if delay is None:
         choice, shared, findings = _with_delays(rows, choice)
     for j in rows.driven:  # a passive joint has no command to predict
-        own, told, errors = _choose_joint(rows, choice, j, columns is None)
+        own, finding, errors = _choose_joint(rows, choice, j, columns is None)
         if choice.delay[j] != shared[j]:
             delays = choice.delay.copy()
             delays[j] = shared[j]
             alike = _choose_joint(rows, replace(choice, delay=delays), j, columns is None)
             if not _insists(alike[2], errors):  # friction at another speed imitates a delay
-                own, told, _ = alike
+                own, finding, _ = alike
         choice = own
-        findings.append(told)
+        findings.append(finding)
     return choice, findings
 
 

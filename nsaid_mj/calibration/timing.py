@@ -74,7 +74,7 @@ Cost = Callable[[Timing], float]
 
 
 def search(
-    cost: Cost, names: Sequence[str], free: Sequence[int], told: Callable[[str], None]
+    cost: Cost, names: Sequence[str], free: Sequence[int], report: Callable[[str], None]
 ) -> tuple[Timing, list[Timing], list[Finding]]:
     """The timing that minimises a cost, others that are as plausible, and notes.
 
@@ -83,9 +83,9 @@ def search(
         names: of the actuators.
         free: numbers of a timing that may change, see `_timing_of`: 0, the delay, and 1, the lag,
             where some commands are not measured speeds, and 2, the curve, where they are of rotors.
-        told: called with the name of every stage.
+        report: called with the name of every stage.
     """
-    told("searching for delays")
+    report("searching for delays")
     grid = np.arange(-REACH, REACH + 1e-9, _COARSE)
     costs = np.array([cost(Timing(d)) for d in grid])
     at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
@@ -102,7 +102,7 @@ def search(
         return np.inf if timing is None else cost(timing)
 
     if 1 in free:
-        told("choosing the actuators' curve and lag")
+        report("choosing the actuators' curve and lag")
         found = _with_drive(along, found, free)
     timing = _timing_of(found) or Timing()
     if edge and costs[at] <= costs[zero] - WORTH and timing == Timing():

@@ -202,26 +202,26 @@ def structured_vehicle(
     recordings: Recordings,
     validation: Recordings | None,
     options: Options,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> Structured:
     """Chooses delays and further columns of a vehicle and makes the rows of the fit.
 
     `recordings` are training logs, `validation` is a log that takes no part in the fit, or None;
-    `told` is called with the name of every stage.
+    `report` is called with the name of every stage.
     """
-    told("filtering")
+    report("filtering")
     rows = VehicleRows(robot, recordings, filter_for(recordings, options.cutoff))
     columns = (options.columns or frozenset()) & frozenset(EXTRA)
     trials = [rows] if options.cutoff is not None else _narrower(rows)
     rows = trials[len(trials) // 2]
     for _ in range(_ROUNDS):
-        timing, others, findings = _timing(rows, columns, options.delay, told)
-        told("choosing the cut-off")
+        timing, others, findings = _timing(rows, columns, options.delay, report)
+        report("choosing the cut-off")
         before, rows = rows, _most_telling(trials, columns, timing)
         if rows is before:
             break
     if options.columns is None:
-        told("choosing columns")
+        report("choosing columns")
         columns, notes = _richer(rows, timing)
         findings.extend(notes)
     problem = rows.problem(columns, timing)
@@ -272,14 +272,14 @@ def _timing(
     rows: VehicleRows,
     columns: frozenset[str],
     delay: Array | None,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> tuple[Timing, list[Timing], list[Finding]]:
     """The timing for rows, others that are as plausible, and notes; a given `delay` (k,) holds."""
     if delay is not None:
         return Timing(delay), [], []
     cost = _cost(rows, columns, Timing())
     free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
-    return search(lambda x: cost(columns, x), rows.robot.joints, free, told)
+    return search(lambda x: cost(columns, x), rows.robot.joints, free, report)
 
 
 def _narrower(rows: VehicleRows) -> list[VehicleRows]:

@@ -101,12 +101,12 @@ def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) 
         cutoff=chosen.cutoff,
         law=chosen.law,
         folder=folder / chosen.law,
-        told=progress.say,
+        report=progress.say,
     )
 
 
 def repeated(chosen: Identify) -> str:
-    """The command line of an identification, without where and how its results are told."""
+    """The command line of an identification, without the options that affect only its output."""
     words = ["nsaid", "identify", *([chosen.packed] if chosen.packed else [])]
     for field in fields(Identify):
         value = getattr(chosen, field.name)
@@ -121,7 +121,7 @@ def repeated(chosen: Identify) -> str:
 
 
 def write(
-    result: Identification, folder: Path, told: Callable[[str], None], command: str = ""
+    result: Identification, folder: Path, report: Callable[[str], None], command: str = ""
 ) -> tuple[Identification, list[Path]]:
     """Writes results, report, recording and calibrated models into a folder.
 
@@ -133,11 +133,11 @@ def write(
     from ..calibration.export import write_models
 
     folder.mkdir(parents=True, exist_ok=True)
-    told("writing and trying the calibrated models")
+    report("writing and trying the calibrated models")
     files, followed = write_models(result, folder)
     result = replace(result, findings=(*result.findings, *followed))
     write_json(folder / RESULT, without_nonfinite(result.summary()))
-    told("writing the report")
+    report("writing the report")
     from ..reporting import pages
     from ..reporting.identification import page
 
@@ -145,12 +145,12 @@ def write(
     from .. import recording
 
     if recording.available():
-        told("writing the recording")
+        report("writing the recording")
         files.append(recording.record(result, folder / recording.FILE))
     if result.law is not None:
         from ..recording.postprocessing import finish
 
-        finish(result.law.run, told)
+        finish(result.law.run, report)
         files.append(result.law.run.folder / "report.html")
     return result, [folder / RESULT, *files]
 
@@ -206,8 +206,8 @@ def identify_given(
     path.parent.mkdir(parents=True, exist_ok=True)
     model_file = path.with_name(f"{result.robot.name}.xml")
     write_servo_mjcf(result, model_file)
-    told, replay = _followed(others, given, result, model_file)
-    result = replace(result, findings=(*result.findings, told))
+    followed, replay = _followed(others, given, result, model_file)
+    result = replace(result, findings=(*result.findings, followed))
     write_json(path, without_nonfinite(result.summary()))
     from .. import recording
     from ..reporting.identification.servos import write_servos

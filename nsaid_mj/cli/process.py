@@ -60,7 +60,7 @@ def open_streams() -> None:
     """Opens the null device in place of closed standard streams, and lets them take any name.
 
     Otherwise the next opened file would get the number of a standard stream, and a path that is not
-    in the stream's encoding would end the program when it is told.
+    in the stream's encoding would raise an exception when it is printed.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:

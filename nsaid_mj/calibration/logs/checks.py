@@ -68,9 +68,9 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     found += still + [finding for finding in said if finding.where not in {f.where for f in still}]
     measured = [j for j in _measured(recordings, robot) if j not in resting]
     found += _velocities(motion, robot, measured)
-    told = {finding.where for finding in found}
+    reported = {finding.where for finding in found}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
-    found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in told]
+    found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in reported]
     if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
     return tuple(found)

@@ -34,7 +34,7 @@ from .weighing import Weighed, weigh
 _KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
 _LEAST_SAG = 0.25  # variation of a joint's sinking under its load, over the deviation of its zero
 _PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances add
-_UNTOLD = 2.0  # standard deviation of ln θ above which a joint says nothing of the others
+_VAGUE = 2.0  # standard deviation of ln θ above which a joint has no information on the others
 _CONTRADICTS = 0.8  # residual with an own kp over that with the others' mean, below which it stays
 UNITS = ("mrad", "mm")  # of a thousandth of a hinge's and a slide's position
 _NEARLY = 0.8  # error over that of a simple prediction, above which the model explains nothing
@@ -142,7 +142,7 @@ def estimate(
     robot: RobotModel,
     logs: Sequence[ServoLog],
     kp: Array,
-    told: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
     load: Load | None = None,
     limits: Array | None = None,
 ) -> Estimate:
@@ -156,17 +156,17 @@ def estimate(
         robot: the model.
         logs: at least one; free ones come before those with a load.
         kp: (n,) of the model file [N·m/rad or N/m].
-        told: called with the name of every stage.
+        report: called with the name of every stage.
         load: that the loaded logs carry.
         limits: (n,) largest force of every servo by the model file [N·m or N], used where the logs
             show it; None without.
     """
     limits = np.full(len(kp), np.inf) if limits is None else limits
     slide = [slides(joint) for joint in moving_joints(robot.model)]
-    fitted = fit_free([log for log in logs if not log.loaded], limits, told)
+    fitted = fit_free([log for log in logs if not log.loaded], limits, report)
     free, fits, priors, used = fitted
     if load is not None:
-        told("weighing the load")
+        report("weighing the load")
         every = [log._replace(limit=free[0].limit) for log in logs]
         rest = np.ones(sum(len(log.t) for log in logs) - len(used))
         found = weigh(robot, every, load, fits, priors, np.append(used, rest))
@@ -293,8 +293,8 @@ def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[Joint
     is larger. kp is left as it is: gravity differs from joint to joint.
     """
     own = np.array([np.diag(joint.covariance) for joint in joints])
-    told = (own > 0) & (own < _UNTOLD**2)
-    mean = np.where(told, own, 0.0).sum(axis=0) / np.maximum(told.sum(axis=0), 1)
+    usable = (own > 0) & (own < _VAGUE**2)
+    mean = np.where(usable, own, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
     degrees = float(cluster.max())
     wider = (degrees * own + _PRIOR_DEGREES * mean) / (degrees + _PRIOR_DEGREES)
     factor = np.sqrt(np.where(own > 0, np.maximum(wider, own) / np.maximum(own, 1e-300), 1.0))

@@ -83,7 +83,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     for scale in result.scale:
         total = numbers(scale.value * mj.body_subtreemass[0])
         root.findall("compiler")[-1].set("settotalmass", total)
-    told = "\n".join(
+    lines = "\n".join(
         f"{s.name}: delay {s.delay * 1e3:.1f} ms, kp "
         + ("determined by gravity" if s.gravity else "a convention")
         for s in result.servos
@@ -92,7 +92,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         f"All masses are {scale.value:.3g} of the original file's, by a weighed load.\n"
         for scale in result.scale
     )
-    parts = {"masses": weighed, "joints": told, "profile": _PROFILED if profiles.any() else ""}
+    parts = {"masses": weighed, "joints": lines, "profile": _PROFILED if profiles.any() else ""}
     write_xml(path, root, _REMARK.format(verdict=result.verdict, **parts))
 
 

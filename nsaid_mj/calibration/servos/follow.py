@@ -48,9 +48,9 @@ def follow(
         used: (N,) 1 of samples that count, 0 of windows with foreign forces.
     """
     starts = np.array([np.log(start([_begin(own[0])])[:3]) for own in logs])
-    told = starts[:, GRAVITY] > np.log(2 * LEAST[GRAVITY])
-    if told.any():  # servos of an arm are alike
-        starts[~told, GRAVITY] = starts[told, GRAVITY].mean()
+    determined = starts[:, GRAVITY] > np.log(2 * LEAST[GRAVITY])
+    if determined.any():  # servos of an arm are alike
+        starts[~determined, GRAVITY] = starts[determined, GRAVITY].mean()
     return tuple(
         _followed(own, fit, x, used) for own, fit, x in zip(logs, fits, starts, strict=True)
     )

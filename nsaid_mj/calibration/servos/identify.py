@@ -41,7 +41,7 @@ from .words import (
 
 _MOST = 0.3  # share of masked samples that points to the structure rather than foreign forces
 
-_TRADED = 1e-3  # that a profile which was not told trades with a delay, on simulated arms [s]
+_TRADED = 1e-3  # that an unstated profile trades with a delay, on simulated arms [s]
 
 
 class ServoLogs(NamedTuple):
@@ -135,13 +135,13 @@ def read_servos(
 
 @single_threaded
 def identify_servos(
-    given: ServoLogs, told: Callable[[str], None] = lambda _: None, law: str = "batch"
+    given: ServoLogs, report: Callable[[str], None] = lambda _: None, law: str = "batch"
 ) -> ServoIdentification:
     """Identifies stiffness, damping, friction, armature and delay of every servo by output error.
 
     Args:
         given: an arm and its logs, see `servo_logs`.
-        told: called with the name of every stage, for progress.
+        report: called with the name of every stage, for progress.
         law: `batch`, or `efficient` to run a filter along the logs as well.
 
     Raises:
@@ -152,10 +152,10 @@ def identify_servos(
     if length < 10.0:
         remedy = "Intervals need several motions."
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
-    told("looking for a profile of the targets")
+    report("looking for a profile of the targets")
     given, profile = _with_profile(given)
     limits = np.asarray(given.robot.limits, dtype=np.float64)
-    found = estimate(given.robot, given.logs, given.kp, told, given.load, limits)
+    found = estimate(given.robot, given.logs, given.kp, report, given.load, limits)
     if profile:
         found = found._replace(joints=tuple(j.widened(DELAY, _TRADED) for j in found.joints))
     names, joints, used = given.robot.joints, found.joints, found.used
@@ -173,7 +173,7 @@ def identify_servos(
         notes.append(weighed(given.load, carrying, found.scale))
     along: tuple[Parameter, ...] = ()
     if law == "efficient":
-        told("following the logs by law efficient")
+        report("following the logs by law efficient")
         along = _along(given, found)
         notes += apart(along, own)
     return ServoIdentification(
@@ -191,7 +191,7 @@ def identify_servos(
 
 
 def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
-    """The arm and its logs with the targets' profile that the logs show, if none was told."""
+    """The arm and its logs with the targets' profile that the logs show, if none was stated."""
     servos = given.robot.servos
     assert servos is not None  # as the logs are of targets
     if servos.profile.any():

@@ -74,10 +74,10 @@ class Fitted(NamedTuple):
 def fit_free(
     logs: list[ServoLog],
     limits: Array,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> Fitted:
     """Fits of all joints to the free logs, without windows of foreign forces."""
-    told("fitting every servo alone")
+    report("fitting every servo alone")
     found = Fitted(logs, [], [], np.ones(sum(len(log.t) for log in logs)))
     for j in range(len(limits)):
         own = found.simulated(j)
@@ -87,7 +87,7 @@ def fit_free(
     used = found.used
     for j, fit in enumerate(found.fits):
         used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
-    told("fitting all servos together, without foreign forces")
+    report("fitting all servos together, without foreign forces")
     found = _together(logs, _alike(found._replace(used=used)))
     limited = _saturated(found, limits)
     if np.isfinite(limited).any():

@@ -176,15 +176,15 @@ def _stiffer(recordings: Sequence[Table], mapping: Map) -> dict[str, float]:
     Raises:
         InvalidInput: it tells that of some recordings only.
     """
-    told = {name: file.p for name, file in mapping.files.items() if file.p is not None}
+    stated = {name: file.p for name, file in mapping.files.items() if file.p is not None}
     sources = [recording.source for recording in recordings]
-    missing = [source for source in sources if source not in told]
-    if not told or not sources:
+    missing = [source for source in sources if source not in stated]
+    if not stated or not sources:
         return {}
     if missing:
         remedy = "State `p` of every file, or of none."
         raise InvalidInput("map: files", "p of every log", f"none of {missing[0]}", remedy)
-    return {source: told[source] / told[sources[0]] for source in sources}
+    return {source: stated[source] / stated[sources[0]] for source in sources}
 
 
 def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:

@@ -167,11 +167,11 @@ def verdict(
 
 def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
     """Reports where kp comes from, and how an offset would change it."""
-    told = [s.name for s in servos if s.gravity]
+    by_gravity = [s.name for s in servos if s.gravity]
     others = [s.name for s in servos if not s.gravity]
     found = []
     if others:
-        source = "the mean of the others" if told else "the model file's"
+        source = "the mean of the others" if by_gravity else "the model file's"
         source += " unless the motion contradicts that"
         text = f"gravity does not reveal kp, which is {source}; the motion depends on kv/kp, f/kp "
         text += "and armature/kp"
