@@ -34,7 +34,7 @@ class InvalidInput(NsaidError, ValueError):
     """A value that cannot be used.
 
     Attributes:
-        name: of the value, as the caller knows it.
+        name: name of the value, as the caller knows it.
         expected: what would have been accepted.
         got: the value, or what is wrong with it.
         remedy: what to do about it.

@@ -216,8 +216,8 @@ class SensorLevels(NamedTuple):
     """Assumed standard deviations of the sensors' noise, white from sample to sample.
 
     Attributes:
-        position: of every position coordinate [rad or m].
-        velocity: of every velocity [rad/s or m/s].
+        position: standard deviation of every position coordinate [rad or m].
+        velocity: standard deviation of every velocity [rad/s or m/s].
     """
 
     position: float = 0.0

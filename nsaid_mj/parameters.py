@@ -259,7 +259,7 @@ class ParameterSpace:
 
         Args:
             theta: the parameters.
-            name: of θ, for messages.
+            name: name of θ, for messages.
 
         Raises:
             InvalidInput: the shape differs, or an entry is NaN or infinite.

@@ -46,7 +46,7 @@ def calibrate(
         robot: the model.
         recordings: training logs.
         validation: a log that takes no part in the fit; None to hold out parts of the training.
-        options: of the structure.
+        options: options of the structure.
         known: values of parameters by name or label [SI].
         findings: earlier ones.
         report: called with the name of every stage, for progress.

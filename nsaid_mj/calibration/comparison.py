@@ -109,7 +109,7 @@ def compare_arms(
         robot: the arm for which its recordings were prepared.
         recordings: its logs.
         models: files or names of models with the same joints, `IDENTIFIED` and `SYSID`.
-        options: of the identified model's structure.
+        options: options of the identified model's structure.
         report: called with the name of every stage.
 
     Raises:

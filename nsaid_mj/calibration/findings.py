@@ -32,7 +32,7 @@ class UnreadableLog(UnusableLog):
     """A log file that cannot be read.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         reason: what is wrong with it.
         remedy: what to do about it.
     """
@@ -46,7 +46,7 @@ class MissingExtra(NsaidError):
     """A file format whose library is not installed.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         extra: the optional dependency to install.
     """
 

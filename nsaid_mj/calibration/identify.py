@@ -61,11 +61,11 @@ def identify(
         joints: the joints that move; all others are locked.
         columns: columns of all joints besides rotor inertia, viscous and Coulomb friction, names of
             `calibration.joints.COLUMNS`; None to choose them for every joint inside the log.
-        delay: of the commands [s], one or one per command; None to search within ±0.2 s.
-        cutoff: of the low-pass filter of all rows [Hz]; None for the motion's bandwidth.
+        delay: delay of the commands [s], one or one per command; None to search within ±0.2 s.
+        cutoff: cut-off frequency of the low-pass filter [Hz]; None for the motion's bandwidth.
         law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` also
             follow the log, sample by sample, with the columns, delays and prior of the fit.
-        folder: of the record of such a law; None keeps no files.
+        folder: folder of the record of such a law; None keeps no files.
         report: called with the name of every stage, for progress.
 
     Returns:

@@ -75,7 +75,7 @@ def with_law(
     Args:
         found: by the batch fit.
         law: one of `LAWS` but `batch`.
-        folder: of the law's record; None keeps no files.
+        folder: folder of the law's record; None keeps no files.
         report: called with the name of the stage.
 
     Raises:

@@ -75,7 +75,7 @@ class LoggedArm(JointTree, StructuredSystem):
 
     Args:
         model: kinematics, without inertia.
-        structure: of the robot.
+        structure: structure of the robot.
         space: names, units and scale of θ.
         speed: (n,) largest velocities in operation.
         command: (n_u,) largest commands.
@@ -119,7 +119,7 @@ class LogRobot(MeasuredRobot):
         robot: path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle, for
             its kinematics.
         joints: the joints that move; none of a vehicle.
-        blocks: of θ.
+        blocks: blocks of θ.
         prior: (p,) θ̂(0).
         columns: for every velocity, the names of its columns.
         speeds: for every joint, s of tanh(v/s) of Coulomb friction [rad/s or m/s].

@@ -115,7 +115,7 @@ class Payload(NamedTuple):
     Attributes:
         block: the ten inertial parameters, in the frame of the joint that moves the load.
         prior: (10,) a ball of its mass, large if its place is unknown.
-        place: of the carrying link's ten parameters in θ.
+        place: place of the carrying link's ten parameters in θ.
         sources: names of the files that carry it.
         known: values of its parameters by label: the mass, and its moments if its place is known.
     """

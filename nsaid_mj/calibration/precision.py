@@ -61,7 +61,7 @@ class Precision(NamedTuple):
 
     Attributes:
         theta: (p,) θ̂.
-        covariance: (p, p) of θ̂: data and prior, under correlated residuals.
+        covariance: (p, p) covariance of θ̂: data and prior, under correlated residuals.
         data: (p, p) information of the data alone.
         parts: (K, p) changes of θ̂ without one part of the log, scaled as the jackknife's variance:
             the deviation of wᵀθ̂ between parts of the log is ‖parts w‖.

@@ -71,7 +71,7 @@ class Followed(NamedTuple):
 
     Attributes:
         suspect: the effect.
-        share: (n,) of the residuals' variance that it explains.
+        share: (n,) share of the residuals' variance that it explains.
         shift: (p,) by which it would move θ̂, less the part of chance.
         coefficients: (c,) γ of its columns.
     """
@@ -95,7 +95,7 @@ def followed(
     Args:
         problem: rows and prior.
         theta: (p,) θ̂.
-        covariance: (p, p) of θ̂ under the fit's own structure: H⁻¹.
+        covariance: (p, p) covariance of θ̂ under the fit's own structure: H⁻¹.
         share: (n,) rows per effectively independent row, as in the fit.
         suspects: to be tried; of a long log, only some rows of each are kept.
         noisier: gives rows and suspects at θ (p,) of the same motion with twice the variance of the
@@ -253,7 +253,7 @@ class _Rows:
 
     Attributes:
         X_T: (p, N n) transposed columns of the fit: changes of the residuals over the effort.
-        weight: (N, n) of the rows.
+        weight: (N, n) weight of the rows.
         noisy: the same rows with noise twice; None as long as that is unknown.
     """
 

@@ -54,8 +54,8 @@ class Filter(NamedTuple):
     """The low-pass filters of a fit.
 
     Attributes:
-        cutoff: of the rows [Hz]: one and the same for regressors and commands.
-        rate: of the recordings [Hz].
+        cutoff: cut-off frequency of the rows [Hz]: one and the same for regressors and commands.
+        rate: rate of the recordings [Hz].
         every: samples of the recordings per computed regressor.
         least: computed regressors per row of the fit, at least.
         differentiate: whether velocities are derivatives of the positions, not the measured ones.

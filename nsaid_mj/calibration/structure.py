@@ -22,8 +22,8 @@ class Options:
             cross-validation inside the log.
         coupled: pairs (i, j, ±1) of joints, by number, whose motor turns by v_i ± v_j.
         delay: (k,) delays of the commands [s]; None to search for them.
-        cutoff: of the rows' filter [Hz]; None for the bandwidth of the motion.
-        loads: of known mass, carried in some of the logs.
+        cutoff: cut-off frequency of the rows' filter [Hz]; None for the bandwidth of the motion.
+        loads: payloads of known mass, carried in some of the logs.
         level: names of joints for which no constant offset is tried.
     """
 
@@ -39,10 +39,10 @@ class Velocity(NamedTuple):
     """The structure chosen for one velocity.
 
     Attributes:
-        name: of the joint, or of the component of a body's twist.
+        name: name of the joint, or of the component of a body's twist.
         columns: names of its friction columns.
         friction_speed: s of tanh(v/s) [rad/s or m/s]; NaN where there is no such column.
-        delay: of its command [s].
+        delay: delay of its command [s].
     """
 
     name: str
@@ -61,9 +61,9 @@ class Structured(NamedTuple):
         checked: rows of the validation log; None without one.
         velocities: the choice for every velocity.
         findings: what was tried and noticed.
-        cutoff: of the rows' filter [Hz].
+        cutoff: cut-off frequency of the rows' filter [Hz].
         links: (10 k,) parameters of the links whose weight loads the friction of an arm's joints.
-        delays: (k,) of the commands [s].
+        delays: (k,) delays of the commands [s].
         suspects: effects outside the structure, for a (p,) θ̂, that the residuals may follow.
         noisier: the problem and the suspects with twice the variance of the sensors' noise, for a
             (p,) θ̂; None where suspects do not depend on the measured motion.

@@ -63,7 +63,7 @@ class Timing(NamedTuple):
 
     Attributes:
         delay: that all actuators share [s]; (k,) one for each where it is given.
-        drive: of the actuators.
+        drive: dynamics of the actuators.
     """
 
     delay: float | Array = 0.0
@@ -79,8 +79,8 @@ def search(
     """The timing that minimises a cost, others that are as plausible, and notes.
 
     Args:
-        cost: of a timing.
-        names: of the actuators.
+        cost: cost of a timing.
+        names: names of the actuators.
         free: numbers of a timing that may change, see `_timing_of`: 0, the delay, and 1, the lag,
             where some commands are not measured speeds, and 2, the curve, where they are of rotors.
         report: called with the name of every stage.

@@ -96,7 +96,7 @@ def _exit(action: Callable[[], int]) -> NoReturn:
 
 
 def _say(words: object, code: int) -> int:
-    """Prints one line to the standard error, if it takes it, and returns the exit code."""
+    """Prints one line to the standard error, unless that is closed, and returns the exit code."""
     with suppress(OSError):
         print(printable(f"nsaid: {words}"), file=sys.stderr, flush=True)
     return code
@@ -108,7 +108,7 @@ def command(arguments: Sequence[str]) -> int:
 
 
 def _telling(action: Callable[[], int]) -> int:
-    """Executes an action; an exception in a user's script becomes a `BadScript`, an exit too."""
+    """Executes an action; an exception or exit in a user's script becomes a `BadScript`."""
     try:
         return action()
     except NsaidError:
@@ -221,7 +221,7 @@ def _carry_out(
 
 
 def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
-    """Post-processes a run; if that is interrupted or the disk is full, says how to go on."""
+    """Post-processes a run; if interrupted or out of disk space, says how to resume."""
     from ..recording.postprocessing import finish
 
     again = f"`nsaid view --rebuild {shlex.quote(str(result.folder))}` finishes the run"

@@ -223,13 +223,13 @@ def identify_given(
 def _followed(
     others: ServoLogs | None, given: ServoLogs, result: ServoIdentification, path: Path
 ) -> tuple[Finding, Replayed]:
-    """How far MuJoCo departs from logs with the exported file, and with the user's own.
+    """Deviation of MuJoCo from logs with the exported file, and with the user's own.
 
     Args:
-        others: logs that took no part in the fit, which are followed if there are any.
+        others: logs not used in the fit, which are simulated if there are any.
         given: those of the fit.
-        result: of the fit.
-        path: of the exported file.
+        result: result of the fit.
+        path: path of the exported file.
     """
     from ..calibration.findings import Finding
     from ..calibration.servos import Replayed, rollout
@@ -300,7 +300,7 @@ def document(found: Inspection) -> dict[str, object]:
 
 
 def _written(found: Inspection, chosen: Inspect) -> list[Path]:
-    """Writes the picture and, if a model is given and no map, a first map; returns the files.
+    """Writes the plot and, if a model but no map is given, a first map; returns the files.
 
     An existing map may have been edited by hand and is kept: a new one that differs gets another
     name, and so does the picture beside one that is not ours.

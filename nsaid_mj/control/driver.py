@@ -26,7 +26,7 @@ class Tracking(NamedTuple):
     """Parameters of a computed-torque controller for an arm on a fixed base.
 
     Attributes:
-        structure: of the arm.
+        structure: structure of the arm.
         driven: (d,) numbers of the joints that have a motor.
         theta: (p,) the controller's model θ̂₀; the gains of the motors come last.
         series: the reference trajectory of the joints.

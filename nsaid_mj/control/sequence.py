@@ -30,7 +30,7 @@ class Phase(Config):
 
     Attributes:
         driver: makes the commands; its time is 0 at the beginning of the phase.
-        duration: of the phase [s].
+        duration: duration of the phase [s].
     """
 
     _path = "excitation.phases"

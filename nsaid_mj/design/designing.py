@@ -66,7 +66,7 @@ class Design:
         criterion: the minimised criterion.
         driver: makes the motion.
         logs: the simulated motion under every draw, of exact sensors.
-        uses: of every limit, the largest over the draws.
+        uses: use of every limit, the largest over the draws.
         covariances: (DRAWS, p, p) predicted of θ̂/scale.
         compared: predicted rms deviations of the requested numbers, for random motions of the
             scenario's own excitation.
@@ -144,7 +144,7 @@ def design(
         wanted: the requested numbers; see `asked_for`.
         criterion: one of `CRITERIA`.
         limits: maps the default limits to those that apply.
-        seed: of the search.
+        seed: seed of the search.
         effort: multiplies the number of candidates.
         report: receives progress.
 

@@ -30,7 +30,7 @@ class Asked:
     Attributes:
         words: description for reports.
         names: one for each number.
-        rows: of θ (p,), the (k, p) derivatives of the numbers with respect to θ/scale.
+        rows: maps θ (p,) to the (k, p) derivatives of the numbers with respect to θ/scale.
     """
 
     words: str
@@ -212,7 +212,7 @@ class Ranks:
         needed: p − r of the structure: the dimension of P_⊥.
         bound: number of harmonics that a system with a regressor linear in its signals needs at
             least: n (2h + 1) ≥ p − r.
-        measured: (h, rank) of random motions with the first h harmonics or tones of every signal.
+        measured: (h, rank): rank of random motions with the first h harmonics of every signal.
     """
 
     needed: int

@@ -37,7 +37,7 @@ class Limit:
     Attributes:
         low: (k,) smallest values.
         high: (k,) largest values.
-        unit: of the values.
+        unit: unit of the values.
     """
 
     low: Array

@@ -250,7 +250,7 @@ class Interval:
     """A parameter's predicted 95 % interval, at a fixed common scale.
 
     Attributes:
-        name: of the parameter.
+        name: name of the parameter.
         label: readable description.
         kind: name of its block.
         unit: SI unit.
@@ -275,7 +275,7 @@ class Prediction:
     """The prediction of an experiment's results.
 
     Attributes:
-        intervals: of all parameters.
+        intervals: intervals of all parameters.
         asked: (names, predicted standard deviations) of the requested numbers.
         weak: the weakest directions of θ/scale and what helps each, the weakest first.
         weak_count: number of weak directions; `weak` describes the first of them.

@@ -66,7 +66,7 @@ class Determined(NamedTuple):
         indices: (k,) in θ.
         deviation: (k,) standard deviation of each, in its unit.
         below_noise: (k,) whether the data are uninformative about it.
-        correlation: (k, k) of their errors.
+        correlation: (k, k) correlation of their errors.
     """
 
     indices: Indices

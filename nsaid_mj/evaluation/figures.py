@@ -58,7 +58,7 @@ class Judge:
     """Computes the figures of estimates of one plant, from any method.
 
     Args:
-        truth: of the plant.
+        truth: true parameters of the plant.
     """
 
     def __init__(self, truth: Truth):

@@ -59,8 +59,8 @@ class Whiteness(NamedTuple):
         chance: probability that white innovations have a cell, an octave or a line of one channel,
             as large as the largest is, times the number of cells.
         energy: squared normalised innovations in excess of chance, in the cells with more than it.
-        channel: of the largest cell; −1 if there is none.
-        period: of the largest cell [samples]; infinite for the mean.
+        channel: channel of the largest cell; −1 if there is none.
+        period: period of the largest cell [samples]; infinite for the mean.
     """
 
     chance: float

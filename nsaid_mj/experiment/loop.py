@@ -42,7 +42,7 @@ class Run:
 
     Attributes:
         scenario: the scenario that was run.
-        folder: of the run's files.
+        folder: folder of the run's files.
         record: the recorded measurements and estimates, read from the folder as they are used.
         system: the structure that was identified.
         prior: (p,) θ̂(0).
@@ -108,7 +108,7 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
 
     Args:
         scenario: the scenario to run.
-        folder: of the run's files; created if missing, files of an earlier run are replaced.
+        folder: folder of the run's files; created if missing, files of an earlier run are replaced.
         observers: called during the run.
 
     Raises:

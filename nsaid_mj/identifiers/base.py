@@ -117,7 +117,7 @@ class Confidence(NamedTuple):
     """Uncertainty of an estimate.
 
     Attributes:
-        covariance: (p, p) of θ̂ at a fixed common scale.
+        covariance: (p, p) covariance of θ̂ at a fixed common scale.
         prior: (p, p) covariance before any data.
         blocks: (n,) effective number of independent samples in each row of the momentum balance.
     """

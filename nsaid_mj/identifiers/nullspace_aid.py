@@ -65,7 +65,7 @@ class NullspaceIdentifier(Identifier):
         prior: (p,) θ̂(0).
         dt: time between measurements [s].
         hermite: cubic Hermite interpolation between samples; else linear.
-        memory: of past data; None for a law without one.
+        memory: memory of past data; None for a law without one.
 
     Raises:
         InvalidInput: a shape or value is wrong, K is not positive definite, or too fast for dt.

@@ -63,7 +63,7 @@ class Compiled(ABC):
     Args:
         function: its text.
         signature: its types; if None, compiled functions cannot call it before it is compiled.
-        options: of `numba.njit`; with a signature, on top of `FAST`.
+        options: options of `numba.njit`; with a signature, on top of `FAST`.
     """
 
     def __init__(self, function: Callable[..., Any], signature: Any, options: Any):

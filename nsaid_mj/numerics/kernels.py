@@ -58,7 +58,7 @@ class Kernel(Compiled):
             that Python calls it with, and is part of every compiled function that calls it.
         calls: compiled functions it calls that its text does not name, as overloads do.
         inner: only compiled functions call it, and Python in tests.
-        options: of `numba.njit`.
+        options: options of `numba.njit`.
     """
 
     def __init__(

@@ -266,7 +266,7 @@ def nominal_scales(
     inertias.
 
     Args:
-        model: of the robot.
+        model: model of the robot.
         config: the data sheet.
         stated: (k,) `damping`, `friction` and `armature` that its file states, where `config` does
             not.

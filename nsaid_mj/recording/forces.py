@@ -35,7 +35,7 @@ class Arrows:
         mounts: (j, 3) points of application, in the body frame [m].
         offsets: (j, 3) from the commanded force's arrow to the estimated one's, in the body frame
             [m], so that neither hides the other.
-        radius: of an arrow [m].
+        radius: radius of an arrow [m].
         lengths: (j, 1) scale of each arrow [m/N].
         magnified: magnification of the arrows of some kinds of actuators, by name of the kind.
     """

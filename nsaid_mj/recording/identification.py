@@ -43,7 +43,7 @@ def record(result: Identification, file: Path) -> Path:
     Logs follow one another on the timeline `sim_time`; see `calibration.result.shifts`.
 
     Args:
-        result: of an identification.
+        result: result of an identification.
         file: path of the recording, ending in .rrd.
     """
     shifts = recording_shifts(result.recordings)
@@ -198,7 +198,7 @@ def _blueprint(
 
     Args:
         found: the identification.
-        camera: of the robot; None leaves the 3D view out.
+        camera: camera of the robot; None leaves the 3D view out.
         blocks: blocks of parameters whose estimates along the log are in the recording.
         plots: makes the plots.
     """
@@ -235,10 +235,10 @@ def joint_pages(
     """Verdict and robot beside the joints with the largest errors; pages of all, if these are more.
 
     Args:
-        camera: of the robot; None leaves the 3D view out.
+        camera: camera of the robot; None leaves the 3D view out.
         errors: one for each joint.
         view: the plot of a joint that takes a share of the window.
-        name: of the pages.
+        name: name of the pages.
     """
     left: list[rrb.View | rrb.Container] = [result("Verdict")]
     left += [] if camera is None else [robot(camera, "Robot, as logged")]
@@ -298,7 +298,7 @@ def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) ->
     """Writes a recording of the logs and their replay, atomically, and returns its path.
 
     Args:
-        found: of an identification of servos.
+        found: result of an identification of servos.
         replayed: the logs, and how the exported model follows them.
         file: path of the recording, ending in .rrd.
     """

@@ -49,7 +49,7 @@ def blueprint(
 
     Args:
         space: the parameters.
-        camera: of the robot; None leaves the 3D view out.
+        camera: camera of the robot; None leaves the 3D view out.
         plots: makes the plots.
         survey: camera on a vehicle's whole path; None leaves the path out.
         drawn: what is drawn on the robot, in words.

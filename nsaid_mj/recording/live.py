@@ -34,7 +34,7 @@ class Live(Observer):
     A failure of the viewer never stops the run: it is reported in one line, and streaming ends.
 
     Args:
-        name: of the run.
+        name: name of the run.
         speed: simulated seconds per second of wall time, at most; 0 for no limit.
 
     Raises:

@@ -34,8 +34,8 @@ class Plots:
     """Makes plots whose legends stand beside the curves, in an empty part of the time axis.
 
     Args:
-        curves: of the recording, whose names are in the legends.
-        end: of the run [s]; None if unknown, as in a running one.
+        curves: curves of the recording, whose names are in the legends.
+        end: end of the run [s]; None if unknown, as in a running one.
         window: time that a plot shows, most of it after the cursor [s]; None for the whole run.
     """
 

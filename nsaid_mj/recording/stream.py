@@ -34,8 +34,8 @@ def write(
 
     Args:
         file: path of the recording, ending in .rrd; it is returned.
-        name: of the recording.
-        layout: of the viewer.
+        name: name of the recording.
+        layout: layout of the viewer.
         documents: Markdown, by entity.
         series: (N,) times [s] and the curves over them.
         draw: logs the robot.

@@ -64,7 +64,7 @@ class Table:
     """A table.
 
     Attributes:
-        heads: of the columns; the first names the table on the terminal.
+        heads: titles of the columns; the first names the table on the terminal.
         lines: cells; on the terminal a line of one cell is the title of those below it.
         text: indices of the columns that are not numbers.
         ids: prefix of the lines' ids, the targets of `Link`; empty for none.

@@ -355,9 +355,9 @@ def png_of(
 
     Args:
         lines: drawing functions by title, from top to bottom; all lines have the same titles.
-        size: of the whole picture [inch].
-        path: of the file; it is returned.
-        names: of the lines, on their left; empty for none.
+        size: size of the whole picture [inch].
+        path: path of the file; it is returned.
+        names: names of the lines, on their left; empty for none.
     """
     with style():
         figure = Figure(figsize=size, layout="constrained")

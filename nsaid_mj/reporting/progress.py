@@ -39,7 +39,7 @@ class Progress(Observer):
     times a spinner with the text set by `say`. It reports when kernels are being compiled.
 
     Args:
-        name: of the run.
+        name: name of the run.
         quiet: show nothing.
     """
 

@@ -35,7 +35,7 @@ class RobotFile(NamedTuple):
     """The file that describes a robot.
 
     Attributes:
-        path: of its URDF or MJCF.
+        path: path of its URDF or MJCF.
         named: whether it was given by a name.
         floats: whether its base moves, though its file does not say so.
     """
@@ -51,7 +51,7 @@ def load_robot(name: str, base: Base = "held") -> RobotModel:
     Joints that follow others (`<mimic>`) get coordinates of their own, and a warning.
 
     Args:
-        name: of a packed robot or one of example-robot-data, or the path of a URDF or MJCF file.
+        name: a robot, packed or of example-robot-data, or the path of a URDF or MJCF file.
         base: whether a floating base is held or free. With `free`, a URDF file's root floats.
 
     Raises:
@@ -76,7 +76,7 @@ def load_tree(
     """Reads a robot to identify: unphysical inertias are moved inside the cone, and reported.
 
     Args:
-        name: of a packed robot or one of example-robot-data, or the path of a URDF or MJCF file.
+        name: a robot, packed or of example-robot-data, or the path of a URDF or MJCF file.
         lock: joints to fix, at 0 or at the nearest limit.
         joints: joints to keep; None keeps all that are not in `lock`.
         others: further names to suggest.

@@ -82,7 +82,7 @@ class LiveIdentifier:
 
     Attributes:
         estimate: the newest one that `update` or `wait` has read; None before the first.
-        folder: of the run; None before it has begun.
+        folder: folder of the run; None before it has begun.
         summary: the run's summary.json; empty before the context has ended.
     """
 

@@ -66,7 +66,7 @@ class Cleaner:
         frame: axes of the samples.
 
     Attributes:
-        counts: of samples so far.
+        counts: counts of samples so far.
 
     Raises:
         UnknownName: there is no such frame.

@@ -97,8 +97,8 @@ class Workspace(NamedTuple):
     """Workspace of a stage. Kernels allocate nothing.
 
     Attributes:
-        motion: (b · MOTION,) of the bodies.
-        inertia: (b · INERTIA,) of every body with all that it carries, in the common frame.
+        motion: (b · MOTION,) motion of the bodies.
+        inertia: (b · INERTIA,) inertia of every body with all that it carries, in the common frame.
         M: (n, n) mass matrix, lower triangle.
         L: (n, n) its factor.
         rows: (ROWS, n) vectors of velocities.
@@ -122,7 +122,7 @@ class Slopes(NamedTuple):
     """Workspace for derivatives of the forward dynamics, see `slopes`.
 
     Attributes:
-        state: of a sample.
+        state: state of a sample.
         bodies: (b · SLOPE,) of every body with all that it carries: of entries and columns the
             inertia (6, 6) and the derivatives of the wrench by twist (6, 6) and by a turn (6, 6);
             the total wrench; of rigid-body parameters the momentum, and the rate of Ī (6,).

@@ -31,11 +31,11 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
     """Adds a motion's information about θ_⊥ to J (d, d); returns whether M and S stayed ≻ 0.
 
     Args:
-        structure: of the system.
+        structure: structure of the system.
         work: workspace.
         slopes: workspace.
         theta: (p,) at which the system is linearised.
-        scale: (p,) of θ.
+        scale: (p,) scale of θ.
         basis: (p, d) Z, orthonormal.
         R0: (2n,) variances of the state at the first sample.
         R: (2n,) variances of the noise at all others.

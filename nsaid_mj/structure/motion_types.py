@@ -40,8 +40,8 @@ class StructureMotion(NamedTuple):
         t: (N,) times [s].
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
-        states: (N, s) of `structure.kinematics`, at the samples.
-        middles: (N−1, s) of `structure.kinematics`, half-way between them.
+        states: (N, s) states of `structure.kinematics`, at the samples.
+        middles: (N−1, s) states half-way between them.
         F: (3, N−1, z) entries of F that can differ from 0, at start, middle and end of every step.
     """
 
@@ -65,8 +65,8 @@ class RegressorMotion(NamedTuple):
         v_hat: (n,) v̂ of a stage, input of the function below.
         a_hat: (n,) â of a stage, likewise.
         leading: (l,) first entries of Wᵀ Δv, which the function writes.
-        address: of a C function of two int64: 0, 1 or 2 for the step's start, middle or end, and
-            the index of the sample at its end.
+        address: address of a C function of two int64: 0, 1 or 2 for the step's start, middle or
+            end, and the index of the sample at its end.
     """
 
     t: Array

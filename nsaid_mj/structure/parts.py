@@ -32,8 +32,8 @@ class Body:
         parent: number of its parent, −1 for the ground; parents come first.
         axis: (3,) unit vector of the joint in the body's axes, for a hinge or slide.
         rotation: (3, 3) the body's axes in its parent's where the joint's position is 0.
-        position: (3,) of the joint in the parent's frame [m].
-        name: of the body.
+        position: (3,) position of the joint in the parent's frame [m].
+        name: name of the body.
     """
 
     joint: JointKind
@@ -129,7 +129,7 @@ def columns_at(
     """Columns of the first body's actuators, one for each parameter and command, from 0.
 
     Args:
-        kind: of the columns.
+        kind: kind of the columns.
         points: (k, 3) where they act, in the body's axes [m].
         directions: (k, 3) unit vectors along which they push, if the kind has a direction.
         constants: shared by all.

@@ -66,7 +66,7 @@ class SingleBody(StructuredSystem):
 
     Args:
         body: the block of the inertia.
-        tensor: (6, 6, k) of M in this block; None for the ten parameters of a rigid body.
+        tensor: (6, 6, k) tensor of M in this block; None for the ten parameters of a rigid body.
         terms: the forces.
         operation: ranges of velocities and commands.
         gravity: [m/s²], by which rigid bodies have weight.

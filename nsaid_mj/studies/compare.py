@@ -44,7 +44,7 @@ class Plan(Study):
 
     Attributes:
         methods: names; see `METHODS`.
-        seeds: of truth, prior, excitation and sensors.
+        seeds: seeds of truth, prior, excitation and sensors.
         durations: lengths of log for the methods [s].
         noises: multiples of the scenario's sensor noise; 0 for exact sensors.
         budget: CPU time of the search by `sysid` [s].

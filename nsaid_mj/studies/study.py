@@ -87,7 +87,7 @@ def carried_out(
     """Collects the results of a study in a folder; after Ctrl-C, writes what is available.
 
     Args:
-        folder: of the results; created if missing.
+        folder: folder of the results; created if missing.
         own: files that mark such a folder.
         total: number of results.
         made: yields them; receives a function to report each stage.

@@ -33,7 +33,7 @@ class Engine:
 
     Attributes:
         name: `loky` for processes on this machine, `dask` for a cluster.
-        address: of the cluster's scheduler; None for loky.
+        address: address of the cluster's scheduler; None for loky.
         jobs: number of parallel runs; None for the number of processors.
         timeout: wall time after which a run counts as hung [s]; None for two minutes plus twenty
             times its simulated time.

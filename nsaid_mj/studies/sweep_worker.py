@@ -43,7 +43,7 @@ class Job(NamedTuple):
     """A run to execute.
 
     Attributes:
-        number: of the run in its sweep.
+        number: number of the run in its sweep.
         script: name of a packaged scenario, or path of the script that defines its types.
         digest: SHA-256 of the script, to detect a different version of it.
         scenario: the scenario as JSON.

@@ -44,7 +44,7 @@ class Plan(Study):
     Attributes:
         scenario: with the excitation `AdaptiveTracking`; every law in turn replaces its law.
         laws: names.
-        seeds: of truth, prior, reference and sensors.
+        seeds: seeds of truth, prior, reference and sensors.
 
     Raises:
         UnknownName: a law is unknown.
@@ -86,9 +86,9 @@ class Course:
     """A law on one plant.
 
     Attributes:
-        seed: of plant, prior, reference and sensors.
-        figures: of `evaluation.tracking.figures`; with exact sensors also `v_rises`, the number of
-            steps in which V rose beyond its bound, for the law with the proof.
+        seed: seed of plant, prior, reference and sensors.
+        figures: figures of `evaluation.tracking.figures`; with exact sensors also `v_rises`, the
+            number of steps in which V rose beyond its bound, for the law with the proof.
     """
 
     law: str

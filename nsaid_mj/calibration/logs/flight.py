@@ -25,7 +25,7 @@ class _Controller(NamedTuple):
     """Names of a flight controller's channels.
 
     Attributes:
-        name: of its firmware.
+        name: name of its firmware.
         vehicle: pose and twist.
         motors: choices of the motors' channels, the best first: a pattern with the motor's number
             in it, the first number, and factor and offset to a share of the full command.

@@ -23,7 +23,7 @@ class ChannelFigures:
 
     Attributes:
         source: name of the file.
-        name: of the channel.
+        name: name of the channel.
         role: such as "q of elbow"; "" if unused.
         rows: with a number.
         missing: rows without one.
@@ -84,7 +84,7 @@ def inspect(
     """Measures every channel of a log and, given a model, checks what `identify` would use.
 
     Args:
-        tables: of the log's files.
+        tables: tables of the log's files.
         mapping: the meaning of columns; None to match them by name.
         robot: None to measure the channels only.
 

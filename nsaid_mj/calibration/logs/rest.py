@@ -27,10 +27,10 @@ class Rest:
         made: the layout.
         mapping: with the limits set by hand.
         robot: whose joints these are.
-        rate: of the grid [Hz].
+        rate: rate of the grid [Hz].
 
     Attributes:
-        rate: of the grid [Hz].
+        rate: rate of the grid [Hz].
     """
 
     def __init__(self, made: Layout, mapping: Map, robot: RobotModel, rate: float):

@@ -67,9 +67,9 @@ def read(
     """Reads a log file or folder of any known format.
 
     Args:
-        path: of the file, of a run's folder, or of a ROS 2 bag's folder.
+        path: path of the file, of a run's folder, or of a ROS 2 bag's folder.
         time: name of the time column; None to find it by its name, or because it increases.
-        unit: of the time: `s`, `ms`, `us`, `ns` or `date`; None to detect it.
+        unit: unit of the time: `s`, `ms`, `us`, `ns` or `date`; None to detect it.
         rate: rows per second [Hz] of a file without times.
 
     Raises:

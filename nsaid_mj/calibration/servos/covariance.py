@@ -48,12 +48,12 @@ class Spread(NamedTuple):
     """How far k fitted parameters may be off.
 
     Attributes:
-        covariance: (k, k) of them.
+        covariance: (k, k) covariance of the parameters.
         moved: (k, 2 n) their change by offsets of the zeros, and by play.
         free: (f,) indices of the fitted ones.
         jackknife: (f, f) part of the covariance that differences between clusters give.
-        information: (G, f, f) of every cluster.
-        inverse: (f, f) of all clusters' information and the prior's.
+        information: (G, f, f) information of every cluster.
+        inverse: (f, f) inverse of all clusters' information and the prior's.
     """
 
     covariance: Array

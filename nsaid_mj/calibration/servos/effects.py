@@ -41,11 +41,11 @@ def effects_of(
     """The effects by which both halves are predicted better.
 
     Args:
-        name: of the joint.
-        unit: of a thousandth of its position.
+        name: name of the joint.
+        unit: unit of a thousandth of its position.
         own: its simulation.
-        fit: of its five parameters.
-        prior: of them.
+        fit: fit of its five parameters.
+        prior: prior of these parameters.
         cluster: (N,) number of the log or block of each sample.
     """
     halves = [cluster % 2 == side for side in (0, 1)]

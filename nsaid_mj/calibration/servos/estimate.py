@@ -46,10 +46,10 @@ class JointEstimate(NamedTuple):
 
     Attributes:
         x: (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
-        covariance: (5, 5) of ln θ̂, by a jackknife over logs or blocks; 0 for fixed ones. If a load
-            was weighed, g is that under the true masses.
-        quantile: (6,) of Student's t, which turn deviations of T, f, kp, a, d and T + d into 95 %
-            intervals.
+        covariance: (5, 5) covariance of ln θ̂, by a jackknife over logs or blocks; 0 for fixed
+            ones. If a load was weighed, g is that under the true masses.
+        quantile: (6,) quantiles of Student's t, which turn deviations of T, f, kp, a, d and T + d
+            into 95 % intervals.
         gravity: whether gravity determines kp; otherwise it is a convention.
         offset: change of ln kp by an offset between the zeros of target and position, which is part
             of the covariance.
@@ -110,9 +110,9 @@ class MassScale(NamedTuple):
     Attributes:
         log: ln s of the true masses over those of the model file.
         deviation: its standard deviation.
-        quantile: of Student's t.
-        place: (3,) of the load's centre in the frame of the joint that carries it [m].
-        deviations: (3,) of the place [m]; 0 where it was known.
+        quantile: quantile of Student's t.
+        place: (3,) the load's centre of mass in the frame of the joint that carries it [m].
+        deviations: (3,) standard deviations of the place [m]; 0 where it was known.
     """
 
     log: float
@@ -126,9 +126,9 @@ class Estimate(NamedTuple):
     """The estimate of an arm.
 
     Attributes:
-        joints: of every joint, under the masses of the model file.
+        joints: estimates of all joints, under the masses of the model file.
         used: (N,) 1 of samples in use, 0 of masked ones, of the logs in their order.
-        scale: of the masses; None without a load.
+        scale: scale of the masses; None without a load.
         findings: effects beyond the servos' equation.
     """
 
@@ -155,7 +155,7 @@ def estimate(
     Args:
         robot: the model.
         logs: at least one; free ones come before those with a load.
-        kp: (n,) of the model file [N·m/rad or N/m].
+        kp: (n,) stiffness in the model file [N·m/rad or N/m].
         report: called with the name of every stage.
         load: that the loaded logs carry.
         limits: (n,) largest force of every servo by the model file [N·m or N], used where the logs

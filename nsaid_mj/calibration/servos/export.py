@@ -132,11 +132,11 @@ def rollout(
     Steps are those of the file, or a little shorter, so that they end at the log's times.
 
     Args:
-        path: of the MJCF.
+        path: path of the MJCF.
         joints: (n,) names of the joints, in the log's order.
         log: targets, held until the next, and where the motion starts. If the file states a profile
             of its targets, it replaces that of the log.
-        delay: of the targets [s], one or (n,); None for those of the file.
+        delay: delay of the targets [s], one or (n,); None for those of the file.
         horizon: time after which the simulation starts again from the measured position and
             velocity [s]. The row at which it does holds what was predicted for it.
     """

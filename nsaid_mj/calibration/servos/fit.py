@@ -29,7 +29,7 @@ class Prior(NamedTuple):
     """Prior knowledge of the parameters.
 
     Attributes:
-        mean: (k,) of the parameters x, which are logarithms but for a place.
+        mean: (k,) means of the parameters x, which are logarithms except for a place.
         deviation: (k,) standard deviations; 0 of a parameter that is fixed.
     """
 
@@ -104,7 +104,7 @@ class JointFit:
     """The simulation of one joint.
 
     Args:
-        logs: of the joint.
+        logs: logs of the joint.
         used: (N,) 1 of samples that count, 0 of masked ones.
         effects: beyond the servo's equation.
     """
@@ -142,7 +142,7 @@ def minimise(simulated: Simulated, x: Array, prior: Prior) -> OutputError:
     Args:
         simulated: the simulations to fit.
         x: (k,) to start from.
-        prior: of x.
+        prior: prior of x.
     """
     x = np.where(prior.deviation > 0, x, prior.mean)
     residual, damping = simulated.residual(x), 1e-3

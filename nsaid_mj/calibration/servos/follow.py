@@ -43,7 +43,7 @@ def follow(
     """The filters of all joints.
 
     Args:
-        logs: of every joint.
+        logs: logs of every joint.
         fits: the batch fit of every joint.
         used: (N,) 1 of samples that count, 0 of windows with foreign forces.
     """

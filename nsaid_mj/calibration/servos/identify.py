@@ -52,7 +52,7 @@ class ServoLogs(NamedTuple):
         logs: stretches without gaps.
         kp: (n,) stiffness of the servos in the model file [N·m/rad or N/m].
         findings: about file and logs.
-        load: of known mass that the loaded logs carry; None if none does.
+        load: payload of known mass that the loaded logs carry; None if none does.
     """
 
     robot: RobotModel
@@ -105,7 +105,7 @@ def read_servos(
 
     Args:
         robot: the model.
-        tables: of log files.
+        tables: tables of log files.
         mapping: see `servo_logs`.
         loads: see `servo_logs`.
 

@@ -47,8 +47,8 @@ class Fitted(NamedTuple):
 
     Attributes:
         logs: with the loads of their simulated motion.
-        fits: of every joint.
-        priors: of its parameters.
+        fits: fits of every joint.
+        priors: priors of its parameters.
         used: (N,) 1 of samples in use.
     """
 
@@ -172,7 +172,7 @@ def start(logs: Sequence[JointLog]) -> Array:
     alike. The delay is the one with the least residual.
 
     Args:
-        logs: of one joint, not empty.
+        logs: logs of one joint, not empty.
     """
     best, found = np.inf, np.array([0.1, 0.01, 0.1, 2e-3, 0.015])
     for delay in _DELAYS:

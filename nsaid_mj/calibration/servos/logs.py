@@ -133,10 +133,10 @@ def read_servo_logs(
 
     Args:
         robot: a tree of joints with a position servo on each.
-        tables: of the files.
-        columns: of every joint, see `servo_map`.
+        tables: tables of the files.
+        columns: columns of every joint, see `servo_map`.
         mapping: may hold the files' clocks.
-        servos: of the joints, whose limits and profiles the targets have.
+        servos: servos of the joints, whose limits and profiles the targets have.
         carrying: names of the files whose arm carries a weighed load.
 
     Raises:
@@ -260,7 +260,7 @@ def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
 
     Args:
         model: without armatures; the log's payload, if it carries one, is part of a link.
-        log: of targets and positions.
+        log: log of targets and positions.
     """
     data, load = model.createData(), np.empty_like(log.position)
     mass = np.empty((*load.shape, load.shape[1]))
@@ -279,7 +279,7 @@ def coupled(log: ServoLog, theta: Array) -> tuple[Array, ServoLog]:
 
     Args:
         log: with loads that do not include accelerations.
-        theta: (n, 5) of `simulation.simulate`.
+        theta: (n, 5) parameters of `simulation.simulate`.
     """
     q, v = np.empty_like(log.position), np.zeros_like(log.position)
     q[0] = log.position[0]

@@ -61,7 +61,7 @@ class Arm:
     Args:
         robot: the model.
         logs: free, then loaded ones, with loads that do not include accelerations.
-        load: of the loaded ones.
+        load: payload of the loaded logs.
         sigma: (n,) robust rms of each joint's residual [rad or m].
         used: (N,) 1 of samples that count.
     """
@@ -129,7 +129,7 @@ class Weighed(NamedTuple):
     Attributes:
         arm: the simulations at the minimum.
         fit: the minimiser and its residual, see `Arm`.
-        prior: of its parameters.
+        prior: prior of its parameters.
         used: (N,) 1 of samples in use.
     """
 
@@ -158,9 +158,9 @@ def weigh(
     Args:
         robot: the model.
         logs: all, with loads that do not include accelerations.
-        load: of the loaded ones.
-        fits: of the joints to the free logs.
-        priors: of the joints' parameters.
+        load: payload of the loaded logs.
+        fits: fits of the joints to the free logs.
+        priors: priors of the joints' parameters.
         used: (N,) 1 of samples that count, of all logs.
     """
     _, centre, known = carrier(robot.model, load)

@@ -38,7 +38,7 @@ class Reference:
 
     Args:
         system: an arm on a fixed base, or a body in space with or without joints.
-        trajectory: of x, y, z [m], roll, pitch, yaw [rad] and the joints.
+        trajectory: trajectory of x, y, z [m], roll, pitch, yaw [rad] and the joints.
         rate: Λ [1/s].
     """
 

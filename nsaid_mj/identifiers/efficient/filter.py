@@ -23,10 +23,10 @@ class Law(NamedTuple):
     """The prior knowledge of the filter, for compiled loops.
 
     Attributes:
-        structure: of the system.
-        cone: of physical parameters.
-        scale: (p,) of θ.
-        margin: (p,) of `steps.margin_of`.
+        structure: structure of the system.
+        cone: cone of physical parameters.
+        scale: (p,) scale of θ.
+        margin: (p,) see `steps.margin_of`.
         gamma: γ.
         window: samples over which innovations are tested.
         walk: (p,) variance that θ, relative to itself, gains per second [1/s]; 0 where constant.
@@ -142,7 +142,7 @@ class Memory(NamedTuple):
         e: (2n,) normalised innovation.
         y: (2n,) innovation, then the step of the state.
         R: (2n,) variances of the noise.
-        step: (p,) of θ̂.
+        step: (p,) step of θ̂.
         before: (p,) θ̂ before the step.
         trial: (p,) scratch.
         factor: (p, p) scratch.

@@ -24,7 +24,7 @@ class Noise(NamedTuple):
 
     Attributes:
         increments: (3, 2n) the last increments of position and velocity.
-        variance: (2n,) of the noise [rad² or m², (rad/s)² or (m/s)²].
+        variance: (2n,) variance of the noise [rad² or m², (rad/s)² or (m/s)²].
         count: (2n,) fourth differences used; those of a constant signal are not.
         seen: (1,) number of increments so far.
     """

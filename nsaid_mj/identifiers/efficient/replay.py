@@ -67,7 +67,7 @@ class FilterAlone:
     Args:
         system: the structure.
         dt: time between measurements [s].
-        config: of the filter.
+        config: configuration of the filter.
 
     Attributes:
         law: the filter's prior knowledge.

@@ -29,10 +29,10 @@ class EfficientState(NamedTuple):
         handed: whether the law returns the filter's θ̂.
         restarts: how often the filter restarted at the memory's estimate.
         returns: how often it returned to an earlier estimate with something set free.
-        signals: of failed actuators and sensors.
+        signals: signals of failed actuators and sensors.
         recent: the last samples, as recorded; None before the first.
-        factors: (p,) of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator is
-            reversed, 0 if it is stuck.
+        factors: (p,) factors of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator
+            is reversed, 0 if it is stuck.
         watch: snapshots, for slow changes.
         trials: filters under hypotheses, of which one will be chosen; None where there are none.
         events: the faults found so far.

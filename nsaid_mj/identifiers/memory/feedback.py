@@ -27,7 +27,7 @@ class FedBack(NamedTuple):
         pending: (2n + n_u,) the increments of position and velocity into the last sample, and the
             command before it.
         together: (n_u, 2n) covariance of commands and measurements.
-        variance: (2n,) of the measurements.
+        variance: (2n,) variance of the measurements.
         seen: number of samples so far.
     """
 

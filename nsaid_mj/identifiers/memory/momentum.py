@@ -55,7 +55,7 @@ class Rows:
         window: time constant 1/a of the leak [s].
         block: samples in a block.
         dt: time between measurements [s].
-        levels: of the sensors' noise.
+        levels: standard deviations of the sensors' noise.
     """
 
     def __init__(

@@ -89,7 +89,7 @@ class Forces:
     """The forces on a plant beyond MuJoCo's.
 
     Attributes:
-        structure: of the plant.
+        structure: structure of the plant.
         theta: (p,) the true θ, with 0 for parameters of MuJoCo's own bodies or actuators.
         flow: (3,) velocity of the water or the air in the world [m/s].
     """
@@ -174,11 +174,11 @@ class _Memory(NamedTuple):
         v: (n,) v_r.
         ground: (n,) the velocity on the ground.
         R: (9,) the base's axes in the world.
-        force: (n,) of all columns, then the total.
+        force: (n,) force of all columns, then the total.
         bias: (n,) MuJoCo's.
         M: (n, n) MuJoCo's.
         A: (n, n) M + Tᵀ M_A T.
-        state: (s,) of `kinematics.place` at v_r, or at the velocity on the ground.
+        state: (s,) state of `kinematics.place` at v_r, or at the velocity on the ground.
         F: (z,) entries of F there.
     """
 

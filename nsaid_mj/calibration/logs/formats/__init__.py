@@ -61,7 +61,7 @@ class Format(NamedTuple):
     """A file format.
 
     Attributes:
-        name: of its module, which is imported for files of this format alone.
+        name: name of its module, which is imported for files of this format alone.
         library: that reads it, for messages.
         heads: first bytes of a file.
         inside: name of the file by which a folder is one log; "" if none is.

@@ -30,7 +30,7 @@ class Jump(NamedTuple):
     Attributes:
         evidence: logarithm of the averaged likelihood ratio against no jump.
         delta: (d,) the most probable δ.
-        covariance: (d, d) of δ.
+        covariance: (d, d) covariance of δ.
     """
 
     evidence: float

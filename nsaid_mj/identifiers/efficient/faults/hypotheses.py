@@ -42,13 +42,13 @@ class Hypothesis(NamedTuple):
     Attributes:
         kind: see `FaultEvent`; also `none`, and `sound` for a part wrongly taken for failed.
         part: the affected part, in words.
-        names: of the parameters that may have changed.
+        names: names of the parameters that may have changed.
         D: (p, d) directions of the jump of θ/scale, whose δ has standard deviation 1.
         size: (d,) the reported size of the change is sizeᵀδ.
-        unit: of the size; `1` for a share.
+        unit: unit of the size; `1` for a share.
         command: index of the actuator whose command does not reach it; −1 if all do.
         held: the constant command that it executes instead; NaN if there is none.
-        mean: (p,) of the jump of θ/scale where it is not 0.
+        mean: (p,) mean of the jump of θ/scale where it is not 0.
         offset: part of the reported size that belongs to the mean.
         curve: (2, N) sizes of an actuator's command, and the efforts relative to that at `held`.
         channel: index of the sensor with a constant error, those of position first; −1 if none.

@@ -45,9 +45,9 @@ class Isolation(NamedTuple):
     """Isolates faults.
 
     Attributes:
-        law: of the filter.
+        law: law of the filter.
         system: the structure.
-        covariance: of a prior's θ̂/scale, given θ̂ (p,).
+        covariance: covariance of a prior's θ̂/scale, given θ̂ (p,).
         dt: time between measurements [s].
         interval: time between two decisions [s].
     """

@@ -69,7 +69,7 @@ class Found(NamedTuple):
     Attributes:
         hypothesis: what changed.
         confidence: its probability among the hypotheses.
-        size: of the change, with lower and upper end, in the hypothesis's unit.
+        size: size of the change, with lower and upper end, in the hypothesis's unit.
         theta: (p,) θ̂ with the change taken into account.
         P: (p, p) its P_θθ.
         evidence: logarithm of the averaged likelihood ratio against no change.

@@ -96,7 +96,7 @@ class Loss(ActuatorFault):
     """An actuator that loses a share of its gain, suddenly or slowly.
 
     Attributes:
-        share: of its gain that it loses.
+        share: share of its gain that it loses.
         rate: share lost per second until `share` is lost [1/s]; None for at once.
     """
 
