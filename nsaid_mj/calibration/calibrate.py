@@ -45,7 +45,7 @@ def calibrate(
     Args:
         robot: the model.
         recordings: training logs.
-        validation: a log that takes no part in the fit; None to hold out parts of the training.
+        validation: a log excluded from the fit; None to hold out parts of the training logs.
         options: options of the structure.
         known: values of parameters by name or label [SI].
         findings: earlier ones.
@@ -108,7 +108,7 @@ def _estimated(
 def _without_offset(result: Identification) -> frozenset[str]:
     """Joints with an offset whose interval holds 0 and that is not needed for a spring's rest.
 
-    Held-out parts of one log may ask for an offset where gears twist; another log does not.
+    Elastic gears may cause an apparent offset in the held-out parts of one log, not in another log.
     """
     vain = {p.label for p in result.parameters if p.low <= 0 <= p.high}
     return frozenset(
@@ -125,9 +125,9 @@ def _judged(
     joints: Sequence[JointFit],
     arm: bool,
 ) -> tuple[list[Finding], Precision]:
-    """Doubts about the structure, and the precision widened by them.
+    """Findings about the structure, and the precision widened by them.
 
-    `left` is what the residuals follow. With `arm` the parts are joints; a vehicle has velocities.
+    `left` are the suspects found. With `arm` the parts are joints; a vehicle has velocities.
     """
     held_out, found = np.array([joint.held_out for joint in joints]), []
     for joint in joints:
@@ -215,7 +215,7 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
     """(p,) 1 at parameters of velocities that the structure does not explain, else 0.
 
     Their intervals are widened by their own size. On a vehicle every parameter acts on several
-    velocities, so all are doubted.
+    velocities, so all are marked.
     """
     if not arm:
         return np.ones(len(problem.space))
@@ -224,7 +224,7 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
 
 
 def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
-    """The fit whose rows count as effectively independent ones, and (n,) rows per such row."""
+    """The fit weighted by the effective number of independent rows, and (n,) rows per such row."""
     fit = minimise(problem)
     share = inflation(problem, fit.theta)
     return minimise(problem, tempered(problem, share), fit.theta), share
@@ -233,8 +233,8 @@ def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
 def _held_out(problem: Problem, share: Array) -> tuple[Array, Array]:
     """(n,), (n,) NRMSE of held-out fifths: of the fit, and of weighted least squares.
 
-    Squares are summed over all fifths and divided by those of the whole log's forces: a joint that
-    idles in one fifth has hardly any there.
+    Squares are summed over all fifths and divided by those of the whole log's forces, because a
+    joint may stand still in one of the fifths.
     """
     at, total, counts = problem.space.actuators, 0.0, np.zeros(problem.Y.shape[1])
     for rest, own in folds(problem, _FOLDS):
@@ -252,7 +252,7 @@ def _held_out(problem: Problem, share: Array) -> tuple[Array, Array]:
 def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     """(p,) change of θ̂ under another structure that counts as one standard deviation.
 
-    It is the whole change, times the ratio of the residuals' variances where the other structure
+    It is the whole change, times the ratio of the residual variances if the other structure
     explains the log less well; 0 for parameters that the other lacks.
     """
     _, own, theirs = np.intersect1d(problem.space.names, other.space.names, return_indices=True)

@@ -1,4 +1,4 @@
-"""Compares models of an arm by how far their open-loop simulations depart from logs."""
+"""Compares models of an arm by the errors of their open-loop simulations on logs."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ HORIZONS = (0.2, 2.0, np.inf)
 """Times after which a simulation restarts from the measured state [s]."""
 
 IDENTIFIED, SYSID, STOCK = FITTED = "identified", "sysid", "sysid-stock"
-"""Names of models that are fitted to the logs, one half of which predicts the other: ours, and
-`mujoco.sysid` with its best and its stock options, from the values of the first file."""
+"""Names of models that are fitted to one half of the logs and predict the other: ours, and
+`mujoco.sysid` with its best and its stock options, starting from the values of the first file."""
 
 _DEFAULT = Options()
 _NOISY = SensorLevels(position=1e-4, velocity=1e-3)  # the toolbox's chunks start at smoothed states
@@ -173,7 +173,7 @@ def _score(parts: Sequence[_Part]) -> tuple[Array, Array]:
 
 
 def _fitted_servos(given: ServoLogs, model: str, report: Report) -> list[_Part]:
-    """Errors of every log with the servos that a method finds from the other half of the logs."""
+    """Errors on every log with the servos that a method identifies from the other half."""
     logs = list(given.logs)
     if len(logs) == 1:
         logs = logs[0].halves()
@@ -194,7 +194,7 @@ def _fitted_servos(given: ServoLogs, model: str, report: Report) -> list[_Part]:
 
 
 def _followed_late(given: ServoLogs) -> Score:
-    """The score of the target itself, at the delay that suits each joint best."""
+    """The score of the target itself, at the best delay of each joint."""
     found, used = [], np.ones(sum(len(log.t) for log in given.logs))
     for j in range(len(given.robot.joints)):
         joint = [log.joint(j) for log in given.logs]
@@ -221,7 +221,7 @@ def _changes(recordings: Recordings) -> Array:
 def _fitted_arm(
     robot: RobotModel, recordings: Recordings, options: Options, model: str, report: Report
 ) -> list[_Part]:
-    """Errors on every half of the logs, with the values a method finds from the other half."""
+    """Errors on each half of the logs, with the values identified from the other half."""
     segments = list(recordings.segments)
     if len(segments) == 1:
         (one,), half = segments, len(segments[0].log.t) // 2
@@ -262,11 +262,11 @@ def by_toolbox(
 ) -> tuple[Identified, Array]:
     """The values that `baselines.sysid.sysid` finds in logs, and (n,) delays of the commands [s].
 
-    It fits links, rotors, viscous and Coulomb friction, and gains. Its start is that of `nsaid
-    identify`: the model file's links, and frictions and gains guessed from the log. So are the
-    commands' delays and the speeds at which Coulomb friction saturates, which it does not fit.
-    Numbers of joints are searched between a tenth of the start and ten times it, within the budget
-    of CPU time [s].
+    It fits links, rotors, viscous and Coulomb friction, and gains. Initial values are those of
+    `nsaid identify`: the model file's links, and frictions and gains guessed from the log. The
+    commands' delays and the speeds at which Coulomb friction saturates are also those of `nsaid
+    identify`; they are not fitted. Joint parameters are searched between a tenth and ten times the
+    initial value, within the budget of CPU time [s].
 
     Raises:
         NoEstimate: the toolbox is not installed, or no segment lasts half a second.

@@ -63,7 +63,7 @@ class UnmatchedChannels(NsaidError):
 
     Attributes:
         missing: the unmatched quantities, such as "position of shoulder_pan_joint".
-        reasons: why, one sentence for each quantity at fault.
+        reasons: the reasons, one sentence for each unmatched quantity.
         channels: names of all channels.
     """
 

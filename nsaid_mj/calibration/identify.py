@@ -51,7 +51,7 @@ def identify(
         model: path of a URDF, MJCF or vehicle's TOML file; the name of a robot or vehicle, packed
             or of example-robot-data; or a model already loaded.
         logs: files of position, velocity (if any) and command; none for the packed log of `tx40`.
-        validate: files that take no part in the fit; the estimate is judged on them.
+        validate: files excluded from the fit, on which the estimate is validated.
         mapping: the meaning of the logs' columns: the path of a map.toml, or None to match columns
             with the model's joints by name.
         validate_mapping: that of `validate`; None for `mapping`.
@@ -72,7 +72,8 @@ def identify(
         The result, whose `explains` and `verdict` say whether the model explains the log at all.
 
     Raises:
-        UnusableLog: a fault of the log, such as a reversed or dead channel; it lists all findings.
+        UnusableLog: the log has a fault, such as a reversed or dead channel; all findings are
+            attached.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
     if law not in LAWS:

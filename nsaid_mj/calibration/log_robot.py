@@ -1,4 +1,4 @@
-"""A robot with the columns chosen in its log, as laws know it: structure and prior."""
+"""A robot with the columns chosen from its log, as structure and prior for laws."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Loads of known mass that some of the logs carry and others do not: they fix the common scale.
+"""Payloads of known mass in some of the logs but not in others; they fix the common scale.
 
-No motion distinguishes masses, frictions and gains from twice as large ones. A load does: its part
-of the forces is known, and the log shows its share of the rest.
+No motion distinguishes masses, frictions and gains from twice as large ones. A payload of known
+mass does: the log determines the ratio of all forces to those of the payload.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SMALL, _ANYWHERE = 0.05, 0.15  # radius of a load, and of the region in which a
 
 
 class Load(NamedTuple):
-    """A load that was weighed.
+    """A weighed payload.
 
     Attributes:
         source: name of the file that carries it.

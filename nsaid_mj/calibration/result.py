@@ -1,4 +1,4 @@
-"""The result of a calibration: what the log reveals of every parameter, and what it does not."""
+"""The result of a calibration: estimates, intervals and identifiability of every parameter."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class JointFit:
-    """How well the structure explains one joint's (or velocity's) command.
+    """Prediction quality of one joint's (or velocity's) command.
 
     NRMSE is the rms error of the predicted command over the standard deviation of the measured one:
     predicting the mean gives 1.
@@ -91,10 +91,10 @@ class Curves:
 
 
 class Fitted(NamedTuple):
-    """The parts of a batch fit.
+    """Intermediate results of a batch fit.
 
     Attributes:
-        made: what was chosen.
+        made: the chosen structure.
         problem: rows and prior.
         fit: the minimum.
         exact: the estimate and its precision.
@@ -111,7 +111,7 @@ class Fitted(NamedTuple):
 
 
 class Gain(NamedTuple):
-    """A gain over the geometric mean of all, which does not depend on the common scale of θ.
+    """A gain relative to the geometric mean of all gains, independent of the common scale of θ.
 
     Attributes:
         label: label of the parameter.
@@ -198,8 +198,9 @@ class Identification(Result):
         robot: the model.
         recordings: the segments of the training logs.
         joints: quality of the prediction, per joint.
-        combinations: base parameters: what the log determines, gains given.
-        anchor: what fixes the common scale of all parameters.
+        combinations: base parameters: the combinations that the log determines if the gains are
+            known.
+        anchor: what fixes the common scale of all parameters, in words.
         suggestion: the one further number or motion that would help most; "" if none.
         theta: (p,) θ̂.
         deviation: (p,) its stated standard deviations.

@@ -1,4 +1,4 @@
-"""States what a log reveals of every parameter: status, interval, combination, suggestion."""
+"""Identifiability of every parameter in words: status, interval, combination, suggestion."""
 
 from __future__ import annotations
 
@@ -77,9 +77,9 @@ def _relative_gains(
 ) -> dict[int, tuple[Status, str, float | None]]:
     """Status, combination and relative half-width of every gain.
 
-    It is identified where the log narrows its ratio to the best known gains (all of them, weighted
-    by the inverse variances of their logarithms), and its own interval is no wider than ±50 %. A
-    single gain has nothing but its own interval.
+    A gain is identified if the log narrows its ratio to the best known gains (their mean, weighted
+    by the inverse variances of their logarithms), and its own interval is no wider than ±50 %. For
+    a single gain, only its own interval counts.
     """
     at, found = problem.space.actuators, {}
     deviation = np.array([exact.of(e) for e in np.eye(len(problem.space))[at]]) / fit.theta[at]
@@ -137,7 +137,7 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
 
 
 def verdict(joints: tuple[JointFit, ...], arm: bool = True) -> tuple[Explains, str]:
-    """Whether the structure explains the log, and the sentence that says so.
+    """Whether the structure explains the log, and the verdict in a sentence.
 
     With `arm` the parts are joints; a vehicle has velocities.
     """

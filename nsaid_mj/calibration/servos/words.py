@@ -16,7 +16,7 @@ from .follow import Followed
 from .logs import TRAVEL
 from .result import Servo
 
-_TOLD = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
+_FIRM = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
 _LABELS = (
     ("T", "damping over kp", ("s", "s")),
     ("f", "friction over kp", ("rad", "m")),
@@ -50,8 +50,8 @@ def parameters(
     if doubt:
         halves[:] = _WIDEST
     for (short, label, units), x, half in zip(_LABELS, values, halves.tolist(), strict=True):
-        status: Status = "identified" if half < _TOLD else "only in combination"
-        combination = "" if half < _TOLD or short in {"f", "kp"} else _lag(joint)
+        status: Status = "identified" if half < _FIRM else "only in combination"
+        combination = "" if half < _FIRM or short in {"f", "kp"} else _lag(joint)
         if short in {"kp", "armature"} and not joint.gravity:
             combination = _CONVENTION
         combination = doubt or combination
@@ -111,8 +111,8 @@ def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
         return ()
     half = min(scale.quantile * scale.deviation, _WIDEST)
     value, low, high = (float(np.exp(scale.log + x)) for x in (0.0, -half, half))
-    status: Status = "identified" if half < _TOLD else "only in combination"
-    words = "" if half < _TOLD else "the load hardly shows; only ratios of kp, friction and masses"
+    status: Status = "identified" if half < _FIRM else "only in combination"
+    words = "" if half < _FIRM else "the load hardly shows; only ratios of kp, friction and masses"
     label = "masses over those of the model file"
     return (Parameter("mass_scale", label, "scale", "1", value, low, high, 1.0, status, words),)
 
