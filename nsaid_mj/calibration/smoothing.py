@@ -158,7 +158,7 @@ def refined(recordings: Recordings) -> Recordings:
 
 
 def twice_as_noisy(recordings: Recordings) -> Recordings:
-    """The recordings with the noise of positions and velocities once more, independent of it."""
+    """The recordings with independent noise added, which doubles that of the sensors."""
     rng, segments = np.random.default_rng(0), []
     for segment in recordings.segments:
         log = segment.log

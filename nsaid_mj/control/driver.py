@@ -79,9 +79,9 @@ TRACKING_MEMORY = types.NamedTuple(
 def computed_torque(tracking, t, q, v, workspace, u):
     """Writes u = K̂⁻¹ [M̂ a + Ĉ v − F̂(u = 0)] with a = a_d + 2ω ė + ω² e into u (d,).
 
-    Passive joints swing as they will: a is 0 for them, and what they do otherwise is a disturbance
-    of the loop. The command is limited like a motor's: a model far from the truth can make the
-    sampled loop unstable, whose motion then stays bounded. q (m,) and v (n,) are measured.
+    Passive joints swing freely: a is 0 for them, and their actual acceleration is a disturbance of
+    the loop. The command is limited like a motor's: a model far from the truth can make the sampled
+    loop unstable, whose motion then stays bounded. q (m,) and v (n,) are measured.
     """
     structure, driven, theta, series, omega, limit = tracking
     desired, a, force, still, work, slopes = workspace

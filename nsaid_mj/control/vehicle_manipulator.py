@@ -1,4 +1,4 @@
-"""Vehicles with an arm: the base swims or hovers while the arm follows a trajectory."""
+"""Vehicles with an arm: the base swims or hovers while the arm tracks a trajectory."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ class Design:
     def covariance(self, log: Log, draw: int, experiment: Experiment | None = None) -> Array:
         """(p, p) predicted of θ̂/scale after a motion simulated under a draw.
 
-        Another experiment may have other sensors.
+        `experiment` may have other sensors than the design's.
         """
         return predicted(experiment or self.experiment, _coarse(self.stride, log), draw)
 
@@ -187,7 +187,7 @@ def design(
 def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
     """Predicted (p, p) covariances under every draw, at steps that resolve the motion.
 
-    In a slow motion friction is stiffer than in the random ones for which the step was chosen.
+    Friction is stiffer in slow motion than in the random motions for which the step was chosen.
 
     Raises:
         NoEstimate: the time step of the simulation does not resolve it either.
@@ -225,7 +225,7 @@ def _default_limits(
 
     An arm's positions may use the range given to the excitation. An arm's motion is planned within
     the limits that the median keeps, so that it is no larger than a random one, and checked against
-    those that all keep: the others' motion moves a light joint, however little it moves itself.
+    those that all keep, because the other joints' motion moves a light joint.
     """
     system, units = experiment.system, units_of(experiment.system)
     extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in rehearsals]
@@ -299,7 +299,7 @@ class _Costs:
 
 
 def _resolve(motions: Motions, asked: Asked, rng: np.random.Generator) -> None:
-    """Shortens an arm's step until the bound of random motions hardly depends on it.
+    """Shortens an arm's time step until the bound of random motions hardly depends on it.
 
     Friction may be too stiff for the longest step.
     """

@@ -1,4 +1,4 @@
-"""The objective of a design, and what a motion reveals: Cramér–Rao bound, Gramian on P_⊥, rank."""
+"""The objective of a design, and a motion's information: Cramér–Rao bound, Gramian on P_⊥, rank."""
 
 from __future__ import annotations
 
@@ -167,10 +167,10 @@ def gramian(experiment: Experiment, log: Log, theta: Array) -> Array:
 def gramian_cost(
     experiment: Experiment, asked: Asked, log: Log, draw: int, criterion: str
 ) -> float:
-    """A criterion of the Gramian on P_⊥; the null direction takes no part in any of them.
+    """A criterion of the Gramian on P_⊥; the null directions are excluded.
 
     `bound` is the rms deviation of the requested numbers if the accelerations alone were measured:
-    the shape of the Gramian is right, but it lacks the sensors' filtering.
+    it has the shape of the Gramian, but neglects the filtering of sensor noise.
     """
     theta, basis = experiment.draws[draw], experiment.bases[draw]
     own = basis.T @ gramian(experiment, log, theta) @ basis

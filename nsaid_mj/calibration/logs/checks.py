@@ -51,7 +51,7 @@ class Motion(NamedTuple):
 
 
 def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
-    """Findings about recordings of a robot; refusals where no fit could be trusted.
+    """Findings about recordings of a robot; refusals where no fit can be trusted.
 
     Codes: `dead_channel`, `at_rest`, `short_log`, `degrees`, `beyond_limits`, `velocity_mismatch`,
     `swapped_columns` and `milliamps`.

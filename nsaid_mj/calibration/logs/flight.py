@@ -116,7 +116,7 @@ def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | 
 def _speeds(
     controller: _Controller, order: Sequence[int], tables: Sequence[Table], names: Collection[str]
 ) -> list[str]:
-    """The channels of the motors' measured speeds, in the order of the rotors; [] if one lacks."""
+    """The channels of the motors' measured speeds, in rotor order; [] if one is missing."""
     pattern, lowest = controller.functions
     numbers = {i: i for i in order}
     for i in order:

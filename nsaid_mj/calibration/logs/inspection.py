@@ -65,7 +65,7 @@ class Inspection:
     Attributes:
         tables: the files.
         channels: figures of all channels.
-        findings: what was noticed; `identify` would stop at refusals.
+        findings: all findings; `identify` stops at refusals.
         recordings: the log in the robot's coordinates; None without a model, or if channels could
             not be matched or used.
         robot: the model; None without one.
@@ -81,7 +81,7 @@ class Inspection:
 def inspect(
     tables: Sequence[Table], mapping: Map | None = None, robot: RobotModel | None = None
 ) -> Inspection:
-    """Measures every channel of a log and, given a model, checks what `identify` would use.
+    """Computes figures of every channel of a log and, given a model, runs the checks of `identify`.
 
     Args:
         tables: tables of the log's files.
@@ -131,7 +131,7 @@ def _servo_findings(
 
 
 def _unmatched(error: UnmatchedChannels) -> Finding:
-    """What to do about channels whose names are ambiguous."""
+    """The remedy for channels with ambiguous names."""
     text = f"cannot tell which channels are {', '.join(error.missing)}"
     text += f". {' '.join(error.reasons)}".rstrip(".")
     remedy = "Complete map.toml by hand and pass it with --map."

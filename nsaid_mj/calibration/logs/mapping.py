@@ -131,11 +131,11 @@ class Column:
 
 @config
 class Profile:
-    """What a controller makes of a target before its servo follows it; 0 where it does not.
+    """Limits and smoothing of a target by a controller; 0 where there is none.
 
     Attributes:
-        speed: largest one of the target in force [rad/s or m/s].
-        acceleration: largest one of it [rad/s² or m/s²].
+        speed: largest speed of the limited target [rad/s or m/s].
+        acceleration: largest acceleration of the limited target [rad/s² or m/s²].
         lag: time constant of a first-order filter [s].
     """
 

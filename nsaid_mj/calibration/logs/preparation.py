@@ -23,8 +23,8 @@ HIGHEST_RATE = 1000.0
 """Largest rate of the grid [Hz]; faster logs are low-passed and decimated."""
 
 MOST_ROWS, ENOUGH = 1_000_000, 200.0
-"""Rows of the grid above which logs are decimated, too, but not below this rate [Hz]: a robot's
-motion has no more to tell, and memory and time are proportional to the rows."""
+"""Logs with more rows than this are decimated, too, but not below this rate [Hz]: more rows of a
+robot's motion add little information, and memory and time are proportional to them."""
 
 SHORTEST = 0.5
 """Shorter stretches between gaps are left out [s]."""
@@ -33,7 +33,7 @@ _MOST = 0.3  # share of rows at a flat extreme above which it is not saturation
 
 
 def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> Recordings:
-    """Puts the logs of a robot on one grid, in the robot's coordinates and SI units.
+    """Resamples the logs of a robot to one grid, in the robot's coordinates and SI units.
 
     Files that hold all columns are separate logs; files that hold some are parts of one log, on one
     clock. Every step of the processing is a finding with row numbers.
@@ -241,7 +241,7 @@ def _log(grid: Array, found: dict[str, Signal], made: Layout, hold: bool, rate: 
 def _trusted(
     grid: Array, found: dict[str, Signal], made: Layout, saturated: dict[str, Array], n: int
 ) -> np.ndarray:
-    """(N, n) whether no signal of a joint is interpolated over a drop-out, or saturated."""
+    """(N, n) rows in which no signal of a joint is saturated or bridges a drop-out."""
     usable = np.ones((len(grid), n), bool)
     step = (grid[-1] - grid[0]) / (len(grid) - 1)
     for group, mixing in (

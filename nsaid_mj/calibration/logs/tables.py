@@ -170,8 +170,8 @@ def _numbers(
 def _sentinel(column: Array) -> float | None:
     """The number with which a column marks missing values.
 
-    It is a number that loggers use so, the smallest or largest of the column, and farther from all
-    others than five times their range.
+    It is a number commonly used for this, is the smallest or largest of the column, and is farther
+    from all others than five times their range.
     """
     finite = column[np.isfinite(column)]
     for extreme in (finite.min(), finite.max()) if len(finite) else ():

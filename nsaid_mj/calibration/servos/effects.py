@@ -38,7 +38,7 @@ _WORDS = {
 def effects_of(
     name: str, unit: str, own: JointFit, fit: OutputError, prior: Prior, cluster: Indices
 ) -> list[Finding]:
-    """The effects by which both halves are predicted better.
+    """The effects that improve the prediction of both halves.
 
     Args:
         name: name of the joint.
@@ -54,7 +54,7 @@ def effects_of(
         return []
 
     def errors(effect: str | None) -> tuple[list[float], list[float]]:
-        """Of both halves, each predicted from the other, and the effect's sizes there."""
+        """Errors of both halves, each predicted from the other, and the effect's sizes there."""
         pairs = [_fitted(own, fit, prior, half, effect) for half in halves]
         return [
             float(np.abs(moved.residual(x)) @ part / part.sum())

@@ -1,4 +1,4 @@
-"""All joints of a servo arm: fits, covariances, the origin of kp."""
+"""Estimates of all joints of a servo arm: fits, covariances, and the source of kp."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class JointEstimate(NamedTuple):
             ones. If a load was weighed, g is that under the true masses.
         quantile: (6,) quantiles of Student's t, which turn deviations of T, f, kp, a, d and T + d
             into 95 % intervals.
-        gravity: whether gravity determines kp; otherwise it is a convention.
+        gravity: whether gravity determines kp; otherwise kp is a convention.
         offset: change of ln kp by an offset between the zeros of target and position, which is part
             of the covariance.
         error: mean absolute residual [rad or m], of the samples in use.
@@ -79,7 +79,7 @@ class JointEstimate(NamedTuple):
 
     @property
     def judged(self) -> bool:
-        """Whether it moves enough for the model to be better than a simple prediction."""
+        """Whether it moves enough for a comparison of the model with a simple prediction."""
         return self.simple > _STILL
 
     @property
@@ -146,7 +146,7 @@ def estimate(
     load: Load | None = None,
     limits: Array | None = None,
 ) -> Estimate:
-    """Fits every joint alone, masks windows with foreign forces, and fits again.
+    """Fits every joint alone, masks windows with external forces, and fits again.
 
     Where gravity does not determine kp, it is the geometric mean over the joints where it does, or
     the model file's if there are none, unless the residual is then larger. Logs with a load are
@@ -223,15 +223,15 @@ def _directions(x: Array) -> Array:
 
 
 def _reveals(variance: float, play: float) -> bool:
-    """Whether gravity determines ln kp: by its variance, and by its change with play of the gear.
+    """Whether gravity determines ln kp, judging by its variance and its sensitivity to backlash.
 
-    A joint that carries little weight sinks by its gear's play, which looks like a soft servo.
+    A lightly loaded joint sinks by its gear's backlash, which resembles a soft servo.
     """
     return bool(max(np.sqrt(variance), abs(play)) < _KNOWN)
 
 
 def _sag(logs: Sequence[ServoLog], x: Sequence[Array]) -> Array:
-    """(n,) how much the joints' sinking under gravity varies along logs [rad or m]."""
+    """(n,) variation of the joints' deflection under gravity along logs [rad or m]."""
     load = np.concatenate([log.load for log in logs])
     return np.exp([own[GRAVITY] for own in x]) * load.std(axis=0)
 
@@ -285,7 +285,7 @@ def _with_load(
 
 
 def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[JointEstimate, ...]:
-    """Estimates whose variances are not too small by chance, because of few clusters.
+    """Estimates with variances regularised against chance, as there are few clusters.
 
     A variance from five logs is off by a factor of two or more. The servos of an arm are alike, so
     the mean of their variances is known better: it counts as four further degrees of
@@ -332,6 +332,6 @@ def _errors(logs: Sequence[JointLog], fit: OutputError, used: Array) -> tuple[fl
 
 
 def _follows(logs: Sequence[JointLog], fit: OutputError, used: Array) -> bool:
-    """Whether a joint moves, and as its model says: its numbers mean something only then."""
+    """Whether a joint moves as predicted by its model, so that its parameters are meaningful."""
     error, simple, travel = _errors(logs, fit, used)
     return travel > TRAVEL and not (simple > _STILL and error > _NEARLY * simple)

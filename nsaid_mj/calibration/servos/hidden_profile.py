@@ -1,8 +1,8 @@
-"""Whether a controller limits the speed of a servo arm's targets, or smooths them, untold.
+"""Detects whether a controller limits the speed of a servo arm's targets, or smooths them.
 
-Behind a limit or a filter, servos look several times more damped than they are, in intervals of a
-few per cent. Halves of a part of the logs are therefore predicted from each other with and without
-a profile that the joints have in common, and a profile is used that predicts them much better.
+An unmodelled limit or filter makes servos appear several times more damped than they are, with
+intervals of a few per cent. Halves of a part of the logs are therefore predicted from each other
+with and without a profile common to all joints, which is used if it predicts them much better.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _WORDS = (
 
 
 def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]]:
-    """(3,) profile that all joints' targets seem to have, 0 if none, and what to say of it.
+    """(3,) common profile of all joints' targets, 0 if none, and the findings about it.
 
     Args:
         logs: without loads, whose targets have no profile yet.

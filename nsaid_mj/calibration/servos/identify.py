@@ -39,7 +39,7 @@ from .words import (
     weighed,
 )
 
-_MOST = 0.3  # share of masked samples that points to the structure rather than foreign forces
+_MOST = 0.3  # share of masked samples that points to the structure rather than external forces
 
 _TRADED = 1e-3  # that an unstated profile trades with a delay, on simulated arms [s]
 
@@ -221,7 +221,7 @@ def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:
 
 
 def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:
-    """Reports the logs that have windows with foreign forces."""
+    """Reports the logs that have windows with external forces."""
     share, found, begin = float(1 - used.mean()), [], 0
     for log in logs:
         own = used[begin : begin + len(log.t)]

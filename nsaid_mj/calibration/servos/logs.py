@@ -27,7 +27,7 @@ from ..logs.tables import Table, join
 from .simulation import STEP, JointLog, move_arm
 
 DELAYS = np.arange(0.0, 0.31, 0.01)
-"""Delays of a target that is followed perfectly [s]."""
+"""Delays at which a target is compared with the position [s]."""
 TRAVEL = 5e-3
 """Least travel of a joint that moves [rad or m]."""
 _LEADS = 0.8  # error of an early target over that of a late one, below which columns are swapped
@@ -42,7 +42,7 @@ class ServoLog(NamedTuple):
         source: name of the file.
         t: (N,) times [s].
         issued: (N, n) targets [rad or m], clipped to the servos' `ctrlrange`.
-        target: (N, n) what the servos follow of them; see `robot.target_profile`.
+        target: (N, n) the targets after limits and smoothing; see `robot.target_profile`.
         position: (N, n) measured [rad or m].
         load: (N, n) torque or force that gravity and the joints' speeds require of each joint, and
             the other joints' accelerations where they are known [N·m or N].

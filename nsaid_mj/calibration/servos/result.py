@@ -52,7 +52,7 @@ class ServoIdentification(Result):
         law: T, f/kp and kp of every joint by the filter at the end of the logs; empty without it.
         scale: the true masses over those of the model file, if a load was weighed; kp, kv, armature
             and friction are those under the true masses.
-        used: (N,) 1 of samples in use, 0 of those excluded because of foreign forces, of the logs
+        used: (N,) 1 of samples in use, 0 of those excluded because of external forces, of the logs
             in their order.
         seconds: duration of the identification [s].
     """

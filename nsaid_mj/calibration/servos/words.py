@@ -166,7 +166,7 @@ def verdict(
 
 
 def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
-    """Reports where kp comes from, and how an offset would change it."""
+    """Reports the source of kp, and its sensitivity to an offset."""
     by_gravity = [s.name for s in servos if s.gravity]
     others = [s.name for s in servos if not s.gravity]
     found = []

@@ -1,4 +1,4 @@
-"""The tracking laws: their demands on a command, and how their estimates follow.
+"""The tracking laws: their demands on a command, and the adaptation of their estimates.
 
 The adaptive ones solve W(t, x, v_r, v̇_r, u) θ̂ = K_d s: Slotine and Li (IJRR 6(3), 1987) in the
 cone's metric and with constant Γ, and certainty equivalence with an identifier's estimate.
@@ -29,7 +29,7 @@ from .reference import Rehearsal, loop_frequency
 
 
 class Estimate:
-    """θ̂ of a controller: adapted by θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s in a metric's chart, or not at all.
+    """θ̂ of a controller, adapted by θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s in a metric's chart, or constant.
 
     The slope −Wᵀ s does not depend on θ̂. It is taken half-way between two samples and held in
     Heun's method, with an error of third order in the time between them.
@@ -56,7 +56,7 @@ class Estimate:
     def learn(self, slope: Array, step: float) -> None:
         """Integrates the adaptation from sample to sample, `step` [s], with −Wᵀ s (p,) half-way.
 
-        θ̂ stays where it is if that is not finite.
+        θ̂ is unchanged if that is not finite.
         """
         if self.metric is not None:
             theta = np.empty(len(self.theta))

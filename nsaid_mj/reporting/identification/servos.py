@@ -58,7 +58,7 @@ def _replay(result: ServoIdentification, replay: Replayed) -> Section:
     ]  # fmt: skip
     note = "MuJoCo with the exported file, driven by the targets alone from the first position on"
     note += f"; the first {t[-1]:.0f} s." if len(t) < len(log.t) else "."
-    note += "" if used.all() else " Shaded: left out of the fit, because of foreign forces."
+    note += "" if used.all() else " Shaded: left out of the fit, because of external forces."
     return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
 
 
