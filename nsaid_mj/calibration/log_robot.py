@@ -224,7 +224,7 @@ def _of_velocity(system: StructuredSystem, name: str, i: int, parameter: int) ->
     if name != "damping":
         raise InvalidInput(
             "law", "batch, for a vehicle with constant forces on its body", "another",
-            "Take --law batch, or leave the forces out: --columns damping, or --columns \"\".",
+            "Use --law batch, or leave the forces out: --columns damping, or --columns \"\".",
         )  # fmt: skip
     axes = np.eye(6)[i if system.group == 6 else LEVEL[i]]
     return Column("linear_drag", parameter, body=0, axes=axes)

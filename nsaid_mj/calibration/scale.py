@@ -152,17 +152,17 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
         return []
     combined, found = combinations(problem), []
     for name, value in known.items():
-        index, why = _index(problem, name), "the log does not show it"
+        index, why = _index(problem, name), "it has no effect in the log"
         share, members = _share(problem, index), combined.members(index)
         if index in problem.space.actuators:
-            why = "the log hardly relates it to the other parameters"
+            why = "the log hardly couples it to the other parameters"
             why += ", and not at all to those of other limbs" if scale.limbs > 1 else ""
         elif members:
             seen = in_words(combined.expression(members[0]), problem.space)
             why = f"the log shows it only in combination ({seen})"
         effect = "it changes no other parameter"
         if share > 0.005:
-            effect = f"it settles {share:.0%} of the weight on which the overall scale rests"
+            effect = f"it determines {share:.0%} of the weight on which the overall scale rests"
         label = problem.space.labels[index]
         text = (
             f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "

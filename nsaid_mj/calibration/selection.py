@@ -289,7 +289,7 @@ def refined(rows: JointRows, choice: Choice) -> tuple[Choice, float, Finding]:
     words = ", ".join(f"{name} {_ms(delay)}" for name, delay in delays.items())
     if np.ptp(final.delay) < 1e-9:
         words = f"{_ms(final.delay[0])} for all"
-    text = f"commands act later than recorded, by [ms]: {words}"
+    text = f"delays of the commands relative to the log [ms]: {words}"
     return final, deviation, Finding("note", "delay", "", text, data=dict(delays))
 
 

@@ -156,7 +156,7 @@ def design(
     check_criterion(criterion)
     asked = asked_for(wanted, experiment.system.space)
     base = experiment.scenario.excitation
-    report("rehearsing random motions", None)
+    report("simulating random motions", None)
     rehearsals = _rehearsals(experiment, base)
     chosen = limits(_default_limits(experiment, base, rehearsals, _MEDIAN))
     largest = limits(_default_limits(experiment, base, rehearsals, _ALL))
@@ -213,7 +213,7 @@ def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, L
     ]
     found = [(draw, log) for draw, log in made if log is not None]
     if not found:
-        remedy = "Take a gentler excitation, a shorter time step or a smaller initial_error."
+        remedy = "Use a gentler excitation, a shorter time step or a smaller initial_error."
         raise NoMotion("the scenario's own excitation diverges under the prior", remedy)
     return found
 

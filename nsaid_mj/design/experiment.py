@@ -78,7 +78,7 @@ class Experiment:
         system = plant.system
         if system.forward is None:
             expected = "a structure with compiled forward dynamics"
-            remedy = "Take the compiled backend, or another plant."
+            remedy = "Use the compiled backend, or another plant."
             raise InvalidInput("design", expected, type(system).__name__, remedy)
         levels = scenario.noise.levels
         if not (levels.position > 0 and levels.velocity > 0):

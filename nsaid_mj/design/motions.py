@@ -307,7 +307,7 @@ def _binding(system: SecondOrderSystem, limits: Limits, name: str, use: Array) -
         f"the smallest motion that was tried exceeds the limit of {name}{where}, {ends}"
         f"{f' (from {source})' if source else ''}, by {excess} in simulation",
         f"Widen the limit of {name} in a file for --limits"
-        + (", or restrict the positions to where gravity asks for less." if joints else "."),
+        + (", or restrict the positions to where gravity requires less." if joints else "."),
     )
 
 

@@ -38,10 +38,10 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     system, n = truth.system, truth.system.n
     if system.forward is None:
         raise NoEstimate(
-            "no bound for a system without compiled forward dynamics", "Take a packaged system."
+            "no bound for a system without compiled forward dynamics", "Use a packaged system."
         )
     if not (levels.position > 0 and levels.velocity > 0):
-        raise NoEstimate("the bound is 0 for exact sensors", "Take noisy sensors.")
+        raise NoEstimate("the bound is 0 for exact sensors", "Use noisy sensors.")
     scale = np.array(system.space.scale)
     cone = cone_of(system.space)
     margin, none = margin_of(cone, scale), np.zeros(0)

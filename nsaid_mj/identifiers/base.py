@@ -24,24 +24,24 @@ class Status(Enum):
     completed = "completed", ""
     plant_diverged = (
         "plant diverged",
-        "The simulation became unstable: take a smaller dt or a gentler excitation.",
+        "The simulation became unstable: use a smaller dt or a gentler excitation.",
     )
     estimate_not_positive_definite = (
         "estimated mass matrix not positive definite",
-        "The estimate moved too far: take a smaller identifier gain (or rate, or a larger floor), "
+        "The estimate moved too far: use a smaller identifier gain (or rate, or a larger floor), "
         "a better initial estimate, a gentler excitation, or --law cone.",
     )
     adaptation_too_fast = (
         "conserved quantity drifted by more than 1e-3",
-        "The adaptation is too fast for RK4 at this dt: take a smaller identifier gain or dt.",
+        "The adaptation is too fast for RK4 at this dt: use a smaller identifier gain or dt.",
     )
     measurement_not_finite = (
         "measurement not finite",
-        "A sensor gave NaN or infinity: see the named signal at the named time.",
+        "A sensor returned NaN or infinity: check the named signal at the named time.",
     )
     command_not_finite = (
         "command not finite",
-        "The controller gave NaN or infinity: see the driver, and the prior that it uses.",
+        "The controller returned NaN or infinity: check the driver, and the prior that it uses.",
     )
     interrupted = "interrupted", "Stopped by the user; what was recorded until then is complete."
 

@@ -123,7 +123,7 @@ def floored_inverse(gramian: Array, floor: float) -> Array:
             "gamma",
             "an excitation that moves something",
             "an expected Gramian of 0",
-            "Drive the plant harder, or take --gamma scale.",
+            "Drive the plant harder, or use --gamma scale.",
         )
     inverse = (vectors / np.maximum(values, floor * values[-1])) @ vectors.T
     return 0.5 * (inverse + inverse.T)

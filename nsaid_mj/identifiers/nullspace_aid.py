@@ -92,7 +92,7 @@ class NullspaceIdentifier(Identifier):
                 "K",
                 f"λ_max(K)·dt ≤ {RK4_LIMIT} for RK4",
                 f"{fastest:g}/s · {dt:g} s = {fastest * dt:g}",
-                f"Take K ≤ {RK4_LIMIT / dt:g}/s or a smaller dt.",
+                f"Use K ≤ {RK4_LIMIT / dt:g}/s or a smaller dt.",
             )
 
     def init(self, first: Measurement) -> State:

@@ -92,7 +92,7 @@ class ArmPlant(ParametricPlantConfig):
         """The robot's description, and the structure that an identifier may know."""
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
-            raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
+            raise BadRobot(self.robot, "", "it has no joint for a motor", "Use FlyingArmPlant.")
         driven = [k for k, name in enumerate(robot.joints) if name not in robot.passive]
         servos = None if self.actuator == "motor" else robot.servos
         own = {"damping": robot.damping, "friction": robot.friction, "armature": robot.rotor}
@@ -242,7 +242,7 @@ def check_stiffness(plant: SimulatedRobot, name: str) -> None:
         raise BadRobot(
             name,
             "",
-            "its mass matrix is singular: a moving link has next to no inertia",
+            "its mass matrix is singular: a moving link has almost no inertia",
             "Give the link its mass, or the joints rotor inertia (--plant.armature 0.01).",
         ) from error
     viscous, coulomb = (theta[system.space[f"{kind} friction"]] for kind in ("viscous", "Coulomb"))
@@ -253,7 +253,7 @@ def check_stiffness(plant: SimulatedRobot, name: str) -> None:
             name,
             f"joint {system.joint_names[worst]}",
             f"its friction acts at {rate[worst]:.0f}/s, too fast for steps of {plant.dt:g} s",
-            f"Take dt ≤ {2 / rate[worst]:.1g} s, less friction, or a larger friction_speed.",
+            f"Use dt ≤ {2 / rate[worst]:.1g} s, less friction, or a larger friction_speed.",
         )
 
 

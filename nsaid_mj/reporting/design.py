@@ -56,7 +56,7 @@ def verdict_of(document: dict[str, Any]) -> Mark:
     random = float(np.sqrt(np.mean(squares)))  # over draws like the design's
     sources = {limit["source"] for limit in document["limits"].values()}
     which = " of the same limits" if sources <= {RANDOM} else " of the usual size"
-    which += ", which may touch themselves" if document["contacts"] else ""
+    which += ", which may collide" if document["contacts"] else ""
     if random > own:
         words = (
             f"Predicted rms deviation of the {asked}: {_percent(own)}, {random / own:.2g} times "
@@ -80,7 +80,7 @@ def statements(document: dict[str, Any]) -> list[str]:
     count, needed = document["weak_directions"], document["harmonics"]["dimension_of_P_perp"]
     lines = [
         f"{needed - count} of {needed} observable directions will be known, "
-        + (f"{count} stay weak." if count else "none stays weak.")
+        + (f"{count} remain weak." if count else "none remains weak.")
     ]
     measured = ", ".join(f"{h}: {rank}" for h, rank in document["harmonics"]["measured"])
     if measured:
@@ -92,8 +92,8 @@ def _helping(document: dict[str, Any]) -> list[str]:
     """What helps the weak directions and the requested numbers most, a line each."""
     lines = []
     for words, left, remedy, after in _weak_rows(document):
-        helped = f"{after} after {remedy}" if after != _NONE else "nothing tried helps"
-        lines.append(f"Weak: {words}: {left} of its deviation stays; {helped}.")
+        helped = f"{after} after {remedy}" if after != _NONE else "no remedy helps"
+        lines.append(f"Weak: {words}: {left} of its deviation remains; {helped}.")
     return lines + [
         f"{words}: {share} times the deviation, {pages.count(int(weak), 'weak direction')}."
         for words, share, weak in _remedy_rows(document)
@@ -115,7 +115,7 @@ def _weak_rows(document: dict[str, Any]) -> list[list[str]]:
         [
             direction["words"],
             f"{100 * direction['left']:.0f} %",
-            direction["remedy"] or "nothing tried helps",
+            direction["remedy"] or "no remedy helps",
             f"{100 * direction['after']:.2g} %" if direction["remedy"] else _NONE,
         ]
         for direction in document["weak"]
@@ -137,12 +137,12 @@ def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder
     `document` is that of `design.files.document`, `trial` the design on a draw of the prior.
     """
     weak = Table(
-        ["direction", "deviation left", "what helps most", "left then"], _weak_rows(document),
+        ["direction", "deviation left", "best remedy", "left then"], _weak_rows(document),
         (0, 2),
     )  # fmt: skip
     determined: list[Panel] = [Items(statements(document))]
     if weak.lines:
-        determined += [Text("Directions that stay weak", head=True), weak, Text(_WEAK, note=True)]
+        determined += [Text("Directions that remain weak", head=True), weak, Text(_WEAK, note=True)]
     designed = ["as designed", "1", str(document["weak_directions"])]
     heads = ["experiment", "deviation over the design's", "weak directions"]
     helps = Table(heads, [designed, *_remedy_rows(document)])

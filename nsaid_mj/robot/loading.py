@@ -62,7 +62,7 @@ def load_robot(name: str, base: Base = "held") -> RobotModel:
     """
     file = robot_file(name)
     if base == "free" and file.named and not file.floats:
-        raise BadRobot(name, "", "its base is fixed", "Take ArmPlant, or a robot that floats.")
+        raise BadRobot(name, "", "its base is fixed", "Use ArmPlant, or a robot that floats.")
     found = _read(file.path, (), None, base)
     return replace(found, name=name, source=None if file.named else found.source)
 

@@ -154,7 +154,7 @@ def check_tree(robot: str, model: pin.Model, base: str | None = None) -> None:
     if model.nv == 0:
         raise BadRobot(robot, "", "no joint moves", "Keep at least one joint.")
     if base == "free" and model.joints[1].nv != 6:
-        raise BadRobot(robot, "", "its base is fixed", "Take ArmPlant, or a robot that floats.")
+        raise BadRobot(robot, "", "its base is fixed", "Use ArmPlant, or a robot that floats.")
     for i in range(2 if base == "free" else 1, model.njoints):
         joint, name = model.joints[i], model.names[i]
         if joint.nv != 1:

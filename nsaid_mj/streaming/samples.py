@@ -328,5 +328,5 @@ def bound(port: int) -> socket.socket:
         receiver.bind((LOCAL, port))
     except (OSError, OverflowError) as error:
         receiver.close()
-        raise InvalidInput("udp", "a free port", port, "Take another, such as 9870.") from error
+        raise InvalidInput("udp", "a free port", port, "Use another, such as 9870.") from error
     return receiver

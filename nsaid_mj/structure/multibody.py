@@ -90,7 +90,7 @@ def check_consistency(system: JointTree) -> None:
                     apart,
                     AGREEMENT,
                     ("The compiled structure", "Pinocchio"),
-                    "Take --backend pinocchio.",
+                    "Use --backend pinocchio.",
                 )
 
 

@@ -141,7 +141,7 @@ class World:
         with plant.running():
             log = setup.simulate()
         if not is_sound(plant, log):
-            raise NoEstimate(f"the plant diverged ({plant.diverged})", "Take a smaller dt.")
+            raise NoEstimate(f"the plant diverged ({plant.diverged})", "Use a smaller dt.")
         levels = scenario.noise.levels if noise else EXACT
         self._problem = Problem(setup.system, log, setup.prior, levels)
         self._judges: dict[int, evaluation.Judge] = {}

@@ -65,7 +65,7 @@ class Plan(Study):
                 "scenario",
                 "one that is driven by AdaptiveTracking",
                 f"{self.script}, driven by {type(self.scenario.excitation).__name__}",
-                "Take track_ur5, track_bluerov2 or track_uvms, or write one.",
+                "Use track_ur5, track_bluerov2 or track_uvms, or write one.",
             )
 
     @property

@@ -164,7 +164,7 @@ def correlation(a: Array, b: Array) -> Array:
 
 
 def _swapped(joint: str, other: str, together: float) -> Finding:
-    text = f"the velocity follows the position of {other} (correlation {together:.2f})"
+    text = f"the velocity correlates with the position of {other} (correlation {together:.2f})"
     remedy = "Two columns are swapped: correct the order of positions or velocities in map.toml."
     data = {"joints": [joint, other], "correlation": float(together)}
     return Finding("refusal", "swapped_columns", joint, text, remedy, data)
@@ -176,7 +176,7 @@ def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | Non
     data = {"factor": factor, "correlation": float(together)}
     if abs(together) < _AGREES:
         level = "refusal" if abs(together) < 0.5 else "warning"
-        text = f"the velocity hardly follows dq/dt (correlation {together:.2f})"
+        text = f"the velocity hardly correlates with dq/dt (correlation {together:.2f})"
         remedy = "Check which column is its velocity; leave it out to differentiate the position."
         return Finding(level, "velocity_mismatch", joint, text, remedy, data)
     for ratio, units in (

@@ -70,7 +70,7 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     for source, found in cleaned:
         segments += _segments(source, found, made, mapping, robot, rest, findings)
     if not segments:
-        text, remedy = f"no stretch of {SHORTEST} s has all signals", "Record a longer log."
+        text, remedy = f"no interval of {SHORTEST} s has all signals", "Record a longer log."
         if any(finding.code == "rest" for finding in findings):
             text = f"no joint moves faster than its noise for {SHORTEST} s"
             remedy = "Record a motion; check that the columns of the positions are the right ones."

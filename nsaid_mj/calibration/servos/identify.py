@@ -231,7 +231,7 @@ def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:
     if not found:
         return ()
     text = f"{100 * share:.0f} % of the samples lie in two-second windows with far larger residuals"
-    text += " than others, as if the gripper rested on a table; they were excluded: "
+    text += " than others, as when the gripper rests on a table; they were excluded: "
     remedy = "" if share < _MOST else "So many indicate a wrong model rather than contact."
     level = "note" if share < _MOST else "warning"
     return (Finding(level, "foreign_force", "", text + ", ".join(found), remedy),)

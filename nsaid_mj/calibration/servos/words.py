@@ -26,7 +26,7 @@ _LABELS = (
     ("armature", "armature", ("kg·m²", "kg")),
 )  # units of hinges and slides
 _WIDEST = 7.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 1,000
-_HEAVIER = "Take a heavier load, or more motions with the arm stretched out."
+_HEAVIER = "Use a heavier load, or more motions with the arm stretched out."
 _UNEXPLAINED = "the model does not explain this joint's motion"
 _UNMOVED = "the joint hardly moves"
 _CONVENTION = "a convention: gravity hardly loads this joint; only kv/kp, f/kp, armature/kp count"
@@ -112,7 +112,11 @@ def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
     half = min(scale.quantile * scale.deviation, _WIDEST)
     value, low, high = (float(np.exp(scale.log + x)) for x in (0.0, -half, half))
     status: Status = "identified" if half < _FIRM else "only in combination"
-    words = "" if half < _FIRM else "the load hardly shows; only ratios of kp, friction and masses"
+    words = (
+        ""
+        if half < _FIRM
+        else "the load has hardly any effect; only ratios of kp, friction and masses"
+    )
     label = "masses over those of the model file"
     return (Parameter("mass_scale", label, "scale", "1", value, low, high, 1.0, status, words),)
 
@@ -143,13 +147,13 @@ def verdict(
         one = joints[k]
         simple, error = (f"({x * 1e3:.1f} {one.unit})" for x in (one.simple, one.error))
         text = "the delayed target itself or a constant position predicts the motion nearly as "
-        text += f"well {simple} as the servo's model {error}; its numbers mean nothing"
+        text += f"well {simple} as the servo's model {error}; its parameters are meaningless"
         remedy = "Record faster motions, stops and reversals; check that targets and positions "
         remedy += "have the same zero, unit and sign."
         findings.append(Finding("warning", "no_better_than_simple", servos[k].name, text, remedy))
     still = [servos[k].name for k in range(len(servos)) if k not in moving]
     if still:
-        text = "it hardly moves, or follows its target exactly, so it is not judged"
+        text = "it hardly moves, or follows its target exactly, so its model cannot be validated"
         findings.append(Finding("note", "hardly_moved", ", ".join(still), text))
     explains: Explains = "yes" if not poor else "partly"
     if len(poor) == len(moving):
@@ -173,13 +177,17 @@ def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> t
     if others:
         source = "the mean of the others" if by_gravity else "the model file's"
         source += " unless the motion contradicts that"
-        text = f"gravity does not reveal kp, which is {source}; the motion depends on kv/kp, f/kp "
+        text = (
+            f"gravity does not determine kp, which is {source}; the motion depends on kv/kp, f/kp "
+        )
         text += "and armature/kp"
         found.append(Finding("note", "kp_convention", ", ".join(others), text))
     for s, joint in zip(servos, joints, strict=True):
         size = abs(joint.offset)
         if s.gravity and size > 0.02:
-            text = "kp and an offset between the zeros of target and position trade: "
+            text = (
+                "kp cannot be separated from an offset between the zeros of target and position: "
+            )
             text += (
                 f"{1e3 * joint.zero:.2g} {joint.unit} would change kp by {100 * size:.0f} %; the "
             )

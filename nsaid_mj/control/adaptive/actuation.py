@@ -122,7 +122,7 @@ def unit_forces(system: SecondOrderSystem) -> Array:
                 "excitation",
                 "actuators whose forces depend on their own commands alone",
                 type(system).__name__,
-                "Adaptive tracking is for motors, thrusters and nozzles: take another driver.",
+                "Adaptive tracking is for motors, thrusters and nozzles: use another driver.",
             )
     return found[0]
 
@@ -176,7 +176,7 @@ def groups(system: SecondOrderSystem, B: Array) -> list[Group]:
                 f"{system.n_u} commands that do not span {system.n} velocities, an under-actuated "
                 f"{type(system).__name__}",
                 "Adaptive tracking needs a fully actuated robot: an arm on a fixed base, bluerov2, "
-                "astrobee or uvms. Take another driver.",
+                "astrobee or uvms. Use another driver.",
             )
         found.append(group)
         left -= rows

@@ -82,7 +82,7 @@ class FilterAlone:
                 "law",
                 "a system with compiled forward dynamics",
                 type(system).__name__,
-                "Take --law memory; for an arm, --plant.backend compiled.",
+                "Use --law memory; for an arm, --plant.backend compiled.",
             )
         self._error, self._p, self._space = config.prior or USUAL, system.p, system.space
         cone, scale = cone_of(system.space), np.array(system.space.scale)

@@ -142,7 +142,7 @@ def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
             "Copy them from here.",
         ),
         (not actuators, "no actuators", actuators, f"They are made from {made}."),
-        (not strange, drawn, strange, "Meshes are not drawn: take one of these in their place."),
+        (not strange, drawn, strange, "Meshes are not drawn: use one of these in their place."),
     ):
         if not sound:
             raise InvalidInput(str(path), needed, got, remedy)

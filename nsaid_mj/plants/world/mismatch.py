@@ -80,7 +80,7 @@ class Mismatch(Config):
                 "mismatch.lag",
                 f"0, or at least {dt / 2.5:g} s at steps of {dt:g} s",
                 self.lag,
-                "Leave it out, or take a smaller dt.",
+                "Leave it out, or use a smaller dt.",
             )
         if self.lag:
             for actuator in spec.actuators:

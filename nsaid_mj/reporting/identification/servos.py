@@ -98,7 +98,7 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
                  for k, s in enumerate(result.servos)]  # fmt: skip
         panels += [Text("Law efficient, a filter from positions alone, at the end of the logs:"),
                    Table(heads[:4], found)]  # fmt: skip
-    panels.append(Text("± in %; error: of the open-loop simulation; simple: of the late target "
+    panels.append(Text("± in %; error: of the open-loop simulation; simple: of the delayed target "
                        "or a constant.", note=True))  # fmt: skip
     return Page(
         heading=result.robot.name,
