@@ -122,9 +122,8 @@ def _followed(result: Identification, values: Identified) -> Finding:
     figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
     worse = ", ".join(name for name, own, file in rows if own > file)
     text = (
-        "driven by the log's commands in windows of 0.2 s, MuJoCo departs from the log by "
-        "[rad or m], with the exported model (in brackets: with the values of the model file): "
-        f"{figures}"
+        "rms error of MuJoCo over windows of 0.2 s, driven by the log's commands [rad or m], with "
+        f"the exported model (in brackets: with the original model file): {figures}"
     )
     remedy = f"The exported model is worse at {worse}." if worse else ""
     data = {"exported": exported.tolist(), "nominal": nominal.tolist()}

@@ -245,8 +245,8 @@ def _followed(
     )
     what, unit = ", ".join(dict.fromkeys(log.source for log in logs)), result.robot.small_unit
     text = (
-        f"MuJoCo, driven by the targets alone, departs from {what} by {own.mean():.1f} {unit} in "
-        f"the mean with the exported file and its delays, and by {before.mean():.1f} with yours"
+        f"driven by the targets of {what} alone, MuJoCo's mean absolute error is {own.mean():.1f} "
+        f"{unit} with the exported file and its delays, and {before.mean():.1f} with yours"
     )
     data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
     level = "note" if own.mean() < before.mean() else "warning"

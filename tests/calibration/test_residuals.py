@@ -239,7 +239,12 @@ FLAWS = {
     "one slow sine per joint": (Flaw(delay=0.015), {"sines": 1, "fastest": 0.5}, "", ""),
     "delays that differ by 250 ms": (Flaw(delay=(0, 0.05, 0.1, 0.15, 0.2, 0.25)), {}, "", ""),
     "a delay that differs by 20 ms": (Flaw(delay=(0.01,) * 4 + (0.03, 0.01)), {}, "", ""),
-    "a gear ratio of 2": (Flaw(ratio={4: 2.0}), {}, "wrist_2_joint", "a scale error of its position"),
+    "a gear ratio of 2": (
+        Flaw(ratio={4: 2.0}),
+        {},
+        "wrist_2_joint",
+        "a scale error of its position",
+    ),
     "half a gear ratio": (Flaw(ratio={2: 0.5}), {}, "elbow_joint", "a scale error of its position"),
     "a mount 20° off": (Flaw(tilt=np.deg2rad(20)), {}, "", "gravity across"),
     "an encoder 5° off": (Flaw(zero={1: np.deg2rad(5)}), {}, "shoulder_lift_joint", "an offset of"),

@@ -67,8 +67,8 @@ def effects_of(
         if all(b < (1 - _WORTH) * a for a, b in zip(before, after, strict=True)):
             middle = float(np.mean(sizes))
             text = (
-                f"{words.format(factor * middle, unit)}; halves of the logs that took no part in "
-                f"the fit depart by {1e3 * np.mean(after):.2g} {unit} instead of "
+                f"{words.format(factor * middle, unit)}; with it, the error on held-out halves of "
+                f"the logs is {1e3 * np.mean(after):.2g} {unit} instead of "
                 f"{1e3 * np.mean(before):.2g}"
             )
             data = {"effect": effect, "size": middle}

@@ -72,9 +72,8 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     name, words = _WORDS[int(best[0] == 0)]
     size = float(found.max())
     text = (
-        f"the targets that the servos follow {words.format(size)}: with such a profile, halves of "
-        f"the logs that took no part in the fit depart by {after.mean():.2g} times what they do "
-        "without; it was used"
+        f"the targets that the servos follow {words.format(size)}: with such a profile, the error "
+        f"on held-out halves of the logs is {after.mean():.2g} times that without; it was used"
     )
     remedy = f"State your controller's own number in map.toml: `[profile]` `{name} = {size:.3g}`."
     return found, (Finding("warning", "hidden_profile", "", text, remedy, {name: size}),)

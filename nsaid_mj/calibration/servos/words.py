@@ -162,8 +162,8 @@ def verdict(
     unit = " or ".join(sorted({joint.unit for joint in joints}, reverse=True))
     words = {"yes": "explains", "partly": "partly explains", "no": "does not explain"}[explains]
     sentence = (
-        f"The servo model {words} the motion: driven by the targets alone it departs by "
-        f"{ours:.1f} {unit} in the mean; the delayed target itself, or a constant, by {late:.1f} "
+        f"The servo model {words} the motion: driven by the targets alone, its mean absolute "
+        f"error is {ours:.1f} {unit}; that of the delayed target, or a constant, is {late:.1f} "
         f"{unit}."
     )
     return explains, sentence, tuple(findings)

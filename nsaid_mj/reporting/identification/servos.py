@@ -113,7 +113,7 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
 
 
 def print_scores(scores: Sequence[Score], unit: str, console: Console) -> None:
-    """Prints how far models depart from logs, as means over all joints in a unit of 1/1000."""
+    """Prints the errors of models on logs, as means over all joints in a unit of 1/1000."""
     heads = ["model", *(f"{time}\n[{unit}]" for time in ("0.2 s", "2 s", "log"))]
     heads += ["one step\nNRMSE", "CPU\n[s]"]
     lines: list[list[Cell]] = []
