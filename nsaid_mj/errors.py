@@ -1,4 +1,4 @@
-"""Errors and warnings. Their messages say what was expected, what came, and what to do.
+"""Errors and warnings. Messages state what was expected, what was received, and the remedy.
 
 Every error that this package raises on purpose derives from `NsaidError` and has its data as
 attributes, so that a script can act on it without parsing the message.

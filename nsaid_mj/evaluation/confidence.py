@@ -24,7 +24,7 @@ _FIXED = 1e-6  # share of a combination along P_s(θ̂) below which the motion d
 
 @dataclass(frozen=True)
 class Known:
-    """The observable directions, the best known first.
+    """The observable directions, the most accurately known first.
 
     Attributes:
         directions: (k, p) orthonormal basis of P_⊥, in θ/scale.

@@ -1,4 +1,4 @@
-"""Figures that judge an estimate, whatever made it, and the forces that it predicts."""
+"""Figures of merit of an estimate from any method, and the forces that it predicts."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def midpoints(
 
 
 CONVERGED = 0.01
-"""Distance to the true set below which an estimate has converged, if it stays there."""
+"""Distance to the true set below which an estimate counts as converged, if it remains there."""
 
 
 class Judge:
@@ -155,8 +155,8 @@ def force_residual_ratio(
 ) -> float | None:
     """rms of W(t, x, v, v̇) θ̂ with the true v̇, over rms of the actuator forces under θ̂.
 
-    `later` is a trajectory that the estimate has not seen, `truth` (p,) is θ for v̇ by (29). Where
-    no θ describes the plant, that is None: v̇ is then the finite difference of measured velocities,
+    `later` is a trajectory that the estimate has not seen, `truth` (p,) is θ for v̇ by (29). It is
+    None if no θ describes the plant: v̇ is then the finite difference of measured velocities,
     half-way between samples. None without a trajectory, or if the actuators exert no force along
     it.
     """
@@ -195,8 +195,9 @@ def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
     """The smallest force residual ratio of any θ on regressors W (k, n, p).
 
     It is the square root of the smallest generalised eigenvalue of WᵀW with respect to that of the
-    actuator columns: the part of the actuator forces that remains when plant and gains are fitted
-    to this motion. None if there is no motion, or if the actuators exert no force along it.
+    actuator columns: the part of the actuator forces that remains unexplained when plant and gains
+    are fitted to this motion. None if there is no motion, or if the actuators exert no force along
+    it.
     """
     if W is None:
         return None

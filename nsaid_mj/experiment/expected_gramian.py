@@ -1,4 +1,4 @@
-"""Simulates the excitation under the prior, to predict the Gramian that the gain design needs.
+"""Simulates the excitation under the prior, to predict the Gramian for the gain design.
 
 No true value is used. The prediction is accurate enough: an error of 30 % in θ changes the
 Gramian's eigenvalues by about as much.

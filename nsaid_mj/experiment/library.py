@@ -27,9 +27,9 @@ _INSTALLED = tuple(
 
 
 def blame(error: BaseException) -> BadScript | None:
-    """The error to raise for an exception that passed through a user's code.
+    """The error to raise for an exception in a user's code.
 
-    None for errors of this package, and where no user's code is involved.
+    None for errors of this package, and if no user's code is in the traceback.
     """
     if isinstance(error, NsaidError):
         return None
@@ -46,7 +46,7 @@ def blame(error: BaseException) -> BadScript | None:
 
 
 def _is_users(file: str) -> bool:
-    """Whether a file is neither part of this package nor installed with Python."""
+    """Whether a file belongs to neither this package nor an installed one."""
     path = Path(file)
     if not path.is_file():
         return False

@@ -197,8 +197,8 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
     """Turns the first Ctrl-C into a call of `ask`; the second one raises KeyboardInterrupt.
 
     It also handles the signals that the command line treats like Ctrl-C. An exception could be
-    raised anywhere, and within compiled code it would be lost or become a SystemError. Instead, the
-    loop stops between two segments.
+    raised anywhere, and within compiled code it would be lost or become a SystemError; this way,
+    the loop stops between two segments.
     """
     # other signals have another handler, or are ignored
     ours = [s for s in signal.valid_signals() if signal.getsignal(s) is signal.default_int_handler]

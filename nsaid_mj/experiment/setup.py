@@ -1,4 +1,4 @@
-"""Wires a scenario's plant, prior, driver, sensors and identifiers; nothing else does so.
+"""Assembles a scenario's plant, prior, driver, sensors and identifiers.
 
 A `Setup` holds the simulated plant and the prior θ̂(0), and builds driver, sensors and identifiers,
 each from its own stream of the scenario's seed. Runs, held-out trajectories, comparisons of methods
@@ -235,9 +235,9 @@ def trajectory(
 ) -> Log:
     """Drives a running plant for a number of time steps.
 
-    `as_at` freezes the actuators in their state at this time of a run [s]. `check` is called now
-    and then; it may raise, to stop. Returns steps + 1 measurements; fewer if the plant diverges, or
-    after one that is not finite.
+    `as_at` freezes the actuators in their state at this time of a run [s]. `check` is called at
+    intervals; it may raise an exception to stop. Returns steps + 1 measurements; fewer if the plant
+    diverges, or after one that is not finite.
     """
     last, parts = plant.begin(driver, sensors, as_at), []
     while True:

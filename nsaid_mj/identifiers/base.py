@@ -128,7 +128,7 @@ class Confidence(NamedTuple):
 
 
 class Identifier(ABC):
-    """An adaptive identifier of a system's θ: pure functions of a state. Same input, same bits.
+    """An adaptive identifier of a system's θ: pure, bitwise reproducible functions of a state.
 
     Attributes:
         system: the structure it knows.
@@ -199,7 +199,7 @@ class Identifier(ABC):
     def resume(self, state: State, here: Measurement) -> State:
         """The state at a measurement after a gap in which the motion is unknown.
 
-        θ̂ and what was learned about it stay; v̂ and whatever else follows the motion start anew.
+        θ̂ and its statistics are kept; v̂ and all other states of the motion are reinitialised.
         """
 
     @abstractmethod
