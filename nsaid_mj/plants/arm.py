@@ -36,8 +36,8 @@ class ArmPlant(ParametricPlantConfig):
     """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 
     Joints without an actuator in the robot's file are passive. Friction, rotor inertia and gain
-    have one nominal value for all joints, as in a data sheet; None takes an MJCF's own (their
-    median where a joint has none), or else values that suit the robot's size. The hidden true
+    have one nominal value for all joints, as in a data sheet; None uses those of an MJCF (their
+    median for a joint without any), or else values typical of the robot's size. The hidden true
     values, drawn from the seed, deviate from these joint by joint, by up to `spread`.
 
     Attributes:
@@ -89,7 +89,7 @@ class ArmPlant(ParametricPlantConfig):
         return self._plant(dt, robot, system, true)
 
     def _published(self) -> tuple[RobotModel, JointTree]:
-        """The robot's description, and the structure that an identifier may know."""
+        """The robot's description, and the structure for identifiers."""
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
             raise BadRobot(self.robot, "", "it has no joint for a motor", "Use FlyingArmPlant.")

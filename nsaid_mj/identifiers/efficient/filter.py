@@ -20,7 +20,7 @@ rounding errors made the covariance indefinite. A row may also precede the filte
 
 
 class Law(NamedTuple):
-    """The prior knowledge of the filter, for compiled loops.
+    """Constants of the filter, for compiled loops.
 
     Attributes:
         structure: structure of the system.
@@ -95,7 +95,7 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
 
 
 class Along(NamedTuple):
-    """What `follow_filter` writes along a log of N samples, from row 1 on.
+    """Outputs of `follow_filter` along a log of N samples, from row 1 on.
 
     Attributes:
         theta: (N, p) θ̂.

@@ -25,7 +25,7 @@ _JUDGED = 50  # blocks, at least, before their scores show an estimate's uncerta
 
 @config
 class MemoryConfig(Config):
-    """How past data are kept and used, where the law is `memory`.
+    """Storage and use of past data by the law `memory`.
 
     Attributes:
         window: time constant 1/a of the leak in the momentum balance [s].
@@ -129,7 +129,7 @@ class Memory(NamedTuple):
 
     @property
     def sure(self) -> bool:
-        """Whether enough blocks were compared with an estimate to show its uncertainty."""
+        """Whether enough blocks followed an estimate to determine its uncertainty."""
         n, p = self.means.last.shape
         return self.scores.count >= max(_JUDGED, _DETERMINED * p / n)
 

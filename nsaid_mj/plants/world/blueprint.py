@@ -104,9 +104,9 @@ class Blueprint:
     def split(self, theta: Array) -> tuple[Inertia, Array]:
         """Divides M of θ (p,) into that of a rigid body and added mass.
 
-        Only their sum can be identified. The rigid body is the nominal one, times the largest
-        factor for which the added mass exceeds the nominal one times this factor: both are then
-        physical.
+        Only their sum can be identified. The rigid-body part is the nominal one times the largest
+        factor for which the added mass is at least the nominal one times this factor, so that both
+        are physical.
 
         Returns:
             the rigid body, and (p,) θ of the forces that act on it.

@@ -1,4 +1,4 @@
-"""Effects of a real plant that the identifier's structure does not model, each with a switch."""
+"""Unmodelled effects of a real plant, each with a switch."""
 
 from __future__ import annotations
 

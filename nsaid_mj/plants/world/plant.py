@@ -1,4 +1,4 @@
-"""A plant: a MuJoCo model, the structure that an identifier may know, and the hidden truth."""
+"""A plant: a MuJoCo model, the structure for identifiers, and the hidden true parameters."""
 
 from __future__ import annotations
 
@@ -100,9 +100,10 @@ class Plant(ABC):
         dt: time step of the measurements and the commands [s].
         substeps: steps of MuJoCo in a time step.
         delay: time steps from a command to the actuators.
-        targets: whether commands are positions; until one arrives, servos hold the first.
-        late: (n_u,) time steps from a target to its servo, which are known: a measurement's u is
-            what acts. None without.
+        targets: whether commands are position targets; until one arrives, servos hold the initial
+            position.
+        late: (n_u,) known time steps from a target to its servo: a measurement's u is the acting
+            target. None without.
         profile: (n_u, 3) of the targets, likewise; see `robot.target_profile`. None without.
         mismatches: effects that the structure does not model, in words.
         faults: faults of actuators, sensors or the plant during a run.

@@ -1,4 +1,4 @@
-"""A robot of exact structure in MuJoCo: a true θ, and one callback for the forces it lacks."""
+"""A robot of exact structure in MuJoCo: a true θ, and a callback for all other forces."""
 
 from __future__ import annotations
 
