@@ -217,7 +217,7 @@ def structured_vehicle(
     for _ in range(_ROUNDS):
         timing, others, findings = _timing(rows, columns, options.delay, report)
         report("choosing the cut-off")
-        before, rows = rows, _most_telling(trials, columns, timing)
+        before, rows = rows, _most_informative(trials, columns, timing)
         if rows is before:
             break
     if options.columns is None:
@@ -288,7 +288,7 @@ def _narrower(rows: VehicleRows) -> list[VehicleRows]:
     return [rows, *(other for other in others if len(other.t) >= _FEWEST)]
 
 
-def _most_telling(
+def _most_informative(
     trials: list[VehicleRows], columns: frozenset[str], timing: Timing
 ) -> VehicleRows:
     """The rows with the most information about θ, of several cut-offs.

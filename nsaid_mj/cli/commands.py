@@ -63,7 +63,7 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
     """Runs a scenario from its script, with the flags of `nsaid run`."""
     script = Path(sys.argv[0])
     given = sys.argv[1:] if arguments is None else arguments
-    _exit(lambda: _telling(lambda: _run(script.stem, scenario, given)))
+    _exit(lambda: _with_script_errors(lambda: _run(script.stem, scenario, given)))
 
 
 def run_from_shell() -> NoReturn:
@@ -104,19 +104,19 @@ def _say(words: object, code: int) -> int:
 
 def command(arguments: Sequence[str]) -> int:
     """Executes a command line and returns the exit code."""
-    return _telling(lambda: _command(arguments))
+    return _with_script_errors(lambda: _command(arguments))
 
 
-def _telling(action: Callable[[], int]) -> int:
+def _with_script_errors(action: Callable[[], int]) -> int:
     """Executes an action; an exception or exit in a user's script becomes a `BadScript`."""
     try:
         return action()
     except NsaidError:
         raise
     except (Exception, SystemExit) as error:
-        from ..experiment.library import blame
+        from ..experiment.library import script_error
 
-        if found := blame(error):
+        if found := script_error(error):
             raise found from error
         raise
 

@@ -36,8 +36,8 @@ from .limits import COMMAND, RANDOM, Limit, Limits, envelope, extents_of, units_
 from .motions import DrivenMotions, JointMotions, Motions, checked
 from .search import Found, minimise
 
-_REHEARSED = 12  # random motions from which limits are taken
-_REHEARSAL = 20.0  # longest of them [s]
+_MOTIONS = 12  # random motions from which limits are taken
+_LONGEST = 20.0  # longest of them [s]
 _SCREENED, _TRIED = 48, 4  # candidates of the first stage, and those that the bound then judges
 _FIRST = 0.75  # share of the search under a single draw of the prior
 _STEP, _LATER = 0.3, 0.1  # first steps of its two parts
@@ -157,9 +157,9 @@ def design(
     asked = asked_for(wanted, experiment.system.space)
     base = experiment.scenario.excitation
     report("simulating random motions", None)
-    rehearsals = _rehearsals(experiment, base)
-    chosen = limits(_default_limits(experiment, base, rehearsals, _MEDIAN))
-    largest = limits(_default_limits(experiment, base, rehearsals, _ALL))
+    simulated = _random_motions(experiment, base)
+    chosen = limits(_default_limits(experiment, base, simulated, _MEDIAN))
+    largest = limits(_default_limits(experiment, base, simulated, _ALL))
     if isinstance(base, FourierTracking):
         motions: Motions = JointMotions(experiment, chosen, base)
     else:
@@ -175,7 +175,7 @@ def design(
     driver, logs, uses = checked(motions, candidates, largest)
     covariances = np.array(_covariances(motions, logs))
     random = []
-    for draw, log in rehearsals:
+    for draw, log in simulated:
         own = predicted(experiment, _coarse(motions.stride, log), draw)
         random.append(rms(asked.deviations(own, experiment.draws[draw])))
     return Design(
@@ -204,12 +204,12 @@ def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
             motions.stride = max(1, motions.stride // 2)
 
 
-def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, Log]]:
+def _random_motions(experiment: Experiment, base: DriverConfig) -> list[tuple[int, Log]]:
     """Simulated random motions, each with the number of its draw; raises `NoMotion` if none."""
-    duration = min(experiment.scenario.duration, _REHEARSAL)
+    duration = min(experiment.scenario.duration, _LONGEST)
     made = [
         (seed % DRAWS, experiment.simulate(base, seed % DRAWS, duration, seed))
-        for seed in range(_REHEARSED)
+        for seed in range(_MOTIONS)
     ]
     found = [(draw, log) for draw, log in made if log is not None]
     if not found:
@@ -219,7 +219,7 @@ def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, L
 
 
 def _default_limits(
-    experiment: Experiment, base: DriverConfig, rehearsals: Sequence[tuple[int, Log]], share: float
+    experiment: Experiment, base: DriverConfig, motions: Sequence[tuple[int, Log]], share: float
 ) -> Limits:
     """The limits that a share of the scenario's own random motions keep; a vehicle's are wider.
 
@@ -228,7 +228,7 @@ def _default_limits(
     those that all keep, because the other joints' motion moves a light joint.
     """
     system, units = experiment.system, units_of(experiment.system)
-    extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in rehearsals]
+    extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in motions]
     found = envelope(extents, _ALL if system.group else share)
     limits = {}
     for name, (low, high) in found.items():

@@ -26,7 +26,7 @@ _INSTALLED = tuple(
 )
 
 
-def blame(error: BaseException) -> BadScript | None:
+def script_error(error: BaseException) -> BadScript | None:
     """The error to raise for an exception in a user's code.
 
     None for errors of this package, and if no user's code is in the traceback.
@@ -98,9 +98,9 @@ def load(name: str) -> Scenario:
     try:
         loader.exec_module(module)
     except SyntaxError as error:
-        raise blame(error) or BadScript(path, 0, f"SyntaxError: {error.msg}") from error
+        raise script_error(error) or BadScript(path, 0, f"SyntaxError: {error.msg}") from error
     except Exception as error:
-        if found := blame(error):
+        if found := script_error(error):
             raise found from error
         raise
     except SystemExit as error:

@@ -33,7 +33,7 @@ from .library import place_of
 from .scenario import Scenario
 
 _PIECE = 5000  # time steps after which a long simulation can be stopped
-_REHEARSAL = 60.0  # longest simulation for the design of a gain [s]
+_LONGEST = 60.0  # longest simulation for the design of a gain [s]
 
 
 class Seeds(NamedTuple):
@@ -45,7 +45,7 @@ class Seeds(NamedTuple):
     sensors: np.random.SeedSequence
     held_out: np.random.SeedSequence
     structure: np.random.SeedSequence
-    rehearsal: np.random.SeedSequence
+    gramian: np.random.SeedSequence
 
     @staticmethod
     def of(seed: int) -> Seeds:
@@ -111,8 +111,8 @@ class Setup:
 
         @cache
         def gramian() -> Array:
-            driver, duration = self._driver(self.seeds.rehearsal), scenario.duration
-            return expected_gramian(system, driver, prior, scenario.dt, min(duration, _REHEARSAL))
+            driver, duration = self._driver(self.seeds.gramian), scenario.duration
+            return expected_gramian(system, driver, prior, scenario.dt, min(duration, _LONGEST))
 
         return {
             name: with_prior_error(config, scenario).build(

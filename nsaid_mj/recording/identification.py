@@ -40,7 +40,7 @@ _FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
 def record(result: Identification, file: Path) -> Path:
     """Writes a recording of the training logs, atomically, and returns its path.
 
-    Logs follow one another on the timeline `sim_time`; see `calibration.result.shifts`.
+    Logs are concatenated on the timeline `sim_time`; see `calibration.result.shifts`.
 
     Args:
         result: result of an identification.
@@ -68,7 +68,7 @@ def record(result: Identification, file: Path) -> Path:
 def moving_robot(
     robot: RobotModel, motion: Sequence[tuple[Array, Array, Array]]
 ) -> tuple[Camera | None, Callable[[rr.RecordingStream], None]]:
-    """The camera, and what draws a robot as it moves in logs, at some frames of them.
+    """The camera, and a function that draws a robot moving as in logs, at some frames.
 
     Args:
         robot: the model.
@@ -76,7 +76,7 @@ def moving_robot(
             velocities (N, n).
 
     Returns:
-        The camera, None if nothing is known of the robot's shape, and a function of a recording.
+        The camera, None if the robot's shape is unknown, and a function of a recording.
     """
     scene = _scene(robot)
     total = sum(float(t[-1] - t[0]) for t, _, _ in motion)
@@ -102,7 +102,7 @@ def moving_robot(
 
 
 def _scene(robot: RobotModel) -> Scene | None:
-    """The robot's meshes or joints; None if nothing is known of its shape."""
+    """The robot's meshes or joints; None if its shape is unknown."""
     system: SecondOrderSystem | None = robot.system
     if system is None and robot.model is not None and robot.model.njoints > 1:
         unit = np.ones(max(len(robot.joints), robot.model.nv))  # scales do not matter here
@@ -161,7 +161,8 @@ def lines(t: Array, segment: Indices, sides: Sequence[Array]) -> tuple[Array, li
 def _history(result: Identification) -> list[tuple[str, Curves]]:
     """(block, curves) of a law's gains and frictions along the log, with the gains' intervals.
 
-    Those of gains are of their ratios to the mean of all, as no motion tells the common scale.
+    Intervals of gains are those of their ratios to the mean of all, as the common scale is
+    unobservable.
     """
     if result.law is None:
         return []
@@ -299,7 +300,7 @@ def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) ->
 
     Args:
         found: result of an identification of servos.
-        replayed: the logs, and how the exported model follows them.
+        replayed: the logs, and simulations of them with the exported model.
         file: path of the recording, ending in .rrd.
     """
     logs = replayed.logs

@@ -69,7 +69,7 @@ class Plots:
         return len(self._below(entity)) >= least
 
     def moving(self, entity: str) -> bool:
-        """Whether some curve below an entity differs from 0."""
+        """Whether any curve below an entity differs from 0."""
         return any(np.any(curve.values != 0) for curve in self._below(entity))
 
     def unit(self, entity: str) -> str:

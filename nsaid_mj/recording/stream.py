@@ -65,7 +65,7 @@ def write(
 
 
 def _send_blueprint(rec: rr.RecordingStream, blueprint: Any) -> None:
-    """Sends a blueprint and ends Rerun's stream for it, which would otherwise live for ever.
+    """Sends a blueprint and ends Rerun's stream for it, which would otherwise never end.
 
     That stream holds itself in memory, with two threads and about 2 MB. Rerun does not expose it;
     it is caught where it is created.

@@ -1,4 +1,4 @@
-"""A design on the terminal, and its page."""
+"""Terminal output and page of a design."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> 
 
 
 def verdict_of(document: dict[str, Any]) -> Mark:
-    """Whether the design is better than random motions, and how much."""
+    """The verdict: the design's improvement over random motions."""
     own, asked = document["predicted_deviation"], document["asked"]
     squares = np.square(document["predicted_deviation_of_random_motions"])
     random = float(np.sqrt(np.mean(squares)))  # over draws like the design's
@@ -89,7 +89,7 @@ def statements(document: dict[str, Any]) -> list[str]:
 
 
 def _helping(document: dict[str, Any]) -> list[str]:
-    """What helps the weak directions and the requested numbers most, a line each."""
+    """The best remedy for each weak direction and for the requested numbers, a line each."""
     lines = []
     for words, left, remedy, after in _weak_rows(document):
         helped = f"{after} after {remedy}" if after != _NONE else "no remedy helps"

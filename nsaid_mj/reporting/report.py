@@ -117,7 +117,7 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
 
 
 def brief(name: str, summary: dict[str, Any], folder: Path) -> Page:
-    """What the terminal and the recording tell of a run.
+    """The page of a run for terminal and recording.
 
     Args:
         name: name of the run.
@@ -224,7 +224,7 @@ def _relative_to(result: Result) -> str:
 
 
 def _checks(summary: dict[str, Any]) -> str:
-    """How far the run agrees with the theory: conserved quantity and excitation."""
+    """Agreement of the run with the theory: conserved quantity and excitation."""
     said = []
     if (drift := summary.get("conserved_drift")) is not None:
         said.append(f"Relative drift of the conserved quantity θ̂ᵀΓ⁻¹θ̂: {rounded(drift, 2)}.")

@@ -14,7 +14,7 @@ from .tree import set_inertias
 
 
 class Coupling(NamedTuple):
-    """What two joints share if the motor of one turns by v_i ± v_j.
+    """Shared parameters of two joints if the motor of one turns by v_i ± v_j.
 
     Attributes:
         joints: their indices.

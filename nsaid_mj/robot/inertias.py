@@ -1,4 +1,4 @@
-"""Physically consistent inertias: those that a body with a positive mass density can have.
+"""Physically consistent inertias: those of bodies with a nonnegative mass density.
 
 With Σ = ½ tr(I) 1 − I, the second moments of mass about the centre of mass, a body of mass m > 0
 and inertia I exists if and only if Σ ⪰ 0; the principal moments then satisfy the triangle

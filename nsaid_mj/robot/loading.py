@@ -1,4 +1,4 @@
-"""The one way in: a tree of joints from a URDF or MJCF file, or by name."""
+"""Loads a tree of joints from a URDF or MJCF file, or by name; the only entry point."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class RobotFile(NamedTuple):
     Attributes:
         path: path of its URDF or MJCF.
         named: whether it was given by a name.
-        floats: whether its base moves, though its file does not say so.
+        floats: whether its base floats although its file does not state it.
     """
 
     path: Path
@@ -46,7 +46,7 @@ class RobotFile(NamedTuple):
 
 
 def load_robot(name: str, base: Base = "held") -> RobotModel:
-    """Reads a robot to simulate: its file must be right, as nothing is corrected.
+    """Reads a robot to simulate; errors in its file are raised, not corrected.
 
     Joints that follow others (`<mimic>`) get coordinates of their own, and a warning.
 

@@ -37,7 +37,7 @@ class Counts:
     Attributes:
         used: samples that the law received.
         gaps: stretches without a sample.
-        missing: samples that would have fitted into them.
+        missing: number of samples missing in them.
         not_finite: dropped because a number, or the time since the first sample, was not finite.
         duplicates: dropped because their time equalled that of the sample before.
         late: dropped because a later sample had come before.

@@ -157,14 +157,14 @@ class Estimates(Observer):
 
 
 class Session:
-    """A robot that is about to send samples.
+    """A live identification before its first sample.
 
     Args:
         scenario: made by `measured_scenario`.
         frame: axes of the samples.
 
     Attributes:
-        robot: knowledge about it.
+        robot: its structure, prior and meshes.
         cleaner: checks the samples.
 
     Raises:

@@ -25,7 +25,7 @@ from ...identifiers.metric import (
 from ...numerics.kernels import kernel
 from ...numerics.linalg import copy_into
 from ...parameters import Array, ParameterSpace
-from .reference import Rehearsal, loop_frequency
+from .reference import PriorMotion, loop_frequency
 
 
 class Estimate:
@@ -143,7 +143,7 @@ class TrackingLaw:
 def conventional(
     space: ParameterSpace,
     prior: Array,
-    rehearsal: Rehearsal,
+    motion: PriorMotion,
     shape: Array,
     frequency: float,
     damping: Array,
@@ -155,14 +155,14 @@ def conventional(
     """
     known = np.isin(np.arange(len(space)), space.actuators)
     unit = np.where(known, 0.0, 1 / shape)
-    gain = (frequency / loop_frequency(rehearsal, np.diag(unit))) ** 2
+    gain = (frequency / loop_frequency(motion, np.diag(unit))) ** 2
     return TrackingLaw(Estimate(prior, ConstantMetric(gain * unit, known)), damping)
 
 
 def nullspace(
     space: ParameterSpace,
     prior: Array,
-    rehearsal: Rehearsal,
+    motion: PriorMotion,
     shape: Array,
     frequency: float,
     damping: Array,
@@ -177,5 +177,5 @@ def nullspace(
     mu = barrier * float(np.median(shape * space.scale**2))
     unit = ConeMetric(space, 1 / shape, prior, mu)
     mobility = np.asarray(np.linalg.inv(mu * unit.mirror(prior)[1]), dtype=np.float64)
-    gain = (frequency / loop_frequency(rehearsal, mobility)) ** 2
+    gain = (frequency / loop_frequency(motion, mobility)) ** 2
     return TrackingLaw(Estimate(prior, ConeMetric(space, gain / shape, prior, mu / gain)), damping)

@@ -126,7 +126,7 @@ class FilterAlone:
 
 
 def repair(kalman: Filter, here: Measurement) -> None:
-    """Makes P_θθ positive definite after rounding errors, and starts the state again."""
+    """Makes P_θθ positive definite after rounding errors, and restarts the state."""
     values, vectors = scipy.linalg.eigh(kalman.Ptt)
     kalman.Ptt[:] = (vectors * np.maximum(values, _INDEFINITE * values[-1])) @ vectors.T
     restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))

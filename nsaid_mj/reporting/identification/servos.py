@@ -1,4 +1,4 @@
-"""Identified servos as a page, and on the terminal."""
+"""Page and terminal output of identified servos."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def print_servos(result: ServoIdentification, console: Console, files: Sequence[
 
 
 def brief(result: ServoIdentification, files: Sequence[Path] = ()) -> Page:
-    """What the terminal and the recording tell of servos; the files are listed last."""
+    """The page for terminal and recording; the files are listed last."""
     page = _page(result, list(map(str, files)))
     return Page(
         page.heading, page.verdict, findings=page.findings,
