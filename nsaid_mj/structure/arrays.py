@@ -1,9 +1,10 @@
-"""The data layout of a compiled robot: what every kernel here reads, and its workspace.
+"""The data layout of a compiled robot, which all kernels read, and their workspace.
 
-A robot is a tree of bodies, numbered from the base outwards. Each hangs on its parent, or on the
-ground, by a joint. All kernels work in one inertial *common frame*: the world's for a fixed base,
-and for a free flyer or a vehicle in the plane the one that coincides with the base at the measured
-pose. Spatial vectors are [linear, angular], about the common frame's origin and in its axes.
+A robot is a tree of bodies, numbered from the base outwards. Each is connected by a joint to its
+parent, or to the ground. All kernels work in one inertial *common frame*: the world's for a fixed
+base, and for a free flyer or a vehicle in the plane the one that coincides with the base at the
+measured pose. Spatial vectors are [linear, angular], about the common frame's origin and in its
+axes.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ SORT, AT, INPUT, CONSTANTS, NONZEROS, PARAMETER, READS, COLUMN = range(8)
 `constants`; offset in `nonzeros`; parameter; what its value depends on, from `NOTHING` on."""
 
 NOTHING, SPEED, POSE = range(3)
-"""What a column's value depends on: nothing, or velocity or pose of its body or joint."""
+"""The dependence of a column's value: on nothing, or on velocity or pose of its body or joint."""
 
 POSITION, TWIST, RATE, FRAME = 9, 12, 6, 18
 """Columns of a state. A body's row: rotation to the common frame (9), position, twist V. A

@@ -1,4 +1,4 @@
-"""What a motion reveals of θ, compiled: information, regressors of accelerations, joint torques.
+"""A motion's information about θ, compiled; also regressors of accelerations, and joint torques.
 
 The information is that of a Kalman filter of (q, v, θ) with exact dynamics, split into a filter of
 (q, v) alone and the sensitivity Ψ = ∂x̂/∂θ_⊥ of its estimate (B. Friedland, Treatment of bias in

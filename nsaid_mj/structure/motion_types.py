@@ -1,4 +1,4 @@
-"""Motions: all parts of RK4's stages that depend on a log alone, and the stages themselves.
+"""Motions: the parts of RK4's stages that depend on a log alone, and the stages.
 
 A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. When a loop is
 compiled, the motion's type selects the code: that of a `Structure`, of one whose regressor comes
@@ -243,4 +243,4 @@ def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
 
 
 STAGES = structured_gradient, outside_gradient, tensor_gradient, stage_work
-"""What `stage_workspace` and `stage` call, for kernels that call them."""
+"""Callees of `stage_workspace` and `stage`, for kernels that use them."""

@@ -25,7 +25,7 @@ KINDS_OF_JOINT: dict[str, int] = {
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body and the joint by which it hangs on its parent.
+    """A body and the joint that connects it to its parent.
 
     Attributes:
         joint: kind of joint.
@@ -62,7 +62,7 @@ class Inertia:
 
 @dataclass(frozen=True, eq=False)
 class Rotor:
-    """The inertia of what turns or slides with a joint alone: a motor's rotor.
+    """Inertia that turns or slides with a joint alone: a motor's rotor.
 
     Attributes:
         dof: number of the velocity.

@@ -1,4 +1,4 @@
-"""How a point mass that is fixed to a body changes θ."""
+"""The change of θ by a point mass fixed to a body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`nsaid track`: tracking laws on the same plants and references, judged by the plants' truth.
+"""`nsaid track`: tracking laws on the same plants and references, evaluated by true positions.
 
 Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same sensor noise.
 """
