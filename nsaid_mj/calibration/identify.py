@@ -72,8 +72,7 @@ def identify(
         The result, whose `explains` and `verdict` say whether the model explains the log at all.
 
     Raises:
-        UnusableLog: the log has a fault, such as a reversed or dead channel; all findings are
-            attached.
+        UnusableLog: a fault of the log, such as a reversed or dead channel, with all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
     if law not in LAWS:

@@ -164,11 +164,11 @@ def doubts(
         label = space.labels[worst]
         if not beyond and explained <= _EXPLAINED and share.max() < _NOTED:
             continue
-        size = f", {suspect.size(coefficients[0])}" if suspect.size else ""
+        amount = f", {suspect.size(coefficients[0])}" if suspect.size else ""
         words = f", which would move {label} by {moved:.0%}" if moved > 0.01 else ""
         level = "warning" if beyond or explained > _EXPLAINED else "note"
         part = f"{share.max():.0%} of their variance"
-        text = f"the residuals correlate with {suspect.words}{size} ({part}{words})"
+        text = f"the residuals correlate with {suspect.words}{amount} ({part}{words})"
         data = {"share": float(share.max()), "moved": moved, "parameter": label}
         findings.append(Finding(level, "residuals", suspect.where, text, suspect.remedy, data))
     return findings
