@@ -23,8 +23,8 @@ from nsaid_mj.calibration.smoothing import filter_for
 from nsaid_mj.calibration.statements import verdict
 from nsaid_mj.calibration.structure import Options
 from nsaid_mj.parameters import Block, ParameterSpace
-from scripts.simulated_logs import HeavyWrist
 from tests.support.robot_logs import two_joints
+from tests.support.simulated_logs import HeavyWrist
 
 
 def problem_of(rows: int, stretch: float = 1.0, noise: float = 0.01, seed: int = 0) -> Problem:
