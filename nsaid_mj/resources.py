@@ -322,8 +322,7 @@ def example_robots() -> dict[str, Any]:
 def known_robots() -> list[str]:
     """The names of all robots that are packed or, if it is installed, in example-robot-data.
 
-    They are parsed from its source: importing it would import Pinocchio, which takes a quarter of a
-    second.
+    They are parsed from its source: importing it also imports Pinocchio, a quarter of a second.
     """
     spec = find_spec("example_robot_data")
     if spec is None or spec.origin is None:

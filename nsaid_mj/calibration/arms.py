@@ -156,9 +156,8 @@ def expected_gains(
     """(k,) expected gains, (k,) standard deviations of their logarithms, and findings on units.
 
     A command in N or N·m has the gain of the model file, usually 1. In any other unit it is
-    guessed: the motor drives the model's links, its own rotor and friction; a wrist's rotor and
-    friction may need ten times the torque of its link; see `_guessed`. The commands' delays are
-    those of `choice`.
+    guessed: the motor drives the model's links, its rotor and friction, of which a wrist's may be
+    ten times what its link needs; see `_guessed`. The commands' delays are those of `choice`.
     """
     own, units = np.abs(rows.robot.gain), rows.recordings.command_units
     torque, u = _sizes(rows)

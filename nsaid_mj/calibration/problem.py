@@ -115,9 +115,8 @@ class Problem:
     def hardly_moved(self, theta: Array, units: Sequence[str]) -> Mask:
         """(n,) mask of velocities without an actuator and with forces far below the others'.
 
-        An example is a hovering quadrotor's surge: weight and inertia cancel, and only noise
-        remains. Forces are compared with those of actuated velocities of the same unit, of `units`
-        (n,).
+        Such as a hovering quadrotor's surge: weight and inertia cancel, and only noise remains.
+        Forces are compared with actuated ones of the same unit, of `units` (n,).
         """
         acting, inertial = self._deviations(theta)
         same = np.array([[a == b for b in units] for a in units])

@@ -198,8 +198,7 @@ class Identification(Result):
         robot: the model.
         recordings: the segments of the training logs.
         joints: quality of the prediction, per joint.
-        combinations: base parameters: the combinations that the log determines if the gains are
-            known.
+        combinations: base parameters, which the log determines if the gains are known.
         anchor: what fixes the common scale of all parameters, in words.
         suggestion: the one further number or motion that would help most; "" if none.
         theta: (p,) θ̂.

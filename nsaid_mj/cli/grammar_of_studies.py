@@ -18,7 +18,7 @@ ScenarioName = Annotated[
 class Compare:
     """Compare identification methods on the logs of a scenario.
 
-    All methods process the same logs and are evaluated by the same figures. Writes a table,
+    All methods get the same logs and are evaluated by the same figures. Writes a table,
     compare.json, compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME
     --help`. `nsaid compare --log FILE… --models FILE… [--map FILE]` compares model files on a
     robot's own logs.

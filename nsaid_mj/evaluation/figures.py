@@ -195,9 +195,8 @@ def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
     """The smallest force residual ratio of any θ on regressors W (k, n, p).
 
     It is the square root of the smallest generalised eigenvalue of WᵀW with respect to that of the
-    actuator columns: the part of the actuator forces that remains unexplained when plant and gains
-    are fitted to this motion. None if there is no motion, or if the actuators exert no force along
-    it.
+    actuator columns: the part of the actuator forces that remains when plant and gains are fitted
+    to this motion. None if there is no motion, or if the actuators exert no force along it.
     """
     if W is None:
         return None

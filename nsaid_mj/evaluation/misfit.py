@@ -56,8 +56,8 @@ class Whiteness(NamedTuple):
     """Deviation of innovations from whiteness.
 
     Attributes:
-        chance: p-value of the largest cell, an octave or a line of one channel, for white
-            innovations, times the number of cells (Bonferroni).
+        chance: p-value of the largest cell, an octave or a line of one channel, times their number
+            (Bonferroni).
         energy: squared normalised innovations in excess of their expectation, in the significant
             cells.
         channel: channel of the largest cell; −1 if there is none.

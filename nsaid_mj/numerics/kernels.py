@@ -1,8 +1,7 @@
 """Compiled functions: each is compiled once, by one process at a time, and cached on disk.
 
-A function called from Python is a `kernel`. A function called only from compiled code is either a
-kernel, called by its address, or a `helper` or `routine`, which becomes part of the kernels that
-call it.
+A function called from Python is a `kernel`. Those called only from compiled code are either a
+kernel, called by its address, or a `helper` or `routine`, compiled into its callers.
 """
 
 from __future__ import annotations

@@ -161,8 +161,7 @@ def lines(t: Array, segment: Indices, sides: Sequence[Array]) -> tuple[Array, li
 def _history(result: Identification) -> list[tuple[str, Curves]]:
     """(block, curves) of a law's gains and frictions along the log, with the gains' intervals.
 
-    Intervals of gains are those of their ratios to the mean of all, as the common scale is
-    unobservable.
+    Gains have intervals relative to the mean of all, as the common scale is unobservable.
     """
     if result.law is None:
         return []

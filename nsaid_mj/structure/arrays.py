@@ -1,10 +1,9 @@
 """The data layout of a compiled robot, which all kernels read, and their workspace.
 
-A robot is a tree of bodies, numbered from the base outwards. Each is connected by a joint to its
-parent, or to the ground. All kernels work in one inertial *common frame*: the world's for a fixed
-base, and for a free flyer or a vehicle in the plane the one that coincides with the base at the
-measured pose. Spatial vectors are [linear, angular], about the common frame's origin and in its
-axes.
+A robot is a tree of bodies, numbered from the base outwards. Each has a joint to its parent or the
+ground. All kernels work in one inertial *common frame*: the world's for a fixed base, and for a
+free flyer or a vehicle in the plane the one that coincides with the base at the measured pose.
+Spatial vectors are [linear, angular], about the common frame's origin and in its axes.
 """
 
 from __future__ import annotations

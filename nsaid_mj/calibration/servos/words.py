@@ -112,11 +112,7 @@ def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
     half = min(scale.quantile * scale.deviation, _WIDEST)
     value, low, high = (float(np.exp(scale.log + x)) for x in (0.0, -half, half))
     status: Status = "identified" if half < _FIRM else "only in combination"
-    words = (
-        ""
-        if half < _FIRM
-        else "the load has hardly any effect; only ratios of kp, friction and masses"
-    )
+    words = "" if half < _FIRM else "the load has no clear effect; only ratios of kp and masses"
     label = "masses over those of the model file"
     return (Parameter("mass_scale", label, "scale", "1", value, low, high, 1.0, status, words),)
 
@@ -177,17 +173,13 @@ def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> t
     if others:
         source = "the mean of the others" if by_gravity else "the model file's"
         source += " unless the motion contradicts that"
-        text = (
-            f"gravity does not determine kp, which is {source}; the motion depends on kv/kp, f/kp "
-        )
-        text += "and armature/kp"
+        text = f"gravity does not determine kp, which is {source}; the motion depends on kv/kp, "
+        text += "f/kp and armature/kp"
         found.append(Finding("note", "kp_convention", ", ".join(others), text))
     for s, joint in zip(servos, joints, strict=True):
         size = abs(joint.offset)
         if s.gravity and size > 0.02:
-            text = (
-                "kp cannot be separated from an offset between the zeros of target and position: "
-            )
+            text = "kp cannot be separated from an offset of target against position: "
             text += (
                 f"{1e3 * joint.zero:.2g} {joint.unit} would change kp by {100 * size:.0f} %; the "
             )

@@ -100,10 +100,9 @@ class Plant(ABC):
         dt: time step of the measurements and the commands [s].
         substeps: steps of MuJoCo in a time step.
         delay: time steps from a command to the actuators.
-        targets: whether commands are position targets; until one arrives, servos hold the initial
-            position.
-        late: (n_u,) known time steps from a target to its servo: a measurement's u is the acting
-            target. None without.
+        targets: whether commands are positions; until one arrives, servos hold the first.
+        late: (n_u,) known time steps from a target to its servo: u is the acting target. None
+            without.
         profile: (n_u, 3) of the targets, likewise; see `robot.target_profile`. None without.
         mismatches: effects that the structure does not model, in words.
         faults: faults of actuators, sensors or the plant during a run.
