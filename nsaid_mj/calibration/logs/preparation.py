@@ -128,7 +128,7 @@ def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Fin
     every = max(1, math.ceil(own / HIGHEST_RATE - 0.05))
     every = max(every, min(math.ceil(rows / MOST_ROWS), int(own / ENOUGH)))
     if every > 1:
-        text = f"reduced from {own:g} to {own / every:g} Hz, after a low-pass without phase lag"
+        text = f"reduced from {own:g} to {own / every:g} Hz, after a zero-phase low-pass filter"
         data = {"from": own, "to": own / every}
         findings.append(Finding("note", "decimated", "", text, data=data))
     return own / every

@@ -23,12 +23,12 @@ _STEPS = 2  # from the fit to all samples
 _LONGEST = 1.0  # step of ln θ
 _WORDS = {
     "stribeck": (
-        "friction falls with speed: at rest it is larger by {:.2g} {} of the servo's error",
+        "friction decreases with speed: at rest it is higher by {:.2g} {} of servo error",
         1e3,
-        "It will start to move later than the exported model.",
+        "The real joint starts to move later than the exported model.",
     ),
     "load": (
-        "friction grows with the load, by {:.2g} of its torque",
+        "friction increases with the load, by {:.2g} of its torque",
         1.0,
         "The exported friction is that of the logs' loads.",
     ),
