@@ -132,7 +132,7 @@ def _servo_findings(
 
 def _unmatched(error: UnmatchedChannels) -> Finding:
     """The remedy for channels with ambiguous names."""
-    text = f"cannot tell which channels are {', '.join(error.missing)}"
+    text = f"cannot determine which channels are {', '.join(error.missing)}"
     text += f". {' '.join(error.reasons)}".rstrip(".")
     remedy = "Complete map.toml by hand and pass it with --map."
     return Finding("warning", "unmatched", "", text, remedy)
