@@ -1,4 +1,4 @@
-"""Errors and warnings. Their messages say what was expected, what came, and what to do.
+"""Errors and warnings. Messages state what was expected, what was received, and the remedy.
 
 Every error that this package raises on purpose derives from `NsaidError` and has its data as
 attributes, so that a script can act on it without parsing the message.
@@ -34,7 +34,7 @@ class InvalidInput(NsaidError, ValueError):
     """A value that cannot be used.
 
     Attributes:
-        name: of the value, as the caller knows it.
+        name: name of the value, as the caller knows it.
         expected: what would have been accepted.
         got: the value, or what is wrong with it.
         remedy: what to do about it.

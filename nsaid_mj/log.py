@@ -1,4 +1,4 @@
-"""Measurements and commands: one sample, a log of samples, and the level of sensor noise."""
+"""Measurements and commands: one sample, a log of samples, and the levels of sensor noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .parameters import Array
 
 
 class Measurement(NamedTuple):
-    """One sample in the system's own coordinates: all that an identifier sees.
+    """One sample in the system's own coordinates: the only input of an identifier.
 
     Attributes:
         t: time [s].
@@ -216,8 +216,8 @@ class SensorLevels(NamedTuple):
     """Assumed standard deviations of the sensors' noise, white from sample to sample.
 
     Attributes:
-        position: of every position coordinate [rad or m].
-        velocity: of every velocity [rad/s or m/s].
+        position: standard deviation of every position coordinate [rad or m].
+        velocity: standard deviation of every velocity [rad/s or m/s].
     """
 
     position: float = 0.0

@@ -102,7 +102,7 @@ class Block:
         names: one name for each of the k parameters.
         units: one SI unit for each parameter.
         scale: (k,) an engineer's guess of the magnitudes, in these units, > 0.
-        geometry: which values are physical: `free` any, `positive` > 0, `pseudo_inertia` the ten
+        geometry: the set of physical values: `free` any, `positive` > 0, `pseudo_inertia` the ten
             inertial parameters of one link, `spd` the upper triangle of a symmetric positive
             definite matrix, `tied` the numbers from which `entries` make such a matrix.
         actuator: whether the block scales commands (motors, thrusters, fins, nozzles, wheels).
@@ -259,7 +259,7 @@ class ParameterSpace:
 
         Args:
             theta: the parameters.
-            name: of θ, for messages.
+            name: name of θ, for messages.
 
         Raises:
             InvalidInput: the shape differs, or an entry is NaN or infinite.

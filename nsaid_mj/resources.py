@@ -1,4 +1,4 @@
-"""Files: paths of scenarios and assets, atomic writes, and folders that only one run writes into.
+"""Files: paths of scenarios and assets, atomic writes, and locks of folders.
 
 Scenarios and assets are beside the package in a checkout, inside it in a wheel.
 """
@@ -174,7 +174,7 @@ _inputs: set[Path] = set()  # files that the current command reads
 
 @contextmanager
 def reading(*paths: str | Path | None) -> Iterator[None]:
-    """Context in which these files are never overwritten; other things are ignored."""
+    """Context in which these files are never overwritten; paths that are no files are ignored."""
     resolved = {Path(path).resolve() for path in paths if path}
     files = {path for path in resolved if path.is_file()} - _inputs
     _inputs.update(files)
@@ -191,7 +191,7 @@ def check_not_read(path: Path) -> None:
 
 
 def check_own(folder: Path, results: Sequence[str], remedy: str = "") -> None:
-    """Checks that a command overwrites no file that it did not make, whatever the folder.
+    """Checks that a command overwrites only files that it made itself.
 
     The folder may be missing, or hold hidden files; `results` are names of files that mark it as
     one of such results. `remedy` is an alternative to another folder.
@@ -245,9 +245,9 @@ _held: dict[tuple[int, int], int] = {}  # thread that holds a folder, by device 
 def locked(folder: Path) -> Iterator[None]:
     """Creates a folder if missing, and keeps other processes and threads from writing into it.
 
-    Only callers of this function are kept out. The operating system frees the lock when its
-    process ends, however it ends. The same thread may lock a folder again. Folders that were
-    created and are still empty at the end are removed.
+    The lock is advisory: it excludes only callers of this function. The operating system releases
+    it when the process ends for any reason. The same thread may lock a folder again. Folders that
+    were created and are still empty at the end are removed.
 
     Raises:
         FolderInUse: another process or thread holds the folder.
@@ -322,7 +322,7 @@ def example_robots() -> dict[str, Any]:
 def known_robots() -> list[str]:
     """The names of all robots that are packed or, if it is installed, in example-robot-data.
 
-    They are read from its text: importing it imports Pinocchio, a quarter of a second.
+    They are parsed from its source: importing it also imports Pinocchio, a quarter of a second.
     """
     spec = find_spec("example_robot_data")
     if spec is None or spec.origin is None:

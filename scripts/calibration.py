@@ -5,8 +5,8 @@
     python -m scripts.calibration payload [--seeds 0:5]
     python -m scripts.calibration tx40
 
-- `arms`: logs `Simulated` of scripts/simulated_logs.py, the scale fixed by one known gain. Errors
-  of the gain ratios, and whether the stated intervals hold.
+- `arms`: logs `Simulated` of tests/support/simulated_logs.py, the scale fixed by one known gain.
+  Errors of the gain ratios, and whether the stated intervals hold.
 - `scale`: logs `HeavyWrist`, without a known number, so that the common scale rests on the file's
   masses. The scale of the gains whose ratios the log tells over the true one, whether the intervals
   of these gains hold it, the largest error of their ratios, and how many intervals of ratios hold.
@@ -40,8 +40,7 @@ from nsaid_mj.calibration.servos import identify_servos, servo_logs
 from nsaid_mj.calibration.structure import Options
 from nsaid_mj.logs import prepare, read_map, read_tables
 from nsaid_mj.resources import asset
-
-from .simulated_logs import HeavyWrist, Simulated, nominal_model
+from tests.support.simulated_logs import HeavyWrist, Simulated, nominal_model
 
 TOLD = 0.2  # relative half-width up to which a ratio is told
 

@@ -1,7 +1,7 @@
 """Measures how computing time grows with the system's size.
 
-    python scripts/growth.py [FOLDER]             time per step against size: growth.png, .json
-    python scripts/growth.py --log [SECONDS]      time and memory of `nsaid identify` on a long log
+    python -m scripts.growth [FOLDER]             time per step against size: growth.png, .json
+    python -m scripts.growth --log [SECONDS]      time and memory of `nsaid identify` on a long log
 
 Time: serial chains of 1 to 38 joints (xarm7s end to end), fixed-base and floating robots, and
 vehicles, along a smooth motion. `compiled` is the identifier alone, along a log in one call; it is
@@ -26,8 +26,6 @@ import matplotlib
 import mujoco
 import numpy as np
 import pinocchio as pin
-from machine import machine
-from simulated_logs import Simulated
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID
 from nsaid_mj.experiment.library import load
@@ -38,6 +36,9 @@ from nsaid_mj.robot.loading import Base, load_robot
 from nsaid_mj.robot.tree import tree_spec
 from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
 from nsaid_mj.structure.system import SecondOrderSystem
+from tests.support.simulated_logs import Simulated
+
+from .machine import machine
 
 matplotlib.use("Agg")
 

@@ -57,12 +57,6 @@ def percentiles(seconds: np.ndarray) -> str:
     return f"{middle:.0f} µs (median), {most:.0f} µs (99.9 %), {seconds.max() * 1e6:.0f} µs (worst)"
 
 
-def histogram(seconds: np.ndarray) -> str:
-    """Shares of some times [s] below bounds, in words."""
-    bounds = 50, 100, 150, 300, 500, 1000, 5000
-    return ", ".join(f"{np.mean(seconds * 1e6 <= bound):.2%} ≤ {bound} µs" for bound in bounds)
-
-
 def measure(robot: str, rate: float, seconds: float, faults: str) -> None:
     """Prints the figures of one robot."""
     log, memory = motion(robot, rate, faults), []
@@ -102,7 +96,7 @@ def measure(robot: str, rate: float, seconds: float, faults: str) -> None:
         f"{np.sum(late & (switches > 0))} of them interrupted by another process; "
         f"the estimate is {np.median(old):.1f} ms old (median), {np.percentile(old, 99):.0f} ms "
         f"(99 %), {old.max():.0f} ms (worst); {dropped} samples behind at the end; "
-        f"{identifier.summary['verdict']}\n  {histogram(passed)}"
+        f"{identifier.summary['verdict']}"
     )
     for k, (here, other) in enumerate(memory):
         if k in {0, len(memory) // 2, len(memory) - 1}:

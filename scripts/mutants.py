@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "scripts" / "mutants"
 KILLED = 0.9  # least share
 TREES = ("nsaid_mj", "tests", "scripts", "assets", "scenarios")
 
@@ -56,7 +57,7 @@ def mutants_of(room: str) -> list[Mutant]:
     Raises:
         SystemExit: a text does not occur exactly once.
     """
-    with (ROOT / "scripts/mutants" / f"{room}.toml").open("rb") as file:
+    with (FOLDER / f"{room}.toml").open("rb") as file:
         data = tomllib.load(file)
     found = []
     for name, old, new, tests, *words in data["mutants"]:

@@ -2,7 +2,7 @@
 
     python scripts/screenshots.py                       # the default scenarios, into docs/
     python scripts/screenshots.py ur5 --duration 20
-    python scripts/screenshots.py --file runs/ur5/run.rrd --page Links --out /tmp
+    python scripts/screenshots.py --file runs/ur5/run.rrd --out /tmp
     python scripts/screenshots.py --report runs/ur5/report.html
 
 NAME.png is the recording's first page, NAME_close.png the robot alone. A report gives report.png,
@@ -65,14 +65,13 @@ class Ended(Exception):
     """Waiting longer does not help."""
 
 
-def photograph(recording: Path, picture: Path, at: float, page: str = "", close: bool = False):
+def photograph(recording: Path, picture: Path, at: float, close: bool = False):
     """Opens a recording in a headless viewer and saves a screenshot.
 
     Args:
         recording: the .rrd file.
         picture: the PNG to write.
         at: position of the time cursor [s].
-        page: the tab to open, "" for the first one.
         close: whether to also save the robot alone, smaller, as "…_close.png".
 
     Raises:
@@ -88,8 +87,6 @@ def photograph(recording: Path, picture: Path, at: float, page: str = "", close:
         try:
             client = connect(viewer, port)
             patiently(lambda: client.set_time("sim_time", duration=at, play_state="paused"))
-            if page:
-                open_page(client, page)
             time.sleep(TOASTS)
             client.save_screenshot(str(shot))
             reduce(shot, picture, (0, MENU, *SIZE), SIZE)
@@ -134,23 +131,6 @@ def connect(viewer: subprocess.Popen[bytes], port: int) -> ViewerClient:
         return client
 
     return patiently(action)
-
-
-def open_page(client: ViewerClient, page: str) -> None:
-    """Opens a tab by its name."""
-    parts = client.get_blueprint().blueprint
-    containers = {
-        path.removeprefix("/"): part["ContainerBlueprint"]
-        for path, part in parts.items()
-        if "ContainerBlueprint" in part
-    }
-    named = {c.get("display_name"): path for path, c in containers.items()}
-    if page not in named:
-        raise Ended(f"no page {page!r} among {sorted(filter(None, named))}")
-    for container in containers.values():
-        if container["container_kind"] == "Tabs":
-            container["active_tab"] = named[page]
-    client.set_blueprint(parts, of="recording")
 
 
 def maximize(client: ViewerClient) -> None:
@@ -295,7 +275,6 @@ def main() -> int:
         "--duration", type=float, help="of every run [s] (default: 30, the paper's)"
     )
     parser.add_argument("--at", type=float, help="time of the cursor [s] (default: a good one)")
-    parser.add_argument("--page", default="", help="the tab to open, of a --file")
     parser.add_argument("--out", type=Path, default=DOCS, help="folder of the pictures")
     parser.add_argument("--file", type=Path, help="take a screenshot of this recording instead")
     parser.add_argument("--report", type=Path, help="take screenshots of this page instead")
@@ -306,7 +285,7 @@ def main() -> int:
             made = [photograph_report(chosen.report, chosen.out)]
         elif chosen.file:
             picture = chosen.out / f"{chosen.file.resolve().parent.name}.png"
-            photograph(chosen.file, picture, chosen.at or 0.0, chosen.page, close=not chosen.page)
+            photograph(chosen.file, picture, chosen.at or 0.0, close=True)
             made = [[picture]]
         else:
             names = chosen.names or [name for name in SCENARIOS if name in scenarios()]

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import nsaid_mj
+from scripts import mutants
 
 PACKAGE = Path(nsaid_mj.__file__).parent
 FILES = {
@@ -343,3 +344,8 @@ def test_files_and_functions_are_short():
         for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.FunctionDef):
                 assert (node.end_lineno or 0) - node.lineno < 60, (path, node.name)
+
+
+@pytest.mark.parametrize("file", sorted(mutants.FOLDER.glob("*.toml")), ids=lambda file: file.stem)
+def test_every_mutant_changes_a_text_that_its_file_has_once(file: Path):
+    assert mutants.mutants_of(file.stem)

@@ -95,7 +95,7 @@ class Gauge:
     """Fixes the free scale and the unobserved directions of θ by the prior.
 
     Attributes:
-        scale: (p,) of θ.
+        scale: (p,) scale of θ.
         start: (p,) the prior over the scale.
         normal: (p,) 1 at actuator gains, else 0; estimates keep normal · θ/scale.
         tangent: (p, p−1) orthonormal basis of the directions that keep it.

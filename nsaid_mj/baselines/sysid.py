@@ -54,7 +54,7 @@ def sysid(
     searched between 0.1 and 10 times the prior.
 
     Args:
-        problem: of an arm; its prior must be physical.
+        problem: identification of an arm; its prior must be physical.
         budget: CPU time of the search, which then returns its best candidate [s].
         further: logs of the same arm, at the same rate.
 

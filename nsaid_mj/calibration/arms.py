@@ -39,14 +39,14 @@ def structured_arm(
     recordings: Recordings,
     validation: Recordings | None,
     options: Options,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> Structured:
     """Chooses columns and delays of every joint and makes the rows of the fit.
 
-    `robot` is a tree of joints, `recordings` are training logs, `validation` is a log that takes no
-    part in the fit, or None; `told` is called with the name of every stage.
+    `robot` is a tree of joints, `recordings` are training logs, `validation` is a log excluded from
+    the fit, or None; `report` is called with the name of every stage.
     """
-    told("filtering")
+    report("filtering")
     slow, measured, recordings = rate_checks(recordings.rate), recordings, finer(recordings)
     chosen, unknown = filter_for(recordings, options.cutoff), np.ones(len(robot.joints))
     rows = JointRows(robot, recordings, chosen, unknown, loads=options.loads)
@@ -54,7 +54,7 @@ def structured_arm(
         rows.robot = robot = _weighed(rows)
         rows.loading = file_links(robot.model)
     rows.gain, rows.spread, faults = expected_gains(rows)
-    told("choosing columns and delays")
+    report("choosing columns and delays")
     choice, notes = choose(rows, options.coupled, options.delay, options.columns)
     rows.gain = expected_gains(rows, choice)[0]
     problem, others = rows.problem(choice), iter(())
@@ -62,7 +62,7 @@ def structured_arm(
     if not refused(faults):
         faults += reversed_commands(rows, choice, problem)
     if not refused(faults):
-        told("fitting delays")
+        report("fitting delays")
         choice, doubt, said = _finished(rows, choice, problem, options)
         others = _alternatives(rows, choice, doubt)
         notes, problem = [*notes, *said], rows.problem(choice)
@@ -154,11 +154,11 @@ def _sizes(rows: JointRows) -> tuple[Array, Array]:
 def expected_gains(
     rows: JointRows, choice: Choice | None = None
 ) -> tuple[Array, Array, list[Finding]]:
-    """(k,) expected gains, (k,) deviations of their logarithms, and doubts about the units.
+    """(k,) expected gains, (k,) standard deviations of their logarithms, and findings on units.
 
     A command in N or N·m has the gain of the model file, usually 1. In any other unit it is
-    guessed: the motor carries the model's links, its own rotor and friction, of which a wrist's may
-    be ten times what its link needs; see `_guessed`. The commands' delays are those of `choice`.
+    guessed: the motor drives the model's links, its rotor and friction, of which a wrist's may be
+    ten times what its link needs; see `_guessed`. The commands' delays are those of `choice`.
     """
     own, units = np.abs(rows.robot.gain), rows.recordings.command_units
     torque, u = _sizes(rows)
@@ -171,12 +171,12 @@ def expected_gains(
 
 
 def _guessed(rows: JointRows, commands: Array) -> Array:
-    """(k,) gains of commands (N, k), from the share of the model's link torques in them.
+    """(k,) gains of commands (N, k), from the share of the model's link torques in each command.
 
     A command is regressed on this torque, acceleration, viscous and Coulomb friction, and a
-    constant of either sign, none of them negative. A joint whose command does not show its links
-    counts them as a twentieth of it, and its gain as at least a tenth of the largest, as does a
-    joint that stands still.
+    constant of either sign, none of them negative. If a joint stands still, or its command does not
+    depend on the torque of its links, their share is taken as a twentieth, and its gain as at least
+    a tenth of the largest.
     """
     force, k = rows.links @ file_links(rows.robot.model), commands.shape[1]
     found, unseen = np.full(k, 1e-12), np.ones(k, dtype=bool)

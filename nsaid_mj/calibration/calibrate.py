@@ -40,18 +40,18 @@ def calibrate(
     *,
     known: Mapping[str, float] | None = None,
     findings: tuple[Finding, ...] = (),
-    told: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identifies the parameters of a robot from prepared recordings.
 
     Args:
         robot: the model.
         recordings: training logs.
-        validation: a log that takes no part in the fit; None to hold out parts of the training.
-        options: of the structure.
+        validation: a log excluded from the fit; None to hold out parts of the training logs.
+        options: options of the structure.
         known: values of parameters by name or label [SI].
         findings: earlier ones.
-        told: called with the name of every stage, for progress.
+        report: called with the name of every stage, for progress.
 
     Raises:
         UnusableLog: the log cannot be used; all findings are attached.
@@ -68,24 +68,24 @@ def calibrate(
         found += [f for f in validation.findings if f not in found]
     _refuse(found)
     build = structured_arm if arm else structured_vehicle
-    made = build(robot, recordings, validation, options, told)
+    made = build(robot, recordings, validation, options, report)
     found += made.findings
     _refuse(found)
-    told("fitting and estimating intervals")
+    report("fitting and estimating intervals")
     problem, fit, share, exact = _estimated(made, robot.weightless, known)
     tried, theta = made.suspects(fit.theta), fit.theta
     left = followed(problem, theta, exact.covariance, share, tried, made.noisier)
-    told("predicting held-out parts")
+    report("predicting held-out parts")
     joints = _joints(made, problem, theta, share, robot)
     doubted, exact = _judged(problem, exact, left, joints, arm)
     fitted = Fitted(made, problem, fit, exact, share, options.coupled)
     result = _identification(robot, recordings, fitted, joints, [*found, *doubted], known, begin)
     level = options.level | _without_offset(result)
     if options.columns is None and level != options.level:
-        told("fitting without an offset whose interval holds 0")
+        report("fitting without an offset whose interval holds 0")
         again = replace(options, level=level)
         return calibrate(
-            robot, recordings, validation, again, known=known, findings=findings, told=told
+            robot, recordings, validation, again, known=known, findings=findings, report=report
         )
     return result
 
@@ -110,7 +110,7 @@ def _estimated(
 def _without_offset(result: Identification) -> frozenset[str]:
     """Joints with an offset whose interval holds 0 and that is not needed for a spring's rest.
 
-    Held-out parts of one log may ask for an offset where gears twist; another log does not.
+    Elastic gears may cause an apparent offset in the held-out parts of one log, not in another log.
     """
     vain = {p.label for p in result.parameters if p.low <= 0 <= p.high}
     return frozenset(
@@ -127,9 +127,9 @@ def _judged(
     joints: Sequence[JointFit],
     arm: bool,
 ) -> tuple[list[Finding], Precision]:
-    """Doubts about the structure, and the precision widened by them.
+    """Findings about the structure, and the precision widened by them.
 
-    `left` is what the residuals follow. With `arm` the parts are joints; a vehicle has velocities.
+    `left` are the suspects found. With `arm` the parts are joints; a vehicle has velocities.
     """
     held_out, found = np.array([joint.held_out for joint in joints]), []
     for joint in joints:
@@ -217,7 +217,7 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
     """(p,) 1 at parameters of velocities that the structure does not explain, else 0.
 
     Their intervals are widened by their own size. On a vehicle every parameter acts on several
-    velocities, so all are doubted.
+    velocities, so all are marked.
     """
     if not arm:
         return np.ones(len(problem.space))
@@ -226,7 +226,7 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
 
 
 def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
-    """The fit whose rows count as effectively independent ones, and (n,) rows per such row."""
+    """The fit weighted by the effective number of independent rows, and (n,) rows per such row."""
     fit = minimise(problem)
     share = inflation(problem, fit.theta)
     return minimise(problem, tempered(problem, share), fit.theta), share
@@ -235,8 +235,8 @@ def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
 def _held_out(problem: Problem, share: Array) -> tuple[Array, Array]:
     """(n,), (n,) NRMSE of held-out fifths: of the fit, and of weighted least squares.
 
-    Squares are summed over all fifths and divided by those of the whole log's forces: a joint that
-    idles in one fifth has hardly any there.
+    Squares are summed over all fifths and divided by those of the whole log's forces, because a
+    joint may stand still in one of the fifths.
     """
     at, total, counts = problem.space.actuators, 0.0, np.zeros(problem.Y.shape[1])
     for rest, own in folds(problem, _FOLDS):
@@ -254,7 +254,7 @@ def _held_out(problem: Problem, share: Array) -> tuple[Array, Array]:
 def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     """(p,) change of θ̂ under another structure that counts as one standard deviation.
 
-    It is the whole change, times the ratio of the residuals' variances where the other structure
+    It is the whole change, times the ratio of the residual variances if the other structure
     explains the log less well; 0 for parameters that the other lacks.
     """
     _, own, theirs = np.intersect1d(problem.space.names, other.space.names, return_indices=True)

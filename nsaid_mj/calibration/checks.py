@@ -25,7 +25,7 @@ _ROWS = 3.0  # usable rows per column that a joint needs
 
 
 def rate_checks(rate: float) -> list[Finding]:
-    """Whether rows come often enough, as measured on simulated arms (docs/results.md)."""
+    """Checks the sampling rate; limits were measured on simulated arms (docs/results.md)."""
     if rate >= _ENOUGH:
         return []
     text = f"the log has only {rate:.3g} rows per second; friction and commands change in between"
@@ -82,8 +82,8 @@ def _swapped(
 def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list[Finding]:
     """Commands against which friction would do positive work.
 
-    Joints are suspected by least squares of their own row, and convicted if the physical fit, whose
-    structure is `choice`, is better with −u.
+    Candidates come from least squares of each joint's own row; a command is reported if the
+    physical fit, with structure `choice`, is better with −u.
     """
     u, names = rows.commands(choice.delay), rows.robot.joints
     gains = zip(rows.driven, problem.space.actuators, strict=True)
@@ -127,7 +127,7 @@ def _driven_by_friction(rows: JointRows, choice: Choice, u: Array, joint: int) -
 
 
 def unit_checks(torque: Array, force: Array, units: tuple[str, ...]) -> list[Finding]:
-    """Compares commands stated in N or N·m with the forces that the model needs.
+    """Compares commands stated in N or N·m with the model's inverse dynamics.
 
     `torque` (k,) is the rms of the forces of the model's inertias and weight along the motion,
     `force` (k,) that of the stated forces.

@@ -1,4 +1,4 @@
-"""Compares models of an arm by how far their open-loop simulations depart from logs."""
+"""Compares models of an arm by the errors of their open-loop simulations on logs."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ HORIZONS = (0.2, 2.0, np.inf)
 """Times after which a simulation restarts from the measured state [s]."""
 
 IDENTIFIED, SYSID, STOCK = FITTED = "identified", "sysid", "sysid-stock"
-"""Names of models that are fitted to the logs, one half of which predicts the other: ours, and
-`mujoco.sysid` with its best and its stock options, from the values of the first file."""
+"""Names of models that are fitted to one half of the logs and predict the other: ours, and
+`mujoco.sysid` with its best and its stock options, starting from the values of the first file."""
 
 _DEFAULT = Options()
 _NOISY = SensorLevels(position=1e-4, velocity=1e-3)  # the toolbox's chunks start at smoothed states
-Told = Callable[[str], None]
+Report = Callable[[str], None]
 _Part = tuple[list[Array], Array]  # (N, n) errors over every horizon and one row; (N, n) changes
 
 
@@ -68,14 +68,14 @@ class Score(NamedTuple):
 
 
 def compare_servos(
-    given: ServoLogs, models: Sequence[str | Path], told: Told = lambda _: None
+    given: ServoLogs, models: Sequence[str | Path], report: Report = lambda _: None
 ) -> tuple[Score, ...]:
     """Scores of models on logs of a servo arm, the last that of its delayed target.
 
     Args:
         given: the arm and its logs, without loads.
         models: MJCF files with a position servo on every joint of the arm, and names of `FITTED`.
-        told: called with the name of every stage.
+        report: called with the name of every stage.
 
     Raises:
         BadRobot: a file lacks a joint or its servo.
@@ -87,11 +87,11 @@ def compare_servos(
 
     def parts(model: str) -> list[_Part]:
         if model in FITTED:
-            return _fitted_servos(given, model, told)
+            return _fitted_servos(given, model, report)
         _check(Path(model), given.robot.joints)
         return [_apart(Path(model), given, log, None) for log in given.logs]
 
-    return *(_scored(str(model), parts, told) for model in models), _followed_late(given)
+    return *(_scored(str(model), parts, report) for model in models), _followed_late(given)
 
 
 def compare_arms(
@@ -99,7 +99,7 @@ def compare_arms(
     recordings: Recordings,
     models: Sequence[str | Path],
     options: Options = _DEFAULT,
-    told: Told = lambda _: None,
+    report: Report = lambda _: None,
 ) -> tuple[Score, ...]:
     """Scores of models on logs of an arm driven by force, the last that of a constant velocity.
 
@@ -109,8 +109,8 @@ def compare_arms(
         robot: the arm for which its recordings were prepared.
         recordings: its logs.
         models: files or names of models with the same joints, `IDENTIFIED` and `SYSID`.
-        options: of the identified model's structure.
-        told: called with the name of every stage.
+        options: options of the identified model's structure.
+        report: called with the name of every stage.
 
     Raises:
         BadRobot: a file has other joints.
@@ -123,7 +123,7 @@ def compare_arms(
 
     def parts(model: str) -> list[_Part]:
         if model in (IDENTIFIED, SYSID):
-            return _fitted_arm(robot, recordings, options, model, told)
+            return _fitted_arm(robot, recordings, options, model, report)
         own = load_robot_model(model)
         if set(robot.joints) - set(own.joints):
             expected = f"All models need the joints {', '.join(robot.joints)}."
@@ -132,13 +132,13 @@ def compare_arms(
             own = load_robot_model(model, joints=robot.joints)
         return [_departed(own, Identified.nominal(own), recordings)]
 
-    scores = [_scored(str(model), parts, told) for model in models]
+    scores = [_scored(str(model), parts, report) for model in models]
     return *scores, _constant_velocity(recordings)
 
 
-def _scored(model: str, parts: Callable[[str], list[_Part]], told: Told) -> Score:
+def _scored(model: str, parts: Callable[[str], list[_Part]], report: Report) -> Score:
     """A model's score."""
-    told(f"simulating {model}")
+    report(f"simulating {model}")
     begin = time.process_time()
     errors, one_step = _score(parts(model))
     return Score(model, errors, one_step, time.process_time() - begin)
@@ -172,8 +172,8 @@ def _score(parts: Sequence[_Part]) -> tuple[Array, Array]:
     return np.array([np.abs(error).mean(axis=0) for error in errors]), ratio
 
 
-def _fitted_servos(given: ServoLogs, model: str, told: Told) -> list[_Part]:
-    """Errors of every log with the servos that a method finds from the other half of the logs."""
+def _fitted_servos(given: ServoLogs, model: str, report: Report) -> list[_Part]:
+    """Errors on every log with the servos that a method identifies from the other half."""
     logs = list(given.logs)
     if len(logs) == 1:
         logs = logs[0].halves()
@@ -183,18 +183,18 @@ def _fitted_servos(given: ServoLogs, model: str, told: Told) -> list[_Part]:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "fitted.xml")
             if model == IDENTIFIED:
-                result = identify_servos(part, told)
+                result = identify_servos(part, report)
                 delay = np.array([servo.delay for servo in result.servos])
                 write_servo_mjcf(result, path)
             else:
-                told(f"fitting by {model}, which takes minutes")
+                report(f"fitting by {model}, which takes minutes")
                 delay = np.asarray(write_by_toolbox(part, path, model == SYSID))
             found += [_apart(path, given, log, delay) for log in own]
     return found
 
 
 def _followed_late(given: ServoLogs) -> Score:
-    """The score of the target itself, at the delay that suits each joint best."""
+    """The score of the target itself, at the best delay of each joint."""
     found, used = [], np.ones(sum(len(log.t) for log in given.logs))
     for j in range(len(given.robot.joints)):
         joint = [log.joint(j) for log in given.logs]
@@ -219,9 +219,9 @@ def _changes(recordings: Recordings) -> Array:
 
 
 def _fitted_arm(
-    robot: RobotModel, recordings: Recordings, options: Options, model: str, told: Told
+    robot: RobotModel, recordings: Recordings, options: Options, model: str, report: Report
 ) -> list[_Part]:
-    """Errors on every half of the logs, with the values a method finds from the other half."""
+    """Errors on each half of the logs, with the values identified from the other half."""
     segments = list(recordings.segments)
     if len(segments) == 1:
         (one,), half = segments, len(segments[0].log.t) // 2
@@ -233,10 +233,10 @@ def _fitted_arm(
     for own, rest in ((segments[::2], segments[1::2]), (segments[1::2], segments[::2])):
         part = replace(recordings, segments=tuple(rest))
         if model == IDENTIFIED:
-            fitted = calibrate(robot, part, options=options, told=told)
+            fitted = calibrate(robot, part, options=options, report=report)
             values, delays = identified(fitted), [joint.delay for joint in fitted.joints]
         else:
-            told("fitting by sysid, which takes minutes")
+            report("fitting by sysid, which takes minutes")
             values, delays = by_toolbox(robot, part)
         late = tuple(delayed(segment, delays) for segment in own)
         found.append(_departed(robot, values, replace(recordings, segments=late)))
@@ -262,11 +262,11 @@ def by_toolbox(
 ) -> tuple[Identified, Array]:
     """The values that `baselines.sysid.sysid` finds in logs, and (n,) delays of the commands [s].
 
-    It fits links, rotors, viscous and Coulomb friction, and gains. Its start is that of `nsaid
-    identify`: the model file's links, and frictions and gains guessed from the log. So are the
-    commands' delays and the speeds at which Coulomb friction saturates, which it does not fit.
-    Numbers of joints are searched between a tenth of the start and ten times it, within the budget
-    of CPU time [s].
+    It fits links, rotors, viscous and Coulomb friction, and gains. Initial values are those of
+    `nsaid identify`: the model file's links, and frictions and gains guessed from the log. The
+    commands' delays and the speeds at which Coulomb friction saturates are also those of `nsaid
+    identify`; they are not fitted. Joint parameters are searched between a tenth and ten times the
+    initial value, within the budget of CPU time [s].
 
     Raises:
         NoEstimate: the toolbox is not installed, or no segment lasts half a second.

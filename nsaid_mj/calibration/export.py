@@ -22,10 +22,10 @@ from .result import Identification
 
 
 def write_models(result: Identification, folder: Path) -> tuple[list[Path], list[Finding]]:
-    """Writes the calibrated model in all formats that can hold it, into an existing folder.
+    """Writes the calibrated model, in all formats that can represent it, into an existing folder.
 
     Returns:
-        The files, and how well the exported model follows the log.
+        The files, and the deviation of the exported model from the log.
     """
     robot, files = result.robot, [folder / "calibrated.yaml"]
     write_parameters(result, files[0])
@@ -66,8 +66,8 @@ def _notes(result: Identification) -> list[str]:
 def identified(result: Identification) -> Identified:
     """The values of a tree of joints for the exporters.
 
-    Files hold viscous and Coulomb friction only: where the log has further columns, the values
-    nearest to the identified friction along it.
+    Files hold viscous and Coulomb friction only: where further friction columns were identified,
+    the least-squares approximation of the friction along the log.
     """
     robot = result.robot
     k = len(robot.joints)
@@ -88,7 +88,7 @@ def identified(result: Identification) -> Identified:
 
 
 def _springs(result: Identification) -> Iterator[Spring]:
-    """The springs among the chosen columns; the offset of such a joint is where they rest."""
+    """The springs among the chosen columns; a joint's offset gives the spring's rest position."""
     value = {p.name: p.value for p in result.parameters}
     for j, joint in enumerate(result.joints):
         if "spring" in joint.columns:
@@ -110,7 +110,7 @@ def _of(result: Identification, block: str, k: int) -> Array:
 
 
 def _followed(result: Identification, values: Identified) -> Finding:
-    """How well the exported model follows the log, compared with the model file's own values."""
+    """Deviation of the exported model from the log, compared with the original model file."""
     try:
         exported, nominal = (
             replay(result.robot, own, result.recordings)
@@ -122,9 +122,8 @@ def _followed(result: Identification, values: Identified) -> Finding:
     figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
     worse = ", ".join(name for name, own, file in rows if own > file)
     text = (
-        "driven by the log's commands in windows of 0.2 s, MuJoCo departs from the log by "
-        "[rad or m], with the exported model (in brackets: with the values of the model file): "
-        f"{figures}"
+        "rms error of MuJoCo over windows of 0.2 s, driven by the log's commands [rad or m], with "
+        f"the exported model (in brackets: with the original model file): {figures}"
     )
     remedy = f"The exported model is worse at {worse}." if worse else ""
     data = {"exported": exported.tolist(), "nominal": nominal.tolist()}

@@ -3,20 +3,20 @@
     J(θ) = ½ Σ_i N_i log λ_i(θ) + D(θ, θ̂(0)),     λ_i(θ) = θᵀ G_i θ / θᵀ Σ_i θ
 
 with G_i the mean Gramian of the rows of velocity i and Σ_i that of the actuators' effort in them
-(`quotient.cost`): the negative log-likelihood of Gaussian residuals, measured relative
-to the command, whose variance is unknown for every velocity. The first sum is the same for θ and
-2 θ, so D, the prior, fixes the scale of θ. With σ(θ) = wᵀθ / wᵀθ̂(0) the size of the bodies, such
-as the weight that links have along the log,
+(`quotient.cost`): the negative log-likelihood of Gaussian residuals relative to the command, with
+unknown variance for every velocity. The first sum is the same for θ and 2 θ, so the prior D fixes
+the scale of θ. With σ(θ) = wᵀθ / wᵀθ̂(0) the size of the bodies, such as the links' weight along
+the log,
 
     D(θ, θ̂(0)) = D₀(θ/σ, θ̂(0)) + ½ (log σ / δ)²,
 
-where D₀ is the divergence of the log-determinant for links and other matrices, a normal density of
-log θ for positive parameters, of θ for free ones. D₀(θ, ·) itself would bias the scale: it has
-tr P₀⁻¹P − log det P₀⁻¹P, which is least over all multiples of P where tr P₀⁻¹P = 4. A link whose
-shape the log changes has eigenvalues of P₀⁻¹P on both sides of 1, whose mean grows with the change;
-so the scale would sink, the more the rows reveal of shapes. D₀(θ/σ) is the same for all multiples
-of θ, so that σ = 1 at the minimum whatever the rows say, unless a known value or a stated command
-decides. Those enter as they are, not divided by σ.
+where D₀ is the log-determinant divergence for links and other matrices, a normal density of log θ
+for positive parameters, and of θ for free ones. D₀(θ, ·) itself would bias the scale: it contains
+tr P₀⁻¹P − log det P₀⁻¹P, which over all multiples of P is minimal where tr P₀⁻¹P = 4. A link whose
+shape is changed by the log has eigenvalues of P₀⁻¹P on both sides of 1, whose mean grows with the
+change; the scale would therefore decrease with the information on shapes. D₀(θ/σ) is the same for
+all multiples of θ, so that σ = 1 at the minimum for any rows, unless a known value or a stated
+command determines it. Those are not divided by σ.
 
 Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J falls,
 keep every estimate physical.
@@ -163,10 +163,10 @@ def gramians(problem: Problem) -> Sums:
 
 
 def cost_of(problem: Problem, parts: Sums) -> Quotient:
-    """R with weights N_i; raises `NoEstimate` if no command has an effect.
+    """R with weights N_i; raises `NoEstimate` if no command affects the motion.
 
-    Residuals of a passive joint are measured relative to the force of its inertia at its rms
-    acceleration: relative to the other joints' commands they would vanish with its link.
+    Residuals of a passive joint are relative to its inertial force at its rms acceleration:
+    relative to the other joints' commands, they could be made 0 by a massless link.
     """
     means, space, inertia = parts.means, problem.space, problem.inertia
     effort = efforts(means, space)

@@ -44,7 +44,7 @@ def identify(
     cutoff: float | None = None,
     law: str = "batch",
     folder: PathLike | None = None,
-    told: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identifies plant and actuator parameters of a robot from logs of its motion.
 
@@ -52,7 +52,7 @@ def identify(
         model: path of a URDF, MJCF or vehicle's TOML file; the name of a robot or vehicle, packed
             or of example-robot-data; or a model already loaded.
         logs: files of position, velocity (if any) and command; none for the packed log of `tx40`.
-        validate: files that take no part in the fit; the estimate is judged on them.
+        validate: files excluded from the fit, on which the estimate is validated.
         mapping: the meaning of the logs' columns: the path of a map.toml, or None to match columns
             with the model's joints by name.
         validate_mapping: that of `validate`; None for `mapping`.
@@ -62,32 +62,32 @@ def identify(
         joints: the joints that move; all others are locked.
         columns: columns of all joints besides rotor inertia, viscous and Coulomb friction, names of
             `calibration.joints.COLUMNS`; None to choose them for every joint inside the log.
-        delay: of the commands [s], one or one per command; None to search within ±0.2 s.
-        cutoff: of the low-pass filter of all rows [Hz]; None for the motion's bandwidth.
+        delay: delay of the commands [s], one or one per command; None to search within ±0.2 s.
+        cutoff: cut-off frequency of the low-pass filter [Hz]; None for the motion's bandwidth.
         law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` also
             follow the log, sample by sample, with the columns, delays and prior of the fit.
-        folder: of the record of such a law; None keeps no files.
-        told: called with the name of every stage, for progress.
+        folder: folder of the record of such a law; None keeps no files.
+        report: called with the name of every stage, for progress.
 
     Returns:
         The result, whose `explains` and `verdict` say whether the model explains the log at all.
 
     Raises:
-        UnusableLog: a fault of the log, such as a reversed or dead channel; it lists all findings.
+        UnusableLog: a fault of the log, such as a reversed or dead channel, with all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
     if law not in LAWS:
         raise UnknownName("law", law, LAWS)
-    told("reading the model")
+    report("reading the model")
     robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
     logs, chosen = _files(model, _listed(logs), mapping)
-    told("reading the log")
+    report("reading the log")
     recordings = recordings_of(logs, chosen, robot)
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
     validation = _validation(_listed(validate), other, robot)
     options = _options(robot, columns, coupled(chosen), delay, cutoff, loads)
-    found = calibrate(robot, recordings, validation, options, known=known, told=told)
-    return found if law == "batch" else with_law(found, law, folder, told)
+    found = calibrate(robot, recordings, validation, options, known=known, report=report)
+    return found if law == "batch" else with_law(found, law, folder, report)
 
 
 def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:

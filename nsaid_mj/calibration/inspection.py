@@ -25,7 +25,7 @@ class ChannelFigures:
 
     Attributes:
         source: name of the file.
-        name: of the channel.
+        name: name of the channel.
         role: such as "q of elbow"; "" if unused.
         rows: with a number.
         missing: rows without one.
@@ -67,7 +67,7 @@ class Inspection:
     Attributes:
         tables: the files.
         channels: figures of all channels.
-        findings: what was noticed; `identify` would stop at refusals.
+        findings: all findings; `identify` stops at refusals.
         recordings: the log in the robot's coordinates; None without a model, or if channels could
             not be matched or used.
         robot: the model; None without one.
@@ -83,10 +83,10 @@ class Inspection:
 def inspect(
     tables: Sequence[Table], mapping: Map | None = None, robot: RobotModel | None = None
 ) -> Inspection:
-    """Measures every channel of a log and, given a model, checks what `identify` would use.
+    """Computes figures of every channel of a log and, given a model, runs the checks of `identify`.
 
     Args:
-        tables: of the log's files.
+        tables: tables of the log's files.
         mapping: the meaning of columns; None to match them by name.
         robot: None to measure the channels only.
 
@@ -133,8 +133,8 @@ def _servo_findings(
 
 
 def _unmatched(error: UnmatchedChannels) -> Finding:
-    """What to do about channels whose names are ambiguous."""
-    text = f"cannot tell which channels are {', '.join(error.missing)}"
+    """The remedy for channels with ambiguous names."""
+    text = f"cannot determine which channels are {', '.join(error.missing)}"
     text += f". {' '.join(error.reasons)}".rstrip(".")
     remedy = "Complete map.toml by hand and pass it with --map."
     return Finding("warning", "unmatched", "", text, remedy)

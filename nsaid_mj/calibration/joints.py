@@ -55,8 +55,8 @@ v̇_i, v_j and v_i, tanh((v_i ± v_j)/s) and ± the same."""
 
 TRUSTED = 0.3  # standard deviation of log k below which commands state their forces
 FILE, WEIGHTLESS = 0.25, 3.0
-"""Standard deviations of the logarithm of the links' weight: for a model file, whose masses omit
-cables, covers and oil, or come from CAD with one density; and for a mere guess."""
+"""Standard deviations of the logarithm of the links' weight: of a model file, whose masses omit
+cables, covers and oil, or come from CAD with a single density; and of a guess."""
 
 _BLOCK = 2000  # rows whose regressors are computed at once
 
@@ -293,7 +293,7 @@ class JointRows:
             yield block, entries, prior, spread
 
     def _couplings(self, choice: Choice, force: Array) -> Iterator[Part]:
-        """What coupled joints share; force (k,) is typical of the actuators."""
+        """Columns of coupled joints; force (k,) is typical of the actuators."""
         for i, j, sign in choice.coupled:
             slip = self.slip(i, j, sign, choice.speed[j])
             entries = np.zeros((*self.usable.shape, 3))
@@ -315,7 +315,7 @@ class JointRows:
             yield block, entries, np.zeros(3), _FREE * guess
 
     def _payloads(self) -> Iterator[Part]:
-        """Known loads: the columns of the links that carry them, in the logs that have them."""
+        """Known payloads: the columns of the links that carry them, in the loaded logs."""
         for payload in payloads(self.robot.model, self.loads):
             carried = [s.source in payload.sources for s in self.recordings.segments]
             columns = self.links[:, :, payload.place]
@@ -341,7 +341,7 @@ def joint_of(parameter: str) -> int:
 
 
 def nearest_friction(problem: Problem, theta: Array) -> tuple[Array, Array]:
-    """(k,) viscous and (k,) Coulomb friction nearest to all of a joint's friction under θ (p,)."""
+    """(k,) viscous and (k,) Coulomb friction that approximate all friction of a joint at θ (p,)."""
     space = problem.space
     kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "spring", "offset")]
     used = [space[block.name] for block in space.blocks if block.name in kinds]

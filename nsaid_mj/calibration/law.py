@@ -1,4 +1,4 @@
-"""Runs a law of the paper along a prepared log, by the loop of every run, beside the batch fit."""
+"""Runs a recursive law along a prepared log, by the loop of every run, beside the batch fit."""
 
 from __future__ import annotations
 
@@ -69,20 +69,20 @@ class _Watch(Observer):
 
 
 def with_law(
-    found: Identification, law: str, folder: str | Path | None, told: Callable[[str], None]
+    found: Identification, law: str, folder: str | Path | None, report: Callable[[str], None]
 ) -> Identification:
     """An identification to which a law's run along the log, and findings about it, are added.
 
     Args:
         found: by the batch fit.
         law: one of `LAWS` but `batch`.
-        folder: of the law's record; None keeps no files.
-        told: called with the name of the stage.
+        folder: folder of the law's record; None keeps no files.
+        report: called with the name of the stage.
 
     Raises:
         InvalidInput: the law does not suit the robot or its log.
     """
-    told(f"following the log by law {law}")
+    report(f"following the log by law {law}")
     with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
         along = follow_log(law, found, Path(place))
     findings = gravest_first((*found.findings, *law_findings(along)))
@@ -150,8 +150,8 @@ def law_logs(
 def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
     """A law for a structure that is not exact.
 
-    Between the steps of the memory the flow (45) follows what the structure does not explain, so it
-    is slowed down.
+    Between the memory's steps, the flow (45) would follow unmodelled effects, so its gain is
+    reduced.
     """
     return NullspaceAID(
         law=law,  # pyright: ignore[reportArgumentType]  # one of `LAWS`
@@ -164,8 +164,8 @@ def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
 def unexplained_forces(fitted: Fitted) -> Array:
     """(n,) density of an arm's unexplained forces, over the last gain [units², times s].
 
-    Residuals of variance σ² at intervals h, of which one in `share` counts as independent, affect
-    the motion like a white force of density σ² h share.
+    Residuals of variance σ² at intervals h, of which one in `share` is effectively independent, act
+    on the motion like a white force of density σ² h share.
     """
     problem, theta = fitted.problem, fitted.fit.theta
     residual = problem.residual(theta) / theta[problem.space.actuators[-1]]
@@ -205,7 +205,7 @@ def _last_fifth(found: Identification, run: Run, start: float) -> tuple[Array, A
 
 
 def law_findings(along: AlongLog) -> list[Finding]:
-    """Warnings about a law's result: it ended early, or contradicts the batch fit."""
+    """Warnings about a law's result: it ended early, or differs from the batch fit."""
     status, found = along.run.ending.status, []
     if status is not Status.completed:
         text = f"the law ended at {along.run.ending.time:.2f} s: {status.words}"

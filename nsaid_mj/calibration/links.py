@@ -58,8 +58,8 @@ def limbs_of(model: pin.Model) -> Indices:
 def sizes_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:
     """(s, 10 b) w_k with w_kᵀθ the weight of limb k along the log over that in the model file.
 
-    Weight is the part of the torques that a motion separates from rotors and friction. Where there
-    is hardly any, as with vertical axes, inertia replaces it, and mass where such a limb stands
+    The weight's torques are the part that a motion separates from rotors and friction. Where they
+    are negligible, as with vertical axes, inertia replaces them, and mass if such a limb stands
     still. `moving` (N, 10 b) are columns of inertia and weight along the log, `weight` (K, 10 b)
     those of weight alone.
     """

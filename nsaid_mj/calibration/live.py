@@ -82,7 +82,7 @@ class LiveIdentifier:
 
     Attributes:
         estimate: the newest one that `update` or `wait` has read; None before the first.
-        folder: of the run; None before it has begun.
+        folder: folder of the run; None before it has begun.
         summary: the run's summary.json; empty before the context has ended.
     """
 
@@ -194,7 +194,7 @@ class LiveIdentifier:
     def _exchange(self) -> bool:
         """Writes what the pipe accepts, reads what has come; returns whether more can come.
 
-        No thread does it: a thread would hold Python's lock while the user's loop needs it.
+        There is no thread, which would hold Python's lock while the user's loop needs it.
         """
         assert self._process is not None
         given, taken = self._process.stdin, self._process.stdout

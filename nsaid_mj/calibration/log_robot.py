@@ -1,4 +1,4 @@
-"""A robot with the columns chosen in its log, as laws know it: structure and prior."""
+"""A robot with the columns chosen from its log, as structure and prior for laws."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class LoggedArm(JointTree, StructuredSystem):
 
     Args:
         model: kinematics, without inertia.
-        structure: of the robot.
+        structure: structure of the robot.
         space: names, units and scale of θ.
         speed: (n,) largest velocities in operation.
         command: (n_u,) largest commands.
@@ -120,7 +120,7 @@ class LogRobot(MeasuredRobot):
         robot: path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle, for
             its kinematics.
         joints: the joints that move; none of a vehicle.
-        blocks: of θ.
+        blocks: blocks of θ.
         prior: (p,) θ̂(0).
         columns: for every velocity, the names of its columns.
         speeds: for every joint, s of tanh(v/s) of Coulomb friction [rad/s or m/s].
@@ -225,7 +225,7 @@ def _of_velocity(system: StructuredSystem, name: str, i: int, parameter: int) ->
     if name != "damping":
         raise InvalidInput(
             "law", "batch, for a vehicle with constant forces on its body", "another",
-            "Take --law batch, or leave the forces out: --columns damping, or --columns \"\".",
+            "Use --law batch, or leave the forces out: --columns damping, or --columns \"\".",
         )  # fmt: skip
     axes = np.eye(6)[i if system.group == 6 else LEVEL[i]]
     return Column("linear_drag", parameter, body=0, axes=axes)

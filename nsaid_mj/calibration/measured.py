@@ -1,4 +1,4 @@
-"""Robots that are not simulated: what is known before they move, and the scenario of a run."""
+"""Robots that are not simulated: their structure and prior, and the scenario of a run."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _ACCELERATION = 300.0  # of a motor's rotor alone under this force [rad/s² or m
 
 @config
 class MeasuredRobot(PlantConfig, ABC):
-    """A robot whose measurements come from outside. Nobody knows its true parameters."""
+    """A robot whose measurements come from outside; its true parameters are unknown."""
 
     def build(self, dt: float, seed: int) -> Any:
         """Raises `InvalidInput`: there is nothing to simulate."""
@@ -114,7 +114,7 @@ def measured_scenario(
     error: float,
     steps: float = MOST_STEPS,
 ) -> Scenario:
-    """The scenario of a run on measurements from outside: everything about it but the samples.
+    """The scenario of a run on measurements from outside, without the samples.
 
     Args:
         robot: the robot.

@@ -160,7 +160,7 @@ def _families() -> list[type[Any]]:
 
 
 def _likeness(error: NsaidError, keys: set[str]) -> float:
-    """How likely the right family raised an error: few families know all keys of a file."""
+    """A score of how likely an error comes from the right family: few families accept all keys."""
     return len(keys & set(error.choices)) if isinstance(error, UnknownName) else np.inf
 
 

@@ -1,7 +1,7 @@
-"""Loads of known mass that some of the logs carry and others do not: they fix the common scale.
+"""Payloads of known mass in some of the logs but not in others; they fix the common scale.
 
-No motion distinguishes masses, frictions and gains from twice as large ones. A load does: its part
-of the forces is known, and the log shows its share of the rest.
+No motion distinguishes masses, frictions and gains from twice as large ones. A payload of known
+mass does: the log determines the ratio of all forces to those of the payload.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SMALL, _ANYWHERE = 0.05, 0.15  # radius of a load, and of the region in which a
 
 
 class Load(NamedTuple):
-    """A load that was weighed.
+    """A weighed payload.
 
     Attributes:
         source: name of the file that carries it.
@@ -115,7 +115,7 @@ class Payload(NamedTuple):
     Attributes:
         block: the ten inertial parameters, in the frame of the joint that moves the load.
         prior: (10,) a ball of its mass, large if its place is unknown.
-        place: of the carrying link's ten parameters in θ.
+        place: place of the carrying link's ten parameters in θ.
         sources: names of the files that carry it.
         known: values of its parameters by label: the mass, and its moments if its place is known.
     """

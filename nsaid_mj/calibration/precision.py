@@ -1,9 +1,9 @@
 """How precisely a log determines θ: correlated residuals, structural error, what is observable.
 
-Residuals of a real log are neither white nor the sensors' noise: they are unmodelled friction and
-flexibility, correlated over tenths of a second. Their effective number is estimated from the log
-itself, and so is the change of θ̂ from one part of the log to another and from one plausible set of
-columns to another. The stated deviation is the largest of these.
+Residuals of a real log are neither white nor sensor noise: they are unmodelled friction and
+flexibility, correlated over tenths of a second. Their effective number is estimated from the log,
+and so are the changes of θ̂ between parts of the log and between plausible sets of columns. The
+stated standard deviation is the largest of the three.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Precision(NamedTuple):
 
     Attributes:
         theta: (p,) θ̂.
-        covariance: (p, p) of θ̂: data and prior, under correlated residuals.
+        covariance: (p, p) covariance of θ̂ from data and prior, under correlated residuals.
         data: (p, p) information of the data alone.
         parts: (K, p) changes of θ̂ without one part of the log, scaled as the jackknife's variance:
             the deviation of wᵀθ̂ between parts of the log is ‖parts w‖.
@@ -122,7 +122,7 @@ def information(problem: Problem, parts: Sums, theta: Array) -> tuple[Array, Arr
 
 
 class Combinations(NamedTuple):
-    """Which parameters act on the motion only together with others.
+    """Parameters that affect the motion only in combination with others.
 
     Attributes:
         independent: indices of parameters whose columns are linearly independent, in order.

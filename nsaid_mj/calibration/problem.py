@@ -1,4 +1,4 @@
-"""A fit to be made: rows of W θ = 0, and prior knowledge of θ."""
+"""A fitting problem: rows of W θ = 0, and prior knowledge of θ."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class Size(NamedTuple):
         weights: (s, p) w_k of the sizes w_kᵀθ of the bodies of every limb k.
         limb: (p,) the limb of every parameter.
         deviation: standard deviation of log(w_kᵀθ / w_kᵀθ̂(0)).
-        stated: (p,) whether a prior value holds as it is; for all others its ratio to its limb's
-            size does.
+        stated: (p,) whether a prior value is absolute; all others are relative to their limb's
+            size.
     """
 
     weights: Array
@@ -62,9 +62,9 @@ class Problem:
         spread: (p,) standard deviation of the prior: of log θ for `positive` parameters, of θ for
             `free` ones; not used for matrices, whose prior is the barrier's divergence.
         known: (p,) whether a parameter is known and keeps the prior's value.
-        size: fixes the common scales; None where every prior value holds as it is.
-        inertia: (n, p) m_i with m_iᵀθ the force of inertia that a velocity's own rms acceleration
-            takes; None unless some joints are passive.
+        size: prior of the common scales; None if prior values are absolute.
+        inertia: (n, p) m_i with m_iᵀθ the inertial force at a velocity's own rms acceleration; None
+            unless some joints are passive.
     """
 
     space: ParameterSpace
@@ -95,9 +95,9 @@ class Problem:
     def nrmse(self, theta: Array, whole: Problem | None = None) -> Array:
         """(n,) rms of Y θ over the standard deviation of the actuators' forces, per velocity.
 
-        Predicting the mean command would give 1. Velocities on which no actuator acts are compared
-        with the forces of inertia and weight. NaN where no row is usable. If these rows are part of
-        a `whole` problem, forces are measured along that, as they may hardly change in a part.
+        Predicting the mean command gives 1. For velocities without an actuator, the forces of
+        inertia and weight replace the actuators'. NaN where no row is usable. If these rows are
+        part of a `whole` problem, its forces are used, as they may hardly vary within a part.
         """
         size = (self if whole is None else whole).forces(theta)
         residual = np.sqrt(mean_squares(self.residual(theta), self.usable))
@@ -113,10 +113,10 @@ class Problem:
         return np.where(acting > _IDLE * inertial, acting, inertial)
 
     def hardly_moved(self, theta: Array, units: Sequence[str]) -> Mask:
-        """(n,) velocities that no actuator drives and whose forces are small beside the others'.
+        """(n,) mask of velocities without an actuator and with forces far below the others'.
 
-        A hovering quadrotor's surge is one: weight and inertia cancel, and only noise remains.
-        Forces are compared with driven ones of the same unit, of `units` (n,).
+        Such as a hovering quadrotor's surge: weight and inertia cancel, and only noise remains.
+        Forces are compared with actuated ones of the same unit, of `units` (n,).
         """
         acting, inertial = self._deviations(theta)
         same = np.array([[a == b for b in units] for a in units])
@@ -145,10 +145,10 @@ def folds(problem: Problem, count: int) -> list[tuple[Problem, Problem]]:
     """Splits a problem into `count` parts: pairs of the problem without a part, and that part.
 
     A part is contiguous in time and has an equal share of the information in the rows of every
-    velocity; otherwise rows in which a joint hardly moves might have to predict its only motion.
+    velocity; otherwise a joint's only motion might have to be predicted from rows at rest.
     """
-    told = np.cumsum(_leverages(problem), axis=0)
-    number = np.minimum((count * told / np.maximum(told[-1], 1e-300)).astype(int), count - 1)
+    sums = np.cumsum(_leverages(problem), axis=0)
+    number = np.minimum((count * sums / np.maximum(sums[-1], 1e-300)).astype(int), count - 1)
     found = []
     for k in range(count):
         own = problem.usable & (number == k)
@@ -169,7 +169,7 @@ def _leverages(problem: Problem) -> Array:
 
 
 def least_squares(problem: Problem, gain: Array) -> Array:
-    """(p,) θ of weighted least squares, the method to beat: no prior, no physical bounds.
+    """(p,) θ of weighted least squares, the baseline: no prior, no physical bounds.
 
     Its norm is least in θ/scale. The actuator parameters gain (k,) are given, not estimated.
     """

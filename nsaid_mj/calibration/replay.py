@@ -1,4 +1,4 @@
-"""Tests whether a calibrated model follows the log, by short simulations from measured states."""
+"""Compares a calibrated model with the log, by short simulations from measured states."""
 
 from __future__ import annotations
 

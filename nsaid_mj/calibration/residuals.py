@@ -1,19 +1,19 @@
-"""Tests residuals for effects outside the structure, and for what these do to the estimate.
+"""Tests residuals for unmodelled effects, and computes the bias that these cause in the estimate.
 
-A suspect is a set of columns Z that the rows might lack. Its coefficients γ are those of least
-squares in which all parameters take part without a prior, so that it is not blamed for residuals
-that only the prior causes. In the fit they would move the estimate by one Gauss–Newton step,
+A suspect is a set of columns Z that the rows may lack. Its coefficients γ are those of least
+squares over all parameters without a prior, so that residuals caused by the prior are not
+attributed to it. In the fit they would move the estimate by one Gauss–Newton step,
 
     δ = −H⁻¹ Xᵀ Z γ/σ²,     X the fit's columns, σ² the variance of the residuals, H the Hessian,
 
 the influence of a specification error (Newey, Maximum likelihood specification testing and
-conditional moment tests, Econometrica 53(5), 1985). Whether γ exceeds chance is judged by the
-variance of the scores' sums over blocks in time, as residuals are correlated. Suspects enter one
-after another, the one that explains most first, until none that is left exceeds chance.
+conditional moment tests, Econometrica 53(5), 1985). As residuals are correlated, the significance
+of γ is computed from the variance of the scores' sums over blocks in time. Suspects are added by
+forward selection, the one that explains most first, until no other is significant.
 
-The sensors' noise is in the residuals and in Z, which therefore correlate without any effect. With
-independent noise of the same variance added to both, that part of the score s doubles: 2 s − s' is
-free of it (simulation extrapolation; Cook and Stefanski, Journal of the American Statistical
+Sensor noise enters both residuals and Z, which therefore correlate even without an effect. With
+independent noise of the same variance added to both, that part of the score s doubles in s': 2 s −
+s' is free of it (simulation extrapolation; Cook and Stefanski, Journal of the American Statistical
 Association 89(428), 1994).
 """
 
@@ -40,7 +40,7 @@ _MOST = 8  # suspects that enter
 _MANY = 10_000  # rows of a longer log are thinned, as all of them would fill the memory
 _Z = 1.96  # of a 95 % interval
 _STATED = 0.5  # relative half-width below which a parameter's value counts as known
-_TOLD = 0.1  # share of the residuals' variance that is reported
+_NOTED = 0.1  # share of the residuals' variance that is reported
 _MOVED = 0.1  # relative shift of such a parameter that is reported
 _EXPLAINED = 0.1  # rms of what a suspect explains, over the command's standard deviation
 _LITTLE = 0.5  # share of a column outside the fit below which its projection is repeated
@@ -52,7 +52,7 @@ class Suspect(NamedTuple):
     """An effect that the structure lacks.
 
     Attributes:
-        words: what a residual that shows it follows, such as "its acceleration".
+        words: what the residual correlates with, such as "its acceleration".
         where: the joint; "" if it concerns all.
         columns: (N, n, c) its contribution to the rows, up to c unknown coefficients.
         remedy: what to do about it.
@@ -67,12 +67,12 @@ class Suspect(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """A suspect that the residuals follow.
+    """A suspect with which the residuals correlate significantly.
 
     Attributes:
         suspect: the effect.
-        share: (n,) of the residuals' variance that it explains.
-        shift: (p,) by which it would move θ̂, less the part of chance.
+        share: (n,) share of the residuals' variance that it explains.
+        shift: (p,) the bias that it causes in θ̂, shrunk by the part due to chance.
         coefficients: (c,) γ of its columns.
     """
 
@@ -90,14 +90,14 @@ def followed(
     suspects: Iterable[Suspect],
     noisier: Callable[[Array], tuple[Problem, Iterable[Suspect]]] | None = None,
 ) -> tuple[Followed, ...]:
-    """The suspects that the residuals of a fit follow, in the order in which they enter.
+    """The suspects with which the residuals of a fit correlate, in order of selection.
 
     Args:
         problem: rows and prior.
         theta: (p,) θ̂.
-        covariance: (p, p) of θ̂ under the fit's own structure: H⁻¹.
+        covariance: (p, p) covariance of θ̂ under the fit's own structure: H⁻¹.
         share: (n,) rows per effectively independent row, as in the fit.
-        suspects: to be tried; of a long log, only some rows of each are kept.
+        suspects: candidates; of a long log, only some rows of each are kept.
         noisier: gives rows and suspects at θ (p,) of the same motion with twice the variance of the
             sensors' noise; None if suspects do not depend on the measured motion.
     """
@@ -145,12 +145,12 @@ def widened(exact: Precision, left: Sequence[Followed]) -> Precision:
 def doubts(
     problem: Problem, exact: Precision, left: Sequence[Followed], held_out: Array
 ) -> list[Finding]:
-    """Reports what the residuals follow: each in a warning where it matters, else in a note.
+    """Findings about the suspects: a warning for each that matters, a note for every other.
 
-    It matters where it explains much of the command itself, or would move a parameter that is
-    stated with a narrower interval. Frictions and offsets do not count: most suspects consist of
-    unmodelled parts of them, and their intervals are widened. held_out (n,) is the NRMSE of
-    held-out parts; `exact` is the precision before it is widened.
+    It matters if it explains much of the command itself, or biases a parameter by more than its
+    stated interval. Frictions and offsets do not count: most suspects consist of unmodelled parts
+    of them, and their intervals are widened. held_out (n,) is the NRMSE of held-out parts; `exact`
+    is the precision before it is widened.
     """
     half, size, space = _Z * exact.deviation, _sizes(problem, exact.theta), problem.space
     friction = ["friction" in block.name for block in space.blocks for _ in block.names]
@@ -162,13 +162,13 @@ def doubts(
         explained = float(np.sqrt(np.nanmax(np.maximum(share, 0) * held_out**2)))
         beyond = moved > _MOVED and abs(shift[worst]) > half[worst]
         label = space.labels[worst]
-        if not beyond and explained <= _EXPLAINED and share.max() < _TOLD:
+        if not beyond and explained <= _EXPLAINED and share.max() < _NOTED:
             continue
-        told = f", {suspect.size(coefficients[0])}" if suspect.size else ""
+        amount = f", {suspect.size(coefficients[0])}" if suspect.size else ""
         words = f", which would move {label} by {moved:.0%}" if moved > 0.01 else ""
         level = "warning" if beyond or explained > _EXPLAINED else "note"
         part = f"{share.max():.0%} of their variance"
-        text = f"the residuals follow {suspect.words}{told} ({part}{words})"
+        text = f"the residuals correlate with {suspect.words}{amount} ({part}{words})"
         data = {"share": float(share.max()), "moved": moved, "parameter": label}
         findings.append(Finding(level, "residuals", suspect.where, text, suspect.remedy, data))
     return findings
@@ -189,7 +189,7 @@ def _sizes(problem: Problem, theta: Array) -> Array:
 
 
 def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:
-    """The verdict, less than "yes" where the residuals are not random and it matters."""
+    """The verdict, at most "partly" if a suspect matters."""
     serious = [f for f in findings if f.level == "warning" and f.code == "residuals"]
     if explains == "no" or not serious:
         return explains, sentence
@@ -201,12 +201,12 @@ def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> t
 
 
 class _Candidate(NamedTuple):
-    """A suspect that has not entered.
+    """A suspect that has not been selected.
 
     Attributes:
         suspect: the effect.
-        rest: (N n, c) its columns outside the span of the fit's and of those that have entered.
-        noisy: (N n, c) the same with noise twice; None as long as that is unknown.
+        rest: (N n, c) its columns, orthogonal to those of the fit and of the selected suspects.
+        noisy: (N n, c) the same with the noise doubled; None as long as that is unknown.
     """
 
     suspect: Suspect
@@ -214,7 +214,7 @@ class _Candidate(NamedTuple):
     noisy: Array | None = None
 
     def beside(self, entered: _Trial) -> _Candidate:
-        """The candidate once another has entered."""
+        """The candidate after the selection of another."""
         noisy = None if self.noisy is None else _outside(self.noisy, entered.noisy)
         return self._replace(rest=_outside(self.rest, entered.basis), noisy=noisy)
 
@@ -223,11 +223,11 @@ class _Trial(NamedTuple):
     """The effect of adding a suspect.
 
     Attributes:
-        basis: (N n, c) orthonormal basis of its columns outside the span of the fit's.
-        noisy: (N n, c) the same with noise twice; (N n, 0) as long as that is unknown.
-        gained: fall of the weighted sum of squares.
+        basis: (N n, c) orthonormal basis of its columns orthogonal to those of the fit.
+        noisy: (N n, c) the same with the noise doubled; (N n, 0) as long as that is unknown.
+        gained: decrease of the weighted sum of squares.
         F: Hotelling's statistic.
-        degrees: of freedom of F.
+        degrees: degrees of freedom of F.
     """
 
     basis: Array
@@ -237,7 +237,7 @@ class _Trial(NamedTuple):
     degrees: tuple[int, int]
 
     def beyond(self, level: float) -> float:
-        """Share of the coefficients that exceeds chance; 0 unless both tests convict.
+        """Shrinkage factor of the coefficients; 0 unless both tests are significant.
 
         One test counts rows as effectively independent ones, at the level of significance; the
         other uses the blocks, which are few and uneven, at 1 %.
@@ -249,12 +249,12 @@ class _Trial(NamedTuple):
 
 
 class _Rows:
-    """Weighted rows of a fit, and the suspects that have entered.
+    """Weighted rows of a fit, and the selected suspects.
 
     Attributes:
         X_T: (p, N n) transposed columns of the fit: changes of the residuals over the effort.
-        weight: (N, n) of the rows.
-        noisy: the same rows with noise twice; None as long as that is unknown.
+        weight: (N, n) weight of the rows.
+        noisy: the same rows with the noise doubled; None as long as that is unknown.
     """
 
     noisy: _Rows | None = None
@@ -282,7 +282,7 @@ class _Rows:
         return (columns * self.weight[:, :, None]).reshape(-1, columns.shape[2])
 
     def outside(self, columns: Array, unit: Array) -> Array:
-        """(N n, c) what is outside the span of the fit's columns, over the lengths of `unit`.
+        """(N n, c) the columns orthogonal to the fit's, over the lengths of `unit`.
 
         Columns and `unit` are (N, n, c).
         """
@@ -298,7 +298,7 @@ class _Rows:
         share: Array,
         thin: Indices,
     ) -> list[_Candidate]:
-        """The candidates once the problem and the suspects with noise twice are known."""
+        """The candidates once the problem and the suspects with doubled noise are known."""
         self.noisy = own = _Rows(noisy.select(thin), theta, share, self.weight)
         return [
             each._replace(noisy=own.outside(s.columns[thin], each.suspect.columns))
@@ -336,7 +336,7 @@ class _Rows:
         return np.sum(self._residual.reshape(-1, self._n) ** 2, axis=0)
 
     def coefficients(self, suspects: list[Array]) -> list[Array]:
-        """γ of the columns (N, n, c) of suspects, all of them together in the fit."""
+        """γ of the columns (N, n, c) of all suspects in a joint fit."""
         Z = np.hstack([self.weighed(columns) for columns in suspects])
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
         rest = _outside(Z / size, self._own)
@@ -345,7 +345,7 @@ class _Rows:
 
 
 def _outside(Z: Array, basis: Array) -> Array:
-    """Z (N n, c) less its projection on a basis; twice where little is left, for rounding."""
+    """Z (N n, c) minus its projection on a basis; done twice if the rest is small, for rounding."""
     rest = Z - basis @ (basis.T @ Z)
     little = np.linalg.norm(rest, axis=0) < _LITTLE * np.linalg.norm(Z, axis=0)
     if little.any():

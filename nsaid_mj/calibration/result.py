@@ -1,4 +1,4 @@
-"""The result of a calibration: what the log reveals of every parameter, and what it does not."""
+"""The result of a calibration: estimates, intervals and identifiability of every parameter."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ class Combination:
 
 @dataclass(frozen=True)
 class JointFit:
-    """How well the structure explains one joint's (or velocity's) command.
+    """Prediction quality of one joint's (or velocity's) command.
 
     NRMSE is the rms error of the predicted command over the standard deviation of the measured one:
     predicting the mean gives 1.
 
     Attributes:
-        name: of the joint.
+        name: name of the joint.
         fit: NRMSE on the rows of the fit.
         held_out: NRMSE on fifths of the log, each predicted from the others.
         least_squares: that of weighted least squares on the same rows and columns.
@@ -58,7 +58,7 @@ class JointFit:
         validation_least_squares: that of weighted least squares; None without a log.
         columns: friction columns in use.
         friction_speed: s of tanh(v/s) [rad/s or m/s].
-        delay: of the command [s].
+        delay: delay of the command [s].
     """
 
     name: str
@@ -92,10 +92,10 @@ class Curves:
 
 
 class Fitted(NamedTuple):
-    """The parts of a batch fit.
+    """Intermediate results of a batch fit.
 
     Attributes:
-        made: what was chosen.
+        made: the chosen structure.
         problem: rows and prior.
         fit: the minimum.
         exact: the estimate and its precision.
@@ -112,10 +112,10 @@ class Fitted(NamedTuple):
 
 
 class Gain(NamedTuple):
-    """A gain over the geometric mean of all, which does not depend on the common scale of θ.
+    """A gain relative to the geometric mean of all gains, independent of the common scale of θ.
 
     Attributes:
-        label: of the parameter.
+        label: label of the parameter.
         law: by the law.
         half: half-width of its 95 % interval, relative; infinite if the law states none.
         batch: by the batch fit.
@@ -144,9 +144,9 @@ class AlongLog:
     """A law along a log.
 
     Attributes:
-        name: of the law.
+        name: name of the law.
         run: measurements and estimates.
-        actuators: (a,) of the gains in θ.
+        actuators: (a,) indices of the gains in θ.
         t: (K,) times [s], of the common axis of all logs.
         theta: (K, p) θ̂.
         deviation: (K, a) standard deviations of the gains over their mean, relative; infinite where
@@ -199,18 +199,18 @@ class Identification(Result):
         robot: the model.
         recordings: the segments of the training logs.
         joints: quality of the prediction, per joint.
-        combinations: base parameters: what the log determines, gains given.
-        anchor: what fixes the common scale of all parameters.
+        combinations: base parameters, which the log determines if the gains are known.
+        anchor: what fixes the common scale of all parameters, in words.
         suggestion: the one further number or motion that would help most; "" if none.
         theta: (p,) θ̂.
         deviation: (p,) its stated standard deviations.
-        covariance: (p, p) of θ̂.
+        covariance: (p, p) covariance of θ̂.
         friction: (k,) viscous and (k,) Coulomb friction nearest to the identified friction of each
             joint, for model files that hold no other; empty for a vehicle.
-        curves: of the training logs.
-        validation: of the validation log; None without one.
+        curves: curves of the training logs.
+        validation: curves of the validation log; None without one.
         law: the run of a law along the log; None for the batch fit alone.
-        cutoff: of the rows' filter [Hz].
+        cutoff: cut-off frequency of the rows' filter [Hz].
         seconds: duration of the identification [s].
         fitted: parts of the fit, for laws that follow the log.
     """

@@ -1,8 +1,8 @@
-"""The common scale of θ, which no motion reveals: what fixes it, and how well it is known.
+"""The common scale of θ, which no motion reveals: its source and its uncertainty.
 
-Twice all masses, frictions and gains move in the same way. A known number fixes the scale where the
-log relates it to all others, as it does a motor's gain; so do commands stated in N·m or N.
-Otherwise the scale rests on the model file's masses.
+With all masses, frictions and gains doubled, the motion is the same. A known number, such as a
+motor's gain, fixes the scale if the log couples it to all other parameters; so do commands stated
+in N·m or N. Otherwise the scale comes from the model file's masses.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _REMEDY = "Give one motor's gain{}, or weigh a load that one of two logs carries
 
 
 class Scale(NamedTuple):
-    """What is known about the common scale.
+    """Source and uncertainty of the common scale.
 
     Attributes:
-        weights: (p, p) c with c δ the relative changes of every parameter's scale, that of its
-            limb, under a change δ of θ̂.
+        weights: (p, p) c with c δ the relative change of the scale of every parameter's limb under
+            a change δ of θ̂.
         deviation: standard deviation of its logarithm, the largest of all limbs.
         fixed: whether commands or a known number fix it.
-        words: what it rests on.
+        words: its source, in words.
         limbs: number of limbs that only the base connects.
     """
 
@@ -65,7 +65,7 @@ def common_scale(
     problem: Problem, exact: Precision, theta: Array, stated: bool, weightless: bool,
     known: Mapping[str, float],
 ) -> Scale:  # fmt: skip
-    """What the estimate θ̂ (p,) of a problem reveals about its scale.
+    """The common scale of the estimate θ̂ (p,) of a problem.
 
     `stated` is whether commands are in N·m or N, `weightless` whether the model file has no masses,
     `known` the user's parameters.
@@ -96,7 +96,7 @@ def common_scale(
 def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
     """The problem with parameters held at known values.
 
-    A link of known mass is expected to have the file's shape, and takes part in the size.
+    The prior shape of a link of known mass is the file's, and it contributes to the size.
 
     Raises:
         UnknownName: there is no such parameter.
@@ -147,22 +147,22 @@ def rescaled(problem: Problem, known: Mapping[str, float]) -> Problem:
 
 
 def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> list[Finding]:
-    """Reports known values that do not fix the scale: what they changed, and why not more."""
+    """Reports known values that do not fix the scale: their effect, and the reason."""
     if scale.fixed:
         return []
     combined, found = combinations(problem), []
     for name, value in known.items():
-        index, why = _index(problem, name), "the log does not show it"
-        share, told = _share(problem, index), combined.members(index)
+        index, why = _index(problem, name), "it has no effect in the log"
+        share, members = _share(problem, index), combined.members(index)
         if index in problem.space.actuators:
-            why = "the log hardly relates it to the other parameters"
+            why = "the log hardly couples it to the other parameters"
             why += ", and not at all to those of other limbs" if scale.limbs > 1 else ""
-        elif told:
-            seen = in_words(combined.expression(told[0]), problem.space)
+        elif members:
+            seen = in_words(combined.expression(members[0]), problem.space)
             why = f"the log shows it only in combination ({seen})"
         effect = "it changes no other parameter"
         if share > 0.005:
-            effect = f"it settles {share:.0%} of the weight on which the overall scale rests"
+            effect = f"it determines {share:.0%} of the weight on which the overall scale rests"
         label = problem.space.labels[index]
         text = (
             f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "

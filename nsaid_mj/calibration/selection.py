@@ -1,8 +1,8 @@
 """Choice of columns, friction speeds and delays by cross-validation inside the training log.
 
-Each joint's row is linear in its own columns once its command is divided by the gain, so that a
-least-squares fit of every candidate, joint by joint, takes a millisecond. Candidates are compared
-by their error in held-out fifths of the log; the physical fit is made with the chosen ones.
+Divided by the gain, each joint's row is linear in its own columns, so that a least-squares fit of a
+candidate, joint by joint, takes a millisecond. Candidates are compared by their error in held-out
+fifths of the log; the physical fit uses the chosen ones.
 """
 
 from __future__ import annotations
@@ -50,15 +50,15 @@ def choose(
     if delay is None:
         choice, shared, findings = _with_delays(rows, choice)
     for j in rows.driven:  # a passive joint has no command to predict
-        own, told, errors = _choose_joint(rows, choice, j, columns is None)
+        own, finding, errors = _choose_joint(rows, choice, j, columns is None)
         if choice.delay[j] != shared[j]:
             delays = choice.delay.copy()
             delays[j] = shared[j]
             alike = _choose_joint(rows, replace(choice, delay=delays), j, columns is None)
             if not _insists(alike[2], errors):  # friction at another speed imitates a delay
-                own, told, _ = alike
+                own, finding, _ = alike
         choice = own
-        findings.append(told)
+        findings.append(finding)
     return choice, findings
 
 
@@ -143,7 +143,7 @@ def rms(errors: Array) -> float:
 
 
 def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[Finding]]:
-    """The choice with delays on a grid: one that all commands share, others where joints differ.
+    """The choice with delays on a grid: a common one, and individual ones where joints differ.
 
     Every joint's row is fitted by least squares at every candidate delay. The columns do not depend
     on the delay, so one orthogonal basis of them serves all candidates. Also returns the shared
@@ -182,11 +182,11 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
 def with_constants(
     rows: JointRows, choice: Choice, level: frozenset[str] = frozenset()
 ) -> tuple[Choice, list[Finding]]:
-    """The choice with offsets and springs where they help the physical fit, which shares links.
+    """The choice with offsets and springs where they improve the physical fit of all joints.
 
-    Joint by joint, with the links' columns free for each, weight would replace both. A stiffness
-    below 0 is no spring but an error that grows with the position, such as a wrong gear ratio; it
-    is left to the residuals. `level` are names of joints without an offset of their own, as are
+    In fits joint by joint, each with free link parameters, weight would absorb both. A negative
+    stiffness is not a spring but an error that grows with the position, such as a wrong gear ratio;
+    it is left in the residuals. `level` are names of joints without an offset of their own, as are
     passive ones.
     """
     (best, _), findings = _shared_errors(rows.problem(choice)), []
@@ -233,15 +233,15 @@ def _shared_errors(problem: Problem) -> tuple[Array, dict[str, float]]:
 
 
 def _insists(shared: Array, own: Array) -> bool:
-    """Whether held-out errors (folds,) are much smaller with a joint's own delay."""
+    """Whether held-out errors (folds,) are much smaller with an individual delay."""
     return worthwhile(shared, own, _DELAY_WORTH, _SURE)
 
 
 def worthwhile(before: Array, after: Array, worth: float, deviations: float = 1.0) -> bool:
-    """Whether held-out errors (folds,) fall by a share, and by more than they differ by chance.
+    """Whether held-out errors (folds,) fall by a given share, and significantly.
 
-    The errors' mean logarithm must fall by `worth` at least, and by `deviations` standard errors
-    over the folds; an error that is not finite is never worth it.
+    The errors' mean logarithm must fall by at least `worth`, and by `deviations` standard errors
+    over the folds; errors that are not finite never qualify.
     """
     if not np.isfinite([before, after]).all():
         return False
@@ -259,8 +259,8 @@ def _vertex(values: Array) -> float:
 def refined(rows: JointRows, choice: Choice) -> tuple[Choice, float, Finding]:
     """The choice with its delays corrected by one that all commands share, from the physical fit.
 
-    Mean squared residuals are parabolas in the correction. A millisecond matters: held commands
-    that are interpolated precede the motion by half a sample.
+    Mean squared residuals are parabolas in the correction. A millisecond matters: interpolation of
+    held commands advances them by half a sample.
 
     Returns:
         The choice, the correction's standard deviation [s], and the delays in words.
@@ -289,7 +289,7 @@ def refined(rows: JointRows, choice: Choice) -> tuple[Choice, float, Finding]:
     words = ", ".join(f"{name} {_ms(delay)}" for name, delay in delays.items())
     if np.ptp(final.delay) < 1e-9:
         words = f"{_ms(final.delay[0])} for all"
-    text = f"commands act later than recorded, by [ms]: {words}"
+    text = f"delays of the commands relative to the log [ms]: {words}"
     return final, deviation, Finding("note", "delay", "", text, data=dict(delays))
 
 
@@ -307,7 +307,7 @@ def _basis(rows: JointRows, choice: Choice, joint: int) -> tuple[Indices, Array]
 
 
 def _unexplained(u: Array, usable: Indices, basis: Array) -> float:
-    """Part of a command (N,) that the columns do not explain, over its standard deviation."""
+    """Residual (N,) of a command on the columns, over the command's standard deviation."""
     y = u[usable]
     spread = np.linalg.norm(y - y.mean()) if len(y) else 0.0
     if not spread > 0:

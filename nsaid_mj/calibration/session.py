@@ -31,7 +31,7 @@ class Gain(NamedTuple):
     No motion reveals the common scale of θ, so the interval takes the mean as exact.
 
     Attributes:
-        name: of the parameter.
+        name: name of the parameter.
         unit: SI unit.
         value: estimate.
         low: lower end of the interval; −inf before the law states one.
@@ -55,7 +55,7 @@ class Estimate:
         names: (p,) names of the parameters.
         units: (p,) their SI units.
         theta_hat: (p,) θ̂.
-        gains: of the actuators.
+        gains: gains of the actuators.
         misfit: whether the motion contradicts the structure: `none`, `some` or `contradicts`; ""
             from a law that does not test it.
         faults: found so far, in words.
@@ -117,7 +117,7 @@ class Estimates(Observer):
 
     Args:
         identifier: whose estimates they are.
-        counts: of the samples.
+        counts: counts of the samples.
         show: receives the estimate, at intervals of `every`.
         every: time between two estimates [s]; 0 for one after all new samples.
     """
@@ -157,14 +157,14 @@ class Estimates(Observer):
 
 
 class Session:
-    """A robot that is about to send samples.
+    """A live identification before its first sample.
 
     Args:
-        scenario: of `measured_scenario`.
+        scenario: made by `measured_scenario`.
         frame: axes of the samples.
 
     Attributes:
-        robot: knowledge about it.
+        robot: its structure, prior and meshes.
         cleaner: checks the samples.
 
     Raises:
@@ -204,7 +204,7 @@ class Session:
 
         Args:
             lines: source of the samples; see `Stream`.
-            folder: of the run's files.
+            folder: folder of the run's files.
             show: receives estimates.
             every: time between two of them [s]; 0 for one after all new samples.
             observers: further ones, such as a viewer.

@@ -1,8 +1,8 @@
 """Smoothed motion of a segment, and the one low-pass filter through which all rows pass.
 
 Positions pass through a zero-phase filter and are differentiated twice. Regressors and commands
-then pass through one and the same low-pass filter and are decimated, so that the balance
-W(q, v, v̇, u) θ = 0 still holds for what is left of it.
+then pass through the same low-pass filter and are decimated, so that the balance W(q, v, v̇, u) θ =
+0 still holds for the filtered signals.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class Filter(NamedTuple):
     """The low-pass filters of a fit.
 
     Attributes:
-        cutoff: of the rows [Hz]: one and the same for regressors and commands.
-        rate: of the recordings [Hz].
+        cutoff: cut-off frequency of the rows [Hz]: one and the same for regressors and commands.
+        rate: rate of the recordings [Hz].
         every: samples of the recordings per computed regressor.
         least: computed regressors per row of the fit, at least.
         differentiate: whether velocities are derivatives of the positions, not the measured ones.
@@ -117,10 +117,10 @@ def _longest(recordings: Recordings) -> Log:
 
 
 def _differentiates(log: Log, cutoff: float) -> bool:
-    """Whether positions are smooth enough that their derivative replaces the measured velocity.
+    """Whether the positions' derivative replaces the measured velocities.
 
-    Drives often report velocities that are filtered, and so delayed relative to the positions. They
-    are used only where the derivative would have three times more noise.
+    Drives often report filtered velocities, delayed relative to the positions. They are used only
+    if the derivative has more than three times their noise.
     """
     if log.q.shape[1] != log.v.shape[1]:
         return False
@@ -137,8 +137,8 @@ def noise_levels(log: Log) -> tuple[float, float]:
 def refined(recordings: Recordings) -> Recordings:
     """The recordings with splines between their rows, at `_FINE` rows per second or more.
 
-    Friction and weight are not band-limited functions of a band-limited motion: computed at few
-    rows and then low-passed, they would not match the low-passed command.
+    Friction and weight are not band-limited even if the motion is: computed at too low a rate and
+    then low-passed, they would not match the low-passed command.
     """
     times = int(np.ceil(_FINE / recordings.rate - 1e-9))
     if times <= 1:
@@ -158,7 +158,7 @@ def refined(recordings: Recordings) -> Recordings:
 
 
 def twice_as_noisy(recordings: Recordings) -> Recordings:
-    """The recordings with the noise of positions and velocities once more, independent of it."""
+    """The recordings with independent noise added, which doubles that of the sensors."""
     rng, segments = np.random.default_rng(0), []
     for segment in recordings.segments:
         log = segment.log
@@ -173,8 +173,8 @@ def twice_as_noisy(recordings: Recordings) -> Recordings:
 def _bandwidth(recordings: Recordings) -> float:
     """Frequency [Hz] below which 99 % of the velocities' power lies, noise excluded.
 
-    Noise and steps of an encoder are white in the positions: their density is that of the upper
-    half of the frequencies, and what does not exceed it `_ABOVE` times counts as noise.
+    Noise and quantisation of an encoder are white in the positions: their density is estimated from
+    the upper half of the frequencies, and power below `_ABOVE` times it counts as noise.
     """
     longest, rate = _longest(recordings), recordings.rate
     own = longest.q.shape == longest.v.shape
@@ -204,8 +204,8 @@ def smooth(segment: Segment, chosen: Filter) -> Smooth:
 def slope(t: Array, x: Array) -> Array:
     """(N, n) derivative of samples x (N, n), by splines of fifth degree.
 
-    Central differences lose (ωh)²/6 of a frequency ω: 18 % of the acceleration at 6 Hz and 50 rows
-    per second; splines less than 0.1 % there.
+    Central differences attenuate a frequency ω by (ωh)²/6: 18 % of the acceleration at 6 Hz and 50
+    rows per second; splines by less than 0.1 %.
     """
     degree = min(5, (len(t) - 1) | 1)
     if degree > len(t) - 1:

@@ -1,4 +1,4 @@
-"""States what a log reveals of every parameter: status, interval, combination, suggestion."""
+"""Identifiability of every parameter in words: status, interval, combination, suggestion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .precision import Combinations, Precision, combinations
 from .problem import Problem
 from .result import Combination, JointFit
 
-_TELLS = 0.5  # expected gain of information, in prior variances, that counts as excitation
+_EXCITED = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
 _SHARP, _BLUNT = 0.05, 0.1  # relative deviations below and above which the prior does not matter
 _ABSOLUTE = 0.5  # relative half-width beyond which a gain's own value is not identified
@@ -61,9 +61,9 @@ def _status(
     """Status of a parameter other than a gain, and its combination in words."""
     if problem.known[index]:
         return "known", ""
-    told = exact.data[index, index] * exact.prior[index] ** 2
+    gained = exact.data[index, index] * exact.prior[index] ** 2
     members = combined.members(index)
-    if told < _TELLS or not members:
+    if gained < _EXCITED or not members:
         return "not excited", ""
     if len(members) != 1 or len(combined.expression(members[0])) > 1:
         return "only in combination", in_words(combined.expression(members[0]), problem.space)
@@ -77,9 +77,9 @@ def _relative_gains(
 ) -> dict[int, tuple[Status, str, float | None]]:
     """Status, combination and relative half-width of every gain.
 
-    It is identified where the log narrows its ratio to the best known gains (all of them, weighted
-    by the inverse variances of their logarithms), and its own interval is no wider than ±50 %. A
-    single gain has nothing but its own interval.
+    A gain is identified if the log narrows its ratio to the best known gains (their mean, weighted
+    by the inverse variances of their logarithms), and its own interval is no wider than ±50 %. For
+    a single gain, only its own interval counts.
     """
     at, found = problem.space.actuators, {}
     deviation = np.array([exact.of(e) for e in np.eye(len(problem.space))[at]]) / fit.theta[at]
@@ -97,9 +97,9 @@ def _relative_gains(
         apart = exact.of(weights)
         relative = INTERVAL * apart if others.any() else None
         if others.any() and apart < np.clip(_NARROWED * spread[number], _SHARP, _BLUNT):
-            told = INTERVAL * deviation[number] < _ABSOLUTE  # else only its ratio to other gains
-            words = "" if told else f"{problem.space.labels[index]} over the other gains"
-            found[index] = ("identified" if told else "only in combination", words, relative)
+            firm = INTERVAL * deviation[number] < _ABSOLUTE  # else only its ratio to other gains
+            words = "" if firm else f"{problem.space.labels[index]} over the other gains"
+            found[index] = ("identified" if firm else "only in combination", words, relative)
         elif not others.any() and INTERVAL * deviation[number] < _ABSOLUTE:
             found[index] = ("identified", "", relative)
         else:
@@ -137,7 +137,7 @@ def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple
 
 
 def verdict(joints: tuple[JointFit, ...], arm: bool = True) -> tuple[Explains, str]:
-    """Whether the structure explains the log, and the sentence that says so.
+    """Whether the structure explains the log, and the verdict in a sentence.
 
     With `arm` the parts are joints; a vehicle has velocities.
     """

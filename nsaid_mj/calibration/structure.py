@@ -1,4 +1,4 @@
-"""The interface from a structure to the fit: a problem, its expected gains, and what was tried."""
+"""The interface between structure and fit: a problem, alternatives, and how they were chosen."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ class Options:
             cross-validation inside the log.
         coupled: pairs (i, j, ±1) of joints, by number, whose motor turns by v_i ± v_j.
         delay: (k,) delays of the commands [s]; None to search for them.
-        cutoff: of the rows' filter [Hz]; None for the bandwidth of the motion.
-        loads: of known mass, carried in some of the logs.
+        cutoff: cut-off frequency of the rows' filter [Hz]; None for the bandwidth of the motion.
+        loads: payloads of known mass, carried in some of the logs.
         level: names of joints for which no constant offset is tried.
     """
 
@@ -39,10 +39,10 @@ class Velocity(NamedTuple):
     """The structure chosen for one velocity.
 
     Attributes:
-        name: of the joint, or of the component of a body's twist.
+        name: name of the joint, or of the component of a body's twist.
         columns: names of its friction columns.
         friction_speed: s of tanh(v/s) [rad/s or m/s]; NaN where there is no such column.
-        delay: of its command [s].
+        delay: delay of its command [s].
     """
 
     name: str
@@ -56,15 +56,15 @@ class Structured(NamedTuple):
 
     Attributes:
         problem: rows of the training logs.
-        alternatives: problems of other plausible structures and filters, for the sensitivity of θ̂,
-            each made when it is asked for: those of a long log are large. They can be read once.
+        alternatives: problems of other plausible structures and filters, for the sensitivity of θ̂.
+            An iterator, since those of a long log are large.
         checked: rows of the validation log; None without one.
         velocities: the choice for every velocity.
-        findings: what was tried and noticed.
-        cutoff: of the rows' filter [Hz].
+        findings: how the structure was chosen, and other findings.
+        cutoff: cut-off frequency of the rows' filter [Hz].
         links: (10 k,) parameters of the links whose weight loads the friction of an arm's joints.
-        delays: (k,) of the commands [s].
-        suspects: effects outside the structure, for a (p,) θ̂, that the residuals may follow.
+        delays: (k,) delays of the commands [s].
+        suspects: maps θ̂ (p,) to unmodelled effects against which residuals are tested.
         noisier: the problem and the suspects with twice the variance of the sensors' noise, for a
             (p,) θ̂; None where suspects do not depend on the measured motion.
         acting: commands (N, k) as they act, apart from `delays`, from those at a rate [Hz].

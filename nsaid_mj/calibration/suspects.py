@@ -1,9 +1,9 @@
-"""Effects that the rows of a tree of joints might lack, as columns for its residuals.
+"""Unmodelled effects of a tree of joints, as columns against which residuals are tested.
 
-Each suspect is an effect outside the structure, as the column by which it would change the balance:
-a mount that is not level, an encoder's zero or ratio, a lag, friction of another shape, a coupling.
-Effects of the kinematics are linearised at the estimate, by the derivatives of inverse dynamics
-(Carpentier and Mansard, Analytical derivatives of rigid body dynamics algorithms, RSS 2018).
+Each suspect is an unmodelled effect, given by the column that it adds to the force balance: a mount
+that is not level, an encoder's zero or ratio, a lag, friction of another shape, a coupling. Effects
+of the kinematics are linearised at the estimate, by the derivatives of inverse dynamics (Carpentier
+and Mansard, Analytical derivatives of rigid body dynamics algorithms, RSS 2018).
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
 
 
 def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
-    """A suspect with the columns, between those of two forces, that residuals (N, n) follow least.
+    """A suspect with the columns, of those of two forces, least correlated with residuals (N, n).
 
-    The force that the motion needs has the noise of the acceleration, that of the command the
-    current's. Either is also in the residual, which therefore follows its own second derivative; an
-    effect is followed whichever of both forces, or of their accelerations, makes up its columns.
+    The force computed from the motion has the noise of the acceleration, that of the command the
+    noise of the current. The residual contains both, and therefore correlates with its own second
+    derivative; a true effect is significant whichever of the two forces makes up its columns.
     """
     own, other = (np.einsum("ni,nic->ic", residual, s.columns) for s in (needed, stated))
     change = np.where(own == other, 1.0, own - other)
@@ -64,7 +64,7 @@ def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
 
 
 def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
-    """Forces (N, n, k) not proportional to a command: weaker one way, bent, or with a dead zone."""
+    """Forces (N, n, k) not proportional to a command: asymmetric, curved, or with a dead zone."""
     for k, name in enumerate(names):
         own = forces[:, :, k]
         signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
@@ -83,8 +83,8 @@ def _kinematic(
 ) -> Iterator[Suspect]:
     """A mount that is not level; zero and ratio of every joint's encoder; its gear's compliance.
 
-    `model` has the estimated links; rotor (n,) are inertias, residual (N, n) the forces that the
-    measured motion needs beyond those of the commands, torque (N, n) those of the links.
+    `model` has the estimated links; rotor (n,) are inertias, residual (N, n) the inverse dynamics
+    minus the forces of the commands, torque (N, n) the torques of the links.
     """
     names, down = rows.robot.joints, model.gravity.linear.copy()
     if np.linalg.norm(down) > 0:
@@ -102,9 +102,9 @@ def _kinematic(
     for j, name in enumerate(names):
         zero, by_v, by_a, scale, *plays = (change[:, :, j, None] for change in found)
         remedy = "Check the encoder's zero against the model's."
-        yield Suspect("a shift of its position", name, zero, remedy)
+        yield Suspect("an offset of its position", name, zero, remedy)
         remedy = "Check the gear ratio and the unit of its position in the map."
-        ratio = Suspect("a scale of its position", name, scale, remedy)
+        ratio = Suspect("a scale error of its position", name, scale, remedy)
         stated = ratio._replace(columns=ratio.columns - answered[:, :, j, None])
         yield _between(ratio, stated, residual)
         first, second = twists[:, j, :, None, None].swapaxes(0, 1)
@@ -128,8 +128,8 @@ def _changes(rows: JointRows, model: pin.Model) -> list[Array]:
 class _Moves:
     """Changes of all joints' torques with each joint's motion, one kind after the other.
 
-    Together they would take several times the memory of a long log. `model` has the estimated
-    links.
+    They are made one by one: together they would need several times the memory of a long log.
+    `model` has the estimated links.
     """
 
     def __init__(self, model: pin.Model):
@@ -192,10 +192,10 @@ def _between_flanks(t, needed, play):
 
 
 def _answered(rows: JointRows, model: pin.Model, rotor: Array, residual: Array) -> Array:
-    """(N, n, n) the part of a relative scale by acceleration that the commands do not request.
+    """(N, n, n) the acceleration's part in a scale error that the commands do not explain.
 
-    `model` has the estimated links; rotor (n,) are inertias, residual (N, n) the forces that the
-    measured motion needs beyond those of the commands.
+    `model` has the estimated links; rotor (n,) are inertias, residual (N, n) the inverse dynamics
+    minus the forces of the commands.
     """
     data, found = model.createData(), np.empty((*residual.shape, model.nv))
     for k, q in enumerate(positions(model, rows.joined(lambda m: m.q))):

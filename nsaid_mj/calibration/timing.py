@@ -1,6 +1,6 @@
 """When and how a vehicle's commands act: the actuators' delay and lag, and the rotors' curve.
 
-All are judged by the cost of the whole fit, see `vehicles`.
+All are chosen by the cost of the whole fit, see `vehicles`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..robot.findings import Finding
 from .selection import REACH
 
 WORTH = 6.0
-"""Fall of the cost that a delay or a set of columns must bring: a likelihood ratio."""
+"""Decrease of the cost that justifies a delay or a set of columns: a log-likelihood ratio."""
 
 _COARSE, _FINE = 0.02, 0.0005  # spacing of the trial delays [s]
 _LITTLE = 2.0  # fall of the cost by a delay within the spacing, such as half a sample's
@@ -28,7 +28,7 @@ _RISE = 2.0  # of the cost, at two standard deviations, which count as one: resi
 
 
 class Drive(NamedTuple):
-    """How the actuators of a vehicle follow their commands.
+    """Dynamics of a vehicle's actuators.
 
     Attributes:
         mix: share m of the square in a rotor's force m u² + (1 − m) u of a command u held for long:
@@ -63,7 +63,7 @@ class Timing(NamedTuple):
 
     Attributes:
         delay: that all actuators share [s]; (k,) one for each where it is given.
-        drive: of the actuators.
+        drive: dynamics of the actuators.
     """
 
     delay: float | Array = 0.0
@@ -74,18 +74,18 @@ Cost = Callable[[Timing], float]
 
 
 def search(
-    cost: Cost, names: Sequence[str], free: Sequence[int], told: Callable[[str], None]
+    cost: Cost, names: Sequence[str], free: Sequence[int], report: Callable[[str], None]
 ) -> tuple[Timing, list[Timing], list[Finding]]:
-    """The timing that minimises a cost, others that are as plausible, and notes.
+    """The timing that minimises a cost, equally plausible ones, and notes.
 
     Args:
-        cost: of a timing.
-        names: of the actuators.
+        cost: cost of a timing.
+        names: names of the actuators.
         free: numbers of a timing that may change, see `_timing_of`: 0, the delay, and 1, the lag,
             where some commands are not measured speeds, and 2, the curve, where they are of rotors.
-        told: called with the name of every stage.
+        report: called with the name of every stage.
     """
-    told("searching for delays")
+    report("searching for delays")
     grid = np.arange(-REACH, REACH + 1e-9, _COARSE)
     costs = np.array([cost(Timing(d)) for d in grid])
     at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
@@ -102,7 +102,7 @@ def search(
         return np.inf if timing is None else cost(timing)
 
     if 1 in free:
-        told("choosing the actuators' curve and lag")
+        report("choosing the actuators' curve and lag")
         found = _with_drive(along, found, free)
     timing = _timing_of(found) or Timing()
     if edge and costs[at] <= costs[zero] - WORTH and timing == Timing():
@@ -119,9 +119,9 @@ def search(
 
 
 def _timing_of(x: Array) -> Timing | None:
-    """The timing of three numbers, each of which affects the motion in a way of its own.
+    """The timing with three numbers that have distinguishable effects on the motion.
 
-    They are delay and lag together, which slow motion cannot tell apart [s], the lag [s], and the
+    They are the sum of delay and lag [s], which slow motion cannot separate, the lag [s], and the
     share of the square; None if there is no such timing.
     """
     total, lag, mix = map(float, x)
@@ -132,8 +132,8 @@ def _timing_of(x: Array) -> Timing | None:
 def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[int]) -> Array:
     """The numbers of the timing that minimises the cost: a grid search, then a simplex.
 
-    The search starts from the delay that suits rotors whose commands are their speeds, without a
-    lag. A mix near 1 or 0, or a lag, that lowers the cost by less than `WORTH` is taken as 1 or 0.
+    The search starts from the best delay for rotors whose commands are their speeds, without a lag.
+    A mix is rounded to 1 or 0, and a lag to 0, if that raises the cost by less than `WORTH`.
     """
     trials = _MIXES if 2 in free else _MIXES[:1]
     mixes = [np.array([start[0], 0.0, mix]) for mix in trials]
@@ -162,10 +162,10 @@ def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[in
 
 
 def _plausible(along: Callable[[Array], float], found: Array, free: Sequence[int]) -> list[Timing]:
-    """Timings that differ from a found one by as much as its numbers are uncertain, in turn.
+    """Timings that differ from the optimum by the uncertainty of each number in turn.
 
-    A number is changed until the cost rises by as much as two standard deviations make it rise; by
-    the larger of both changes, as the cost hardly depends on a small lag.
+    A number is changed in both directions until the cost rises as for two standard deviations, and
+    the larger change is used, as the cost hardly depends on a small lag.
     """
     others, least = [], along(found)
     for k in free:

@@ -1,7 +1,7 @@
 """The structure of a vehicle, whose regressor is a system of this package, and its delays.
 
-A vehicle's forces are not linear in its commands, and several actuators act on one velocity. A
-delay is therefore judged by the fit itself: first one that all actuators share, then each one's.
+A vehicle's forces are not linear in its commands, and several actuators act on one velocity. Delays
+are therefore chosen by the cost of the fit: first a common one, then one per actuator.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ def motion_of(system, segment: Segment, chosen: Filter) -> tuple[Array, Array, A
 
 
 def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Finding]]:
-    """The further columns that are worth their parameters, and notes about them."""
+    """The further columns that significantly lower the cost, and notes about them."""
     columns, notes, cost = frozenset[str](), [], _cost(rows, frozenset(), timing)
     best = cost(columns, timing)
     for name in EXTRA:
@@ -203,26 +203,26 @@ def structured_vehicle(
     recordings: Recordings,
     validation: Recordings | None,
     options: Options,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> Structured:
     """Chooses delays and further columns of a vehicle and makes the rows of the fit.
 
-    `recordings` are training logs, `validation` is a log that takes no part in the fit, or None;
-    `told` is called with the name of every stage.
+    `recordings` are training logs, `validation` is a log excluded from the fit, or None; `report`
+    is called with the name of every stage.
     """
-    told("filtering")
+    report("filtering")
     rows = VehicleRows(robot, recordings, filter_for(recordings, options.cutoff))
     columns = (options.columns or frozenset()) & frozenset(EXTRA)
     trials = [rows] if options.cutoff is not None else _narrower(rows)
     rows = trials[len(trials) // 2]
     for _ in range(_ROUNDS):
-        timing, others, findings = _timing(rows, columns, options.delay, told)
-        told("choosing the cut-off")
-        before, rows = rows, _most_telling(trials, columns, timing)
+        timing, others, findings = _timing(rows, columns, options.delay, report)
+        report("choosing the cut-off")
+        before, rows = rows, _most_informative(trials, columns, timing)
         if rows is before:
             break
     if options.columns is None:
-        told("choosing columns")
+        report("choosing columns")
         columns, notes = _richer(rows, timing)
         findings.extend(notes)
     problem = rows.problem(columns, timing)
@@ -273,14 +273,14 @@ def _timing(
     rows: VehicleRows,
     columns: frozenset[str],
     delay: Array | None,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> tuple[Timing, list[Timing], list[Finding]]:
-    """The timing for rows, others that are as plausible, and notes; a given `delay` (k,) holds."""
+    """The timing for rows, equally plausible ones, and notes; a given `delay` (k,) is kept."""
     if delay is not None:
         return Timing(delay), [], []
     cost = _cost(rows, columns, Timing())
     free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
-    return search(lambda x: cost(columns, x), rows.robot.joints, free, told)
+    return search(lambda x: cost(columns, x), rows.robot.joints, free, report)
 
 
 def _narrower(rows: VehicleRows) -> list[VehicleRows]:
@@ -289,10 +289,10 @@ def _narrower(rows: VehicleRows) -> list[VehicleRows]:
     return [rows, *(other for other in others if len(other.t) >= _FEWEST)]
 
 
-def _most_telling(
+def _most_informative(
     trials: list[VehicleRows], columns: frozenset[str], timing: Timing
 ) -> VehicleRows:
-    """The rows that determine θ best, of several cut-offs.
+    """The rows with the most information about θ, of several cut-offs.
 
     An acceleration's noise grows with its frequency, and biases θ̂ where it exceeds the motion. The
     information of the fit, by the determinant of its Hessian, is largest without such frequencies.

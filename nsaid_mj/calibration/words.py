@@ -74,7 +74,7 @@ def logs_in_words(result: Identification) -> str:
 
 
 def unknown_in_words(result: Identification) -> list[tuple[str, str]]:
-    """(status, names by part) of what the log does not determine."""
+    """(status, names by part) of the parameters that the log does not determine."""
     found = []
     for status in ("not excited", "below the noise"):
         parts: dict[str, list[str]] = {}

@@ -63,7 +63,7 @@ def main(scenario: Scenario, arguments: Sequence[str] | None = None) -> NoReturn
     """Runs a scenario from its script, with the flags of `nsaid run`."""
     script = Path(sys.argv[0])
     given = sys.argv[1:] if arguments is None else arguments
-    _exit(lambda: _telling(lambda: _run(script.stem, scenario, given)))
+    _exit(lambda: _with_script_errors(lambda: _run(script.stem, scenario, given)))
 
 
 def run_from_shell() -> NoReturn:
@@ -96,7 +96,7 @@ def _exit(action: Callable[[], int]) -> NoReturn:
 
 
 def _say(words: object, code: int) -> int:
-    """Prints one line to the standard error, if it takes it, and returns the exit code."""
+    """Prints one line to the standard error, unless that is closed, and returns the exit code."""
     with suppress(OSError):
         print(printable(f"nsaid: {words}"), file=sys.stderr, flush=True)
     return code
@@ -104,19 +104,19 @@ def _say(words: object, code: int) -> int:
 
 def command(arguments: Sequence[str]) -> int:
     """Executes a command line and returns the exit code."""
-    return _telling(lambda: _command(arguments))
+    return _with_script_errors(lambda: _command(arguments))
 
 
-def _telling(action: Callable[[], int]) -> int:
-    """Executes an action; an exception in a user's script becomes a `BadScript`, an exit too."""
+def _with_script_errors(action: Callable[[], int]) -> int:
+    """Executes an action; an exception or exit in a user's script becomes a `BadScript`."""
     try:
         return action()
     except NsaidError:
         raise
     except (Exception, SystemExit) as error:
-        from ..experiment.library import blame
+        from ..experiment.library import script_error
 
-        if found := blame(error):
+        if found := script_error(error):
             raise found from error
         raise
 
@@ -221,7 +221,7 @@ def _carry_out(
 
 
 def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
-    """Post-processes a run; if that is interrupted or the disk is full, says how to go on."""
+    """Post-processes a run; if interrupted or out of disk space, says how to resume."""
     from ..recording.postprocessing import finish
 
     again = f"`nsaid view --rebuild {shlex.quote(str(result.folder))}` finishes the run"

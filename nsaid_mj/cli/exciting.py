@@ -63,9 +63,9 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
             limits=limited,
             seed=chosen.seed,
             effort=chosen.effort,
-            report=progress.tell,
+            report=progress.stage,
         )
-        predicted = prediction.predict(found, progress.tell)
+        predicted = prediction.predict(found, progress.stage)
         progress.say("counting harmonics")
         ranks = information.ranks(experiment, found.limits)
         written = files.write(found, predicted, ranks, files.scenario_of(found, scenario), folder)
@@ -146,4 +146,4 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
         return Scenario.from_json(path.read_bytes()).excitation
     from .. import design
 
-    return design.design(design.Experiment.of(scenario), report=progress.tell).driver
+    return design.design(design.Experiment.of(scenario), report=progress.stage).driver

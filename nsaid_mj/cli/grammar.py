@@ -21,11 +21,11 @@ from .grammar_of_studies import Compare, MonteCarlo, Report, ScenarioName, Sweep
 class Identify:
     """Identify a robot's parameters from its own log.
 
-    `nsaid identify --model arm.urdf --log log.csv` writes the parameters with intervals, what the
-    log does not determine, a report, a recording, and the model file with identified values. `nsaid
-    identify tx40` does it with a packed log of a real arm. Logs of position targets instead of
-    torques, of an MJCF with position servos, yield kp, kv, armature, friction and delay of every
-    servo, and the MJCF with them; `nsaid identify so101` has such a log.
+    `nsaid identify --model arm.urdf --log log.csv` writes the parameters with intervals, the
+    unidentifiable ones, a report, a recording, and the model file with identified values. `nsaid
+    identify tx40` uses a packed log of a real arm. From an MJCF with position servos and a log of
+    their targets instead of torques, it identifies kp, kv, armature, friction and delay of every
+    servo, and writes them into the MJCF; `nsaid identify so101` uses such a log.
 
     Attributes:
         packed: a packed robot with a log: tx40 or so101.
@@ -44,7 +44,7 @@ class Identify:
             viscous and Coulomb friction: stribeck, load, quadratic, cubic, spring, offset; ""
             for none.
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
-        cutoff: of the low-pass filter of all rows [Hz]; by default from the motion.
+        cutoff: cut-off frequency of the low-pass filter [Hz]; by default from the motion.
         law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which also
             follow the log, sample by sample, and are compared with it; servos: batch or efficient.
         limit: largest size of an unpacked log file [GB].
@@ -79,9 +79,9 @@ class Identify:
 class Inspect:
     """Show what a log holds, before `nsaid identify`.
 
-    Prints rate, gaps, range, noise and steps of every channel, and what was noticed; draws the
-    channels, and writes a first map.toml to be completed by hand. Ends with 2 if `nsaid
-    identify` would refuse the log.
+    Prints rate, gaps, range, noise and quantisation of every channel, and all findings; plots the
+    channels, and writes a first map.toml to be completed by hand. Exits with 2 if `nsaid identify`
+    would reject the log.
 
     Attributes:
         logs: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
@@ -116,13 +116,13 @@ class Excite:
     Attributes:
         scenario: a name from `nsaid list`, or the path of a script.
         model: URDF, MJCF (.xml, .mjb) or vehicle's TOML file of your own, or a robot's name.
-        duration: of the experiment [s].
+        duration: duration of the experiment [s].
         want: gains, all, or comma-separated names of parameters, such as mass_6; also --for.
         limits: TOML file of limits; by default those that the scenario's own excitation keeps, or
             those of the model file.
         criterion: bound (the predicted deviation), condition or d-optimal.
         noise: standard deviations of measured positions and velocities, such as 1e-4,5e-3.
-        seed: of the search.
+        seed: seed of the search.
         effort: multiplies the number of motions to try.
         out: folder of the results; by default runs/NAME-excite.
         force: overwrite a design in the folder.
@@ -210,7 +210,7 @@ class Run:
         quiet: print only errors.
         json: print only the summary, as JSON, to the standard output.
         live: show the run in the Rerun viewer while it runs, in real time.
-        live_speed: of --live, over real time; 0 for as fast as it is computed.
+        live_speed: speed of --live relative to real time; 0 for as fast as possible.
     """
 
     out: Path | None = None

@@ -18,9 +18,10 @@ ScenarioName = Annotated[
 class Compare:
     """Compare identification methods on the logs of a scenario.
 
-    All methods get the same logs and are judged by the same figures; writes a table, compare.json,
-    compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME --help`. `nsaid
-    compare --log FILE… --models FILE… [--map FILE]` compares model files on a robot's own logs.
+    All methods get the same logs and are evaluated by the same figures. Writes a table,
+    compare.json, compare.csv and plots. The scenario's fields are flags too: `nsaid compare NAME
+    --help`. `nsaid compare --log FILE… --models FILE… [--map FILE]` compares model files on a
+    robot's own logs.
 
     Attributes:
         methods: comma-separated; by default all except sysid.
@@ -62,7 +63,7 @@ class Sweep:
         jobs: number of parallel runs; by default the number of processors.
         timeout: wall time after which a run counts as lost [s].
         engine: loky (this machine) or dask.
-        address: of the cluster's scheduler.
+        address: address of the cluster's scheduler.
         retry: repeat lost runs.
         out: folder of the results; by default runs/NAME-sweep.
         json: print only medians and failures, as JSON.

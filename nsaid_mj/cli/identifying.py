@@ -101,12 +101,12 @@ def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) 
         cutoff=chosen.cutoff,
         law=chosen.law,
         folder=folder / chosen.law,
-        told=progress.say,
+        report=progress.say,
     )
 
 
 def repeated(chosen: Identify) -> str:
-    """The command line of an identification, without where and how its results are told."""
+    """The command line of an identification, without the options that affect only its output."""
     words = ["nsaid", "identify", *([chosen.packed] if chosen.packed else [])]
     for field in fields(Identify):
         value = getattr(chosen, field.name)
@@ -121,7 +121,7 @@ def repeated(chosen: Identify) -> str:
 
 
 def write(
-    result: Identification, folder: Path, told: Callable[[str], None], command: str = ""
+    result: Identification, folder: Path, report: Callable[[str], None], command: str = ""
 ) -> tuple[Identification, list[Path]]:
     """Writes results, report, recording and calibrated models into a folder.
 
@@ -133,11 +133,11 @@ def write(
     from ..calibration.export import write_models
 
     folder.mkdir(parents=True, exist_ok=True)
-    told("writing and trying the calibrated models")
+    report("writing and trying the calibrated models")
     files, followed = write_models(result, folder)
     result = replace(result, findings=(*result.findings, *followed))
     write_json(folder / RESULT, without_nonfinite(result.summary()))
-    told("writing the report")
+    report("writing the report")
     from ..pages.identification import page
     from ..pages.page import write_html
 
@@ -145,12 +145,12 @@ def write(
     from .. import recording
 
     if recording.available():
-        told("writing the recording")
+        report("writing the recording")
         files.append(recording.record(result, folder / recording.FILE))
     if result.law is not None:
         from ..recording.postprocessing import finish
 
-        finish(result.law.run, told)
+        finish(result.law.run, report)
         files.append(result.law.run.folder / "report.html")
     return result, [folder / RESULT, *files]
 
@@ -206,8 +206,8 @@ def identify_given(
     path.parent.mkdir(parents=True, exist_ok=True)
     model_file = path.with_name(f"{result.robot.name}.xml")
     write_servo_mjcf(result, model_file)
-    told, replay = _followed(others, given, result, model_file)
-    result = replace(result, findings=(*result.findings, told))
+    followed, replay = _followed(others, given, result, model_file)
+    result = replace(result, findings=(*result.findings, followed))
     write_json(path, without_nonfinite(result.summary()))
     from .. import recording
     from ..pages.identification.servos import write_servos
@@ -223,13 +223,13 @@ def identify_given(
 def _followed(
     others: ServoLogs | None, given: ServoLogs, result: ServoIdentification, path: Path
 ) -> tuple[Finding, Replayed]:
-    """How far MuJoCo departs from logs with the exported file, and with the user's own.
+    """Deviation of MuJoCo from logs with the exported file, and with the user's own.
 
     Args:
-        others: logs that took no part in the fit, which are followed if there are any.
+        others: logs not used in the fit, which are simulated if there are any.
         given: those of the fit.
-        result: of the fit.
-        path: of the exported file.
+        result: result of the fit.
+        path: path of the exported file.
     """
     from ..calibration.servos import Replayed, rollout
     from ..robot.findings import Finding
@@ -245,8 +245,8 @@ def _followed(
     )
     what, unit = ", ".join(dict.fromkeys(log.source for log in logs)), result.robot.small_unit
     text = (
-        f"MuJoCo, driven by the targets alone, departs from {what} by {own.mean():.1f} {unit} in "
-        f"the mean with the exported file and its delays, and by {before.mean():.1f} with yours"
+        f"driven by the targets of {what} alone, MuJoCo's mean absolute error is {own.mean():.1f} "
+        f"{unit} with the exported file and its delays, and {before.mean():.1f} with yours"
     )
     data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
     level = "note" if own.mean() < before.mean() else "warning"
@@ -300,7 +300,7 @@ def document(found: Inspection) -> dict[str, object]:
 
 
 def _written(found: Inspection, chosen: Inspect) -> list[Path]:
-    """Writes the picture and, if a model is given and no map, a first map; returns the files.
+    """Writes the plot and, if a model but no map is given, a first map; returns the files.
 
     An existing map may have been edited by hand and is kept: a new one that differs gets another
     name, and so does the picture beside one that is not ours.

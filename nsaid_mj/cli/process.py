@@ -41,7 +41,7 @@ _LIKE_CTRL_C = ("SIGTERM", "SIGHUP")
 def ending_like_ctrl_c() -> Iterator[None]:
     """Context in which SIGTERM and SIGHUP raise KeyboardInterrupt, like Ctrl-C.
 
-    A signal that is ignored (`nohup`) or has a handler keeps it.
+    Signals that are ignored (`nohup`) or already have a handler are left alone.
     """
     numbers = [getattr(signal, name) for name in _LIKE_CTRL_C if hasattr(signal, name)]
     numbers = [number for number in numbers if signal.getsignal(number) is signal.SIG_DFL]
@@ -57,10 +57,10 @@ def ending_like_ctrl_c() -> Iterator[None]:
 
 
 def open_streams() -> None:
-    """Opens the null device in place of closed standard streams, and lets them take any name.
+    """Replaces closed standard streams by the null device, and escapes unencodable characters.
 
     Otherwise the next opened file would get the number of a standard stream, and a path that is not
-    in the stream's encoding would end the program when it is told.
+    in the stream's encoding would raise an exception when it is printed.
     """
     for number, name, mode in ((0, "stdin", "r"), (1, "stdout", "w"), (2, "stderr", "w")):
         try:

@@ -65,7 +65,7 @@ def compare(script: str, arguments: Sequence[str]) -> int:
 
 
 def _refuse(arguments: Sequence[str], *flags: str) -> None:
-    """Refuses flags of a single run in place of which the study has lists, such as --seeds."""
+    """Rejects flags of a single run that the study replaces by lists, such as --seed by --seeds."""
     for flag in flags:
         if any(argument.partition("=")[0] == flag for argument in arguments):
             raise InvalidInput(flag, f"{flag}s, with one or more values", flag, f"Give {flag}s.")
@@ -165,9 +165,9 @@ _SUCH = "Such as `nsaid compare --log log.csv --models a.xml b.xml identified`."
 class CompareModels:
     """Compare model files of an arm on its own logs.
 
-    Every model is simulated open loop from the commands, which are targets of position servos, or
-    forces; errors of position are means over 0.2 s, 2 s and the whole log, beside those of simple
-    predictions: the delayed target, or a constant velocity.
+    Every model is simulated in open loop from the commands, which are targets of position servos,
+    or forces. Mean position errors over 0.2 s, 2 s and the whole log are compared with those of
+    simple predictions: the delayed target, or a constant velocity.
 
     Attributes:
         log: log files or folders of them.

@@ -1,4 +1,4 @@
-"""Excitation: drivers that command a plant while it is identified. None knows a true parameter."""
+"""Excitation: drivers that command a plant during identification, without its true parameters."""
 
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
 from .adaptive import AdaptiveTracking as AdaptiveTracking

@@ -37,7 +37,7 @@ class DepthHeadingAutopilot(DriverConfig):
         depth: mean depth [m].
         dive: amplitude of the depth reference about the mean [m].
         turn: amplitude of the heading reference about 0 [rad].
-        bandwidth: of the attitude loops [rad/s].
+        bandwidth: bandwidth of the attitude loops [rad/s].
     """
 
     propeller: Annotated[float, Field(strict=True, gt=_SLOWEST, le=1)] = 0.8

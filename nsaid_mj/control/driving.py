@@ -21,7 +21,7 @@ _WIDEST = 0.55  # of the cruising speed: even with the loop's tracking error, th
 
 @config
 class Driving(DriverConfig):
-    """Multisines of speed and lateral acceleration; far from the centre, the car turns back.
+    """Multisines of speed and lateral acceleration; at the edge of the ground, the car turns back.
 
     Drive loss, rolling resistance and air drag differ only in how they depend on speed, so the
     speed must vary widely. Only fast steering separates the centre of mass from the tyres.

@@ -26,7 +26,7 @@ class MultisineCommand(DriverConfig):
         high: highest frequency [Hz].
         tones: number of sines in each command.
         amplitude: bound on each command's deviation from its mean.
-        mean: of each command; 0 if empty.
+        mean: mean of each command; 0 if empty.
     """
 
     low: Positive = 0.05

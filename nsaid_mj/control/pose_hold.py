@@ -19,7 +19,7 @@ class PoseHold(DriverConfig):
     For free-floating bodies whose actuators push in proportion to their commands.
 
     Attributes:
-        bandwidth: of the control loop [Hz].
+        bandwidth: bandwidth of the control loop [Hz].
         travel: bound on the reference's translation along each axis [m].
         turn: bound on the reference's rotation about each axis [rad].
         period: shortest period of the reference [s].

@@ -50,13 +50,13 @@ class QuadrotorFlight(DriverConfig):
     and pitch.
 
     Attributes:
-        radius: of the larger circle [m].
+        radius: radius of the larger circle [m].
         speed: largest horizontal speed; the smallest is a third of it [m/s].
         climb: largest vertical speed [m/s].
         yaw_rate: largest yaw rate [rad/s].
         tilt: largest commanded tilt [rad].
-        bandwidth: of the position loop [Hz].
-        attitude_bandwidth: of the attitude loop [Hz].
+        bandwidth: bandwidth of the position loop [Hz].
+        attitude_bandwidth: bandwidth of the attitude loop [Hz].
         dither: bound on each rotor's dither, relative to its speed.
         low: lowest frequency of the dither [Hz].
         high: highest frequency of the dither [Hz].

@@ -26,11 +26,11 @@ def _identifier(name: str) -> str:
 
 @config
 class Phase(Config):
-    """A driver, and for how long it commands.
+    """A driver, and the duration of its command.
 
     Attributes:
         driver: makes the commands; its time is 0 at the beginning of the phase.
-        duration: of the phase [s].
+        duration: duration of the phase [s].
     """
 
     _path = "excitation.phases"

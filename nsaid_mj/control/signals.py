@@ -20,8 +20,8 @@ class Series(NamedTuple):
 
     Attributes:
         omega: (h,) angular frequencies of the harmonics [rad/s].
-        coefficients: (n, 2 h) of the sines, then of the cosines [rad or m].
-        centre: (n,) of the motion [rad or m].
+        coefficients: (n, 2 h) coefficients of the sines, then of the cosines [rad or m].
+        centre: (n,) centre of the motion [rad or m].
     """
 
     omega: Array

@@ -35,7 +35,7 @@ class FourierTracking(DriverConfig):
         fundamental: frequency of the first harmonic [Hz].
         harmonics: number of harmonics.
         reach: share of each joint's range and speed limits that the trajectory uses, in (0, 1].
-        bandwidth: of the tracking loop [Hz].
+        bandwidth: bandwidth of the tracking loop [Hz].
         speed: peak speed of every joint [rad/s or m/s]; None takes `reach` of the nominal speeds.
         joints: numbers of the joints that are moved, from 1; the others that have actuators are
             held at the middle of their range. None moves all.
@@ -92,7 +92,7 @@ def follow(
         system: an arm on a fixed base.
         prior: (p,) θ̂₀.
         series: the desired motion.
-        bandwidth: of the loop [Hz].
+        bandwidth: bandwidth of the loop [Hz].
         limit: largest commands of motors over those of operation.
     """
     if system.scales.actuator == "servo":
@@ -172,10 +172,10 @@ class DesignedTracking(DriverConfig):
 
     Attributes:
         fundamental: frequency of the first harmonic, ω/2π [Hz].
-        centre: of every joint's motion [rad or m].
+        centre: centre of every joint's motion [rad or m].
         sines: a_1 … a_h of the first joint, then of the next [rad or m].
         cosines: b_1 … b_h of the first joint, then of the next [rad or m].
-        bandwidth: of the tracking loop [Hz].
+        bandwidth: bandwidth of the tracking loop [Hz].
     """
 
     fundamental: Positive = 0.1

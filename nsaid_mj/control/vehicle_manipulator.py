@@ -1,4 +1,4 @@
-"""Vehicles with an arm: the base swims or hovers while the arm follows a trajectory."""
+"""Vehicles with an arm: the base swims or hovers while the arm tracks a trajectory."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SwimAndReach(DriverConfig):
         harmonics: number of harmonics of the joints' trajectory.
         reach: share of each joint's range that the trajectory uses, in (0, 1].
         speed: peak speed of every joint [rad/s or m/s].
-        bandwidth: of the joints' tracking loop [Hz].
+        bandwidth: bandwidth of the joints' tracking loop [Hz].
     """
 
     low: Positive = 0.05
@@ -114,8 +114,8 @@ class HoverAndReach(DriverConfig):
         low: lowest frequency of the dither [Hz].
         high: highest frequency of the dither [Hz].
         tones: number of sines in each rotor's dither.
-        position_bandwidth: of the base's position loop [Hz].
-        attitude_bandwidth: of the base's attitude loop and of the joints' loops [Hz].
+        position_bandwidth: bandwidth of the base's position loop [Hz].
+        attitude_bandwidth: bandwidth of the base's attitude loop and of the joints' loops [Hz].
     """
 
     travel: Positive = 0.6

@@ -1,4 +1,4 @@
-"""Design of experiments: finds the most informative motion before it is made."""
+"""Design of experiments: finds the most informative motion within limits."""
 
 from .designing import Design as Design
 from .designing import design as design

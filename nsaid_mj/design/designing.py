@@ -36,8 +36,8 @@ from .limits import COMMAND, RANDOM, Limit, Limits, envelope, extents_of, units_
 from .motions import DrivenMotions, JointMotions, Motions, checked
 from .search import Found, minimise
 
-_REHEARSED = 12  # random motions from which limits are taken
-_REHEARSAL = 20.0  # longest of them [s]
+_MOTIONS = 12  # random motions from which limits are taken
+_LONGEST = 20.0  # longest of them [s]
 _SCREENED, _TRIED = 48, 4  # candidates of the first stage, and those that the bound then judges
 _FIRST = 0.75  # share of the search under a single draw of the prior
 _STEP, _LATER = 0.3, 0.1  # first steps of its two parts
@@ -66,7 +66,7 @@ class Design:
         criterion: the minimised criterion.
         driver: makes the motion.
         logs: the simulated motion under every draw, of exact sensors.
-        uses: of every limit, the largest over the draws.
+        uses: use of every limit, the largest over the draws.
         covariances: (DRAWS, p, p) predicted of θ̂/scale.
         compared: predicted rms deviations of the requested numbers, for random motions of the
             scenario's own excitation.
@@ -89,7 +89,7 @@ class Design:
     def covariance(self, log: Log, draw: int, experiment: Experiment | None = None) -> Array:
         """(p, p) predicted of θ̂/scale after a motion simulated under a draw.
 
-        Another experiment may have other sensors.
+        `experiment` may have other sensors than the design's.
         """
         return predicted(experiment or self.experiment, _coarse(self.stride, log), draw)
 
@@ -144,7 +144,7 @@ def design(
         wanted: the requested numbers; see `asked_for`.
         criterion: one of `CRITERIA`.
         limits: maps the default limits to those that apply.
-        seed: of the search.
+        seed: seed of the search.
         effort: multiplies the number of candidates.
         report: receives progress.
 
@@ -156,10 +156,10 @@ def design(
     check_criterion(criterion)
     asked = asked_for(wanted, experiment.system.space)
     base = experiment.scenario.excitation
-    report("rehearsing random motions", None)
-    rehearsals = _rehearsals(experiment, base)
-    chosen = limits(_default_limits(experiment, base, rehearsals, _MEDIAN))
-    largest = limits(_default_limits(experiment, base, rehearsals, _ALL))
+    report("simulating random motions", None)
+    simulated = _random_motions(experiment, base)
+    chosen = limits(_default_limits(experiment, base, simulated, _MEDIAN))
+    largest = limits(_default_limits(experiment, base, simulated, _ALL))
     if isinstance(base, FourierTracking):
         motions: Motions = JointMotions(experiment, chosen, base)
     else:
@@ -175,7 +175,7 @@ def design(
     driver, logs, uses = checked(motions, candidates, largest)
     covariances = np.array(_covariances(motions, logs))
     random = []
-    for draw, log in rehearsals:
+    for draw, log in simulated:
         own = predicted(experiment, _coarse(motions.stride, log), draw)
         random.append(rms(asked.deviations(own, experiment.draws[draw])))
     return Design(
@@ -187,7 +187,7 @@ def design(
 def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
     """Predicted (p, p) covariances under every draw, at steps that resolve the motion.
 
-    In a slow motion friction is stiffer than in the random ones for which the step was chosen.
+    Friction is stiffer in slow motion than in the random motions for which the step was chosen.
 
     Raises:
         NoEstimate: the time step of the simulation does not resolve it either.
@@ -204,31 +204,31 @@ def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
             motions.stride = max(1, motions.stride // 2)
 
 
-def _rehearsals(experiment: Experiment, base: DriverConfig) -> list[tuple[int, Log]]:
+def _random_motions(experiment: Experiment, base: DriverConfig) -> list[tuple[int, Log]]:
     """Simulated random motions, each with the number of its draw; raises `NoMotion` if none."""
-    duration = min(experiment.scenario.duration, _REHEARSAL)
+    duration = min(experiment.scenario.duration, _LONGEST)
     made = [
         (seed % DRAWS, experiment.simulate(base, seed % DRAWS, duration, seed))
-        for seed in range(_REHEARSED)
+        for seed in range(_MOTIONS)
     ]
     found = [(draw, log) for draw, log in made if log is not None]
     if not found:
-        remedy = "Take a gentler excitation, a shorter time step or a smaller initial_error."
+        remedy = "Use a gentler excitation, a shorter time step or a smaller initial_error."
         raise NoMotion("the scenario's own excitation diverges under the prior", remedy)
     return found
 
 
 def _default_limits(
-    experiment: Experiment, base: DriverConfig, rehearsals: Sequence[tuple[int, Log]], share: float
+    experiment: Experiment, base: DriverConfig, motions: Sequence[tuple[int, Log]], share: float
 ) -> Limits:
     """The limits that a share of the scenario's own random motions keep; a vehicle's are wider.
 
     An arm's positions may use the range given to the excitation. An arm's motion is planned within
     the limits that the median keeps, so that it is no larger than a random one, and checked against
-    those that all keep: the others' motion moves a light joint, however little it moves itself.
+    those that all keep, because the other joints' motion moves a light joint.
     """
     system, units = experiment.system, units_of(experiment.system)
-    extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in rehearsals]
+    extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in motions]
     found = envelope(extents, _ALL if system.group else share)
     limits = {}
     for name, (low, high) in found.items():
@@ -299,7 +299,7 @@ class _Costs:
 
 
 def _resolve(motions: Motions, asked: Asked, rng: np.random.Generator) -> None:
-    """Shortens an arm's step until the bound of random motions hardly depends on it.
+    """Shortens an arm's time step until the bound of random motions hardly depends on it.
 
     Friction may be too stiff for the longest step.
     """

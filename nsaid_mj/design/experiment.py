@@ -1,11 +1,10 @@
 """The experiment under design: structure, prior, sensors and time, none of them the truth.
 
-The prior is the plant's published values. A design must serve robots that differ from them, so it
-is judged under the published values themselves and under several draws about them, as an engineer
-who does not know better would draw them. Published values alone would be too special, and draws
-alone too generic: a last link whose centre of mass lies on its axis, as most are built, reveals far
-less about its motor than one drawn at random. The truth of a scenario's plant is never drawn, let
-alone read.
+The prior is the plant's published values. A design must suit robots that differ from them, so it is
+evaluated under the published values and under several random draws about them. Published values
+alone would be too special, and draws alone too generic: a last link with its centre of mass on its
+axis, as most are built, gives far less information about its motor than a randomly drawn one. The
+truth of a scenario's plant is neither drawn nor read.
 
 `scenario_of_model` is the experiment with a user's own robot. A vehicle's file belongs to a known
 family, whose scenario says how it is driven.
@@ -44,7 +43,7 @@ first two."""
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """The knowledge before an experiment.
+    """Everything known before an experiment.
 
     Attributes:
         scenario: the plant's published description, sensors, time step and duration; its own
@@ -79,7 +78,7 @@ class Experiment:
         system = plant.system
         if system.forward is None:
             expected = "a structure with compiled forward dynamics"
-            remedy = "Take the compiled backend, or another plant."
+            remedy = "Use the compiled backend, or another plant."
             raise InvalidInput("design", expected, type(system).__name__, remedy)
         levels = scenario.noise.levels
         if not (levels.position > 0 and levels.velocity > 0):
@@ -102,7 +101,7 @@ class Experiment:
         seed: int = 0,
         sensors: Sensors = EXACT_SENSORS,
     ) -> Log | None:
-        """The motion of a plant with a draw of the prior, under a driver that knows the prior.
+        """The motion of a plant with a draw of the prior, under a driver based on the prior.
 
         `duration` is in seconds, `seed` that of the driver. None if the plant diverges.
         """

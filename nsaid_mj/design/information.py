@@ -1,4 +1,4 @@
-"""The objective of a design, and what a motion reveals: Cramér–Rao bound, Gramian on P_⊥, rank."""
+"""The objective of a design, and a motion's information: Cramér–Rao bound, Gramian on P_⊥, rank."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Asked:
     Attributes:
         words: description for reports.
         names: one for each number.
-        rows: of θ (p,), the (k, p) derivatives of the numbers with respect to θ/scale.
+        rows: maps θ (p,) to the (k, p) derivatives of the numbers with respect to θ/scale.
     """
 
     words: str
@@ -167,10 +167,10 @@ def gramian(experiment: Experiment, log: Log, theta: Array) -> Array:
 def gramian_cost(
     experiment: Experiment, asked: Asked, log: Log, draw: int, criterion: str
 ) -> float:
-    """A criterion of the Gramian on P_⊥; the null direction takes no part in any of them.
+    """A criterion of the Gramian on P_⊥; the null directions are excluded.
 
     `bound` is the rms deviation of the requested numbers if the accelerations alone were measured:
-    the shape of the Gramian is right, but it lacks the sensors' filtering.
+    it has the shape of the Gramian, but neglects the filtering of sensor noise.
     """
     theta, basis = experiment.draws[draw], experiment.bases[draw]
     own = basis.T @ gramian(experiment, log, theta) @ basis
@@ -212,7 +212,7 @@ class Ranks:
         needed: p − r of the structure: the dimension of P_⊥.
         bound: number of harmonics that a system with a regressor linear in its signals needs at
             least: n (2h + 1) ≥ p − r.
-        measured: (h, rank) of random motions with the first h harmonics or tones of every signal.
+        measured: (h, rank): rank of random motions with the first h harmonics of every signal.
     """
 
     needed: int

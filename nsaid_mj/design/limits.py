@@ -1,4 +1,4 @@
-"""Limits of a designed motion: values, sources, and how far a motion uses them.
+"""Limits of a designed motion: values, sources, and their use by a motion.
 
 A limit bounds one quantity, such as the speed of every joint, to [low, high]. The *use* of a limit
 is the largest distance of the quantity from the middle of its range over half of the range: a
@@ -37,7 +37,7 @@ class Limit:
     Attributes:
         low: (k,) smallest values.
         high: (k,) largest values.
-        unit: of the values.
+        unit: unit of the values.
     """
 
     low: Array

@@ -2,15 +2,15 @@
 
 An arm's candidate is (n, 2h + 1): for every joint the weights of its sines and cosines, and the
 centre of its motion in its range. The weights are divided by k, which favours low harmonics, and
-scaled until the joint's position, speed or acceleration reaches its limit; so every candidate is as
-strong as the limits allow. Torque has a penalty, and so have contacts, for which there is one more
-number per joint: the share of its swing that is used.
+scaled until the joint's position, speed or acceleration reaches its limit, so that every candidate
+uses the limits fully. Torque has a penalty, and so have contacts, for which there is one more
+number per joint: a factor on its amplitude.
 
 A vehicle's has one number for every uniform draw of the scenario's driver: frequencies and phases
 of set-points and of the dither on commands. tanh maps it to a share of the draw's range. The motion
 is that of a simulation in closed loop under a draw of the prior, so box, speed and attitude are
-judged as they will be. Amplitudes are those of the driver, or what the limit of commands leaves of
-them: a multisine's reach that limit anyway, and larger dither only slowed the search.
+those of the closed loop. Amplitudes are those of the driver, reduced to the limit of commands: a
+multisine's reach that limit anyway, and larger dither only slowed the search.
 
 In the last step of a design, a motion is simulated under every draw, and must keep its limits.
 """
@@ -254,12 +254,12 @@ def checked(
 ) -> tuple[DriverConfig, tuple[Log, ...], dict[str, float]]:
     """The driver of a candidate whose simulations under all draws keep all limits.
 
-    The best candidate comes first. An arm's is made smaller until it keeps the limits, first the
-    joints that break one, then all, as the others' motion moves light joints; of a vehicle's, the
-    first that keeps them is taken, as it is or with smaller commands.
+    The best candidate is tried first. An arm's motion is scaled down until it keeps the limits,
+    first the joints that break one, then all, as the others' motion moves light joints; for a
+    vehicle, the first candidate that keeps them is used, if necessary with smaller commands.
 
     Raises:
-        NoMotion: all break one.
+        NoMotion: every candidate breaks a limit.
     """
     least, entries = {"stability": np.inf}, {}
     share = np.ones(motions.experiment.system.n)
@@ -295,7 +295,7 @@ def checked(
 
 
 def _binding(system: SecondOrderSystem, limits: Limits, name: str, use: Array) -> tuple[str, str]:
-    """The limit that binds, and what to do about it."""
+    """The active limit, and the remedy."""
     worst, limit = int(np.argmax(use)), limits.limits[name]
     joints = getattr(system, "joint_names", ())
     where = f" of {joints[worst]}" if len(joints) == len(use) else ""
@@ -307,7 +307,7 @@ def _binding(system: SecondOrderSystem, limits: Limits, name: str, use: Array) -
         f"the smallest motion that was tried exceeds the limit of {name}{where}, {ends}"
         f"{f' (from {source})' if source else ''}, by {excess} in simulation",
         f"Widen the limit of {name} in a file for --limits"
-        + (", or restrict the positions to where gravity asks for less." if joints else "."),
+        + (", or restrict the positions to where gravity requires less." if joints else "."),
     )
 
 

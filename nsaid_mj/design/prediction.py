@@ -1,15 +1,15 @@
-"""Predicts an experiment's results: intervals, weak directions, and what would help.
+"""Predicts an experiment's results: intervals, weak directions, and improvements.
 
-All of it is at a fixed common scale, that is, on P_⊥: motion reveals nothing about P_s, and the
-report says what fixes it. Figures are root mean squares over the draws of the prior.
+Everything is at a fixed common scale, that is, on P_⊥: motion gives no information about P_s, and
+the report states what fixes it. Figures are root mean squares over the draws of the prior.
 
 An arm may repeat its motion with a known payload, or in another pose; a vehicle may use larger
-commands; both may move for longer, or have quieter sensors. A payload's inertia is known in kg and
-not only in proportion to the rest of θ, so it also reveals directions of P_s. Such remedies are
+commands; both may move for longer, or have less noisy sensors. A payload's inertia is known in kg
+and not only relative to the rest of θ, so it also determines directions of P_s. These remedies are
 computed for the published values.
 
-A trial compares predicted with reached intervals, on one of the draws with noisy sensors, so that
-no truth is involved.
+A trial run compares predicted with achieved intervals, on one of the draws with noisy sensors, so
+that no truth is involved.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Helped:
     Attributes:
         words: the direction's leading parameters.
         left: its predicted deviation, over that before the experiment.
-        remedy: what helps most; "" if nothing that was computed does.
+        remedy: the most effective remedy; "" if none helps.
         after: its deviation with the remedy, over that before the experiment.
     """
 
@@ -81,7 +81,7 @@ class Helped:
 
 
 def weak_directions(found: Design, covariance: Array, draw: int = 0) -> Array:
-    """(p, k) unit directions of θ/scale about which the data reveal little, the weakest first.
+    """(p, k) unit directions of θ/scale with little information in the data, the weakest first.
 
     `covariance` (p, p) is the one predicted of θ̂/scale.
     """
@@ -91,7 +91,7 @@ def weak_directions(found: Design, covariance: Array, draw: int = 0) -> Array:
 
 
 def helped(found: Design, direction: Array, others: list[Remedy]) -> Helped:
-    """What helps most with a weak direction (p,) of θ/scale."""
+    """The most effective remedy for a weak direction (p,) of θ/scale."""
     labels, size = found.experiment.system.space.labels, np.abs(direction)
     leading = [i for i in np.argsort(-size) if size[i] >= _NAMED * size.max()][:4]
 
@@ -250,7 +250,7 @@ class Interval:
     """A parameter's predicted 95 % interval, at a fixed common scale.
 
     Attributes:
-        name: of the parameter.
+        name: name of the parameter.
         label: readable description.
         kind: name of its block.
         unit: SI unit.
@@ -275,7 +275,7 @@ class Prediction:
     """The prediction of an experiment's results.
 
     Attributes:
-        intervals: of all parameters.
+        intervals: intervals of all parameters.
         asked: (names, predicted standard deviations) of the requested numbers.
         weak: the weakest directions of θ/scale and what helps each, the weakest first.
         weak_count: number of weak directions; `weak` describes the first of them.
@@ -292,7 +292,7 @@ class Prediction:
 
 
 def predict(found: Design, report: Report = lambda _words, _share: None) -> Prediction:
-    """Predicts the results of a designed experiment, and computes what would help."""
+    """Predicts the results of a designed experiment, and of possible improvements."""
     experiment = found.experiment
     space, covariances = experiment.system.space, found.covariances
     weak = [weak_directions(found, P, draw) for draw, P in enumerate(covariances)]
@@ -327,7 +327,7 @@ _DRAW = 1  # the first one is the prior itself
 
 @dataclass(frozen=True)
 class Trial:
-    """Predicted and reached deviations of the requested numbers, along an experiment.
+    """Predicted and achieved standard deviations of the requested numbers, along an experiment.
 
     Attributes:
         t: (T,) times [s].

@@ -36,7 +36,7 @@ def minimise(
     """Searches from a start.
 
     Args:
-        costs: of several candidates (d,); inf for one that cannot be evaluated.
+        costs: costs of several candidates (d,); inf for one that cannot be evaluated.
         start: (d,) mean of the first candidates, itself a candidate.
         step: standard deviation of the first candidates about it.
         evaluations: least number of candidates to try.

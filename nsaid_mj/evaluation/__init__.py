@@ -3,8 +3,8 @@
 `truth` provides the true parameters, the true set and the distance to it; every function that takes
 them also accepts None, for a run whose truth is unknown. `figures` evaluates the estimate of any
 method, `lyapunov` the paper's V, `excitation` the motion. `summary` assembles summary.json, `words`
-phrases it, and `verify` checks the paper's statements against a run. `result` holds what every
-command tells at its end.
+phrases it, and `verify` checks the paper's statements against a run. `result` defines the result
+that every command reports.
 """
 
 from ..structure.sensing import velocity_labels as velocity_labels

@@ -1,12 +1,12 @@
-"""The Cramér–Rao bound of an experiment: how accurate an estimate from its log can be.
+"""The Cramér–Rao bound of an experiment: the best accuracy of an estimate from its log.
 
 The plant is deterministic given θ, the command is known, and every position and velocity has white
-Gaussian noise of known variance. The state at the first sample is known as well as one measurement
-tells it, and θ beforehand as well as the scenario's prior tells it: with the covariance that the
-draw has (`Truth.prior_covariance`), in the directions that a motion can reveal. The covariance of
-(q, v, θ) given all samples then follows by a Kalman filter's recursion along the true trajectory
-under the true θ (H. L. Van Trees, Detection, Estimation, and Modulation Theory, part I, 1968). The
-system is linearised at the measured states, whose noise changes the bound in the second order only.
+Gaussian noise of known variance. The state at the first sample has the covariance of one
+measurement, and θ that of the scenario's prior draw (`Truth.prior_covariance`), in the observable
+directions. The covariance of (q, v, θ) given all samples then follows by a Kalman filter's
+recursion along the true trajectory under the true θ (H. L. Van Trees, Detection, Estimation, and
+Modulation Theory, part I, 1968). The system is linearised at the measured states, whose noise
+changes the bound in the second order only.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     system, n = truth.system, truth.system.n
     if system.forward is None:
         raise NoEstimate(
-            "no bound for a system without compiled forward dynamics", "Take a packaged system."
+            "no bound for a system without compiled forward dynamics", "Use a packaged system."
         )
     if not (levels.position > 0 and levels.velocity > 0):
-        raise NoEstimate("the bound is 0 for exact sensors", "Take noisy sensors.")
+        raise NoEstimate("the bound is 0 for exact sensors", "Use noisy sensors.")
     scale = np.array(system.space.scale)
     cone = cone_of(system.space)
     margin, none = margin_of(cone, scale), np.zeros(0)

@@ -24,7 +24,7 @@ _FIXED = 1e-6  # share of a combination along P_s(θ̂) below which the motion d
 
 @dataclass(frozen=True)
 class Known:
-    """The observable directions, the best known first.
+    """The observable directions, the most accurately known first.
 
     Attributes:
         directions: (k, p) orthonormal basis of P_⊥, in θ/scale.
@@ -66,7 +66,7 @@ class Determined(NamedTuple):
         indices: (k,) in θ.
         deviation: (k,) standard deviation of each, in its unit.
         below_noise: (k,) whether the data are uninformative about it.
-        correlation: (k, k) of their errors.
+        correlation: (k, k) correlation of their errors.
     """
 
     indices: Indices

@@ -1,4 +1,4 @@
-"""Figures that judge an estimate, whatever made it, and the forces that it predicts."""
+"""Figures of merit of an estimate from any method, and the forces that it predicts."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def midpoints(
 
 
 CONVERGED = 0.01
-"""Distance to the true set below which an estimate has converged, if it stays there."""
+"""Distance to the true set below which an estimate counts as converged, if it remains there."""
 
 
 class Judge:
     """Computes the figures of estimates of one plant, from any method.
 
     Args:
-        truth: of the plant.
+        truth: true parameters of the plant.
     """
 
     def __init__(self, truth: Truth):
@@ -155,8 +155,8 @@ def force_residual_ratio(
 ) -> float | None:
     """rms of W(t, x, v, v̇) θ̂ with the true v̇, over rms of the actuator forces under θ̂.
 
-    `later` is a trajectory that the estimate has not seen, `truth` (p,) is θ for v̇ by (29). Where
-    no θ describes the plant, that is None: v̇ is then the finite difference of measured velocities,
+    `later` is a trajectory that the estimate has not seen, `truth` (p,) is θ for v̇ by (29). It is
+    None if no θ describes the plant: v̇ is then the finite difference of measured velocities,
     half-way between samples. None without a trajectory, or if the actuators exert no force along
     it.
     """

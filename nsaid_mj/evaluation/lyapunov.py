@@ -32,8 +32,8 @@ def conserved_drift(run: Run) -> float | None:
 def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
     """Number and size of the steps in which V, under the true θ, rose beyond the error bound.
 
-    None for a law of which nothing is proven. Steps in which V is not defined, as for a law in the
-    cone after an actuator was reversed, do not count.
+    None for a law without a proof. Steps in which V is undefined, as for a law in the cone after an
+    actuator was reversed, do not count.
     """
     record, identifier = run.record, run.identifiers[""]
     if not identifier.proven:

@@ -1,24 +1,24 @@
 """Whether the motion contradicts the structure, judged from measurements alone.
 
-The filter of the law `efficient` runs along the log from a run's estimate and its stated covariance
-until it has learned what it may, and then again from its result. The residual innovations show how
-well the structure explains the motion:
+The filter of the law `efficient` runs along the log from a run's estimate and its stated
+covariance, and then again from its result. The innovations of the second run show how well the
+structure explains the motion:
 
-- innovations larger than chance within a tenth of a second contradict it; the filter then starts
-  again. A structure that explains the motion is hardly ever contradicted, one that does not, again
-  and again;
-- innovations that are not white over longer times are small effects that W lacks; see `whiteness`
+- significantly large innovations within a tenth of a second contradict it; the filter then
+restarts. A structure that explains the motion is hardly ever contradicted, one that does not,
+repeatedly; - innovations that are not white over longer times are small effects that W lacks; see
+`whiteness`
   and below;
 - how far, relative to its stated covariance, the estimate has moved in the first run, as a whole
   and from part to part, says whether the intervals hold.
 
 Where the gains were found to drift, the log is judged from then on, and they walk here as well.
 
-Faults that were found divide the log; what made a fault known is not held against the structure,
-but everything else is.
+Isolated faults divide the log; contradictions due to a fault do not count against the structure,
+all others do.
 
-A neglected effect makes innovations larger where the motion has its power, at 0.03 to a few hertz:
-by far too little to be visible sample by sample, but over 1 to 100 s it adds up. Where the
+A neglected effect increases the innovations at the frequencies of the motion, 0.03 to a few hertz:
+far too little to be detected sample by sample, but it accumulates over 1 to 100 s. Where the
 structure explains the motion, the periodogram of each normalised innovation is exponentially
 distributed about its variance at every frequency, independently (Mehra, IEEE TAC 15(2), 1970). So
 each octave has its own test, from the mean of the whole log to the upper half of the spectrum,
@@ -53,14 +53,15 @@ _SHORTEST = 32  # samples that have a spectrum
 
 
 class Whiteness(NamedTuple):
-    """How far innovations are from white.
+    """Deviation of innovations from whiteness.
 
     Attributes:
-        chance: probability that white innovations have a cell, an octave or a line of one channel,
-            as large as the largest is, times the number of cells.
-        energy: squared normalised innovations in excess of chance, in the cells with more than it.
-        channel: of the largest cell; −1 if there is none.
-        period: of the largest cell [samples]; infinite for the mean.
+        chance: p-value of the largest cell, an octave or a line of one channel, times their number
+            (Bonferroni).
+        energy: squared normalised innovations in excess of their expectation, in the significant
+            cells.
+        channel: channel of the largest cell; −1 if there is none.
+        period: period of the largest cell [samples]; infinite for the mean.
     """
 
     chance: float
@@ -70,7 +71,7 @@ class Whiteness(NamedTuple):
 
 
 def whiteness(e: Array) -> Whiteness:
-    """Judges normalised innovations (N, c); rows that are not finite are left out."""
+    """Tests normalised innovations (N, c) for whiteness; rows that are not finite are left out."""
     e = e[np.isfinite(e).all(axis=1)]
     if len(e) < _SHORTEST:
         return Whiteness(1.0, 0.0, -1, np.inf)
@@ -91,7 +92,7 @@ def whiteness(e: Array) -> Whiteness:
 
 
 def _judged(sums: Array, shape: Array, first: Indices, level: Array) -> Whiteness:
-    """Judges b cells of a spectrum in c channels, with the period in units of the log's length.
+    """Tests b cells of a spectrum in c channels, with the period in units of the log's length.
 
     `sums` (b, c) of the periodogram over its level are Γ(shape, 1) of white innovations; `shape`
     (b,) counts the frequencies in each, ½ for the mean, `first` (b,) is the lowest of them.
@@ -130,15 +131,15 @@ _SHIFTED = 1.5  # mean squared normalised shift that is more than chance
 
 
 class Misfit(NamedTuple):
-    """How well the structure explains a log.
+    """Goodness of fit of a structure to a log.
 
     Attributes:
         level: `none`, `some` or `contradicts`.
         contradictions: times at which the innovations exceeded chance [s].
         innovations: mean squared normalised innovation; 1 where the structure explains the motion.
         seconds: length of log that was judged [s].
-        chance: probability of innovations as coloured as these, were the structure exact.
-        widening: factor on the stated standard deviations, ≥ 1, that makes up for the misfit.
+        chance: p-value of the whiteness test, for an exact structure.
+        widening: factor ≥ 1 on the stated standard deviations that accounts for the misfit.
         drift: largest mean rate at which a gain drifts, relative to itself [1/min]; 0 if constant.
     """
 
@@ -157,9 +158,9 @@ class Misfit(NamedTuple):
 
 
 def running_misfit(state: State) -> str:
-    """The level while a law still runs, from its state alone; "" of a law without a filter.
+    """The level during a run, from the law's state alone; "" for a law without a filter.
 
-    It is that of all innovations so far, and of contradictions that no fault explains.
+    It is based on all innovations so far, and on contradictions that no fault explains.
     """
     if state.filter is None:
         return ""
@@ -171,10 +172,10 @@ def running_misfit(state: State) -> str:
 
 
 def misfit_of(run: Run) -> Misfit | None:
-    """Judges the end of a run's log.
+    """The misfit at the end of a run's log.
 
-    None for a law that does not use the data to the full, so that its own error could be taken for
-    the structure's; and where rows are missing or the system has no compiled forward dynamics.
+    None for a law that does not use all information in the data, whose own error could be mistaken
+    for the structure's; and where rows are missing or the system has no compiled forward dynamics.
     """
     scenario, system, record = run.scenario, run.system, run.record
     law = getattr(scenario.identifier, "law", "")
@@ -204,7 +205,7 @@ def misfit_of(run: Run) -> Misfit | None:
 def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
     """The row of the run's last piece of a log from which the gains were found to drift.
 
-    With it the variance that a gain gains in a second [1/s]; None if they are constant.
+    Also the variance of a gain's random walk per second [1/s]; None if gains are constant.
     """
     state = run.states[""].filter if "" in run.states else None
     if state is None or not state.drift:
@@ -216,9 +217,9 @@ def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
 def _drifted(
     alone: FilterAlone, system: SecondOrderSystem, along: Array, variance: float, log: Log
 ) -> Misfit:
-    """Judges a log of N measurements along which the gains drift, with θ̂ (N, p).
+    """The misfit of a log of N measurements with drifting gains and θ̂ (N, p).
 
-    One pass, as the gains at its end are not those at its start.
+    In one pass, as the gains change along the log.
     """
     space = system.space
     k, minutes = space.actuators, float(log.t[-1] - log.t[0]) / 60
@@ -275,7 +276,7 @@ def _worst(found: list[Misfit]) -> Misfit:
 
 
 def judged(alone: FilterAlone, theta: Array, P: Array, log: Log) -> Misfit:
-    """Judges a log of N measurements, with the filter starting at θ (p,) with P_θθ (p, p)."""
+    """The misfit of a log of N measurements, for a filter starting at θ (p,) with P_θθ (p, p)."""
     learning = alone.replay(theta, P, log)
     replay, found = learning, []
     for _ in range(_PASSES):  # far from its end, a pass is not linear enough to be judged by
@@ -291,7 +292,7 @@ def judged(alone: FilterAlone, theta: Array, P: Array, log: Log) -> Misfit:
 
 
 def _judged_pass(replay: Replay, log: Log) -> tuple[Misfit, float]:
-    """Judges one pass along a log, without widening; also the energy of its innovations."""
+    """The misfit of one pass along a log, without widening; also its innovations' energy."""
     seconds, colour = float(log.t[-1] - log.t[0]), whiteness(replay.along.innovation)
     squares, number = replay.filter.totals
     times = replay.contradictions
@@ -308,10 +309,10 @@ def _judged_pass(replay: Replay, log: Log) -> tuple[Misfit, float]:
 def _widening(alone: FilterAlone, theta: Array, P: Array, learning: Replay, energy: float) -> float:
     """Factor on the standard deviations of a misfit.
 
-    Parameters absorb a part of the effects that W lacks, in whatever direction is most like them;
-    the energy of the rest reveals their size. And the estimate must not shift further than its
-    covariance allows: neither as a whole, nor from part to part of the log, where an effect that
-    comes and goes with the motion moves it to and fro (a sandwich of as many blocks).
+    Parameters absorb the part of unmodelled effects that lies in the span of W; the energy of the
+    rest indicates their size. Moreover, the shifts of the estimate must agree with its covariance,
+    over the whole log and from part to part, where an intermittent effect moves it back and forth
+    (a sandwich estimator with the parts as blocks).
     """
     shifts = _shifts(alone.law.scale, theta, P, learning)
     most = max((shift for shift in shifts if shift > _SHIFTED), default=1.0)
@@ -342,7 +343,7 @@ def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[floa
 
 
 def widened(stated: Confidence, scale: Array, factor: float) -> Confidence:
-    """A confidence with standard deviations times a factor, but no less certain than the prior."""
+    """A confidence with standard deviations times a factor, limited to those of the prior."""
     if factor == 1.0:
         return stated
     units = np.outer(scale, scale)

@@ -83,9 +83,9 @@ class Parameter:
         low: lower end of the 95 % interval; both ends are the estimate where none is stated.
         high: upper end of the 95 % interval.
         prior: value before the motion; NaN where the fit needs none.
-        status: what the motion reveals of it: `identified`; `only in combination` with others;
-            `not excited`: the motion does not depend on it; `below the noise`: its effect is not
-            distinguishable from 0; `known`: given by the user; empty if the law does not say.
+        status: its identifiability: `identified`; `only in combination` with others; `not excited`:
+            the motion does not depend on it; `below the noise`: its effect is not significant;
+            `known`: given by the user; empty if the law states none.
         combination: the combination that the motion determines; "" unless the status says so.
         relative: of a gain, the half-width of the 95 % interval of its ratio to the other gains,
             which does not depend on the common scale; None for other parameters.
@@ -219,7 +219,7 @@ def figures_of(summary: dict[str, Any]) -> list[Figure]:
 def _parameters(summary: dict[str, Any], space: ParameterSpace | None) -> tuple[Parameter, ...]:
     """The parameters; where the truth is known, times the factor that makes the gains' mean exact.
 
-    Intervals hold the mean of the gains, and so does the ratio of a gain to the others.
+    Intervals are at a fixed mean of the gains, and so is the ratio of a gain to the others.
     """
     rows, stated = summary.get("parameters", []), summary["confidence"] or {}
     known, gains = stated.get("parameters", {}), stated.get("actuators", {})
@@ -263,7 +263,7 @@ def _common_factor(rows: list[dict[str, Any]], actuators: Indices) -> float:
 
 
 def _findings(summary: dict[str, Any]) -> tuple[Finding, ...]:
-    """How a run ended early, and what distinguishes it from one in the paper."""
+    """How a run ended early, and its deviations from the paper's assumptions."""
     found = []
     if summary.get("status", "completed") != "completed":
         signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""

@@ -57,8 +57,8 @@ def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
     """Computes every key of the summary.json of a run, completed or not.
 
     Without the truth of its plant, the keys that need it are absent, and the unobservable
-    directions are those at the last estimate. Figures that are not finite are None, as JSON has no
-    other word for them.
+    directions are those at the last estimate. Figures that are not finite are None, as JSON cannot
+    represent them.
     """
     summary = without_nonfinite(_summary(run, truth))
     return summary | {"verdict": verdict(summary)}
@@ -165,7 +165,7 @@ def force_residual_floor(truth: Truth) -> float | None:
 def sensor_noise(run: Run) -> str:
     """The sensors' levels with units, in words; empty if the sensors are exact.
 
-    Identifiers know these levels, so they are no mismatch.
+    Identifiers use these levels, so they are no mismatch.
     """
     scenario, noise = run.scenario, run.scenario.noise
     if scenario.sensors != "noisy":
@@ -189,7 +189,7 @@ def law_of(identifier: IdentifierConfig) -> str:
 def confidence(run: Run, truth: Truth | None, widening: float = 1.0) -> dict[str, Any] | None:
     """The identifier's stated per-direction standard deviations, compared with the truth if known.
 
-    Where the structure does not quite explain the motion, they are widened; see `misfit`.
+    They are widened by a misfit of the structure; see `misfit`.
 
     None if the law states no covariance, or if the run was read from its record and no earlier
     summary has it.

@@ -80,7 +80,7 @@ def lyapunov(
 def rise_bounds(
     motion: Motion, system: SecondOrderSystem, tracker: Tracker, metric: ConeMetric, theta: Array
 ) -> Array:
-    """(N−1,) how much V may rise between two samples [J], by the law's own discretisation.
+    """(N−1,) bounds on the rise of V between two samples by discretisation [J].
 
     While the command is held, W(t, x, v_r, v̇_r, u) θ̂ = K_d s + d, and V̇ = −sᵀ (K_d s + d) exactly:
     its integral, by Simpson's rule, is what holding the command does to V. The adaptation's own

@@ -97,7 +97,7 @@ class Truth:
 
     @cached_property
     def held_out(self) -> Log | None:
-        """A trajectory that no identifier has seen, of the plant as it is at the end.
+        """A held-out trajectory of the plant in its final condition.
 
         None if the plant diverges, which is likely if it did so in the run.
         """

@@ -114,7 +114,7 @@ def _lyapunov(run: Run, summary: dict[str, Any], premises: str) -> _Outcome:
     if not broken and getattr(run.identifiers[""], "anchor", 0.0) > 0:  # V need not decrease
         broken = "the anchor pulls towards the prior; see docs/theory.md"
     if not run.identifiers[""].proven:
-        broken = "this law is not (44, 45); the theorem says nothing of it"
+        broken = "this law is not (44, 45); the theorem does not apply"
     if broken:
         return _no(broken)
     count, rise = summary["lyapunov_violations"], summary["lyapunov_largest_rise"]

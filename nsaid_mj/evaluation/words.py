@@ -110,10 +110,10 @@ _FASTER = "--law efficient does in seconds what this law does in hours"
 def verdict(summary: dict[str, Any]) -> str:
     """The outcome of a run in one line: a judgement, a colon, and the figures it is based on.
 
-    The first that applies: a run that did not complete *ended early*; a motion that no θ of the
-    structure explains *contradicts* it, judged from the measurements alone (`misfit`), or, for a
-    simulated plant, because every θ leaves more than `CONTRADICTED` of the forces on a held-out
-    trajectory unexplained; an estimate within `CONVERGED` of the true set has *converged*;
+    The first of these that applies: a run that did not complete *ended early*; a motion that no θ
+    of the structure explains *contradicts* it, judged from the measurements alone (`misfit`), or,
+    for a simulated plant, because every θ leaves more than `CONTRADICTED` of the forces on a
+    held-out trajectory unexplained; an estimate within `CONVERGED` of the true set has *converged*;
     one that is closer to it than the prior is *still converging*. If the truth is unknown, the
     stated confidence and, unless the filter's innovations show that the structure explains the
     motion, the force residual replace the distance: with noisy sensors the residual stays large. A

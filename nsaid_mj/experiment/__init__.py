@@ -1,1 +1,1 @@
-"""An experiment: the scenario as data, the wiring of its parts, the time loop, the record."""
+"""An experiment: the scenario as data, the assembly of its parts, the time loop, the record."""

@@ -1,4 +1,4 @@
-"""Simulates the excitation under the prior, to predict the Gramian that the gain design needs.
+"""Simulates the excitation under the prior, to predict the Gramian for the gain design.
 
 No true value is used. The prediction is accurate enough: an error of 30 % in θ changes the
 Gramian's eigenvalues by about as much.
@@ -43,7 +43,7 @@ def expected_gramian(
                 "gamma",
                 "a prior under which the motion can be simulated",
                 f"one under which the simulation fails at {t:g} s",
-                "Take --gamma scale, a smaller initial_error, or a gentler excitation.",
+                "Use --gamma scale, a smaller initial_error, or a gentler excitation.",
             )
         if k % stride == 0:
             M = system.mass_matrix(np.concatenate([q, v]), theta)

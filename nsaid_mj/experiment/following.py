@@ -1,4 +1,4 @@
-"""Identifiers follow measurements in segments, as they come from a source.
+"""Runs identifiers on measurements from a source, segment by segment.
 
 A run and a Monte Carlo study both feed an identifier one segment of measurements at a time;
 `Following` decides when an identifier must be stopped, and `Loop` advances a run's source, its
@@ -144,7 +144,7 @@ class Cost:
 
 
 class Robot(NamedTuple):
-    """Knowledge about the moving robot, without true values.
+    """The structure, prior and meshes of a robot, without true values.
 
     Attributes:
         system: the structure.

@@ -26,10 +26,10 @@ _INSTALLED = tuple(
 )
 
 
-def blame(error: BaseException) -> BadScript | None:
-    """The error to raise for an exception that passed through a user's code.
+def script_error(error: BaseException) -> BadScript | None:
+    """The error to raise for an exception in a user's code.
 
-    None for errors of this package, and where no user's code is involved.
+    None for errors of this package, and if no user's code is in the traceback.
     """
     if isinstance(error, NsaidError):
         return None
@@ -46,7 +46,7 @@ def blame(error: BaseException) -> BadScript | None:
 
 
 def _is_users(file: str) -> bool:
-    """Whether a file is neither part of this package nor installed with Python."""
+    """Whether a file belongs to neither this package nor an installed one."""
     path = Path(file)
     if not path.is_file():
         return False
@@ -98,9 +98,9 @@ def load(name: str) -> Scenario:
     try:
         loader.exec_module(module)
     except SyntaxError as error:
-        raise blame(error) or BadScript(path, 0, f"SyntaxError: {error.msg}") from error
+        raise script_error(error) or BadScript(path, 0, f"SyntaxError: {error.msg}") from error
     except Exception as error:
-        if found := blame(error):
+        if found := script_error(error):
             raise found from error
         raise
     except SystemExit as error:

@@ -42,7 +42,7 @@ class Run:
 
     Attributes:
         scenario: the scenario that was run.
-        folder: of the run's files.
+        folder: folder of the run's files.
         record: the recorded measurements and estimates, read from the folder as they are used.
         system: the structure that was identified.
         prior: (p,) θ̂(0).
@@ -108,7 +108,7 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
 
     Args:
         scenario: the scenario to run.
-        folder: of the run's files; created if missing, files of an earlier run are replaced.
+        folder: folder of the run's files; created if missing, files of an earlier run are replaced.
         observers: called during the run.
 
     Raises:
@@ -197,8 +197,8 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
     """Turns the first Ctrl-C into a call of `ask`; the second one raises KeyboardInterrupt.
 
     It also handles the signals that the command line treats like Ctrl-C. An exception could be
-    raised anywhere, and within compiled code it would be lost or become a SystemError. Instead, the
-    loop stops between two segments.
+    raised anywhere, and within compiled code it would be lost or become a SystemError; this way,
+    the loop stops between two segments.
     """
     # other signals have another handler, or are ignored
     ours = [s for s in signal.valid_signals() if signal.getsignal(s) is signal.default_int_handler]

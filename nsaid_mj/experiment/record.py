@@ -29,7 +29,7 @@ FILE = "record.arrow"
 TARGET_DELAYS = "target_delays"
 """Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts."""
 PROFILED = "target_profile"
-"""Another one: whether u is what a profile has made of the targets."""
+"""Another key: whether u is the targets after a profile's limits and smoothing."""
 
 
 class RecordWriter:
@@ -280,7 +280,7 @@ class _Stored(Mapping[str, Array]):
 
 
 def _state(stat: os.stat_result) -> tuple[int, int, int]:
-    """What differs once a file has been replaced or written to."""
+    """A file's identity, which changes when it is replaced or written to."""
     return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 

@@ -1,4 +1,4 @@
-"""Wires a scenario's plant, prior, driver, sensors and identifiers; nothing else does so.
+"""Assembles a scenario's plant, prior, driver, sensors and identifiers.
 
 A `Setup` holds the simulated plant and the prior θ̂(0), and builds driver, sensors and identifiers,
 each from its own stream of the scenario's seed. Runs, held-out trajectories, comparisons of methods
@@ -33,7 +33,7 @@ from .library import place_of
 from .scenario import Scenario
 
 _PIECE = 5000  # time steps after which a long simulation can be stopped
-_REHEARSAL = 60.0  # longest simulation for the design of a gain [s]
+_LONGEST = 60.0  # longest simulation for the design of a gain [s]
 
 
 class Seeds(NamedTuple):
@@ -45,7 +45,7 @@ class Seeds(NamedTuple):
     sensors: np.random.SeedSequence
     held_out: np.random.SeedSequence
     structure: np.random.SeedSequence
-    rehearsal: np.random.SeedSequence
+    gramian: np.random.SeedSequence
 
     @staticmethod
     def of(seed: int) -> Seeds:
@@ -111,8 +111,8 @@ class Setup:
 
         @cache
         def gramian() -> Array:
-            driver, duration = self._driver(self.seeds.rehearsal), scenario.duration
-            return expected_gramian(system, driver, prior, scenario.dt, min(duration, _REHEARSAL))
+            driver, duration = self._driver(self.seeds.gramian), scenario.duration
+            return expected_gramian(system, driver, prior, scenario.dt, min(duration, _LONGEST))
 
         return {
             name: with_prior_error(config, scenario).build(
@@ -235,9 +235,9 @@ def trajectory(
 ) -> Log:
     """Drives a running plant for a number of time steps.
 
-    `as_at` freezes the actuators in their state at this time of a run [s]. `check` is called now
-    and then; it may raise, to stop. Returns steps + 1 measurements; fewer if the plant diverges, or
-    after one that is not finite.
+    `as_at` freezes the actuators in their state at this time of a run [s]. `check` is called at
+    intervals; it may raise an exception to stop. Returns steps + 1 measurements; fewer if the plant
+    diverges, or after one that is not finite.
     """
     last, parts = plant.begin(driver, sensors, as_at), []
     while True:

@@ -24,24 +24,24 @@ class Status(Enum):
     completed = "completed", ""
     plant_diverged = (
         "plant diverged",
-        "The simulation became unstable: take a smaller dt or a gentler excitation.",
+        "The simulation became unstable: use a smaller dt or a gentler excitation.",
     )
     estimate_not_positive_definite = (
         "estimated mass matrix not positive definite",
-        "The estimate moved too far: take a smaller identifier gain (or rate, or a larger floor), "
+        "The estimate moved too far: use a smaller identifier gain (or rate, or a larger floor), "
         "a better initial estimate, a gentler excitation, or --law cone.",
     )
     adaptation_too_fast = (
         "conserved quantity drifted by more than 1e-3",
-        "The adaptation is too fast for RK4 at this dt: take a smaller identifier gain or dt.",
+        "The adaptation is too fast for RK4 at this dt: use a smaller identifier gain or dt.",
     )
     measurement_not_finite = (
         "measurement not finite",
-        "A sensor gave NaN or infinity: see the named signal at the named time.",
+        "A sensor returned NaN or infinity: check the named signal at the named time.",
     )
     command_not_finite = (
         "command not finite",
-        "The controller gave NaN or infinity: see the driver, and the prior that it uses.",
+        "The controller returned NaN or infinity: check the driver, and the prior that it uses.",
     )
     interrupted = "interrupted", "Stopped by the user; what was recorded until then is complete."
 
@@ -117,7 +117,7 @@ class Confidence(NamedTuple):
     """Uncertainty of an estimate.
 
     Attributes:
-        covariance: (p, p) of θ̂ at a fixed common scale.
+        covariance: (p, p) covariance of θ̂ at a fixed common scale.
         prior: (p, p) covariance before any data.
         blocks: (n,) effective number of independent samples in each row of the momentum balance.
     """
@@ -128,7 +128,7 @@ class Confidence(NamedTuple):
 
 
 class Identifier(ABC):
-    """An adaptive identifier of a system's θ: pure functions of a state. Same input, same bits.
+    """An adaptive identifier of a system's θ: pure, bitwise reproducible functions of a state.
 
     Attributes:
         system: the structure it knows.
@@ -199,7 +199,7 @@ class Identifier(ABC):
     def resume(self, state: State, here: Measurement) -> State:
         """The state at a measurement after a gap in which the motion is unknown.
 
-        θ̂ and what was learned about it stay; v̂ and whatever else follows the motion start anew.
+        θ̂ and its statistics are kept; v̂ and all other states of the motion are reinitialised.
         """
 
     @abstractmethod

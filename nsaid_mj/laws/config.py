@@ -43,8 +43,8 @@ class NullspaceAID(IdentifierConfig):
             parameters guarded by the law `memory`.
         barrier: μ of all laws but `paper`, in units of Γ⁻¹ at the scale; with 0 `cone` is
             the paper's law.
-        memory: how past data are kept and used, where the law is `memory` or `efficient`.
-        efficient: the filter, where the law is `efficient`.
+        memory: storage and use of past data, for the laws `memory` and `efficient`.
+        efficient: the filter of the law `efficient`.
     """
 
     K: Positive = 20.0
@@ -111,8 +111,8 @@ class NullspaceAID(IdentifierConfig):
 def floored_inverse(gramian: Array, floor: float) -> Array:
     """Inverse of a positive semidefinite matrix (p, p), eigenvalues raised to at least floor·λ_max.
 
-    Unexcited directions are raised, too: nothing can be learned along them, but the estimate must
-    be free to turn, since the nullspace under the prior differs slightly from the true one.
+    This includes unexcited directions: they are unobservable, but the estimate must be free to
+    rotate, since the nullspace under the prior differs slightly from the true one.
 
     Raises:
         InvalidInput: the matrix is 0.
@@ -123,7 +123,7 @@ def floored_inverse(gramian: Array, floor: float) -> Array:
             "gamma",
             "an excitation that moves something",
             "an expected Gramian of 0",
-            "Drive the plant harder, or take --gamma scale.",
+            "Drive the plant harder, or use --gamma scale.",
         )
     inverse = (vectors / np.maximum(values, floor * values[-1])) @ vectors.T
     return 0.5 * (inverse + inverse.T)

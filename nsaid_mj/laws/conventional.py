@@ -1,4 +1,4 @@
-"""Conventional adaptive identification, which takes some parameters as known.
+"""Conventional adaptive identification, in which some parameters are assumed known.
 
 With the known parameters held, W θ̂ = W_free θ̂_free − (a known signal). So (44) and (45) with Γ = 0
 on the held parameters is the textbook identifier with known forces τ(u). Holding the mass of (16)
@@ -20,7 +20,7 @@ from .nullspace_aid import paper_identifier
 
 @config
 class ConventionalAID(IdentifierConfig):
-    """Adaptive identification that takes parameters as known.
+    """Adaptive identification with parameters assumed known.
 
     Attributes:
         K: gain of the identification plant [1/s].

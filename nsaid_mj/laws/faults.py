@@ -15,10 +15,10 @@ class FaultEvent(NamedTuple):
             `several` or `unknown`.
         part: the affected part, in words, such as `thrust of thruster 3`.
         names: the parameters of θ that it changed; of a sensor such as `position 2`.
-        size: of the change.
+        size: size of the change.
         low: lower end of its 95 % interval.
         high: upper end of it.
-        unit: of these three; `1` for a share of an actuator's gain.
+        unit: unit of these three; `1` for a share of an actuator's gain.
         confidence: posterior probability of this hypothesis among all others.
         slow: whether the change is gradual; `time` is then when it was noticed.
     """

@@ -1,4 +1,4 @@
-"""Metrics: how Wᵀ Δv becomes θ̂̇ (45), in Python and for compiled loops.
+"""Metrics, which map Wᵀ Δv to θ̂̇ (45), in Python and for compiled loops.
 
 A `Metric` is the Python side: the gain, the conserved quantity, the metric's term of V. Compiled
 loops get a tuple of arrays with a chart, the coordinates in which θ̂ is integrated: `Flat` is the
@@ -164,7 +164,7 @@ def accurate(law, start, eta, before, theta, scratch):
 
 
 CHARTS = chart_workspace, confine, from_chart_into, height, natural_rate_into, to_chart_into
-"""What the functions above call, for kernels that call them."""
+"""Callees of the functions above, for kernels that use them."""
 
 
 @overload(chart)

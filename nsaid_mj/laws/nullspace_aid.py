@@ -65,7 +65,7 @@ class NullspaceIdentifier(Identifier):
         prior: (p,) θ̂(0).
         dt: time between measurements [s].
         hermite: cubic Hermite interpolation between samples; else linear.
-        memory: of past data; None for a law without one.
+        memory: memory of past data; None for a law without one.
 
     Raises:
         InvalidInput: a shape or value is wrong, K is not positive definite, or too fast for dt.
@@ -92,7 +92,7 @@ class NullspaceIdentifier(Identifier):
                 "K",
                 f"λ_max(K)·dt ≤ {RK4_LIMIT} for RK4",
                 f"{fastest:g}/s · {dt:g} s = {fastest * dt:g}",
-                f"Take K ≤ {RK4_LIMIT / dt:g}/s or a smaller dt.",
+                f"Use K ≤ {RK4_LIMIT / dt:g}/s or a smaller dt.",
             )
 
     def init(self, first: Measurement) -> State:

@@ -52,7 +52,7 @@ class Motion(NamedTuple):
 
 
 def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
-    """Findings about recordings of a robot; refusals where no fit could be trusted.
+    """Findings about recordings of a robot; refusals where no fit can be trusted.
 
     Codes: `dead_channel`, `at_rest`, `short_log`, `degrees`, `beyond_limits`, `velocity_mismatch`,
     `swapped_columns` and `milliamps`.
@@ -69,9 +69,9 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     found += still + [finding for finding in said if finding.where not in {f.where for f in still}]
     measured = [j for j in _measured(recordings, robot) if j not in resting]
     found += _velocities(motion, robot, measured)
-    told = {finding.where for finding in found}
+    reported = {finding.where for finding in found}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
-    found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in told]
+    found += [f for f in beyond_limits(motion.q, speeds, robot) if f.where not in reported]
     if not robot.weightless and not refused(found):
         found += _large_commands(motion, recordings, robot)
     return tuple(found)
@@ -165,7 +165,7 @@ def correlation(a: Array, b: Array) -> Array:
 
 
 def _swapped(joint: str, other: str, together: float) -> Finding:
-    text = f"the velocity follows the position of {other} (correlation {together:.2f})"
+    text = f"the velocity correlates with the position of {other} (correlation {together:.2f})"
     remedy = "Two columns are swapped: correct the order of positions or velocities in map.toml."
     data = {"joints": [joint, other], "correlation": float(together)}
     return Finding("refusal", "swapped_columns", joint, text, remedy, data)
@@ -177,7 +177,7 @@ def _scale(joint: str, slope: Array, v: Array, together: float) -> Finding | Non
     data = {"factor": factor, "correlation": float(together)}
     if abs(together) < _AGREES:
         level = "refusal" if abs(together) < 0.5 else "warning"
-        text = f"the velocity hardly follows dq/dt (correlation {together:.2f})"
+        text = f"the velocity hardly correlates with dq/dt (correlation {together:.2f})"
         remedy = "Check which column is its velocity; leave it out to differentiate the position."
         return Finding(level, "velocity_mismatch", joint, text, remedy, data)
     for ratio, units in (

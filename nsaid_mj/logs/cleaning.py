@@ -1,4 +1,4 @@
-"""From a table's channels to ordered signals in SI, with findings about the cleaning."""
+"""Converts a table's channels to ordered signals in SI, and reports every cleaning step."""
 
 from __future__ import annotations
 

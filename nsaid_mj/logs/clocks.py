@@ -1,4 +1,4 @@
-"""Times of a log in seconds, whatever clock and unit its file has."""
+"""Times of a log in seconds, from any clock and unit."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Clock(NamedTuple):
         t: (N,) times since the origin [s]; NaN where a row has none.
         origin: the file's own time at t = 0 [ns].
         unit: `s`, `ms`, `us`, `ns` or `date`.
-        guessed: whether the unit follows from the size of the numbers alone.
+        guessed: whether the unit is inferred from the magnitude of the numbers alone.
     """
 
     t: Array

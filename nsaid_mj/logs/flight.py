@@ -25,7 +25,7 @@ class _Controller(NamedTuple):
     """Names of a flight controller's channels.
 
     Attributes:
-        name: of its firmware.
+        name: name of its firmware.
         vehicle: pose and twist.
         motors: choices of the motors' channels, the best first: a pattern with the motor's number
             in it, the first number, and factor and offset to a share of the full command.
@@ -93,10 +93,10 @@ def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | 
             if not {*controller.vehicle.columns, *motors} <= names:
                 continue
             columns = [Column(column=m, ratio=ratio, offset=offset) for m in motors]
-            told = "; 1000 to 2000 µs are 0 to 1" if offset else ""
+            remark = "; 1000 to 2000 µs are 0 to 1" if offset else ""
             speeds = _speeds(controller, order or [], tables, names)
             if unusable := _unusable(speeds, robot, tables):
-                told += f"; the motors' measured speeds ({speeds[0]} …) {unusable}"
+                remark += f"; the motors' measured speeds ({speeds[0]} …) {unusable}"
             elif speeds:
                 columns = [
                     Column(
@@ -104,19 +104,19 @@ def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | 
                     )
                     for x in speeds  # some controllers count one direction of rotation as negative
                 ]
-                motors, told = speeds, "; measured speeds are used, not the motors' commands"
+                motors, remark = speeds, "; measured speeds are used, not the motors' commands"
             actuators = dict(zip(robot.joints, columns, strict=True))
             pairs = [f"{m} is {rotor}" for m, rotor in zip(motors, robot.joints, strict=True)]
             text = f"the standard topics of {controller.name} are used: {', '.join(pairs)}"
             mapping = Map(vehicle=controller.vehicle, actuators=actuators)
-            return mapping, f"{text}, as in a quadrotor X{told}"
+            return mapping, f"{text}, as in a quadrotor X{remark}"
     return None
 
 
 def _speeds(
     controller: _Controller, order: Sequence[int], tables: Sequence[Table], names: Collection[str]
 ) -> list[str]:
-    """The channels of the motors' measured speeds, in the order of the rotors; [] if one lacks."""
+    """The channels of the motors' measured speeds, in rotor order; [] if one is missing."""
     pattern, lowest = controller.functions
     numbers = {i: i for i in order}
     for i in order:

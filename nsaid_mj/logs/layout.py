@@ -1,4 +1,4 @@
-"""How channels of a log make up a robot's q, v and u."""
+"""Mapping of a log's channels to a robot's q, v and u."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Layout(NamedTuple):
         coupling: (n, n) joint velocities per motor velocity; None for a vehicle.
         torque: (n_u, n_u) joint commands per motor command; None for a vehicle.
         vehicle: form of a pose and twist; None for joints, and for a vehicle's own coordinates.
-        assumed: assumptions, in words; "" if the map or the names say it all.
+        assumed: assumptions, in words; "" if the map or the names are complete.
     """
 
     positions: tuple[Source, ...]
@@ -120,7 +120,7 @@ def _mixed(raw: Array, matrix: Array | None) -> Array:
 
 
 def layout(mapping: Map | None, robot: RobotModel, tables: Sequence[Table]) -> Layout:
-    """The layout of a map, or of channels whose names match the robot if there are none in it.
+    """The layout of a map, or of channels matched by name if the map lists none.
 
     Raises:
         UnmatchedChannels: there is no map, and the names are ambiguous.

@@ -68,11 +68,11 @@ class Column:
 
     Attributes:
         column: name of the column.
-        unit: of its values; None if the name states it (`q1_deg`), or it is SI.
+        unit: unit of its values; None if the name states it (`q1_deg`), or it is SI.
         sign: −1 if the column counts against the joint's axis.
         offset: added last [rad, m, rad/s, m/s, or the command's unit].
-        ratio: of the gear between the motor and the joint.
-        counts_per_turn: of an encoder, for `ticks` and `ticks/s`.
+        ratio: ratio of the gear between the motor and the joint.
+        counts_per_turn: counts per turn of an encoder, for `ticks` and `ticks/s`.
         points: two values of the column, each with the position that it represents [rad or m].
     """
 
@@ -131,11 +131,11 @@ class Column:
 
 @config
 class Profile:
-    """What a controller makes of a target before its servo follows it; 0 where it does not.
+    """Limits and smoothing of a target by a controller; 0 where there is none.
 
     Attributes:
-        speed: largest one of the target in force [rad/s or m/s].
-        acceleration: largest one of it [rad/s² or m/s²].
+        speed: largest speed of the limited target [rad/s or m/s].
+        acceleration: largest acceleration of the limited target [rad/s² or m/s²].
         lag: time constant of a first-order filter [s].
     """
 
@@ -149,7 +149,7 @@ class Joint:
     """The columns of one joint.
 
     Attributes:
-        position: of the joint, or of its motor (then with `ratio`).
+        position: position of the joint, or of its motor (then with `ratio`).
         command: current, torque, or any other command or measurement of the actuator; None for a
             joint that is passive in the model file.
         velocity: None to differentiate the position.
@@ -221,7 +221,7 @@ class Vehicle:
             axes to the body's, yaw first.
         linear: velocity; None to differentiate the pose. In the plane: surge, sway, yaw rate.
         angular: velocity in the body's axes [rad/s]; None to differentiate the pose.
-        order: of the quaternion's columns.
+        order: order of the quaternion's columns.
         frame: axes of world and body: north-east-down with forward-right-down, or ours,
             east-north-up with forward-left-up.
         twist: whether `linear` is given along the body's or the world's axes.
@@ -252,15 +252,15 @@ class Map:
     """The meaning and units of columns.
 
     Attributes:
-        time: of every file.
+        time: time of every file.
         files: by name of the file.
         joints: by the robot's joint names; empty to match columns by name.
-        coupling: of the joints with their motors.
+        coupling: coupling of the joints with their motors.
         vehicle: pose and twist, for a vehicle instead of joints.
         actuators: commands of a vehicle by the names of its actuators.
         hold: whether a command holds from row to row (True) or is interpolated (False).
         drop_rest: whether rows at rest are left out of the fit.
-        profile: of all joints' targets; None for that of the model file.
+        profile: profile of all joints' targets; None for that of the model file.
     """
 
     time: Time = field(default_factory=Time)

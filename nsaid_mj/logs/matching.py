@@ -80,7 +80,7 @@ def match_targets(channels: Iterable[str], joints: Sequence[str]) -> dict[str, s
 
 
 def lacking_targets(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
-    """The joints without a target where names give one to others; empty if none has or all have."""
+    """The joints without a target if some joints have one by name; else empty."""
     most = max(_targets(channels, joints), key=len, default={})
     lacking = [joint for joint in joints if joint not in most]
     return lacking if len(lacking) < len(joints) else []
@@ -115,7 +115,7 @@ def _lacking(quantity: Quantity, channels: Iterable[str], joints: Sequence[str])
 
 
 def _fewer(channels: Iterable[str], joints: Sequence[str]) -> list[str]:
-    """The joints that the log covers, if its names say so and they are not all."""
+    """The joints covered by the log according to its names, if these are not all joints."""
     named: dict[Quantity, set[str]] = {quantity: set() for quantity in WORDS}
     for (quantity, _, _), members in _members(channels, joints).items():
         named[quantity] |= set(members)

@@ -25,8 +25,8 @@ HIGHEST_RATE = 1000.0
 """Largest rate of the grid [Hz]; faster logs are low-passed and decimated."""
 
 MOST_ROWS, ENOUGH = 1_000_000, 200.0
-"""Rows of the grid above which logs are decimated, too, but not below this rate [Hz]: a robot's
-motion has no more to tell, and memory and time are proportional to the rows."""
+"""Logs with more rows than this are decimated, too, but not below this rate [Hz]: more rows of a
+robot's motion add little information, and memory and time are proportional to them."""
 
 SHORTEST = 0.5
 """Shorter stretches between gaps are left out [s]."""
@@ -35,7 +35,7 @@ _MOST = 0.3  # share of rows at a flat extreme above which it is not saturation
 
 
 def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> Recordings:
-    """Puts the logs of a robot on one grid, in the robot's coordinates and SI units.
+    """Resamples the logs of a robot to one grid, in the robot's coordinates and SI units.
 
     Files that hold all columns are separate logs; files that hold some are parts of one log, on one
     clock. Every step of the processing is a finding with row numbers.
@@ -72,7 +72,7 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     for source, found in cleaned:
         segments += _segments(source, found, made, mapping, robot, rest, findings)
     if not segments:
-        text, remedy = f"no stretch of {SHORTEST} s has all signals", "Record a longer log."
+        text, remedy = f"no interval of {SHORTEST} s has all signals", "Record a longer log."
         if any(finding.code == "rest" for finding in findings):
             text = f"no joint moves faster than its noise for {SHORTEST} s"
             remedy = "Record a motion; check that the columns of the positions are the right ones."
@@ -130,7 +130,7 @@ def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Fin
     every = max(1, math.ceil(own / HIGHEST_RATE - 0.05))
     every = max(every, min(math.ceil(rows / MOST_ROWS), int(own / ENOUGH)))
     if every > 1:
-        text = f"reduced from {own:g} to {own / every:g} Hz, after a low-pass without phase lag"
+        text = f"reduced from {own:g} to {own / every:g} Hz, after a zero-phase low-pass filter"
         data = {"from": own, "to": own / every}
         findings.append(Finding("note", "decimated", "", text, data=data))
     return own / every
@@ -243,7 +243,7 @@ def _log(grid: Array, found: dict[str, Signal], made: Layout, hold: bool, rate: 
 def _trusted(
     grid: Array, found: dict[str, Signal], made: Layout, saturated: dict[str, Array], n: int
 ) -> np.ndarray:
-    """(N, n) whether no signal of a joint is interpolated over a drop-out, or saturated."""
+    """(N, n) rows in which no signal of a joint is saturated or bridges a drop-out."""
     usable = np.ones((len(grid), n), bool)
     step = (grid[-1] - grid[0]) / (len(grid) - 1)
     for group, mixing in (

@@ -1,4 +1,4 @@
-"""Rest: the speed below which a joint stands still, and the times between which a robot moves."""
+"""Rest detection: the speed below which a joint is at rest, and the times of motion."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Rest:
         made: the layout.
         mapping: with the limits set by hand.
         robot: whose joints these are.
-        rate: of the grid [Hz].
+        rate: rate of the grid [Hz].
 
     Attributes:
-        rate: of the grid [Hz].
+        rate: rate of the grid [Hz].
     """
 
     def __init__(self, made: Layout, mapping: Map, robot: RobotModel, rate: float):
@@ -59,13 +59,13 @@ class Rest:
         return np.maximum(limits, self._own)
 
     def speed(self, found: dict[str, Signal], log: Log) -> Array:
-        """(N, n) velocities by which rest is judged: the columns', or the quieter derivatives."""
+        """(N, n) velocities for rest detection: measured ones, or less noisy derivatives."""
         if not self._derived(found):
             return log.v
         return np.column_stack([signals.derivative(column, self.rate) for column in log.q.T])
 
     def _derived(self, found: dict[str, Signal]) -> bool:
-        """Whether rest is hidden in the noise of the velocities' columns, not of derivatives."""
+        """Whether noise hides rest in the measured velocities, but not in the derivatives."""
         if any(velocity is None for velocity in self._made.velocities):
             return False  # the others' columns have their own units and delays
         fast = [

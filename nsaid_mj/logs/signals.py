@@ -110,8 +110,8 @@ def outliers(t: Array, x: Array) -> np.ndarray:
     """Rows that lie off the curve through their neighbours, at most three in a row.
 
     A single row is compared with the cubic through two rows on either side, several with the median
-    of seven rows (Hampel). "Off" is measured by the noise, the quantisation and the steps between
-    rows nearby, so that neither a fast motion nor a row that repeats the one before is an outlier.
+    of seven rows (Hampel). The threshold depends on the noise, the quantisation and the steps
+    between nearby rows, so that neither fast motion nor a repeated value counts as an outlier.
     """
     if len(x) < 15:
         return np.zeros(0, int)
@@ -176,8 +176,8 @@ def quantum(x: Array) -> float:
 def flat_extremes(x: Array, period: float) -> np.ndarray:
     """(N,) whether a row belongs to a plateau at the largest or smallest value.
 
-    A clipped signal stays at exactly one value, its extreme, for at least 5 rows and 10 ms, and is
-    there far more often than at the next level, unlike a quantised peak.
+    A clipped signal stays at exactly one value, its extreme, for at least 5 rows and 10 ms, and
+    takes it far more often than the next level, unlike a quantised peak.
     """
     found = np.zeros(len(x), bool)
     spread = float(np.ptp(x))

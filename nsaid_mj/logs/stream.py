@@ -37,7 +37,7 @@ class Counts:
     Attributes:
         used: samples that the law received.
         gaps: stretches without a sample.
-        missing: samples that would have fitted into them.
+        missing: number of samples missing in them.
         not_finite: dropped because a number, or the time since the first sample, was not finite.
         duplicates: dropped because their time equalled that of the sample before.
         late: dropped because a later sample had come before.
@@ -66,7 +66,7 @@ class Cleaner:
         frame: axes of the samples.
 
     Attributes:
-        counts: of samples so far.
+        counts: counts of samples so far.
 
     Raises:
         UnknownName: there is no such frame.
@@ -328,5 +328,5 @@ def bound(port: int) -> socket.socket:
         receiver.bind((LOCAL, port))
     except (OSError, OverflowError) as error:
         receiver.close()
-        raise InvalidInput("udp", "a free port", port, "Take another, such as 9870.") from error
+        raise InvalidInput("udp", "a free port", port, "Use another, such as 9870.") from error
     return receiver

@@ -68,9 +68,9 @@ def read(
     """Reads a log file or folder of any known format.
 
     Args:
-        path: of the file, of a run's folder, or of a ROS 2 bag's folder.
+        path: path of the file, of a run's folder, or of a ROS 2 bag's folder.
         time: name of the time column; None to find it by its name, or because it increases.
-        unit: of the time: `s`, `ms`, `us`, `ns` or `date`; None to detect it.
+        unit: unit of the time: `s`, `ms`, `us`, `ns` or `date`; None to detect it.
         rate: rows per second [Hz] of a file without times.
 
     Raises:
@@ -171,8 +171,8 @@ def _numbers(
 def _sentinel(column: Array) -> float | None:
     """The number with which a column marks missing values.
 
-    It is a number that loggers use so, the smallest or largest of the column, and farther from all
-    others than five times their range.
+    It is a number commonly used for this, is the smallest or largest of the column, and is farther
+    from all others than five times their range.
     """
     finite = column[np.isfinite(column)]
     for extreme in (finite.min(), finite.max()) if len(finite) else ():

@@ -27,7 +27,7 @@ class UnreadableLog(UnusableLog):
     """A log file that cannot be read.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         reason: what is wrong with it.
         remedy: what to do about it.
     """
@@ -41,7 +41,7 @@ class MissingExtra(NsaidError):
     """A file format whose library is not installed.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         extra: the optional dependency to install.
     """
 
@@ -58,7 +58,7 @@ class UnmatchedChannels(NsaidError):
 
     Attributes:
         missing: the unmatched quantities, such as "position of shoulder_pan_joint".
-        reasons: why, one sentence for each quantity at fault.
+        reasons: the reasons, one sentence for each unmatched quantity.
         channels: names of all channels.
     """
 
@@ -66,7 +66,7 @@ class UnmatchedChannels(NsaidError):
         self.missing, self.reasons = tuple(missing), tuple(reasons)
         self.channels = tuple(channels)
         super().__init__(
-            f"cannot tell which channels are {_listed(missing)}. {' '.join(reasons)} "
+            f"cannot determine which channels are {_listed(missing)}. {' '.join(reasons)} "
             f"The channels are {_listed(channels)}. "
             "`nsaid inspect LOG --model M` writes a first map.toml to be completed by hand; "
             "pass it with --map."

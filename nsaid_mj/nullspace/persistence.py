@@ -1,8 +1,8 @@
 """Persistence of excitation: (2) for all parameters, (75) orthogonally to P(θ).
 
 (2) and (75) bound ‖∫ B w dτ‖ over a window from below for every unit w. Read literally, the
-integral is a vector of n numbers, linear in w: as soon as w has more than n dimensions, there is a
-w for which it is 0, and neither condition can hold. The levels here are those of the Gramian,
+integral is a vector of n numbers, linear in w: if w has more than n dimensions, the integral is 0
+for some w, and neither condition can hold. The levels here are those of the Gramian,
 
     ε₀ = min over ‖w‖ = 1 of (δ₀ ∫ ‖B w‖² dτ)^½ = (δ₀ λ_min(∫ BᵀB dτ))^½.
 

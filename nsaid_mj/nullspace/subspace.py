@@ -34,7 +34,7 @@ class Nullspace:
     Attributes:
         P: (p, r) orthonormal basis of P_s(θ), P̄ (33).
         P_perp: (p, p−r) orthonormal basis of P_⊥(θ), P̄_⊥ (35).
-        singular_values: (p,) of the stack, largest first, relative to the largest.
+        singular_values: (p,) singular values of the stack, largest first, relative to the largest.
         tolerance: threshold below which they count as 0.
     """
 

@@ -38,7 +38,7 @@ except ImportError:  # not on Windows
 
 PACKAGE = Path(__file__).resolve().parent.parent
 WHOLE = ("numerics", "structure")
-"""Packages of which every file counts: nearly all of them define kernels, or parts of kernels."""
+"""Packages included in full: nearly all of their files define kernels, or parts of kernels."""
 
 _IMPORTS = re.compile(rb"from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
 

@@ -1,9 +1,9 @@
 """How numba compiles parts of kernels: once for all kernels, and optimised only within them.
 
-By itself numba optimises a function for every function that contains it, translates it to machine
-code although only its callers run, and compares all options of a compilation at every operator.
-Without these steps a robot's first run compiles in three quarters of the time. What is overridden
-for this is not in numba's manual; pyproject.toml names the versions with which it was tried.
+By default numba optimises a function again in every function that contains it, translates it to
+machine code although only its callers run, and compares all options of a compilation at every
+operator. Without these steps a robot's first run compiles in three quarters of the time. The
+overridden methods are not in numba's manual; pyproject.toml names the tested versions.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class FastCompiler(Compiler):
 
 
 class _Unoptimised(JITCodeLibrary):
-    """Code of a part for its callers, without the steps that only running it needs."""
+    """Code of a part for its callers, without the steps needed only to run it."""
 
     def _optimize_final_module(self) -> None: ...
 
@@ -58,12 +58,12 @@ class _Unoptimised(JITCodeLibrary):
 class Compiled(ABC):
     """A function that compiled functions call.
 
-    Its signature alone says what its calls return: numba infers no types through it.
+    The types of its calls follow from its signature alone: numba infers no types through it.
 
     Args:
         function: its text.
         signature: its types; if None, compiled functions cannot call it before it is compiled.
-        options: of `numba.njit`; with a signature, on top of `FAST`.
+        options: options of `numba.njit`; with a signature, on top of `FAST`.
     """
 
     def __init__(self, function: Callable[..., Any], signature: Any, options: Any):

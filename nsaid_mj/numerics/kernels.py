@@ -1,7 +1,7 @@
 """Compiled functions: each is compiled once, by one process at a time, and cached on disk.
 
-What Python calls is a `kernel`. What only compiled functions call is either one, too, and they call
-it by its address, or a `helper` or `routine`, which becomes part of the kernels that call it.
+A function called from Python is a `kernel`. Those called only from compiled code are either a
+kernel, called by its address, or a `helper` or `routine`, compiled into its callers.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def inlined(kernel: Any) -> Any:
 class Kernel(Compiled):
     """A function that Python calls, and that compiled functions call by its address.
 
-    Every other function numba compiles again with each function that calls it, directly or not.
+    Numba recompiles every other function with each of its direct and indirect callers.
 
     Args:
         function: its text.
@@ -58,7 +58,7 @@ class Kernel(Compiled):
             that Python calls it with, and is part of every compiled function that calls it.
         calls: compiled functions it calls that its text does not name, as overloads do.
         inner: only compiled functions call it, and Python in tests.
-        options: of `numba.njit`.
+        options: options of `numba.njit`.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class Kernel(Compiled):
 
     @cached_property
     def part(self) -> Any:
-        """What compiled functions contain of one without a signature."""
+        """The part of a kernel without a signature that is compiled into its callers."""
         own = {"no_cpython_wrapper": True, "pipeline_class": FastCompiler} | self._options
         return _njit(**own)(self.py_func)
 

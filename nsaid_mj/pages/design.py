@@ -1,4 +1,4 @@
-"""A design on the terminal, and its page."""
+"""Terminal output and page of a design."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> 
 
 
 def verdict_of(document: dict[str, Any]) -> Mark:
-    """Whether the design is better than random motions, and how much."""
+    """The verdict: the design's improvement over random motions."""
     own, asked = document["predicted_deviation"], document["asked"]
     squares = np.square(document["predicted_deviation_of_random_motions"])
     random = float(np.sqrt(np.mean(squares)))  # over draws like the design's
     sources = {limit["source"] for limit in document["limits"].values()}
     which = " of the same limits" if sources <= {RANDOM} else " of the usual size"
-    which += ", which may touch themselves" if document["contacts"] else ""
+    which += ", which may collide" if document["contacts"] else ""
     if random > own:
         words = (
             f"Predicted rms deviation of the {asked}: {_percent(own)}, {random / own:.2g} times "
@@ -79,7 +79,7 @@ def statements(document: dict[str, Any]) -> list[str]:
     count, needed = document["weak_directions"], document["harmonics"]["dimension_of_P_perp"]
     lines = [
         f"{needed - count} of {needed} observable directions will be known, "
-        + (f"{count} stay weak." if count else "none stays weak.")
+        + (f"{count} remain weak." if count else "none remains weak.")
     ]
     measured = ", ".join(f"{h}: {rank}" for h, rank in document["harmonics"]["measured"])
     if measured:
@@ -88,11 +88,11 @@ def statements(document: dict[str, Any]) -> list[str]:
 
 
 def _helping(document: dict[str, Any]) -> list[str]:
-    """What helps the weak directions and the requested numbers most, a line each."""
+    """The best remedy for each weak direction and for the requested numbers, a line each."""
     lines = []
     for words, left, remedy, after in _weak_rows(document):
-        helped = f"{after} after {remedy}" if after != _NONE else "nothing tried helps"
-        lines.append(f"Weak: {words}: {left} of its deviation stays; {helped}.")
+        helped = f"{after} after {remedy}" if after != _NONE else "no remedy helps"
+        lines.append(f"Weak: {words}: {left} of its deviation remains; {helped}.")
     return lines + [
         f"{words}: {share} times the deviation, {count(int(weak), 'weak direction')}."
         for words, share, weak in _remedy_rows(document)
@@ -114,7 +114,7 @@ def _weak_rows(document: dict[str, Any]) -> list[list[str]]:
         [
             direction["words"],
             f"{100 * direction['left']:.0f} %",
-            direction["remedy"] or "nothing tried helps",
+            direction["remedy"] or "no remedy helps",
             f"{100 * direction['after']:.2g} %" if direction["remedy"] else _NONE,
         ]
         for direction in document["weak"]
@@ -136,12 +136,12 @@ def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder
     `document` is that of `design.files.document`, `trial` the design on a draw of the prior.
     """
     weak = Table(
-        ["direction", "deviation left", "what helps most", "left then"], _weak_rows(document),
+        ["direction", "deviation left", "best remedy", "left then"], _weak_rows(document),
         (0, 2),
     )  # fmt: skip
     determined: list[Panel] = [Items(statements(document))]
     if weak.lines:
-        determined += [Text("Directions that stay weak", head=True), weak, Text(_WEAK, note=True)]
+        determined += [Text("Directions that remain weak", head=True), weak, Text(_WEAK, note=True)]
     designed = ["as designed", "1", str(document["weak_directions"])]
     heads = ["experiment", "deviation over the design's", "weak directions"]
     helps = Table(heads, [designed, *_remedy_rows(document)])

@@ -29,7 +29,7 @@ from .panels import (
     HeatMap,
     local_rms,
 )
-from .plots import CURVE, NAMES, band, line, logarithmic, over_time, style, svg, tell
+from .plots import CURVE, NAMES, band, line, logarithmic, over_time, store_values, style, svg
 
 WIDTH = 4.3  # of a panel of ordinary width [inch]
 _FAINT = 0.05  # correlations below are not drawn
@@ -85,7 +85,7 @@ def forest(panel: Forest) -> str:
                     linewidth=1.8, gid=CURVE + name,
                 )  # fmt: skip
                 for end, values_ in (("low", low), ("high", high)):
-                    tell(axis, values_[drawn], rows[drawn], f"{name}, {end}")
+                    store_values(axis, values_[drawn], rows[drawn], f"{name}, {end}")
             line(
                 axis, values[chosen], rows[chosen], name, "o", color=colour, markerfacecolor=filled
             )
@@ -137,7 +137,7 @@ def heat_map(panel: HeatMap) -> str:
         axis.add_collection(PolyCollection(list(cells), facecolors=colours, linewidths=0))
         for i, j, share in zip(rows.tolist(), columns.tolist(), shares, strict=True):
             words = f"{share:.2f}".replace("-", "−")
-            tell(axis, j, i, f"{names[i]}, {names[j]}: {words}")
+            store_values(axis, j, i, f"{names[i]}, {names[j]}: {words}")
             if abs(share) >= _WRITTEN:
                 words = f"{share:.1f}".replace("-", "−").replace("0.", ".")
                 text = axis.text(j, i, words, ha="center", va="center", fontsize=6)

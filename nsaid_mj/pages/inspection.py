@@ -1,4 +1,4 @@
-"""An inspected log on the terminal and as a picture."""
+"""Terminal output and plot of an inspected log."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page of every command as data: a verdict, its figure, and sections made of panels.
+"""A command's page as data: a verdict, its figure, and sections made of panels.
 
 A command builds a `Page`; `render_html` makes one self-contained HTML file of it, with every value
 escaped, `markdown` a text for recordings, and `terminal.print_page` prints it. Any text may have
@@ -64,7 +64,7 @@ class Table:
     """A table.
 
     Attributes:
-        heads: of the columns; the first names the table on the terminal.
+        heads: titles of the columns; the first names the table on the terminal.
         lines: cells; on the terminal a line of one cell is the title of those below it.
         text: indices of the columns that are not numbers.
         ids: prefix of the lines' ids, the targets of `Link`; empty for none.
@@ -150,11 +150,11 @@ class Page:
     Attributes:
         heading: the robot, or the name of the study.
         verdict: in one sentence; None if there is none.
-        eyebrow: what made the page.
+        eyebrow: the command that made the page.
         lead: one line below the heading.
         tab: title of the browser's tab; the heading if empty.
-        findings: what the reader must know before believing the verdict, the gravest first.
-        carrying: figures of which the first carries the verdict.
+        findings: findings that qualify the verdict, the gravest first.
+        carrying: figures, the first of which supports the verdict.
         sections: in order.
         commands: command lines or code that reproduce the results, one block each.
         notes: paragraphs below the commands.

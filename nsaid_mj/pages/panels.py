@@ -60,7 +60,7 @@ class Curve:
         t: (N,) times [s].
         values: (N,) values; NaN interrupts the line.
         name: entry in the legend.
-        colour: of the line.
+        colour: colour of the line.
         dash: line style of matplotlib.
         low: (N,) lower ends of a band around the line, NaN where there is none; None for no band.
         high: (N,) upper ends of that band.
@@ -81,9 +81,9 @@ class Panel:
 
     Attributes:
         title: above the panel.
-        label: of the vertical axis, with its unit.
+        label: label of the vertical axis, with its unit.
         logarithmic: whether the vertical axis is logarithmic; values ≤ 0 are then left out.
-        level: of a horizontal reference line; None for no line.
+        level: value of a horizontal reference line; None for no line.
         level_name: entry of that line in the legend; empty for none.
         band_name: entry of the curves' bands in the legend.
         events: times of vertical lines [s].
@@ -137,8 +137,8 @@ class Points:
     Attributes:
         name: entry in the legend.
         values: (k,) NaN for none.
-        marker: of matplotlib.
-        colour: of the markers.
+        marker: one of matplotlib's.
+        colour: colour of the markers.
     """
 
     name: str
@@ -153,15 +153,15 @@ class Forest:
 
     Attributes:
         title: above the panel.
-        label: of the horizontal axis, with its unit.
-        names: (k) of the lines, from top to bottom.
+        label: label of the horizontal axis, with its unit.
+        names: (k) names of the lines, from top to bottom.
         values: (k,) values.
         low: (k,) lower ends of the intervals, NaN for none.
         high: (k,) upper ends.
         firm: (k,) whether the value is drawn as certain, else pale and dashed.
         others: values to compare with.
         certain: entry of the certain values in the legend.
-        level: of a vertical reference line; None for no line.
+        level: value of a vertical reference line; None for no line.
     """
 
     title: str
@@ -191,7 +191,7 @@ class HeatMap:
 
     Attributes:
         title: above the panel.
-        names: (k) of rows and columns.
+        names: (k) names of rows and columns.
         correlation: (k, k), symmetric.
     """
 
@@ -212,8 +212,8 @@ class Comparison:
 
     Attributes:
         title: above the panel.
-        label: of the vertical axis, without its unit.
-        unit: of all values; empty if unknown.
+        label: label of the vertical axis, without its unit.
+        unit: unit of all values; empty if unknown.
         t: (k,) times [s].
         measured: (k,) values.
         predicted: (k,) values.

@@ -29,7 +29,7 @@ from .page import Figure as PageFigure
 from .panels import COLOURS, GRID, INK, VARIABLES, Panel
 
 CURVE, NAMES = "curve:", "names"
-"""Prefix of the gid of what is drawn of a curve, before its name; gid of an axis of names."""
+"""Prefix of the gid of a curve's artists, before its name; gid of an axis of names."""
 
 COLUMNS = 8
 """Largest number of categories in a panel of ordinary width."""
@@ -119,8 +119,8 @@ def line(axis: Axes, x: Any, y: Any, name: str, dash: str = "-", **style: Any) -
     axis.plot(x, shown, dash, gid=CURVE + name, **style)
 
 
-def tell(axis: Axes, x: Any, y: Any, name: str) -> None:
-    """Gives a page the values of what is not drawn as a curve, such as the ends of a band."""
+def store_values(axis: Axes, x: Any, y: Any, name: str) -> None:
+    """Stores values for a page that are not drawn as a curve, such as the ends of a band."""
     axis.plot(x, y, visible=False, gid=CURVE + name)
 
 
@@ -134,7 +134,7 @@ def band(
             x, y = np.r_[t[part], t[part[::-1]]], np.r_[low[part], high[part[::-1]]]
             axis.fill(x, y, color=colour, alpha=0.2, linewidth=0, gid=CURVE + name)
     for end, values in (("low", low), ("high", high)):
-        tell(axis, t, values, f"{f'{of}, ' if of else ''}{name}, {end}")
+        store_values(axis, t, values, f"{f'{of}, ' if of else ''}{name}, {end}")
 
 
 def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) -> PageFigure:
@@ -355,9 +355,9 @@ def png_of(
 
     Args:
         lines: drawing functions by title, from top to bottom; all lines have the same titles.
-        size: of the whole picture [inch].
-        path: of the file; it is returned.
-        names: of the lines, on their left; empty for none.
+        size: size of the whole picture [inch].
+        path: path of the file; it is returned.
+        names: names of the lines, on their left; empty for none.
     """
     with style():
         figure = Figure(figsize=size, layout="constrained")

@@ -39,7 +39,7 @@ class Progress(Observer):
     times a spinner with the text set by `say`. It reports when kernels are being compiled.
 
     Args:
-        name: of the run.
+        name: name of the run.
         quiet: show nothing.
     """
 
@@ -79,7 +79,7 @@ class Progress(Observer):
         """Shows the spinner with a text."""
         self._bar.update(self._task, description=f"{self._name}: {words}")
 
-    def tell(self, words: str, share: float | None) -> None:
+    def stage(self, words: str, share: float | None) -> None:
         """Shows a text, and a bar if the completed share is known."""
         self._bar.update(
             self._task,
@@ -126,7 +126,7 @@ class Progress(Observer):
         )
 
     def stop(self) -> None:
-        """Turns the bar back into a spinner; a run too quick for any update is still shown."""
+        """Turns the bar back into a spinner, after a last update."""
         if self._console.is_terminal:
             self._bar.refresh()
         self._bar.reset(self._task, total=None, description=self._name, figures="")

@@ -62,8 +62,8 @@ def page(
     Args:
         run: a finished run with at least one row in its record.
         summary: the content of its summary.json.
-        truth: of its plant; None if it is unknown, as on a robot's log. Comparisons with the
-            truth are then left out.
+        truth: true parameters of its plant; None if it is unknown, as on a robot's log. Comparisons
+            with the truth are then left out.
         verdicts: on the paper's statements; computed if there are none.
         command: command line of the run, to be repeated; empty if it is not known.
     """
@@ -117,12 +117,12 @@ def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
 
 
 def brief(name: str, summary: dict[str, Any], folder: Path) -> Page:
-    """What the terminal and the recording tell of a run.
+    """The page of a run for terminal and recording.
 
     Args:
-        name: of the run.
+        name: name of the run.
         summary: the content of its summary.json.
-        folder: of the run.
+        folder: folder of the run.
     """
     compiled = summary["compile_s"]
     done = "followed" if "stream" in summary else "simulated"
@@ -224,7 +224,7 @@ def _relative_to(result: Result) -> str:
 
 
 def _checks(summary: dict[str, Any]) -> str:
-    """How far the run agrees with the theory: conserved quantity and excitation."""
+    """Agreement of the run with the theory: conserved quantity and excitation."""
     said = []
     if (drift := summary.get("conserved_drift")) is not None:
         said.append(f"Relative drift of the conserved quantity θ̂ᵀΓ⁻¹θ̂: {rounded(drift, 2)}.")

@@ -1,4 +1,4 @@
-"""Plants simulated by MuJoCo; they alone hold the true parameters.
+"""Plants simulated by MuJoCo; no other object holds the true parameters.
 
 Every file in this folder is imported, and every `PlantConfig` in it is a name of this package.
 """

@@ -36,8 +36,8 @@ class ArmPlant(ParametricPlantConfig):
     """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 
     Joints without an actuator in the robot's file are passive. Friction, rotor inertia and gain
-    have one nominal value for all joints, as in a data sheet; None takes an MJCF's own (their
-    median where a joint has none), or else values that suit the robot's size. The hidden true
+    have one nominal value for all joints, as in a data sheet; None uses those of an MJCF (their
+    median for a joint without any), or else values typical of the robot's size. The hidden true
     values, drawn from the seed, deviate from these joint by joint, by up to `spread`.
 
     Attributes:
@@ -89,10 +89,10 @@ class ArmPlant(ParametricPlantConfig):
         return self._plant(dt, robot, system, true)
 
     def _published(self) -> tuple[RobotModel, JointTree]:
-        """The robot's description, and the structure that an identifier may know."""
+        """The robot's description, and the structure for identifiers."""
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
-            raise BadRobot(self.robot, "", "it has no joint for a motor", "Take FlyingArmPlant.")
+            raise BadRobot(self.robot, "", "it has no joint for a motor", "Use FlyingArmPlant.")
         driven = [k for k, name in enumerate(robot.joints) if name not in robot.passive]
         servos = None if self.actuator == "motor" else robot.servos
         own = {"damping": robot.damping, "friction": robot.friction, "armature": robot.rotor}
@@ -242,7 +242,7 @@ def check_stiffness(plant: SimulatedRobot, name: str) -> None:
         raise BadRobot(
             name,
             "",
-            "its mass matrix is singular: a moving link has next to no inertia",
+            "its mass matrix is singular: a moving link has almost no inertia",
             "Give the link its mass, or the joints rotor inertia (--plant.armature 0.01).",
         ) from error
     viscous, coulomb = (theta[system.space[f"{kind} friction"]] for kind in ("viscous", "Coulomb"))
@@ -253,7 +253,7 @@ def check_stiffness(plant: SimulatedRobot, name: str) -> None:
             name,
             f"joint {system.joint_names[worst]}",
             f"its friction acts at {rate[worst]:.0f}/s, too fast for steps of {plant.dt:g} s",
-            f"Take dt ≤ {2 / rate[worst]:.1g} s, less friction, or a larger friction_speed.",
+            f"Use dt ≤ {2 / rate[worst]:.1g} s, less friction, or a larger friction_speed.",
         )
 
 
@@ -266,7 +266,7 @@ def nominal_scales(
     inertias.
 
     Args:
-        model: of the robot.
+        model: model of the robot.
         config: the data sheet.
         stated: (k,) `damping`, `friction` and `armature` that its file states, where `config` does
             not.

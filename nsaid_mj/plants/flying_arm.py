@@ -115,7 +115,7 @@ def flying_arm(
         gains: (2,) guesses of a rotor's thrust [N] and torque [N·m] at full speed.
         speed: (6,) the base's velocities of operation [m/s, rad/s].
         friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
-        positions: (r, 3) of the rotors on the base [m].
+        positions: (r, 3) positions of the rotors on the base [m].
         spins: (r,) ±1, the sense of the torque on the base about z.
     """
     count, up = len(positions), np.array([0.0, 0.0, 1.0])

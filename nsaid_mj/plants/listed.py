@@ -1,4 +1,4 @@
-"""Vehicles whose data sheet lists their forces, column by column: a new family needs no code."""
+"""Vehicles whose data sheet lists their force columns: a new family needs no code."""
 
 from __future__ import annotations
 

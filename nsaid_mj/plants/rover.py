@@ -52,8 +52,8 @@ class Rover(Plant):
     No θ reproduces the motion, so there is no true θ. `truth` is calculated from the parts, for a
     car on linear tyres: mass, first moment and inertia of the whole including wheels; motor torque
     and bearing friction at the wheels' radius; and the lateral force of MuJoCo's contact per unit
-    of slip, at cruising speed. Judge estimates by the force they predict, not by this θ: in
-    scenarios/rover.py those of NS-AID predict it better.
+    of slip, at cruising speed. Estimates should be judged by their force predictions, not by this
+    θ: in scenarios/rover.py those of NS-AID are better.
 
     Args:
         spread: largest relative deviation of the hidden parameters.
@@ -140,7 +140,7 @@ class Rover(Plant):
 
 
 def structure(d: dict[str, Any]) -> SingleBody:
-    """The structure that an identifier may know, with scales guessed from vehicle.toml's `d`."""
+    """The structure for identifiers, with scales guessed from vehicle.toml's `d`."""
     guess, weight = d["guess"], d["mass"] * d["gravity"]
     drive = float(guessed(2 * d["torque"] / d["radius"]))
     stiffness = float(guessed(guess["stiffness"] * weight / 2))

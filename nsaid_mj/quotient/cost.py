@@ -34,7 +34,7 @@ class Quotient:
         gramian: (n, p, p) G_i, means over the rows.
         effort: (n, p) diagonals of Σ_i, or (n, p, p) all of them.
         weights: (n,) w_i.
-        added: (n,) addend of θᵀ Σ_i θ; 1 measures a row without effort in its own units.
+        added: (n,) addend of θᵀ Σ_i θ; with 1, a row without effort is in its own units.
     """
 
     gramian: Array
@@ -148,7 +148,7 @@ def without_noise(gramian: Array, noise: Array, blocks: float) -> Array:
     Relative to the noise, the eigenvalues of a sample Gramian of signal and noise follow the spiked
     model: one of 1 + ℓ appears as (1 + ℓ)(1 + γ/ℓ) with γ = p/blocks, and not at all where ℓ ≤ √γ.
     Each is replaced by its ℓ (Donoho, Gavish and Johnstone, Annals of Statistics 46, 2018). This
-    removes all that noise would show of θ, and leaves the rest unbiased.
+    removes the noise's apparent information about θ, and leaves the rest unbiased.
 
     gramian (p, p) is the mean of Yᵀ Y over blocks, noise (p, p) its expectation for noise alone.
     """

@@ -35,7 +35,7 @@ class Objective(Cost, Protocol):
 
 
 class Rules(NamedTuple):
-    """How steps are limited and when they end.
+    """Limits of steps, and stopping criteria.
 
     Attributes:
         steps: their largest number.

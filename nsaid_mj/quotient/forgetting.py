@@ -1,10 +1,10 @@
 """Directional forgetting: information is discounted only where new data renew it.
 
-Exponential forgetting by a share g leaves (1 − g) G of the information G. Where nothing is excited
-it forgets everything, and noise takes its place. With D ⪯ G the information of the new data, every
-direction here loses min(g G, D): information that new data do not touch is kept, what they renew is
-forgotten at the stated rate, and what they renew by less loses no more than it gains (Kulhavý,
-Automatica 23, 1987; Cao and Schwartz, Automatica 36, 2000).
+Exponential forgetting by a share g leaves (1 − g) G of the information G. In unexcited directions
+it discards all information, and noise takes its place. With D ⪯ G the information of the new data,
+every direction here loses min(g G, D): in directions without new data the information is kept, with
+enough new data it is forgotten at the stated rate, and otherwise it loses no more than it gains
+(Kulhavý, Automatica 23, 1987; Cao and Schwartz, Automatica 36, 2000).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def forgetting(whole: Array, new: Array, noise: Array, lost: float) -> tuple[Arr
         whole: (n, p, p) G ⪰ D, one for every row of the momentum balance.
         new: (n, p, p) D.
         noise: (n, p, p) expected contribution of noise to D.
-        lost: share g that is forgotten where new data renew it.
+        lost: share g that is forgotten in directions renewed by new data.
     """
     maps, shares = np.repeat(np.eye(whole.shape[1])[None], len(whole), axis=0), [np.ones(1)]
     for i, (all_of, added, expected) in enumerate(zip(whole, new, noise, strict=True)):

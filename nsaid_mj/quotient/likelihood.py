@@ -16,7 +16,7 @@ class Posterior:
 
     Args:
         quotient: λ, with the numbers of rows N_i as its weights.
-        prior: of θ, the negative logarithm of a density.
+        prior: prior of θ, the negative logarithm of a density.
     """
 
     def __init__(self, quotient: Quotient, prior: Cost):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def available() -> bool:
-    """Whether Rerun is installed, so that recordings can be written and viewed."""
+    """Whether Rerun is installed, which recordings and the viewer need."""
     return installed("rerun")
 
 

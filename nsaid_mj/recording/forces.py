@@ -17,7 +17,7 @@ from .text import drawable
 
 COMMANDED, ESTIMATED = f"{BODY}/force/commanded", f"{BODY}/force/estimated"
 FAILED = (224, 49, 49)
-"""Colour of whatever drives or carries the robot and has failed."""
+"""Colour of failed actuators and links."""
 _COLORS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
 _STEEP = 0.5  # cosine of the angle to the inward normal within which a force points inwards
 _MUCH = 5.0  # ratio of force magnitudes from which the smaller force's arrow is magnified
@@ -26,7 +26,7 @@ _LENGTH, _RADIUS = 0.8, 0.035  # of the longest arrow, over half the vehicle's s
 
 @dataclass(frozen=True)
 class Arrows:
-    """The actuators of a vehicle whose forces have a point of application, and their arrows.
+    """Arrows of a vehicle's actuators whose forces have a point of application.
 
     Attributes:
         system: the vehicle's structure.
@@ -35,7 +35,7 @@ class Arrows:
         mounts: (j, 3) points of application, in the body frame [m].
         offsets: (j, 3) from the commanded force's arrow to the estimated one's, in the body frame
             [m], so that neither hides the other.
-        radius: of an arrow [m].
+        radius: radius of an arrow [m].
         lengths: (j, 1) scale of each arrow [m/N].
         magnified: magnification of the arrows of some kinds of actuators, by name of the kind.
     """

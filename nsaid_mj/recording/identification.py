@@ -39,10 +39,10 @@ _FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
 def record(result: Identification, file: Path) -> Path:
     """Writes a recording of the training logs, atomically, and returns its path.
 
-    Logs follow one another on the timeline `sim_time`; see `calibration.result.shifts`.
+    Logs are concatenated on the timeline `sim_time`; see `calibration.result.shifts`.
 
     Args:
-        result: of an identification.
+        result: result of an identification.
         file: path of the recording, ending in .rrd.
     """
     shifts = recording_shifts(result.recordings)
@@ -67,7 +67,7 @@ def record(result: Identification, file: Path) -> Path:
 def moving_robot(
     robot: RobotModel, motion: Sequence[tuple[Array, Array, Array]]
 ) -> tuple[Camera | None, Callable[[rr.RecordingStream], None]]:
-    """The camera, and what draws a robot as it moves in logs, at some frames of them.
+    """The camera, and a function that draws a robot moving as in logs, at some frames.
 
     Args:
         robot: the model.
@@ -75,7 +75,7 @@ def moving_robot(
             velocities (N, n).
 
     Returns:
-        The camera, None if nothing is known of the robot's shape, and a function of a recording.
+        The camera, None if the robot's shape is unknown, and a function of a recording.
     """
     scene = _scene(robot)
     total = sum(float(t[-1] - t[0]) for t, _, _ in motion)
@@ -101,7 +101,7 @@ def moving_robot(
 
 
 def _scene(robot: RobotModel) -> Scene | None:
-    """The robot's meshes or joints; None if nothing is known of its shape."""
+    """The robot's meshes or joints; None if its shape is unknown."""
     system: SecondOrderSystem | None = robot.system
     if system is None and robot.model is not None and robot.model.njoints > 1:
         unit = np.ones(max(len(robot.joints), robot.model.nv))  # scales do not matter here
@@ -160,7 +160,7 @@ def lines(t: Array, segment: Indices, sides: Sequence[Array]) -> tuple[Array, li
 def _history(result: Identification) -> list[tuple[str, Curves]]:
     """(block, curves) of a law's gains and frictions along the log, with the gains' intervals.
 
-    Those of gains are of their ratios to the mean of all, as no motion tells the common scale.
+    Gains have intervals relative to the mean of all, as the common scale is unobservable.
     """
     if result.law is None:
         return []
@@ -197,7 +197,7 @@ def _blueprint(
 
     Args:
         found: the identification.
-        camera: of the robot; None leaves the 3D view out.
+        camera: camera of the robot; None leaves the 3D view out.
         blocks: blocks of parameters whose estimates along the log are in the recording.
         plots: makes the plots.
     """
@@ -234,10 +234,10 @@ def joint_pages(
     """Verdict and robot beside the joints with the largest errors; pages of all, if these are more.
 
     Args:
-        camera: of the robot; None leaves the 3D view out.
+        camera: camera of the robot; None leaves the 3D view out.
         errors: one for each joint.
         view: the plot of a joint that takes a share of the window.
-        name: of the pages.
+        name: name of the pages.
     """
     left: list[rrb.View | rrb.Container] = [result("Verdict")]
     left += [] if camera is None else [robot(camera, "Robot, as logged")]
@@ -297,8 +297,8 @@ def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) ->
     """Writes a recording of the logs and their replay, atomically, and returns its path.
 
     Args:
-        found: of an identification of servos.
-        replayed: the logs, and how the exported model follows them.
+        found: result of an identification of servos.
+        replayed: the logs, and simulations of them with the exported model.
         file: path of the recording, ending in .rrd.
     """
     logs = replayed.logs

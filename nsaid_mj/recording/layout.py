@@ -1,4 +1,4 @@
-"""Layout of the viewer: tabs of plots, the first of which shows the essentials of the run."""
+"""Layout of the viewer: tabs of plots, the first of which is an overview of the run."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def blueprint(
 ) -> rrb.Blueprint:
     """Layout of a finished run, of the curves in its recording.
 
-    Without the truth, and so without distances to it, the first page compares predictions with
-    measurements.
+    Without the truth, the first page compares predictions with measurements instead of showing
+    distances.
 
     Args:
         space: the parameters.
-        camera: of the robot; None leaves the 3D view out.
+        camera: camera of the robot; None leaves the 3D view out.
         plots: makes the plots.
         survey: camera on a vehicle's whole path; None leaves the path out.
         drawn: what is drawn on the robot, in words.

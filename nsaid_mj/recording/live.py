@@ -31,10 +31,10 @@ _PATIENCE = 5.0  # timeout for the viewer to start, and to receive the remaining
 class Live(Observer):
     """Streams a run into a viewer window, or to a browser if there is no display.
 
-    A failure of the viewer never stops the run: it is reported in one line, and streaming ends.
+    A failure of the viewer does not stop the run: it is reported in one line, and streaming ends.
 
     Args:
-        name: of the run.
+        name: name of the run.
         speed: simulated seconds per second of wall time, at most; 0 for no limit.
 
     Raises:
@@ -78,7 +78,7 @@ class Live(Observer):
             self._give_up(error)
 
     def _wait(self, t: float) -> None:
-        """Waits until simulated time t [s] is due; a late run does not catch up."""
+        """Waits until simulated time t [s] is due; after a delay, the run does not catch up."""
         now = time.perf_counter()
         due = now if self._begin is None else self._begin + t / self._speed
         if due > now:

@@ -34,8 +34,8 @@ class Plots:
     """Makes plots whose legends stand beside the curves, in an empty part of the time axis.
 
     Args:
-        curves: of the recording, whose names are in the legends.
-        end: of the run [s]; None if unknown, as in a running one.
+        curves: curves of the recording, whose names are in the legends.
+        end: end of the run [s]; None if unknown, as in a running one.
         window: time that a plot shows, most of it after the cursor [s]; None for the whole run.
     """
 
@@ -69,7 +69,7 @@ class Plots:
         return len(self._below(entity)) >= least
 
     def moving(self, entity: str) -> bool:
-        """Whether some curve below an entity differs from 0."""
+        """Whether any curve below an entity differs from 0."""
         return any(np.any(curve.values != 0) for curve in self._below(entity))
 
     def unit(self, entity: str) -> str:

@@ -42,7 +42,7 @@ def write(
     Args:
         run: a finished run with at least one row, completed or not.
         summary: the content of its summary.json.
-        truth: of its plant; None leaves out everything that needs it.
+        truth: true parameters of its plant; None leaves out everything that needs it.
         verdicts: on the paper's statements, for a separate page.
     """
     t = run.record["t"]
@@ -84,10 +84,10 @@ class Robot:
 
     Args:
         run: a finished run with at least one row.
-        truth: of its plant; None leaves out everything that needs it.
+        truth: true parameters of its plant; None leaves out everything that needs it.
 
     Attributes:
-        camera: of the 3D view; None if there is nothing to draw.
+        camera: camera of the 3D view; None if there is nothing to draw.
         survey: camera on a vehicle's whole path; None for an arm.
     """
 

@@ -32,7 +32,7 @@ class Camera:
     """The camera of a 3D view, in world coordinates.
 
     Attributes:
-        position: (3,) of the eye [m].
+        position: (3,) position of the eye [m].
         target: (3,) point that it looks at [m].
         size: radius of the visible scene [m].
         ground: height of the ground grid [m].
@@ -97,7 +97,7 @@ class Scene:
 
         Args:
             rec: recording stream.
-            camera: of the view; None if there is no 3D view.
+            camera: camera of the view; None if there is no 3D view.
             ghost: draws the meshes half transparent, to show arrows inside them.
             changing: entities of meshes whose colour changes later, and the recording's first time
                 [s]: a static colour would hide later ones.

@@ -35,7 +35,7 @@ class Curves:
     """The curves of one Rerun entity.
 
     Attributes:
-        path: of the entity.
+        path: path of the entity.
         names: one for each curve, with its unit.
         values: (N, curves); (0, curves) if they are streamed later.
         pale: drawn as a reference, in paler versions of the colours.
@@ -86,8 +86,8 @@ class Group:
 
     Attributes:
         block: name of the block.
-        path: of the entity that their curves are below.
-        title: of the group, without the unit.
+        path: path of the entity that their curves are below.
+        title: title of the group, without the unit.
         names: labels with units: "gain of elbow_joint [N·m/A]".
         indices: (k,) in θ.
     """
@@ -177,7 +177,7 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
         run: a finished run.
         nullspace: P_s(θ) and P_⊥(θ).
         rows: (N,) indices of the rows of the record to show.
-        truth: of the run's plant; None if it is unknown.
+        truth: true parameters of the run's plant; None if it is unknown.
     """
     record, system = run.record, run.system
     units = ", ".join(dict.fromkeys(system.velocity_units))

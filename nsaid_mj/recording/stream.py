@@ -34,8 +34,8 @@ def write(
 
     Args:
         file: path of the recording, ending in .rrd; it is returned.
-        name: of the recording.
-        layout: of the viewer.
+        name: name of the recording.
+        layout: layout of the viewer.
         documents: Markdown, by entity.
         series: (N,) times [s] and the curves over them.
         draw: logs the robot.
@@ -65,7 +65,7 @@ def write(
 
 
 def _send_blueprint(rec: rr.RecordingStream, blueprint: Any) -> None:
-    """Sends a blueprint and ends Rerun's stream for it, which would otherwise live for ever.
+    """Sends a blueprint and ends Rerun's stream for it, which would otherwise never end.
 
     That stream holds itself in memory, with two threads and about 2 MB. Rerun does not expose it;
     it is caught where it is created.

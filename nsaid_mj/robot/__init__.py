@@ -1,3 +1,3 @@
-"""Model files in and out: a robot from its URDF or MJCF, and its file with other numbers."""
+"""Reads robots from URDF or MJCF files, and writes these files with identified values."""
 
 from .. import numerics as numerics  # sets the cache folder before the first kernel is defined

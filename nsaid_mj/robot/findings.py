@@ -14,7 +14,7 @@ input could be trusted."""
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that a user should know about the input.
+    """A finding about the input, for the user.
 
     Attributes:
         level: how serious it is.

@@ -14,11 +14,11 @@ from .tree import set_inertias
 
 
 class Coupling(NamedTuple):
-    """What two joints share if the motor of one turns by v_i ± v_j.
+    """Shared parameters of two joints if the motor of one turns by v_i ± v_j.
 
     Attributes:
         joints: their indices.
-        sign: of the second joint's rate in the motor's.
+        sign: sign of the second joint's rate in the motor's.
         inertia: entry (i, j) of the mass matrix that the rotor adds [kg·m²].
         damping: that of the viscous friction [N·m·s/rad].
         friction: Coulomb friction against v_i ± v_j [N·m].
@@ -60,9 +60,9 @@ class Identified:
         gain: (n,) force per unit of command [N·m or N]; 0 for joints without a motor.
         anchor: what fixed the common scale of masses, frictions and gains, in words.
         notes: further remarks for readers of the exported files.
-        couplings: of joints that share a motor; a URDF cannot hold them. None keeps the tendons in
-            the model's own file.
-        springs: of joints; a URDF cannot hold them. Other joints keep those of an MJCF.
+        couplings: couplings of joints that share a motor; a URDF cannot hold them. None keeps the
+            tendons in the model's own file.
+        springs: springs of joints; a URDF cannot hold them. Other joints keep those of an MJCF.
     """
 
     model: Any

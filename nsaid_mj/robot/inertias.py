@@ -1,4 +1,4 @@
-"""Physically consistent inertias: those that a body with a positive mass density can have.
+"""Physically consistent inertias: those of bodies with a nonnegative mass density.
 
 With Σ = ½ tr(I) 1 − I, the second moments of mass about the centre of mass, a body of mass m > 0
 and inertia I exists if and only if Σ ⪰ 0; the principal moments then satisfy the triangle
@@ -107,7 +107,7 @@ def moved(link: str, before: tuple[float, Array], after: tuple[float, Array]) ->
         given = f"it was given {rounded(new)} kg and moments of inertia {_listed(now)} kg·m²"
     data = {"mass_before": float(old), "mass_after": float(new),
             "moments_before": was.tolist(), "moments_after": now.tolist()}  # fmt: skip
-    remedy = "Correct <inertial> in the model file if you know better."
+    remedy = "If better values are known, correct <inertial> in the model file."
     return Finding("warning", "inertia_moved", f"link {link}", f"{wrong}; {given}", remedy, data)
 
 

@@ -1,4 +1,4 @@
-"""The one way in: a tree of joints from a URDF or MJCF file, or by name."""
+"""Loads a tree of joints from a URDF or MJCF file, or by name; the only entry point."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class RobotFile(NamedTuple):
     """The file that describes a robot.
 
     Attributes:
-        path: of its URDF or MJCF.
+        path: path of its URDF or MJCF.
         named: whether it was given by a name.
-        floats: whether its base moves, though its file does not say so.
+        floats: whether its base floats although its file does not state it.
     """
 
     path: Path
@@ -46,12 +46,12 @@ class RobotFile(NamedTuple):
 
 
 def load_robot(name: str, base: Base = "held") -> RobotModel:
-    """Reads a robot to simulate: its file must be right, as nothing is corrected.
+    """Reads a robot to simulate; errors in its file are raised, not corrected.
 
     Joints that follow others (`<mimic>`) get coordinates of their own, and a warning.
 
     Args:
-        name: of a packed robot or one of example-robot-data, or the path of a URDF or MJCF file.
+        name: a robot, packed or of example-robot-data, or the path of a URDF or MJCF file.
         base: whether a floating base is held or free. With `free`, a URDF file's root floats.
 
     Raises:
@@ -62,7 +62,7 @@ def load_robot(name: str, base: Base = "held") -> RobotModel:
     """
     file = robot_file(name)
     if base == "free" and file.named and not file.floats:
-        raise BadRobot(name, "", "its base is fixed", "Take ArmPlant, or a robot that floats.")
+        raise BadRobot(name, "", "its base is fixed", "Use ArmPlant, or a robot that floats.")
     found = _read(file.path, (), None, base)
     return replace(found, name=name, source=None if file.named else found.source)
 
@@ -76,7 +76,7 @@ def load_tree(
     """Reads a robot to identify: unphysical inertias are moved inside the cone, and reported.
 
     Args:
-        name: of a packed robot or one of example-robot-data, or the path of a URDF or MJCF file.
+        name: a robot, packed or of example-robot-data, or the path of a URDF or MJCF file.
         lock: joints to fix, at 0 or at the nearest limit.
         joints: joints to keep; None keeps all that are not in `lock`.
         others: further names to suggest.

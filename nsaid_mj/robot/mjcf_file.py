@@ -1,7 +1,7 @@
 """MJCF files as text: read with or without their meshes, their inertias checked, and edited.
 
-Poses stay as written. Where a locked joint is not as drawn, everything it carries goes into a body
-with its displacement.
+Poses stay as written. If a locked joint is not at its initial position, everything it carries is
+moved into a body with its displacement.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ class Servos(NamedTuple):
         kv: (k,) damping [N·m·s/rad or N·s/m].
         range: (k, 2) least and largest target [rad or m]; ±inf without limit.
         delay: (k,) from a target to the servo [s]; see `tree.target_delays`.
-        profile: (k, 3) of the targets; see `target_profile`.
+        profile: (k, 3) profile of the targets; see `target_profile`.
     """
 
     kp: Array
@@ -39,7 +39,7 @@ class RobotModel:
     """A robot as its model file describes it: kinematics, and guesses of its parameters.
 
     Attributes:
-        name: of the robot.
+        name: name of the robot.
         source: the file; None for a packed robot or vehicle.
         kind: format of the file, or `vehicle`.
         model: Pinocchio's model (`pin.Model`), joints locked; None for a vehicle.
@@ -55,9 +55,9 @@ class RobotModel:
         visuals: data for drawing the robot, for `recording`.
         file: the file that describes a tree of joints, also of packed robots.
         passive: names of the joints without an actuator in a file that has some.
-        servos: of the joints that are not passive; None unless each has a position servo. Their
-            `limits` are forces.
-        top_speed: of a multicopter's rotors at full command [rad/s]; inf where the sheet has none.
+        servos: servos of the joints that are not passive; None unless each has a position servo.
+            Their `limits` are forces.
+        top_speed: speed of the rotors at full command [rad/s]; inf where the sheet has none.
     """
 
     name: str
@@ -154,7 +154,7 @@ def check_tree(robot: str, model: pin.Model, base: str | None = None) -> None:
     if model.nv == 0:
         raise BadRobot(robot, "", "no joint moves", "Keep at least one joint.")
     if base == "free" and model.joints[1].nv != 6:
-        raise BadRobot(robot, "", "its base is fixed", "Take ArmPlant, or a robot that floats.")
+        raise BadRobot(robot, "", "its base is fixed", "Use ArmPlant, or a robot that floats.")
     for i in range(2 if base == "free" else 1, model.njoints):
         joint, name = model.joints[i], model.names[i]
         if joint.nv != 1:

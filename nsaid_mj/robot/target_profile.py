@@ -1,4 +1,4 @@
-"""What controllers make of position targets before their servos follow them.
+"""Limits and smoothing of position targets by a controller, before the servos.
 
 Controllers limit a target's speed and acceleration, as do the profile registers of hobby servos,
 and smooth it. A profile (k, 3) has the largest speed [rad/s or m/s], the largest acceleration

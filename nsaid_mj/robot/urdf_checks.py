@@ -1,4 +1,4 @@
-"""URDF files as text and as XML, checked before Pinocchio merges links and drops the unreadable.
+"""Checks of URDF files as XML, before Pinocchio merges links and drops unreadable elements.
 
 Pinocchio treats a link with an unreadable `<inertial>` as massless, and merges links that are
 welded together, which hides the loss.
@@ -32,7 +32,7 @@ _MOST_LINKS = 2000  # per robot; the equations of more would not fit into memory
 
 
 def check_urdf(path: Path, root: Element) -> None:
-    """Checks for faults that Pinocchio reports without their cause: names, tree, limits, numbers.
+    """Checks names, tree, limits and numbers, whose faults Pinocchio reports without the cause.
 
     Raises:
         BadRobot: names the link or joint at fault.
@@ -207,7 +207,7 @@ def number(text: str) -> float:
 
 
 def warn_of_mimics(path: Path, root: Element) -> None:
-    """Warns of joints that are simulated freely though the file lets them follow others.
+    """Warns of mimic joints, which are simulated as independent joints.
 
     Packed robots, whose joints are known, cause no warning.
     """

@@ -1,9 +1,9 @@
-"""The data layout of a compiled robot: what every kernel here reads, and its workspace.
+"""The data layout of a compiled robot, which all kernels read, and their workspace.
 
-A robot is a tree of bodies, numbered from the base outwards. Each hangs on its parent, or on the
-ground, by a joint. All kernels work in one inertial *common frame*: the world's for a fixed base,
-and for a free flyer or a vehicle in the plane the one that coincides with the base at the measured
-pose. Spatial vectors are [linear, angular], about the common frame's origin and in its axes.
+A robot is a tree of bodies, numbered from the base outwards. Each has a joint to its parent or the
+ground. All kernels work in one inertial *common frame*: the world's for a fixed base, and for a
+free flyer or a vehicle in the plane the one that coincides with the base at the measured pose.
+Spatial vectors are [linear, angular], about the common frame's origin and in its axes.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ SORT, AT, INPUT, CONSTANTS, NONZEROS, PARAMETER, READS, COLUMN = range(8)
 `constants`; offset in `nonzeros`; parameter; what its value depends on, from `NOTHING` on."""
 
 NOTHING, SPEED, POSE = range(3)
-"""What a column's value depends on: nothing, or velocity or pose of its body or joint."""
+"""The dependence of a column's value: on nothing, or on velocity or pose of its body or joint."""
 
 POSITION, TWIST, RATE, FRAME = 9, 12, 6, 18
 """Columns of a state. A body's row: rotation to the common frame (9), position, twist V. A
@@ -97,8 +97,8 @@ class Workspace(NamedTuple):
     """Workspace of a stage. Kernels allocate nothing.
 
     Attributes:
-        motion: (b · MOTION,) of the bodies.
-        inertia: (b · INERTIA,) of every body with all that it carries, in the common frame.
+        motion: (b · MOTION,) motion of the bodies.
+        inertia: (b · INERTIA,) inertia of every body with all that it carries, in the common frame.
         M: (n, n) mass matrix, lower triangle.
         L: (n, n) its factor.
         rows: (ROWS, n) vectors of velocities.
@@ -122,7 +122,7 @@ class Slopes(NamedTuple):
     """Workspace for derivatives of the forward dynamics, see `slopes`.
 
     Attributes:
-        state: of a sample.
+        state: state of a sample.
         bodies: (b · SLOPE,) of every body with all that it carries: of entries and columns the
             inertia (6, 6) and the derivatives of the wrench by twist (6, 6) and by a turn (6, 6);
             the total wrench; of rigid-body parameters the momentum, and the rate of Ī (6,).

@@ -37,7 +37,7 @@ def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Blo
     """The ten inertial parameters of a body, in the order of `of_a_body`.
 
     Args:
-        name: of the block.
+        name: name of the block.
         mass: guess [kg].
         offset: guess of the largest distance of the centre of mass from the origin [m].
         inertia: (3,) guess of the moments of inertia [kg·m²]; products are a quarter of them.

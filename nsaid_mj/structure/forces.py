@@ -30,14 +30,14 @@ from .spatial import clear, dot, into_body, out_of_body, unrotate
 
 BODY_KINDS = 100
 ALL, COMMANDED, MOVING, ROLLING = range(4)
-"""Which columns to write: all, those that read a command, those that change while it is held, those
+"""The columns to write: all, those that read a command, those that change while it is held, those
 of wheels."""
 _COMMON = 18  # in the scratch: a wrench in the common frame
 
 
 @helper(void(vector, index, index, vector))
 def write_surroundings(state, frame, ground, x):
-    """Writes what kinds on a body read: its twist, up and gravity, in its axes."""
+    """Writes a body's twist, the upward direction and gravity, in its axes."""
     into_body(state, frame, state, frame + TWIST, x, 0)
     unrotate(state, frame, state, ground, x, UP)
     unrotate(state, frame, state, ground + FALL, x, GRAVITY)

@@ -75,11 +75,11 @@ class Carrier(NamedTuple):
     """The vehicle's part of a robot whose joints it carries.
 
     Attributes:
-        inertias: of all bodies.
+        inertias: inertias of all bodies.
         bodies: blocks of these inertias, which come first in θ.
         blocks: fluid forces and thrusters' gains, which come last.
-        columns: of `blocks`; their parameters count from the first block's, and their commands from
-            the first thruster's.
+        columns: columns of `blocks`; their parameters count from the first block's, and their
+            commands from the first thruster's.
         commands: (t,), (t,) range of the thrusters' commands of operation.
         mounts: (·, 3) point on the base where the force of every actuator parameter in `blocks`
             acts [m], NaN if it exerts no force.

@@ -1,4 +1,4 @@
-"""The state of a tree at one sample: what kernels need and estimates do not change."""
+"""The state of a tree at one sample: kinematic quantities that do not depend on estimates."""
 
 from __future__ import annotations
 

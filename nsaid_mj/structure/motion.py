@@ -154,7 +154,7 @@ def balance(
         leak: rate a of the filter [1/s].
         v: (N, n) velocities at the samples.
         vm: (N−1, n) velocities half-way between.
-        states: of `along`, as `middles` and `F`.
+        states: states of `along`, as `middles` and `F`.
         middles: (N−1, s).
         F: (3, N−1, z).
         work: workspace.

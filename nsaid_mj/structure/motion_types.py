@@ -1,4 +1,4 @@
-"""Motions: all parts of RK4's stages that depend on a log alone, and the stages themselves.
+"""Motions: the parts of RK4's stages that depend on a log alone, and the stages.
 
 A stage computes â of (29) and Wᵀ Δv. Any number of identifiers can share a motion. When a loop is
 compiled, the motion's type selects the code: that of a `Structure`, of one whose regressor comes
@@ -40,8 +40,8 @@ class StructureMotion(NamedTuple):
         t: (N,) times [s].
         v: (N, n) velocities.
         vm: (N−1, n) velocities half-way between samples.
-        states: (N, s) of `structure.kinematics`, at the samples.
-        middles: (N−1, s) of `structure.kinematics`, half-way between them.
+        states: (N, s) states of `structure.kinematics`, at the samples.
+        middles: (N−1, s) states half-way between them.
         F: (3, N−1, z) entries of F that can differ from 0, at start, middle and end of every step.
     """
 
@@ -65,8 +65,8 @@ class RegressorMotion(NamedTuple):
         v_hat: (n,) v̂ of a stage, input of the function below.
         a_hat: (n,) â of a stage, likewise.
         leading: (l,) first entries of Wᵀ Δv, which the function writes.
-        address: of a C function of two int64: 0, 1 or 2 for the step's start, middle or end, and
-            the index of the sample at its end.
+        address: address of a C function of two int64: 0, 1 or 2 for the step's start, middle or
+            end, and the index of the sample at its end.
     """
 
     t: Array
@@ -243,4 +243,4 @@ def tensor_gradient(M, C, F, v, v_hat, theta, work, a_hat, gradient):
 
 
 STAGES = structured_gradient, outside_gradient, tensor_gradient, stage_work
-"""What `stage_workspace` and `stage` call, for kernels that call them."""
+"""Callees of `stage_workspace` and `stage`, for kernels that use them."""

@@ -48,8 +48,8 @@ class CompiledMultibody(JointTree, StructuredSystem):
 def check_consistency(system: JointTree) -> None:
     """Compares the regressors of a structure with Pinocchio's at random states.
 
-    It covers the torque regressor of the links and, under random physical inertias, the mass matrix
-    and the bias forces.
+    This includes the torque regressor of the links and, under random physical inertias, the mass
+    matrix and the bias forces.
 
     Raises:
         EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
@@ -90,7 +90,7 @@ def check_consistency(system: JointTree) -> None:
                     apart,
                     AGREEMENT,
                     ("The compiled structure", "Pinocchio"),
-                    "Take --backend pinocchio.",
+                    "Use --backend pinocchio.",
                 )
 
 

@@ -25,15 +25,15 @@ KINDS_OF_JOINT: dict[str, int] = {
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body and the joint by which it hangs on its parent.
+    """A body and the joint that connects it to its parent.
 
     Attributes:
         joint: kind of joint.
         parent: number of its parent, −1 for the ground; parents come first.
         axis: (3,) unit vector of the joint in the body's axes, for a hinge or slide.
         rotation: (3, 3) the body's axes in its parent's where the joint's position is 0.
-        position: (3,) of the joint in the parent's frame [m].
-        name: of the body.
+        position: (3,) position of the joint in the parent's frame [m].
+        name: name of the body.
     """
 
     joint: JointKind
@@ -62,7 +62,7 @@ class Inertia:
 
 @dataclass(frozen=True, eq=False)
 class Rotor:
-    """The inertia of what turns or slides with a joint alone: a motor's rotor.
+    """Inertia that turns or slides with a joint alone: a motor's rotor.
 
     Attributes:
         dof: number of the velocity.
@@ -129,7 +129,7 @@ def columns_at(
     """Columns of the first body's actuators, one for each parameter and command, from 0.
 
     Args:
-        kind: of the columns.
+        kind: kind of the columns.
         points: (k, 3) where they act, in the body's axes [m].
         directions: (k, 3) unit vectors along which they push, if the kind has a direction.
         constants: shared by all.

@@ -1,4 +1,4 @@
-"""How a point mass that is fixed to a body changes θ."""
+"""The change of θ by a point mass fixed to a body."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def point_mass(space: ParameterSpace, mass: float, place: Array, link: str = "")
     """(p,) change of θ by a point mass.
 
     Args:
-        space: of θ.
+        space: names, units and scale of θ.
         mass: [kg].
         place: (3,) its position in the body's axes; for a link, those of its joint [m].
         link: name of the body's block; "" for `carrier`.

@@ -1,4 +1,4 @@
-"""Names of a system's sensors, and how a constant error changes what they measure."""
+"""Names of a system's sensors, and the effect of a bias on their measurements."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def sensor_units(system: SecondOrderSystem) -> list[str]:
 
 
 def displaced(system: SecondOrderSystem, q: Array, by: Array) -> Array:
-    """(m,) the position q (m,) as a sensor with a constant error reads it.
+    """(m,) the position q (m,) as measured by a sensor with a bias.
 
     The error `by` (n,) is in world axes for a place [m], in the body's own axes for an attitude
     [rad], as of a sensor mounted at an angle, and in a joint's position.

@@ -28,7 +28,7 @@ class Term(NamedTuple):
         block: names, units and guesses of the parameters.
         columns: their parameters count from the block's first.
         nominal: (k,) published values of the parameters.
-        spread: how far true values may be off, as a share of the vehicle's assumed spread.
+        spread: relative deviation of true values, as a share of the vehicle's assumed spread.
     """
 
     block: Block
@@ -39,7 +39,7 @@ class Term(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Operation:
-    """Ranges in which a vehicle operates; random probes of its structure are drawn from them.
+    """A vehicle's ranges of operation, from which random probes of its structure are drawn.
 
     Attributes:
         velocity: lowest and highest velocities, two (n,) [m/s, rad/s]; n is 6, 3 in the plane, or 1
@@ -66,7 +66,7 @@ class SingleBody(StructuredSystem):
 
     Args:
         body: the block of the inertia.
-        tensor: (6, 6, k) of M in this block; None for the ten parameters of a rigid body.
+        tensor: (6, 6, k) tensor of M in this block; None for the ten parameters of a rigid body.
         terms: the forces.
         operation: ranges of velocities and commands.
         gravity: [m/s²], by which rigid bodies have weight.

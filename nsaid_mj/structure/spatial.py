@@ -1,6 +1,6 @@
 """Products of spatial vectors. Arguments are arrays, each followed by where its vector begins.
 
-Rows are never sliced: a view of an array costs numba two atomic operations, a number nothing.
+Rows are never sliced: a view of an array costs two atomic operations in numba.
 """
 
 from __future__ import annotations

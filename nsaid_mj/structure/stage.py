@@ -353,9 +353,9 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
 
 @kernel(void(STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, vector), inner=True)
 def require(structure, state, F, v, a, theta, work, force):
-    """Writes what a motion requires beyond F θ, M a + C v − F θ, into force (n,).
+    """Writes the inverse dynamics M a + C v − F θ of a motion into force (n,).
 
-    With the F (z,) of no commands, these are the torques of the motors. state (s,) is that of the
+    If F (z,) is that without commands, these are the motors' torques. state (s,) is that of the
     measured state, v and a are (n,), theta (p,).
     """
     bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros

@@ -247,7 +247,7 @@ class Structure:
             _within(f"{what}.dof", column.dof, self.n)
             if self.kinds[self._moved(column.dof)] in _BASES:
                 raise InvalidInput(
-                    f"{what}.dof", "the velocity of a joint", column.dof, "Take a kind on a body."
+                    f"{what}.dof", "the velocity of a joint", column.dof, "Use a kind on a body."
                 )
         if kind.commanded or column.input >= 0:
             _within(f"{what}.input", column.input, self.n_u)

@@ -1,9 +1,9 @@
 """The paper's class of systems: W(t, x, v, v̇) θ = 0.
 
 A `SecondOrderSystem` is structure only: it defines the regressors' columns and holds no parameter
-values. What differs between systems is abstract here; what follows from it (the paper's W_M, W_C, F
-for batches, the mass matrix (8), the acceleration (29)) is final. A system that defines only W_M,
-W_C, F and its kinematics for one sample derives from `structure.general.GeneralSystem`.
+values. System-specific methods are abstract; derived ones (the paper's W_M, W_C, F for batches, the
+mass matrix (8), the acceleration (29)) are final. A system that defines only W_M, W_C, F and its
+kinematics for one sample derives from `structure.general.GeneralSystem`.
 
 Symbols: q (m,) position, v (n,) measured velocity, x = (q, v) (m+n,) the combined state (3),
 w (n,) the velocity that C multiplies (the identifier's v̂ or the measured v), a (n,)
@@ -329,7 +329,7 @@ def _batched(
 
 
 def gains_by_command(system: SecondOrderSystem) -> list[Indices]:
-    """For each command, the indices of its gains: the actuator parameters whose force it changes.
+    """For each command, the indices of its gains: the actuator parameters whose force it affects.
 
     They are found by changing one command at a time at a random state in the range of operation.
     """

@@ -1,8 +1,8 @@
-"""`nsaid compare`: identification methods on the same logs, judged by the same figures.
+"""`nsaid compare`: identification methods on the same logs, evaluated by the same figures.
 
 The scenario's plant is driven once for every seed and every level of noise. All methods get the
 first part of the log, the structure, the same prior and the sensors' stated levels. Their estimates
-are then judged by the plant's truth.
+are then compared with the plant's truth.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Plan(Study):
 
     Attributes:
         methods: names; see `METHODS`.
-        seeds: of truth, prior, excitation and sensors.
+        seeds: seeds of truth, prior, excitation and sensors.
         durations: lengths of log for the methods [s].
         noises: multiples of the scenario's sensor noise; 0 for exact sensors.
         budget: CPU time of the search by `sysid` [s].
@@ -127,7 +127,7 @@ def compare(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Ite
 
 
 class World:
-    """The log of one plant, its methods, and the truth that judges them.
+    """The log of one plant, the methods, and the truth for their evaluation.
 
     Raises:
         NsaidError: the plant cannot be built, or diverges.
@@ -141,7 +141,7 @@ class World:
         with plant.running():
             log = setup.simulate()
         if not is_sound(plant, log):
-            raise NoEstimate(f"the plant diverged ({plant.diverged})", "Take a smaller dt.")
+            raise NoEstimate(f"the plant diverged ({plant.diverged})", "Use a smaller dt.")
         levels = scenario.noise.levels if noise else EXACT
         self._problem = Problem(setup.system, log, setup.prior, levels)
         self._judges: dict[int, evaluation.Judge] = {}
@@ -160,7 +160,7 @@ class World:
                 _attempt(method, short)
 
     def cell(self, name: str, duration: float) -> Cell:
-        """Runs one method on the first `duration` [s] of the log and judges its estimate."""
+        """Runs one method on the first `duration` [s] of the log and evaluates its estimate."""
         problem = self._problem._replace(log=self._problem.log.until(duration))
         begin = time.perf_counter()
         if name == BOUND:
@@ -186,7 +186,7 @@ class World:
         return replace(Cell(BOUND, *self._key, duration), **figures)  # pyright: ignore[reportArgumentType]
 
     def _judge(self, duration: float) -> evaluation.Judge:
-        """The judge of estimates made at a time [s]; a fault may have changed the truth by then."""
+        """The judge of estimates at a time [s], as faults change the truth."""
         truth = evaluation.Truth(self._setup, duration)
         epoch = int(truth.epoch(duration))
         if epoch not in self._judges:
@@ -195,7 +195,7 @@ class World:
 
 
 def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:
-    """The scenario of one log, with a prior in the cone because some laws require that."""
+    """The scenario of one log, with a prior in the cone, as some laws require."""
     base = plan.scenario
     identifier = base.identifier
     assert isinstance(identifier, NullspaceAID)  # checked by the plan

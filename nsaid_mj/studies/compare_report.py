@@ -26,7 +26,7 @@ from .study import repeated
 from .sweep_results import digits
 
 PRIOR = "prior"
-"""Name of the prior, which is judged like a method."""
+"""Name of the prior, which is evaluated like a method."""
 
 BOUND = "bound"
 """Name of the Cramér–Rao bound, whose median figures stand beside those of the methods."""

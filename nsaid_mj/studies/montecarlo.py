@@ -110,7 +110,7 @@ def simulate(
     """Builds and drives every scenario's plant, with results identical to those of a run.
 
     Compiled drives in threads give the same bits as sequential ones, with feedback too.
-    `mujoco.rollout` is no alternative: its initial states omit userdata, which our callbacks use.
+    `mujoco.rollout` cannot be used: its initial states omit userdata, which our callbacks need.
     `mujoco.batch` is equally fast and gives the same bits, but has no feedback drivers.
     """
     setups = [Setup.of(scenario) for scenario in scenarios]
@@ -125,7 +125,7 @@ def simulate(
 
 
 def _driven(setups: Sequence[Setup], pool: Executor, stopped: threading.Event) -> list[Course]:
-    """Drives running plants in parallel; after Ctrl-C, none is still being driven."""
+    """Drives running plants in parallel; after Ctrl-C, returns only when all have stopped."""
     futures = [pool.submit(_drive, setup, stopped) for setup in setups]
     try:
         return [future.result() for future in futures]
@@ -286,7 +286,7 @@ def rows_of(
 ) -> Iterator[list[Row]]:
     """Yields groups of rows of the draws to do, as they become available.
 
-    If the caller does not wait for the last one, the threads stop at their next report of progress.
+    If the caller stops iterating, the threads stop at their next report of progress.
     """
     jobs = (os.cpu_count() or 1) if jobs is None else jobs
     check_count("jobs", jobs, JOBS, MOST_JOBS)

@@ -84,14 +84,14 @@ def carried_out(
     draw: Callable[[list[_Result]], list[Path]],
     show: Callable[[list[_Result], Console], object] | None,
 ) -> list[_Result]:
-    """Collects the results of a study in a folder; after Ctrl-C, writes what is available.
+    """Collects the results of a study in a folder; after Ctrl-C, writes those available.
 
     Args:
-        folder: of the results; created if missing.
+        folder: folder of the results; created if missing.
         own: files that mark such a folder.
         total: number of results.
         made: yields them; receives a function to report each stage.
-        write: writes them, also before the first, to fail early.
+        write: writes them; also called before the first, to fail early.
         draw: draws them at the end; returns all files.
         show: prints them; None to print nothing.
 

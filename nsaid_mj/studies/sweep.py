@@ -66,7 +66,7 @@ class Plan(Study):
                 remedy = "Give --seeds, the number of draws, and --seed, the master seed."
                 raise InvalidInput("seed", "a field other than the seed", "seed", remedy)
         runs = self.seeds * math.prod(len(values) for values in self.vary.values())
-        check_count("runs", runs, "Vary fewer fields, or take fewer values or seeds.")
+        check_count("runs", runs, "Vary fewer fields, or use fewer values or seeds.")
         _ = self.scenarios
 
     @cached_property

@@ -33,7 +33,7 @@ class Engine:
 
     Attributes:
         name: `loky` for processes on this machine, `dask` for a cluster.
-        address: of the cluster's scheduler; None for loky.
+        address: address of the cluster's scheduler; None for loky.
         jobs: number of parallel runs; None for the number of processors.
         timeout: wall time after which a run counts as hung [s]; None for two minutes plus twenty
             times its simulated time.
@@ -69,9 +69,8 @@ class Engine:
         """Executes runs and yields their figures as they become available, in any order.
 
         If a worker dies, joblib loses all runs in progress. They are repeated one at a time, so
-        that the death of a worker can be attributed to one run. A run that crashes or hangs, or
-        takes longer than `longest` [s], does so in a child process of its worker, so the worker
-        survives.
+        that a crash can be attributed to one run. A run that crashes or hangs, or takes longer than
+        `longest` [s], does so in a child process of its worker, so the worker survives.
 
         Raises:
             InvalidInput: the engine is not available or has died, or its workers cannot execute any
@@ -124,7 +123,7 @@ class Engine:
 
     @contextmanager
     def _open(self) -> Iterator[tuple[type[Exception], ...]]:
-        """Makes joblib use the engine; yields the exceptions that mean that a worker died."""
+        """Makes joblib use the engine; yields the exceptions that indicate a dead worker."""
         broken: tuple[type[Exception], ...] = (BrokenExecutor, multiprocessing.TimeoutError)
         if self.name == "loky":
             with _isolated(), joblib.parallel_config("loky"):

@@ -53,9 +53,9 @@ class Sweep:
     """A sweep read from its folder, complete or interrupted.
 
     Attributes:
-        folder: of the sweep.
+        folder: folder of the sweep.
         manifest: see `Plan.manifest`.
-        rows: of the finished runs, in order of their numbers.
+        rows: rows of the finished runs, in order of their numbers.
         damaged: the damaged lines of rows on disk, which are left out, in words; empty if none. An
             incomplete last line, which a killed sweep leaves, does not count.
         intact: the bytes of all other lines.

@@ -1,4 +1,4 @@
-"""Executes the runs of a sweep in a child process, which may crash or hang without loss of others.
+"""Executes the runs of a sweep in a child process, whose crash or hang loses no other run.
 
 An engine's worker (a local process of joblib, or a thread on a cluster) executes no run itself. It
 keeps one child process, sends it one run at a time as a line of JSON, and waits for a line in
@@ -43,7 +43,7 @@ class Job(NamedTuple):
     """A run to execute.
 
     Attributes:
-        number: of the run in its sweep.
+        number: number of the run in its sweep.
         script: name of a packaged scenario, or path of the script that defines its types.
         digest: SHA-256 of the script, to detect a different version of it.
         scenario: the scenario as JSON.
@@ -95,8 +95,8 @@ def _child_for(job: Job) -> _Child:
 def _end_with(engine: int) -> None:
     """Ends this worker process, and its child with it, when the engine's process is gone.
 
-    A killed engine can notify nobody, and a worker waiting for a long run would not notice. The
-    engine may even be gone before the worker has imported this module.
+    A killed engine cannot notify its workers, and a worker waiting for a long run would not detect
+    it. The engine may even be gone before the worker has imported this module.
     """
 
     def watch() -> None:
@@ -128,7 +128,7 @@ class _Child:
 
     @property
     def killed(self) -> bool:
-        """Whether a signal ended the process, so that another one may do better."""
+        """Whether a signal ended the process, so that a retry may succeed."""
         return (self._process.poll() or 0) < 0
 
     def serves(self, job: Job) -> bool:
@@ -212,7 +212,7 @@ def serve() -> None:
 def _questions() -> queue.SimpleQueue[str]:
     """The lines of the standard input; the process ends when it is closed.
 
-    It is closed when the worker is gone, which could no longer kill an endless run.
+    It is closed when the worker is gone, which can then no longer kill an endless run.
     """
     lines: queue.SimpleQueue[str] = queue.SimpleQueue()
 

@@ -1,4 +1,4 @@
-"""`nsaid track`: tracking laws on the same plants and references, judged by the plants' truth.
+"""`nsaid track`: tracking laws on the same plants and references, evaluated by true positions.
 
 Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same sensor noise.
 """
@@ -44,7 +44,7 @@ class Plan(Study):
     Attributes:
         scenario: with the excitation `AdaptiveTracking`; every law in turn replaces its law.
         laws: names.
-        seeds: of truth, prior, reference and sensors.
+        seeds: seeds of truth, prior, reference and sensors.
 
     Raises:
         UnknownName: a law is unknown.
@@ -65,7 +65,7 @@ class Plan(Study):
                 "scenario",
                 "one that is driven by AdaptiveTracking",
                 f"{self.script}, driven by {type(self.scenario.excitation).__name__}",
-                "Take track_ur5, track_bluerov2 or track_uvms, or write one.",
+                "Use track_ur5, track_bluerov2 or track_uvms, or write one.",
             )
 
     @property
@@ -86,9 +86,9 @@ class Course:
     """A law on one plant.
 
     Attributes:
-        seed: of plant, prior, reference and sensors.
-        figures: of `evaluation.tracking.figures`; with exact sensors also `v_rises`, the number of
-            steps in which V rose beyond its bound, for the law with the proof.
+        seed: seed of plant, prior, reference and sensors.
+        figures: figures of `evaluation.tracking.figures`; with exact sensors also `v_rises`, the
+            number of steps in which V rose beyond its bound, for the law with the proof.
     """
 
     law: str
@@ -128,15 +128,15 @@ def course(setup: Setup, last: float) -> Course:
 def drive(setup: Setup, tracker: Tracker) -> Motion:
     """Drives the plant; an informed law gets the estimates of the scenario's identifier."""
     scenario, plant, sensors = setup.scenario, setup.plant, setup.sensors()
-    witness = _Witness(tracker, plant)
+    recorder = _StateRecorder(tracker, plant)
     every = int(min(informing_steps(tracker, scenario.dt), scenario.steps))
     informed, k = np.isfinite(tracker.period), 0
     with plant.running():
-        log = Log.unchecked_of([plant.begin(witness, sensors)])
+        log = Log.unchecked_of([plant.begin(recorder, sensors)])
         logs = [log]
         following = Following(setup.identifiers()[""], log) if informed else None
         while k < scenario.steps:
-            log = plant.drive(witness, log.at(-1), min(every, scenario.steps - k), sensors)
+            log = plant.drive(recorder, log.at(-1), min(every, scenario.steps - k), sensors)
             k += len(log.t) - 1
             logs.append(log.part(1, len(log.t)))
             if plant.diverged or not np.isfinite(log.v[-1]).all():
@@ -147,7 +147,7 @@ def drive(setup: Setup, tracker: Tracker) -> Motion:
                     tracker.inform(following.state.theta_hat)
         status = plant.diverged and f"plant diverged ({plant.diverged})"
     t, _, _, u = (np.concatenate(parts) for parts in zip(*logs, strict=True))
-    numbers, v, theta_hat = (np.array(part) for part in zip(*witness.rows, strict=True))
+    numbers, v, theta_hat = (np.array(part) for part in zip(*recorder.rows, strict=True))
     q = plant.position(numbers)
     aims = plant.position(np.array([tracker.reference.desired(now)[0] for now in t.tolist()]))
     pairs = zip(q, aims, strict=True)
@@ -155,7 +155,7 @@ def drive(setup: Setup, tracker: Tracker) -> Motion:
     return Motion(t, q, v, u, theta_hat, error, status or "")
 
 
-class _Witness(Driver):
+class _StateRecorder(Driver):
     """Records the plant's true state and the controller's estimate at every command."""
 
     def __init__(self, tracker: Tracker, plant: Plant):

@@ -1,4 +1,4 @@
-"""Damaged files and planted links in the folders of runs and sweeps."""
+"""Damaged files in the folders of runs and sweeps."""
 
 from __future__ import annotations
 
@@ -100,27 +100,7 @@ def damaged_sweep(rng: random.Random, here: Path) -> Kind:
     return Kind(f"sweep, {name} {way}", check)
 
 
-def planted(rng: random.Random, here: Path) -> Kind:
-    """Links in the place of files to be written do not lead to other files."""
-    out, victim, of_run = here / "out", here / "victim", rng.random() < 0.5
-    out.mkdir()
-    victim.write_text("dear")
-    name = f".{rng.choice(RUN if of_run else SWEEP)}.part"
-    (out / name).symlink_to(victim)
-
-    def check() -> str:
-        with contextlib.suppress(NsaidError):
-            if of_run:
-                postprocessing.finish(run(SCENARIO, out))
-            else:
-                sweep.run(PLAN, out, Engine(jobs=1), quiet=True)
-        return "" if victim.read_text() == "dear" else "the link was followed"
-
-    return Kind(f"{'run' if of_run else 'sweep'}, planted {name}", check)
-
-
 FAMILIES: dict[str, Draw] = {
     "damaged runs": damaged_run,
     "damaged sweeps": damaged_sweep,
-    "planted links": planted,
 }

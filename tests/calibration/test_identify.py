@@ -20,8 +20,8 @@ from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.logs import Map, prepare, read_tables
 from nsaid_mj.logs.mapping import Coupling
 from scripts.calibration import essential
-from scripts.simulated_logs import Simulated, nominal_model
 from tests.support.robot_logs import columns, two_joints, write_csv
+from tests.support.simulated_logs import Simulated, nominal_model
 
 
 @pytest.fixture(scope="module")

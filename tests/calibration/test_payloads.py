@@ -11,7 +11,7 @@ from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.payloads import Load, carrier, check_loads, load_of, payloads, with_mass
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.resources import asset
-from scripts.simulated_logs import HeavyWrist
+from tests.support.simulated_logs import HeavyWrist
 
 MASS, CENTRE = 2.0, np.array([0.04, -0.02, 0.12])
 OPTIONS = {"columns": ["viscous"], "delay": 0.012}

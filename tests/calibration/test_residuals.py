@@ -239,10 +239,15 @@ FLAWS = {
     "one slow sine per joint": (Flaw(delay=0.015), {"sines": 1, "fastest": 0.5}, "", ""),
     "delays that differ by 250 ms": (Flaw(delay=(0, 0.05, 0.1, 0.15, 0.2, 0.25)), {}, "", ""),
     "a delay that differs by 20 ms": (Flaw(delay=(0.01,) * 4 + (0.03, 0.01)), {}, "", ""),
-    "a gear ratio of 2": (Flaw(ratio={4: 2.0}), {}, "wrist_2_joint", "a scale of its position"),
-    "half a gear ratio": (Flaw(ratio={2: 0.5}), {}, "elbow_joint", "a scale of its position"),
+    "a gear ratio of 2": (
+        Flaw(ratio={4: 2.0}),
+        {},
+        "wrist_2_joint",
+        "a scale error of its position",
+    ),
+    "half a gear ratio": (Flaw(ratio={2: 0.5}), {}, "elbow_joint", "a scale error of its position"),
     "a mount 20° off": (Flaw(tilt=np.deg2rad(20)), {}, "", "gravity across"),
-    "an encoder 5° off": (Flaw(zero={1: np.deg2rad(5)}), {}, "shoulder_lift_joint", "a shift"),
+    "an encoder 5° off": (Flaw(zero={1: np.deg2rad(5)}), {}, "shoulder_lift_joint", "an offset of"),
     "a lag of 30 ms": (Flaw(lag=0.03), {}, "", "the rate of all forces"),
     "a lag of 30 ms in fast motion": (Flaw(lag=0.03), {"fastest": 3.0}, "", "the rate of all"),
     "50 Hz": (Flaw(delay=0.015), {"rate": 50.0}, "", ""),
@@ -278,7 +283,7 @@ def test_an_interval_holds_or_the_verdict_is_not_yes(flawed, name):
 def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, flawed, tmp_path):
     """The ratio's gain is beyond what one step corrects; the lag's effect is within it."""
     found, _ = flawed("a gear ratio of 2")
-    assert found.explains == "partly" and "a scale of its position" in found.verdict
+    assert found.explains == "partly" and "a scale error of its position" in found.verdict
     values, true = arm_log(ur5, 1, Flaw(lag=0.03))
     log = write_csv(tmp_path / "log.csv", values)
     gains = identify(ur5, log, known={"gain_1": true["gain_1"]}).of("motor gain")

@@ -13,7 +13,12 @@ from scipy.optimize import minimize
 from nsaid_mj.control.adaptive import AdaptiveTracking, Tracker
 from nsaid_mj.control.adaptive.actuation import Actuation
 from nsaid_mj.control.adaptive.laws import Estimate
-from nsaid_mj.control.adaptive.reference import loop_frequency, mean_inertia, rehearse, stiffness
+from nsaid_mj.control.adaptive.reference import (
+    loop_frequency,
+    mean_inertia,
+    prior_motion,
+    stiffness,
+)
 from nsaid_mj.control.adaptive.tracker import command_range
 from nsaid_mj.laws.cone.law import ConeMetric
 from nsaid_mj.laws.cone.prior import drawn_inside
@@ -219,7 +224,7 @@ def test_a_command_exerts_its_force_under_the_estimate_not_the_prior():
 def known(name: str) -> tuple[Any, Array, Tracker, Any]:
     system, prior, control = tracker(name)
     actuation = Actuation(system, prior, *command_range(system))
-    return system, prior, control, rehearse(system, prior, control.reference, actuation, 25.0)
+    return system, prior, control, prior_motion(system, prior, control.reference, actuation, 25.0)
 
 
 @pytest.mark.parametrize("law", ["nullspace", "conventional"])

@@ -74,7 +74,7 @@ WORDS = {  # what is typed: expected, got, remedy
     "ur5 --fundamental 0": ("a number greater than 0", "got 0", "default is 0.1"),
     "ur5 --harmonics 0": ("greater than or equal to 1", "got 0", "default is 5"),
     "ur5 --friction 0": ("a number greater than 0", "got 0", "default is None"),
-    "ur5 --dt 0.05": ("joint", "too fast for steps of 0.05 s", "Take dt ≤"),
+    "ur5 --dt 0.05": ("joint", "too fast for steps of 0.05 s", "Use dt ≤"),
     "arm --robot ur55": ("unknown robot: 'ur55'", "Did you mean", "ending in .urdf"),
     "arm --robot no/such.urdf": ("no/such.urdf", "no such file", "Give the path"),
     "arm --robot weightless.urdf": ("link of joint", "its mass is 0 kg", "Give it an <inertial>"),

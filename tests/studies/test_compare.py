@@ -155,7 +155,7 @@ def test_a_programming_error_is_not_counted_as_a_methods_failure(monkeypatch):
 
 def test_a_plant_that_diverges_fails_all_methods(monkeypatch):
     def diverge(*_):
-        raise NoEstimate("the plant diverged (qacc)", "Take a smaller dt.")
+        raise NoEstimate("the plant diverged (qacc)", "Use a smaller dt.")
 
     monkeypatch.setattr(World, "__init__", diverge)
     found = cells()

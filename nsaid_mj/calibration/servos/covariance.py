@@ -45,15 +45,15 @@ def zeros(logs: Sequence[ServoLog]) -> Array:
 
 
 class Spread(NamedTuple):
-    """How far k fitted parameters may be off.
+    """Uncertainty of k fitted parameters.
 
     Attributes:
-        covariance: (k, k) of them.
+        covariance: (k, k) covariance of the parameters.
         moved: (k, 2 n) their change by offsets of the zeros, and by play.
         free: (f,) indices of the fitted ones.
-        jackknife: (f, f) part of the covariance that differences between clusters give.
-        information: (G, f, f) of every cluster.
-        inverse: (f, f) of all clusters' information and the prior's.
+        jackknife: (f, f) part of the covariance from differences between clusters.
+        information: (G, f, f) information of every cluster.
+        inverse: (f, f) inverse of all clusters' information and the prior's.
     """
 
     covariance: Array
@@ -66,10 +66,9 @@ class Spread(NamedTuple):
     def quantile(self, direction: Array) -> float:
         """Of Student's t, for the 95 % interval of a combination of the parameters (k,).
 
-        If one log holds most of what is known of it, so that the others say little of its
-        variance, there are fewer degrees of freedom than clusters. They are Satterthwaite's (Bell
-        and McCaffrey, Survey Methodology 28, 2002), more where the jackknife is a small part of
-        the variance, and at most those of equal clusters.
+        If one log contains most of the information about it, there are fewer degrees of freedom
+        than clusters: Satterthwaite's (Bell and McCaffrey, Survey Methodology 28, 2002), more where
+        the jackknife is a small part of the variance, and at most those of equal clusters.
         """
         c, most = direction[self.free], len(self.information) - 1
         part = float(c @ self.jackknife @ c)
@@ -97,9 +96,9 @@ def covariance_of(
 
     The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
     plus the prior's part A⁻¹ P A⁻¹, plus that of the zeros. Residuals of a simulation are
-    correlated over seconds, and a motion that the structure misses is missed throughout a log:
-    independent residuals would make intervals many times too narrow. Play is not in it: it leaves
-    no residual, but hardly moves joints whose load keeps its side.
+    correlated over seconds, and model errors persist throughout a log: treating residuals as
+    independent would make intervals many times too narrow. Play is not included: it causes no
+    residual, and hardly moves joints whose load keeps its sign.
     """
     weight = weights(simulated, fit.residual, fit.sigma)
     free, P = prior.free, np.diag(prior.deviation[prior.free] ** -2.0)

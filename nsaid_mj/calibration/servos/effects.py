@@ -23,12 +23,12 @@ _STEPS = 2  # from the fit to all samples
 _LONGEST = 1.0  # step of ln θ
 _WORDS = {
     "stribeck": (
-        "friction falls with speed: at rest it is larger by {:.2g} {} of the servo's error",
+        "friction decreases with speed: at rest it is higher by {:.2g} {} of servo error",
         1e3,
-        "It will start to move later than the exported model.",
+        "The real joint starts to move later than the exported model.",
     ),
     "load": (
-        "friction grows with the load, by {:.2g} of its torque",
+        "friction increases with the load, by {:.2g} of its torque",
         1.0,
         "The exported friction is that of the logs' loads.",
     ),
@@ -38,14 +38,14 @@ _WORDS = {
 def effects_of(
     name: str, unit: str, own: JointFit, fit: OutputError, prior: Prior, cluster: Indices
 ) -> list[Finding]:
-    """The effects by which both halves are predicted better.
+    """The effects that improve the prediction of both halves.
 
     Args:
-        name: of the joint.
-        unit: of a thousandth of its position.
+        name: name of the joint.
+        unit: unit of a thousandth of its position.
         own: its simulation.
-        fit: of its five parameters.
-        prior: of them.
+        fit: fit of its five parameters.
+        prior: prior of these parameters.
         cluster: (N,) number of the log or block of each sample.
     """
     halves = [cluster % 2 == side for side in (0, 1)]
@@ -54,7 +54,7 @@ def effects_of(
         return []
 
     def errors(effect: str | None) -> tuple[list[float], list[float]]:
-        """Of both halves, each predicted from the other, and the effect's sizes there."""
+        """Errors of both halves, each predicted from the other, and the effect's sizes there."""
         pairs = [_fitted(own, fit, prior, half, effect) for half in halves]
         return [
             float(np.abs(moved.residual(x)) @ part / part.sum())
@@ -67,8 +67,8 @@ def effects_of(
         if all(b < (1 - _WORTH) * a for a, b in zip(before, after, strict=True)):
             middle = float(np.mean(sizes))
             text = (
-                f"{words.format(factor * middle, unit)}; halves of the logs that took no part in "
-                f"the fit depart by {1e3 * np.mean(after):.2g} {unit} instead of "
+                f"{words.format(factor * middle, unit)}; with it, the error on held-out halves of "
+                f"the logs is {1e3 * np.mean(after):.2g} {unit} instead of "
                 f"{1e3 * np.mean(before):.2g}"
             )
             data = {"effect": effect, "size": middle}

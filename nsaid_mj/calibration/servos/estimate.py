@@ -1,4 +1,4 @@
-"""All joints of a servo arm: fits, covariances, the origin of kp."""
+"""Estimates of all joints of a servo arm: fits, covariances, and the source of kp."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from .weighing import Weighed, weigh
 _KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
 _LEAST_SAG = 0.25  # variation of a joint's sinking under its load, over the deviation of its zero
 _PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances add
-_UNTOLD = 2.0  # standard deviation of ln θ above which a joint says nothing of the others
+_VAGUE = 2.0  # standard deviation of ln θ above which a joint has no information on the others
 _CONTRADICTS = 0.8  # residual with an own kp over that with the others' mean, below which it stays
 UNITS = ("mrad", "mm")  # of a thousandth of a hinge's and a slide's position
 _NEARLY = 0.8  # error over that of a simple prediction, above which the model explains nothing
@@ -46,11 +46,11 @@ class JointEstimate(NamedTuple):
 
     Attributes:
         x: (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
-        covariance: (5, 5) of ln θ̂, by a jackknife over logs or blocks; 0 for fixed ones. If a load
-            was weighed, g is that under the true masses.
-        quantile: (6,) of Student's t, which turn deviations of T, f, kp, a, d and T + d into 95 %
-            intervals.
-        gravity: whether gravity determines kp; otherwise it is a convention.
+        covariance: (5, 5) covariance of ln θ̂, by a jackknife over logs or blocks; 0 for fixed
+            ones. If a load was weighed, g is that under the true masses.
+        quantile: (6,) quantiles of Student's t, which turn deviations of T, f, kp, a, d and T + d
+            into 95 % intervals.
+        gravity: whether gravity determines kp; otherwise kp is a convention.
         offset: change of ln kp by an offset between the zeros of target and position, which is part
             of the covariance.
         error: mean absolute residual [rad or m], of the samples in use.
@@ -79,7 +79,7 @@ class JointEstimate(NamedTuple):
 
     @property
     def judged(self) -> bool:
-        """Whether it moves enough for the model to be better than a simple prediction."""
+        """Whether it moves enough for a comparison of the model with a simple prediction."""
         return self.simple > _STILL
 
     @property
@@ -110,9 +110,9 @@ class MassScale(NamedTuple):
     Attributes:
         log: ln s of the true masses over those of the model file.
         deviation: its standard deviation.
-        quantile: of Student's t.
-        place: (3,) of the load's centre in the frame of the joint that carries it [m].
-        deviations: (3,) of the place [m]; 0 where it was known.
+        quantile: quantile of Student's t.
+        place: (3,) the load's centre of mass in the frame of the joint that carries it [m].
+        deviations: (3,) standard deviations of the place [m]; 0 where it was known.
     """
 
     log: float
@@ -126,9 +126,9 @@ class Estimate(NamedTuple):
     """The estimate of an arm.
 
     Attributes:
-        joints: of every joint, under the masses of the model file.
+        joints: estimates of all joints, under the masses of the model file.
         used: (N,) 1 of samples in use, 0 of masked ones, of the logs in their order.
-        scale: of the masses; None without a load.
+        scale: scale of the masses; None without a load.
         findings: effects beyond the servos' equation.
     """
 
@@ -142,11 +142,11 @@ def estimate(
     robot: RobotModel,
     logs: Sequence[ServoLog],
     kp: Array,
-    told: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
     load: Load | None = None,
     limits: Array | None = None,
 ) -> Estimate:
-    """Fits every joint alone, masks windows with foreign forces, and fits again.
+    """Fits every joint alone, masks windows with external forces, and fits again.
 
     Where gravity does not determine kp, it is the geometric mean over the joints where it does, or
     the model file's if there are none, unless the residual is then larger. Logs with a load are
@@ -155,18 +155,18 @@ def estimate(
     Args:
         robot: the model.
         logs: at least one; free ones come before those with a load.
-        kp: (n,) of the model file [N·m/rad or N/m].
-        told: called with the name of every stage.
+        kp: (n,) stiffness in the model file [N·m/rad or N/m].
+        report: called with the name of every stage.
         load: that the loaded logs carry.
         limits: (n,) largest force of every servo by the model file [N·m or N], used where the logs
             show it; None without.
     """
     limits = np.full(len(kp), np.inf) if limits is None else limits
     slide = [slides(joint) for joint in moving_joints(robot.model)]
-    fitted = fit_free([log for log in logs if not log.loaded], limits, told)
+    fitted = fit_free([log for log in logs if not log.loaded], limits, report)
     free, fits, priors, used = fitted
     if load is not None:
-        told("weighing the load")
+        report("weighing the load")
         every = [log._replace(limit=free[0].limit) for log in logs]
         rest = np.ones(sum(len(log.t) for log in logs) - len(used))
         found = weigh(robot, every, load, fits, priors, np.append(used, rest))
@@ -223,15 +223,15 @@ def _directions(x: Array) -> Array:
 
 
 def _reveals(variance: float, play: float) -> bool:
-    """Whether gravity determines ln kp: by its variance, and by its change with play of the gear.
+    """Whether gravity determines ln kp, judging by its variance and its sensitivity to backlash.
 
-    A joint that carries little weight sinks by its gear's play, which looks like a soft servo.
+    A lightly loaded joint sinks by its gear's backlash, which resembles a soft servo.
     """
     return bool(max(np.sqrt(variance), abs(play)) < _KNOWN)
 
 
 def _sag(logs: Sequence[ServoLog], x: Sequence[Array]) -> Array:
-    """(n,) how much the joints' sinking under gravity varies along logs [rad or m]."""
+    """(n,) variation of the joints' deflection under gravity along logs [rad or m]."""
     load = np.concatenate([log.load for log in logs])
     return np.exp([own[GRAVITY] for own in x]) * load.std(axis=0)
 
@@ -285,7 +285,7 @@ def _with_load(
 
 
 def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[JointEstimate, ...]:
-    """Estimates whose variances are not too small by chance, because of few clusters.
+    """Estimates with variances regularised against chance, as there are few clusters.
 
     A variance from five logs is off by a factor of two or more. The servos of an arm are alike, so
     the mean of their variances is known better: it counts as four further degrees of
@@ -293,8 +293,8 @@ def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[Joint
     is larger. kp is left as it is: gravity differs from joint to joint.
     """
     own = np.array([np.diag(joint.covariance) for joint in joints])
-    told = (own > 0) & (own < _UNTOLD**2)
-    mean = np.where(told, own, 0.0).sum(axis=0) / np.maximum(told.sum(axis=0), 1)
+    usable = (own > 0) & (own < _VAGUE**2)
+    mean = np.where(usable, own, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
     degrees = float(cluster.max())
     wider = (degrees * own + _PRIOR_DEGREES * mean) / (degrees + _PRIOR_DEGREES)
     factor = np.sqrt(np.where(own > 0, np.maximum(wider, own) / np.maximum(own, 1e-300), 1.0))
@@ -332,6 +332,6 @@ def _errors(logs: Sequence[JointLog], fit: OutputError, used: Array) -> tuple[fl
 
 
 def _follows(logs: Sequence[JointLog], fit: OutputError, used: Array) -> bool:
-    """Whether a joint moves, and as its model says: its numbers mean something only then."""
+    """Whether a joint moves as predicted by its model, so that its parameters are meaningful."""
     error, simple, travel = _errors(logs, fit, used)
     return travel > TRAVEL and not (simple > _STILL and error > _NEARLY * simple)

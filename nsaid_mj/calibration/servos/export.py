@@ -83,7 +83,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     for scale in result.scale:
         total = numbers(scale.value * mj.body_subtreemass[0])
         root.findall("compiler")[-1].set("settotalmass", total)
-    told = "\n".join(
+    lines = "\n".join(
         f"{s.name}: delay {s.delay * 1e3:.1f} ms, kp "
         + ("determined by gravity" if s.gravity else "a convention")
         for s in result.servos
@@ -92,7 +92,7 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         f"All masses are {scale.value:.3g} of the original file's, by a weighed load.\n"
         for scale in result.scale
     )
-    parts = {"masses": weighed, "joints": told, "profile": _PROFILED if profiles.any() else ""}
+    parts = {"masses": weighed, "joints": lines, "profile": _PROFILED if profiles.any() else ""}
     write_xml(path, root, _REMARK.format(verdict=result.verdict, **parts))
 
 
@@ -132,11 +132,11 @@ def rollout(
     Steps are those of the file, or a little shorter, so that they end at the log's times.
 
     Args:
-        path: of the MJCF.
+        path: path of the MJCF.
         joints: (n,) names of the joints, in the log's order.
         log: targets, held until the next, and where the motion starts. If the file states a profile
             of its targets, it replaces that of the log.
-        delay: of the targets [s], one or (n,); None for those of the file.
+        delay: delay of the targets [s], one or (n,); None for those of the file.
         horizon: time after which the simulation starts again from the measured position and
             velocity [s]. The row at which it does holds what was predicted for it.
     """

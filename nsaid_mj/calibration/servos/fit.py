@@ -1,4 +1,4 @@
-"""Output error of one joint: the parameters whose open-loop simulation follows the log best."""
+"""Output-error fit of one joint: parameters of the open-loop simulation closest to the log."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EFFECTIVE = 1.5  # independent samples per second, since residuals of a simulati
 PLAY = 2.0
 """Half the usual play of a servo's gears, over the deviation of its zero: makers of hobby servos
 with steps of 1.5 mrad state up to 9 mrad of play, and fine encoders come with finer gears."""
-_WINDOW = 2.0  # in which foreign forces are looked for [s]
+_WINDOW = 2.0  # in which external forces are detected [s]
 _FAR = 6.0  # residual of such a window over the median one
 
 
@@ -29,7 +29,7 @@ class Prior(NamedTuple):
     """Prior knowledge of the parameters.
 
     Attributes:
-        mean: (k,) of the parameters x, which are logarithms but for a place.
+        mean: (k,) means of the parameters x, which are logarithms except for a place.
         deviation: (k,) standard deviations; 0 of a parameter that is fixed.
     """
 
@@ -78,10 +78,10 @@ class Simulated(Protocol):
         ...
 
     def moved(self, x: Array, zero: Array) -> Array:
-        """(N, 2 n) change of the residual by what the logs cannot show.
+        """(N, 2 n) change of the residual by effects that the logs cannot reveal.
 
-        First by offsets `zero` (n,) [rad or m] of the joints' targets, then by play of their gears:
-        a joint sinks by `PLAY` times that to the side to which its load pulls it.
+        First by offsets `zero` (n,) [rad or m] of the joints' targets, then by backlash: a joint is
+        displaced by `PLAY` times that in the direction of its load.
         """
         ...
 
@@ -104,7 +104,7 @@ class JointFit:
     """The simulation of one joint.
 
     Args:
-        logs: of the joint.
+        logs: logs of the joint.
         used: (N,) 1 of samples that count, 0 of masked ones.
         effects: beyond the servo's equation.
     """
@@ -142,7 +142,7 @@ def minimise(simulated: Simulated, x: Array, prior: Prior) -> OutputError:
     Args:
         simulated: the simulations to fit.
         x: (k,) to start from.
-        prior: of x.
+        prior: prior of x.
     """
     x = np.where(prior.deviation > 0, x, prior.mean)
     residual, damping = simulated.residual(x), 1e-3
@@ -227,7 +227,7 @@ def effective_rate(logs: Sequence[JointLog], residual: Array) -> float:
 def undisturbed(logs: Sequence[JointLog], residual: Array, sigma: float) -> Array:
     """(N,) 1, or 0 in windows whose residual is far above that of others with motion.
 
-    A gripper that rests on a table, or a hand that pushes the arm, causes such windows.
+    Causes are, for example, a gripper that rests on a table or a hand that pushes the arm.
     """
     window = windows(logs)
     count = np.bincount(window)

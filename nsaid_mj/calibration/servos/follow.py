@@ -1,8 +1,8 @@
 """The law `efficient` of a servo: an extended filter of T, f and g from targets and positions.
 
 It needs no velocity. Predictions are those of `simulation`, with exact stick–slip, differentiated
-numerically. What the structure does not explain counts as noise of the command, as large as the
-batch fit's residual and with as few independent samples. Armature and delay are the fit's, and so
+numerically. Unmodelled effects are treated as noise of the command, with the size and the number of
+independent samples of the batch fit's residual. Armature and delay are taken from the fit, and so
 are kp where gravity does not determine it, and the other joints' motion.
 """
 
@@ -43,14 +43,14 @@ def follow(
     """The filters of all joints.
 
     Args:
-        logs: of every joint.
+        logs: logs of every joint.
         fits: the batch fit of every joint.
-        used: (N,) 1 of samples that count, 0 of windows with foreign forces.
+        used: (N,) 1 of samples that count, 0 of windows with external forces.
     """
     starts = np.array([np.log(start([_begin(own[0])])[:3]) for own in logs])
-    told = starts[:, GRAVITY] > np.log(2 * LEAST[GRAVITY])
-    if told.any():  # servos of an arm are alike
-        starts[~told, GRAVITY] = starts[told, GRAVITY].mean()
+    determined = starts[:, GRAVITY] > np.log(2 * LEAST[GRAVITY])
+    if determined.any():  # servos of an arm are alike
+        starts[~determined, GRAVITY] = starts[determined, GRAVITY].mean()
     return tuple(
         _followed(own, fit, x, used) for own, fit, x in zip(logs, fits, starts, strict=True)
     )

@@ -1,8 +1,8 @@
-"""Whether a controller limits the speed of a servo arm's targets, or smooths them, untold.
+"""Detects whether a controller limits the speed of a servo arm's targets, or smooths them.
 
-Behind a limit or a filter, servos look several times more damped than they are, in intervals of a
-few per cent. Halves of a part of the logs are therefore predicted from each other with and without
-a profile that the joints have in common, and a profile is used that predicts them much better.
+An unmodelled limit or filter makes servos appear several times more damped than they are, with
+intervals of a few per cent. Halves of a part of the logs are therefore predicted from each other
+with and without a profile common to all joints, which is used if it predicts them much better.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _WORDS = (
 
 
 def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]]:
-    """(3,) profile that all joints' targets seem to have, 0 if none, and what to say of it.
+    """(3,) common profile of all joints' targets, 0 if none, and the findings about it.
 
     Args:
         logs: without loads, whose targets have no profile yet.
@@ -72,9 +72,8 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     name, words = _WORDS[int(best[0] == 0)]
     size = float(found.max())
     text = (
-        f"the targets that the servos follow {words.format(size)}: with such a profile, halves of "
-        f"the logs that took no part in the fit depart by {after.mean():.2g} times what they do "
-        "without; it was used"
+        f"the targets that the servos follow {words.format(size)}: with such a profile, the error "
+        f"on held-out halves of the logs is {after.mean():.2g} times that without; it was used"
     )
     remedy = f"State your controller's own number in map.toml: `[profile]` `{name} = {size:.3g}`."
     return found, (Finding("warning", "hidden_profile", "", text, remedy, {name: size}),)

@@ -39,9 +39,9 @@ from .words import (
     weighed,
 )
 
-_MOST = 0.3  # share of masked samples that points to the structure rather than foreign forces
+_MOST = 0.3  # share of masked samples that points to the structure rather than external forces
 
-_TRADED = 1e-3  # that a profile which was not told trades with a delay, on simulated arms [s]
+_TRADED = 1e-3  # that an unstated profile trades with a delay, on simulated arms [s]
 
 
 class ServoLogs(NamedTuple):
@@ -52,7 +52,7 @@ class ServoLogs(NamedTuple):
         logs: stretches without gaps.
         kp: (n,) stiffness of the servos in the model file [N·m/rad or N/m].
         findings: about file and logs.
-        load: of known mass that the loaded logs carry; None if none does.
+        load: payload of known mass that the loaded logs carry; None if none does.
     """
 
     robot: RobotModel
@@ -105,7 +105,7 @@ def read_servos(
 
     Args:
         robot: the model.
-        tables: of log files.
+        tables: tables of log files.
         mapping: see `servo_logs`.
         loads: see `servo_logs`.
 
@@ -135,13 +135,13 @@ def read_servos(
 
 @single_threaded
 def identify_servos(
-    given: ServoLogs, told: Callable[[str], None] = lambda _: None, law: str = "batch"
+    given: ServoLogs, report: Callable[[str], None] = lambda _: None, law: str = "batch"
 ) -> ServoIdentification:
     """Identifies stiffness, damping, friction, armature and delay of every servo by output error.
 
     Args:
         given: an arm and its logs, see `servo_logs`.
-        told: called with the name of every stage, for progress.
+        report: called with the name of every stage, for progress.
         law: `batch`, or `efficient` to run a filter along the logs as well.
 
     Raises:
@@ -152,10 +152,10 @@ def identify_servos(
     if length < 10.0:
         remedy = "Intervals need several motions."
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
-    told("looking for a profile of the targets")
+    report("looking for a profile of the targets")
     given, profile = _with_profile(given)
     limits = np.asarray(given.robot.limits, dtype=np.float64)
-    found = estimate(given.robot, given.logs, given.kp, told, given.load, limits)
+    found = estimate(given.robot, given.logs, given.kp, report, given.load, limits)
     if profile:
         found = found._replace(joints=tuple(j.widened(DELAY, _TRADED) for j in found.joints))
     names, joints, used = given.robot.joints, found.joints, found.used
@@ -173,7 +173,7 @@ def identify_servos(
         notes.append(weighed(given.load, carrying, found.scale))
     along: tuple[Parameter, ...] = ()
     if law == "efficient":
-        told("following the logs by law efficient")
+        report("following the logs by law efficient")
         along = _along(given, found)
         notes += apart(along, own)
     return ServoIdentification(
@@ -191,7 +191,7 @@ def identify_servos(
 
 
 def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
-    """The arm and its logs with the targets' profile that the logs show, if none was told."""
+    """The arm and its logs with the targets' profile that the logs show, if none was stated."""
     servos = given.robot.servos
     assert servos is not None  # as the logs are of targets
     if servos.profile.any():
@@ -221,7 +221,7 @@ def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:
 
 
 def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:
-    """Reports the logs that have windows with foreign forces."""
+    """Reports the logs that have windows with external forces."""
     share, found, begin = float(1 - used.mean()), [], 0
     for log in logs:
         own = used[begin : begin + len(log.t)]
@@ -231,7 +231,7 @@ def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:
     if not found:
         return ()
     text = f"{100 * share:.0f} % of the samples lie in two-second windows with far larger residuals"
-    text += " than others, as if the gripper rested on a table; they were excluded: "
+    text += " than others, as when the gripper rests on a table; they were excluded: "
     remedy = "" if share < _MOST else "So many indicate a wrong model rather than contact."
     level = "note" if share < _MOST else "warning"
     return (Finding(level, "foreign_force", "", text + ", ".join(found), remedy),)

@@ -1,4 +1,4 @@
-"""Fits of all joints of a servo arm to logs without a load, and windows with foreign forces."""
+"""Fits of all joints of a servo arm to logs without a payload, and windows with external forces."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ class Fitted(NamedTuple):
 
     Attributes:
         logs: with the loads of their simulated motion.
-        fits: of every joint.
-        priors: of its parameters.
+        fits: fits of every joint.
+        priors: priors of its parameters.
         used: (N,) 1 of samples in use.
     """
 
@@ -74,10 +74,10 @@ class Fitted(NamedTuple):
 def fit_free(
     logs: list[ServoLog],
     limits: Array,
-    told: Callable[[str], None],
+    report: Callable[[str], None],
 ) -> Fitted:
-    """Fits of all joints to the free logs, without windows of foreign forces."""
-    told("fitting every servo alone")
+    """Fits of all joints to the free logs, without windows of external forces."""
+    report("fitting every servo alone")
     found = Fitted(logs, [], [], np.ones(sum(len(log.t) for log in logs)))
     for j in range(len(limits)):
         own = found.simulated(j)
@@ -87,7 +87,7 @@ def fit_free(
     used = found.used
     for j, fit in enumerate(found.fits):
         used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
-    told("fitting all servos together, without foreign forces")
+    report("fitting all servos together, without external forces")
     found = _together(logs, _alike(found._replace(used=used)))
     limited = _saturated(found, limits)
     if np.isfinite(limited).any():
@@ -96,16 +96,16 @@ def fit_free(
 
 
 def alone(logs: Sequence[JointLog]) -> tuple[Array, Prior]:
-    """(5,) ln θ to start from, and the prior of a joint of which nothing is known."""
+    """(5,) initial ln θ, and the uninformative prior of a joint."""
     first = np.log(start(logs))
     return first, Prior(np.r_[first[:3], _critical(first[0]), np.log(_DELAY)], _SPREAD)
 
 
 def _alike(found: Fitted) -> Fitted:
-    """Priors of T, a and d about what the joints have in common.
+    """Priors of T, a and d about the joints' common values.
 
-    A log of slow motion reveals only the sum of a joint's T and d, and either could be nearly 0
-    without its neighbours: servos of one arm are alike, and one bus carries their targets.
+    Slow motion determines only the sum of a joint's T and d, so the other joints serve as prior:
+    servos of one arm are alike, and one bus carries their targets.
     """
     at = np.array([DAMPING, DELAY])
     x = np.array([fit.x[at] for fit in found.fits])
@@ -172,7 +172,7 @@ def start(logs: Sequence[JointLog]) -> Array:
     alike. The delay is the one with the least residual.
 
     Args:
-        logs: of one joint, not empty.
+        logs: logs of one joint, not empty.
     """
     best, found = np.inf, np.array([0.1, 0.01, 0.1, 2e-3, 0.015])
     for delay in _DELAYS:

@@ -27,7 +27,7 @@ from ...structure.optional import pin
 from .simulation import STEP, JointLog, move_arm
 
 DELAYS = np.arange(0.0, 0.31, 0.01)
-"""Delays of a target that is followed perfectly [s]."""
+"""Delays at which a target is compared with the position [s]."""
 TRAVEL = 5e-3
 """Least travel of a joint that moves [rad or m]."""
 _LEADS = 0.8  # error of an early target over that of a late one, below which columns are swapped
@@ -42,7 +42,7 @@ class ServoLog(NamedTuple):
         source: name of the file.
         t: (N,) times [s].
         issued: (N, n) targets [rad or m], clipped to the servos' `ctrlrange`.
-        target: (N, n) what the servos follow of them; see `robot.target_profile`.
+        target: (N, n) the targets after limits and smoothing; see `robot.target_profile`.
         position: (N, n) measured [rad or m].
         load: (N, n) torque or force that gravity and the joints' speeds require of each joint, and
             the other joints' accelerations where they are known [N·m or N].
@@ -133,10 +133,10 @@ def read_servo_logs(
 
     Args:
         robot: a tree of joints with a position servo on each.
-        tables: of the files.
-        columns: of every joint, see `servo_map`.
+        tables: tables of the files.
+        columns: columns of every joint, see `servo_map`.
         mapping: may hold the files' clocks.
-        servos: of the joints, whose limits and profiles the targets have.
+        servos: servos of the joints, whose limits and profiles the targets have.
         carrying: names of the files whose arm carries a weighed load.
 
     Raises:
@@ -176,15 +176,15 @@ def _stiffer(recordings: Sequence[Table], mapping: Map) -> dict[str, float]:
     Raises:
         InvalidInput: it tells that of some recordings only.
     """
-    told = {name: file.p for name, file in mapping.files.items() if file.p is not None}
+    stated = {name: file.p for name, file in mapping.files.items() if file.p is not None}
     sources = [recording.source for recording in recordings]
-    missing = [source for source in sources if source not in told]
-    if not told or not sources:
+    missing = [source for source in sources if source not in stated]
+    if not stated or not sources:
         return {}
     if missing:
         remedy = "State `p` of every file, or of none."
         raise InvalidInput("map: files", "p of every log", f"none of {missing[0]}", remedy)
-    return {source: told[source] / told[sources[0]] for source in sources}
+    return {source: stated[source] / stated[sources[0]] for source in sources}
 
 
 def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
@@ -260,7 +260,7 @@ def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
 
     Args:
         model: without armatures; the log's payload, if it carries one, is part of a link.
-        log: of targets and positions.
+        log: log of targets and positions.
     """
     data, load = model.createData(), np.empty_like(log.position)
     mass = np.empty((*load.shape, load.shape[1]))
@@ -279,7 +279,7 @@ def coupled(log: ServoLog, theta: Array) -> tuple[Array, ServoLog]:
 
     Args:
         log: with loads that do not include accelerations.
-        theta: (n, 5) of `simulation.simulate`.
+        theta: (n, 5) parameters of `simulation.simulate`.
     """
     q, v = np.empty_like(log.position), np.zeros_like(log.position)
     q[0] = log.position[0]

@@ -16,12 +16,12 @@ class Servo:
     """One joint's servo in MuJoCo's terms: force = kp (u(t − delay) − q) − kv q̇, and its friction.
 
     Attributes:
-        name: of the joint.
+        name: name of the joint.
         kp: stiffness [N·m/rad or N/m].
         kv: damping of servo and joint together [N·m·s/rad or N·s/m].
         armature: reflected rotor inertia [kg·m² or kg].
         friction: Coulomb friction [N·m or N].
-        delay: of the target [s].
+        delay: delay of the target [s].
         gravity: whether gravity determines kp; otherwise kp is a convention, and so is the scale of
             all others except the delay.
         error: mean absolute error of the open-loop simulation [rad or m].
@@ -48,11 +48,11 @@ class ServoIdentification(Result):
 
     Attributes:
         robot: the model.
-        servos: of every joint, in the order of `robot.joints`.
+        servos: servos of every joint, in the order of `robot.joints`.
         law: T, f/kp and kp of every joint by the filter at the end of the logs; empty without it.
         scale: the true masses over those of the model file, if a load was weighed; kp, kv, armature
             and friction are those under the true masses.
-        used: (N,) 1 of samples in use, 0 of those excluded because of foreign forces, of the logs
+        used: (N,) 1 of samples in use, 0 of those excluded because of external forces, of the logs
             in their order.
         seconds: duration of the identification [s].
     """
@@ -90,7 +90,7 @@ class Replayed(NamedTuple):
 
     Attributes:
         logs: without loads.
-        simulated: of every log (N, n) positions [rad or m].
+        simulated: (N, n) simulated positions of every log [rad or m].
         used: (N,) 1 of samples in use, 0 of those that the fit left out, of all logs in a row.
     """
 

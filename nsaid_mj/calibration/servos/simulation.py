@@ -30,7 +30,7 @@ class JointLog(NamedTuple):
 
     Attributes:
         t: (N,) times [s], strictly increasing.
-        target: (N,) of the servo [rad or m], held until the next sample.
+        target: (N,) target of the servo [rad or m], held until the next sample.
         position: (N,) measured [rad or m].
         load: (N,) torque or force that the arm requires of the joint beside M_jj q̈ [N·m or N].
         inertia: (N,) M_jj without armature [kg·m² or kg].

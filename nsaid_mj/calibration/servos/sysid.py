@@ -45,7 +45,7 @@ def write_by_toolbox(given: ServoLogs, path: Path, best: bool) -> float:
 
     Args:
         given: the arm and its logs, without loads.
-        path: of the file to write.
+        path: path of the file to write.
         best: whether the better options are used.
 
     Returns:

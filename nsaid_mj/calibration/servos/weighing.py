@@ -1,9 +1,9 @@
-"""All joints of an arm together with a weighed load, which determines the common scale.
+"""Joint fit of an arm and a weighed payload, which determines the common scale.
 
-If all masses of the model file are s times too large, every motion stays the same with kp, kv,
-armature and friction s times too large. The file's arm therefore fits its logs, and a load of known
-mass m acts on it as μ = m/s: μ and the load's place are fitted with the joints' own parameters to
-all logs, free and loaded ones.
+If all masses of the model file are s times too large, the motion is the same with kp, kv, armature
+and friction s times too large. The file's arm therefore fits the free logs, and a payload of known
+mass m is identified as μ = m/s: μ and the payload's position are fitted with the joints' parameters
+to all logs, free and loaded.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Arm:
     Args:
         robot: the model.
         logs: free, then loaded ones, with loads that do not include accelerations.
-        load: of the loaded ones.
+        load: payload of the loaded logs.
         sigma: (n,) robust rms of each joint's residual [rad or m].
         used: (N,) 1 of samples that count.
     """
@@ -129,7 +129,7 @@ class Weighed(NamedTuple):
     Attributes:
         arm: the simulations at the minimum.
         fit: the minimiser and its residual, see `Arm`.
-        prior: of its parameters.
+        prior: prior of its parameters.
         used: (N,) 1 of samples in use.
     """
 
@@ -153,14 +153,14 @@ def weigh(
     priors: Sequence[Prior],
     used: Array,
 ) -> Weighed:
-    """Fits all joints and the load to free and loaded logs, again without foreign forces.
+    """Fits all joints and the payload to free and loaded logs, again without external forces.
 
     Args:
         robot: the model.
         logs: all, with loads that do not include accelerations.
-        load: of the loaded ones.
-        fits: of the joints to the free logs.
-        priors: of the joints' parameters.
+        load: payload of the loaded logs.
+        fits: fits of the joints to the free logs.
+        priors: priors of the joints' parameters.
         used: (N,) 1 of samples that count, of all logs.
     """
     _, centre, known = carrier(robot.model, load)

@@ -16,7 +16,7 @@ from .follow import Followed
 from .logs import TRAVEL
 from .result import Servo
 
-_TOLD = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
+_FIRM = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
 _LABELS = (
     ("T", "damping over kp", ("s", "s")),
     ("f", "friction over kp", ("rad", "m")),
@@ -26,7 +26,7 @@ _LABELS = (
     ("armature", "armature", ("kg·m²", "kg")),
 )  # units of hinges and slides
 _WIDEST = 7.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 1,000
-_HEAVIER = "Take a heavier load, or more motions with the arm stretched out."
+_HEAVIER = "Use a heavier load, or more motions with the arm stretched out."
 _UNEXPLAINED = "the model does not explain this joint's motion"
 _UNMOVED = "the joint hardly moves"
 _CONVENTION = "a convention: gravity hardly loads this joint; only kv/kp, f/kp, armature/kp count"
@@ -50,8 +50,8 @@ def parameters(
     if doubt:
         halves[:] = _WIDEST
     for (short, label, units), x, half in zip(_LABELS, values, halves.tolist(), strict=True):
-        status: Status = "identified" if half < _TOLD else "only in combination"
-        combination = "" if half < _TOLD or short in {"f", "kp"} else _lag(joint)
+        status: Status = "identified" if half < _FIRM else "only in combination"
+        combination = "" if half < _FIRM or short in {"f", "kp"} else _lag(joint)
         if short in {"kp", "armature"} and not joint.gravity:
             combination = _CONVENTION
         combination = doubt or combination
@@ -111,8 +111,8 @@ def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
         return ()
     half = min(scale.quantile * scale.deviation, _WIDEST)
     value, low, high = (float(np.exp(scale.log + x)) for x in (0.0, -half, half))
-    status: Status = "identified" if half < _TOLD else "only in combination"
-    words = "" if half < _TOLD else "the load hardly shows; only ratios of kp, friction and masses"
+    status: Status = "identified" if half < _FIRM else "only in combination"
+    words = "" if half < _FIRM else "the load has no clear effect; only ratios of kp and masses"
     label = "masses over those of the model file"
     return (Parameter("mass_scale", label, "scale", "1", value, low, high, 1.0, status, words),)
 
@@ -143,13 +143,13 @@ def verdict(
         one = joints[k]
         simple, error = (f"({x * 1e3:.1f} {one.unit})" for x in (one.simple, one.error))
         text = "the delayed target itself or a constant position predicts the motion nearly as "
-        text += f"well {simple} as the servo's model {error}; its numbers mean nothing"
+        text += f"well {simple} as the servo's model {error}; its parameters are meaningless"
         remedy = "Record faster motions, stops and reversals; check that targets and positions "
         remedy += "have the same zero, unit and sign."
         findings.append(Finding("warning", "no_better_than_simple", servos[k].name, text, remedy))
     still = [servos[k].name for k in range(len(servos)) if k not in moving]
     if still:
-        text = "it hardly moves, or follows its target exactly, so it is not judged"
+        text = "it hardly moves, or follows its target exactly, so its model cannot be validated"
         findings.append(Finding("note", "hardly_moved", ", ".join(still), text))
     explains: Explains = "yes" if not poor else "partly"
     if len(poor) == len(moving):
@@ -158,28 +158,28 @@ def verdict(
     unit = " or ".join(sorted({joint.unit for joint in joints}, reverse=True))
     words = {"yes": "explains", "partly": "partly explains", "no": "does not explain"}[explains]
     sentence = (
-        f"The servo model {words} the motion: driven by the targets alone it departs by "
-        f"{ours:.1f} {unit} in the mean; the delayed target itself, or a constant, by {late:.1f} "
+        f"The servo model {words} the motion: driven by the targets alone, its mean absolute "
+        f"error is {ours:.1f} {unit}; that of the delayed target, or a constant, is {late:.1f} "
         f"{unit}."
     )
     return explains, sentence, tuple(findings)
 
 
 def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
-    """Reports where kp comes from, and how an offset would change it."""
-    told = [s.name for s in servos if s.gravity]
+    """Reports the source of kp, and its sensitivity to an offset."""
+    by_gravity = [s.name for s in servos if s.gravity]
     others = [s.name for s in servos if not s.gravity]
     found = []
     if others:
-        source = "the mean of the others" if told else "the model file's"
+        source = "the mean of the others" if by_gravity else "the model file's"
         source += " unless the motion contradicts that"
-        text = f"gravity does not reveal kp, which is {source}; the motion depends on kv/kp, f/kp "
-        text += "and armature/kp"
+        text = f"gravity does not determine kp, which is {source}; the motion depends on kv/kp, "
+        text += "f/kp and armature/kp"
         found.append(Finding("note", "kp_convention", ", ".join(others), text))
     for s, joint in zip(servos, joints, strict=True):
         size = abs(joint.offset)
         if s.gravity and size > 0.02:
-            text = "kp and an offset between the zeros of target and position trade: "
+            text = "kp cannot be separated from an offset of target against position: "
             text += (
                 f"{1e3 * joint.zero:.2g} {joint.unit} would change kp by {100 * size:.0f} %; the "
             )

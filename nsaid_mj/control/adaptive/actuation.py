@@ -21,7 +21,7 @@ _RANK = 1e-6  # smallest singular value of a group's B, relative to the largest
 
 @dataclass(frozen=True)
 class Group:
-    """Indices of velocities, and of the (as many or more) commands, that push along no others."""
+    """Indices of velocities, and of the commands (at least as many) that act on these alone."""
 
     rows: Indices
     columns: Indices
@@ -35,7 +35,7 @@ class Actuation:
         prior: (p,) gains under which the actuators must span all velocities.
         low: (n_u,) smallest commands.
         high: (n_u,) largest commands.
-        rest: (n_u,) efforts preferred where actuators are redundant.
+        rest: (n_u,) preferred efforts of redundant actuators.
 
     Attributes:
         gains: indices in θ of the actuators' gains.
@@ -122,7 +122,7 @@ def unit_forces(system: SecondOrderSystem) -> Array:
                 "excitation",
                 "actuators whose forces depend on their own commands alone",
                 type(system).__name__,
-                "Adaptive tracking is for motors, thrusters and nozzles: take another driver.",
+                "Adaptive tracking is for motors, thrusters and nozzles: use another driver.",
             )
     return found[0]
 
@@ -152,7 +152,7 @@ def curves(system: SecondOrderSystem, unit: Array, knots: Array) -> tuple[list[A
 
 
 def groups(system: SecondOrderSystem, B: Array) -> list[Group]:
-    """The smallest groups of velocities and commands that do not share any force.
+    """The smallest decoupled groups of velocities and commands.
 
     Raises:
         InvalidInput: a group's commands cannot exert every force along its velocities.
@@ -176,7 +176,7 @@ def groups(system: SecondOrderSystem, B: Array) -> list[Group]:
                 f"{system.n_u} commands that do not span {system.n} velocities, an under-actuated "
                 f"{type(system).__name__}",
                 "Adaptive tracking needs a fully actuated robot: an arm on a fixed base, bluerov2, "
-                "astrobee or uvms. Take another driver.",
+                "astrobee or uvms. Use another driver.",
             )
         found.append(group)
         left -= rows

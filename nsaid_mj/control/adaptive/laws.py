@@ -1,4 +1,4 @@
-"""The tracking laws: their demands on a command, and how their estimates follow.
+"""The tracking laws: their demands on a command, and the adaptation of their estimates.
 
 The adaptive ones solve W(t, x, v_r, v̇_r, u) θ̂ = K_d s: Slotine and Li (IJRR 6(3), 1987) in the
 cone's metric and with constant Γ, and certainty equivalence with an identifier's estimate.
@@ -25,11 +25,11 @@ from ...laws.metric import (
 from ...numerics.kernels import kernel
 from ...numerics.linalg import copy_into
 from ...parameters import Array, ParameterSpace
-from .reference import Rehearsal, loop_frequency
+from .reference import PriorMotion, loop_frequency
 
 
 class Estimate:
-    """θ̂ of a controller: adapted by θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s in a metric's chart, or not at all.
+    """θ̂ of a controller, adapted by θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s in a metric's chart, or constant.
 
     The slope −Wᵀ s does not depend on θ̂. It is taken half-way between two samples and held in
     Heun's method, with an error of third order in the time between them.
@@ -56,7 +56,7 @@ class Estimate:
     def learn(self, slope: Array, step: float) -> None:
         """Integrates the adaptation from sample to sample, `step` [s], with −Wᵀ s (p,) half-way.
 
-        θ̂ stays where it is if that is not finite.
+        θ̂ is unchanged if that is not finite.
         """
         if self.metric is not None:
             theta = np.empty(len(self.theta))
@@ -143,7 +143,7 @@ class TrackingLaw:
 def conventional(
     space: ParameterSpace,
     prior: Array,
-    rehearsal: Rehearsal,
+    motion: PriorMotion,
     shape: Array,
     frequency: float,
     damping: Array,
@@ -155,14 +155,14 @@ def conventional(
     """
     known = np.isin(np.arange(len(space)), space.actuators)
     unit = np.where(known, 0.0, 1 / shape)
-    gain = (frequency / loop_frequency(rehearsal, np.diag(unit))) ** 2
+    gain = (frequency / loop_frequency(motion, np.diag(unit))) ** 2
     return TrackingLaw(Estimate(prior, ConstantMetric(gain * unit, known)), damping)
 
 
 def nullspace(
     space: ParameterSpace,
     prior: Array,
-    rehearsal: Rehearsal,
+    motion: PriorMotion,
     shape: Array,
     frequency: float,
     damping: Array,
@@ -177,5 +177,5 @@ def nullspace(
     mu = barrier * float(np.median(shape * space.scale**2))
     unit = ConeMetric(space, 1 / shape, prior, mu)
     mobility = np.asarray(np.linalg.inv(mu * unit.mirror(prior)[1]), dtype=np.float64)
-    gain = (frequency / loop_frequency(rehearsal, mobility)) ** 2
+    gain = (frequency / loop_frequency(motion, mobility)) ** 2
     return TrackingLaw(Estimate(prior, ConeMetric(space, gain / shape, prior, mu / gain)), damping)

@@ -38,7 +38,7 @@ class Reference:
 
     Args:
         system: an arm on a fixed base, or a body in space with or without joints.
-        trajectory: of x, y, z [m], roll, pitch, yaw [rad] and the joints.
+        trajectory: trajectory of x, y, z [m], roll, pitch, yaw [rad] and the joints.
         rate: Λ [1/s].
     """
 
@@ -125,20 +125,20 @@ _SAMPLES = 100  # along one period of the desired motion
 _PROBES = 20  # configurations over which the prior's inertia is averaged
 
 
-class Rehearsal(NamedTuple):
+class PriorMotion(NamedTuple):
     """The prior's W (k, n, p), by its own commands, and M (k, n, n) along the desired motion."""
 
     W: Array
     M: Array
 
 
-def rehearse(
+def prior_motion(
     system: SecondOrderSystem,
     prior: Array,
     reference: Reference,
     actuation: Actuation,
     period: float,
-) -> Rehearsal:
+) -> PriorMotion:
     """Evaluates the prior's dynamics along a period [s] of the desired motion."""
     W, M = [], []
     for t in np.linspace(0, period, _SAMPLES, endpoint=False).tolist():
@@ -149,22 +149,22 @@ def rehearse(
         u = actuation.command(prior, idle @ prior)
         W.append(system._W(t, q, v, v_r, a_r, u))
         M.append(system.mass_matrix(np.concatenate([q, v]), prior))
-    return Rehearsal(np.array(W), np.array(M))
+    return PriorMotion(np.array(W), np.array(M))
 
 
-def stiffness(rehearsal: Rehearsal, scale: Array, damping: Array, floor: float) -> Array:
+def stiffness(motion: PriorMotion, scale: Array, damping: Array, floor: float) -> Array:
     """(p,) the diagonal of Γ⁻¹ at γ = 1 [J], with K_d (n,) and the least entry of D."""
-    effect = np.mean((rehearsal.W * scale) ** 2 / damping[:, None], axis=0).sum(axis=0)
+    effect = np.mean((motion.W * scale) ** 2 / damping[:, None], axis=0).sum(axis=0)
     return np.asarray((effect / effect.max() + floor) / scale**2)
 
 
-def loop_frequency(rehearsal: Rehearsal, mobility: Array) -> float:
+def loop_frequency(motion: PriorMotion, mobility: Array) -> float:
     """Largest natural frequency ω [rad/s] of the adaptation's loop along the desired motion.
 
     `mobility` (p, p) is (∇²ψ)⁻¹ at the prior.
     """
-    stiffness = rehearsal.W @ mobility @ rehearsal.W.transpose(0, 2, 1)
-    squares = np.linalg.eigvals(np.linalg.solve(rehearsal.M, stiffness)).real
+    stiffness = motion.W @ mobility @ motion.W.transpose(0, 2, 1)
+    squares = np.linalg.eigvals(np.linalg.solve(motion.M, stiffness)).real
     return float(np.sqrt(squares.max()))
 
 

@@ -23,7 +23,7 @@ from ..driver import DriverConfig, InformedDriver
 from ..signals import FourierTrajectory
 from .actuation import Actuation
 from .laws import Estimate, TrackingLaw, conventional, nullspace
-from .reference import Reference, mean_inertia, rehearse, stiffness
+from .reference import Reference, mean_inertia, prior_motion, stiffness
 
 
 class Tracker(InformedDriver):
@@ -164,9 +164,9 @@ class AdaptiveTracking(DriverConfig):
         if self.law == "composite":
             return TrackingLaw(Estimate(prior), damping, informed=True)
         period = 1 / self.fundamental
-        rehearsal = rehearse(system, prior, reference, actuation, period)
-        shape = stiffness(rehearsal, system.space.scale, damping, self.floor)
-        known = system.space, prior, rehearsal, shape, self.adaptation, damping
+        motion = prior_motion(system, prior, reference, actuation, period)
+        shape = stiffness(motion, system.space.scale, damping, self.floor)
+        known = system.space, prior, motion, shape, self.adaptation, damping
         if self.law == "conventional":
             return conventional(*known)
         return nullspace(*known, self.barrier)

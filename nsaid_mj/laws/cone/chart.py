@@ -1,4 +1,4 @@
-"""A chart of the cone: (44) and (45) are integrated in coordinates that cannot leave it.
+"""A chart of the cone: coordinates in which (44) and (45) cannot leave it.
 
 η is the logarithm of a positive number, or the Cholesky factor of a matrix with the logarithms of
 its diagonal: any η is inside the cone. Free blocks are their own chart.
@@ -6,7 +6,7 @@ its diagonal: any η is inside the cone. Free blocks are their own chart.
 Tied matrices are their own chart, too, because a Cholesky factor leaves the span of their E_l. For
 them not every η is inside; instead `confine` limits a step to a Dikin ellipsoid inside the cone.
 
-An arm's links are many and equal in size: one SIMD lane each, by the formulas of other blocks.
+An arm's links are evaluated in one SIMD lane each, with the formulas of other blocks.
 """
 
 from __future__ import annotations

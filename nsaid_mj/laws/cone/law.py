@@ -22,7 +22,7 @@ class ConeMetric(Metric):
     """∇²ψ(θ̂) = Γ⁻¹ + μ ∇²b(θ̂) in place of Γ⁻¹.
 
     Args:
-        space: of the parameters.
+        space: names, units and scale of the parameters.
         Gamma: (p,) or (p, p) positive definite adaptation gain.
         prior: (p,) θ̂(0), inside the cone; the offset of the conserved quantity refers to it.
         mu: weight μ of the barrier [J]; > 0.

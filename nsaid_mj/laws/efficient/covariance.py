@@ -1,4 +1,4 @@
-"""How a step of the filter changes its covariance; the equations are in `kalman`."""
+"""Time and measurement updates of the filter's covariance; equations are in `kalman`."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def copy_matrix(source, target):
 def keep_above_rounding(P, L):
     """Makes P (p, p) symmetric, and adds a floor where its rounding errors could be indefinite.
 
-    Along P_s nothing is learned, while exact data reduce the variance of other directions below the
-    rounding errors of the unlearned one; gains from such a P have random signs.
+    Data do not reduce the variance along P_s, while exact data reduce that of other directions
+    below its rounding errors; gains from such a P have random signs.
     """
     largest = 0.0
     for i in range(P.shape[0]):

@@ -1,16 +1,16 @@
-"""Tests whether the actuators' gains drift, as with temperature or a battery, by rival filters.
+"""Tests by competing filters whether actuator gains drift, as with temperature or a battery.
 
-Once a constant θ no longer explains the motion, filters under three models of how θ changes follow
-the same data from the same estimate:
+Once a constant θ no longer explains the motion, filters with three models of θ(t) process the same
+data from the same estimate:
 
     θ constant;    all of θ a random walk, as W is not exact;    the gains alone a random walk,
 
-with walks at several variances per second. The likelihood of the innovations, in which old ones are
-forgotten, matches the variance and chooses the model. Where the gains alone walk, the plant's
-parameters stay as certain as they are; a battery's sag becomes visible as well, since the gains
-fall relative to them. A random walk lags behind a ramp: at the most likely variance by 0.7 standard
-deviations, at the next one by 0.1. Gains that would have to walk fast, or that leave innovations
-larger than stated, do not drift: W is not exact, or a part fails.
+with several variances of the walk per second. The likelihood of the innovations, with exponential
+forgetting, selects model and variance. If only the gains walk, the covariance of the plant's
+parameters is unaffected; a battery's sag becomes observable as well, since the gains fall relative
+to them. A random walk lags behind a ramp: at the most likely variance by 0.7 standard deviations,
+at the next one by 0.1. Gains that would need a fast walk, or whose innovations exceed their stated
+covariance, do not count as drifting: W is not exact, or a part fails.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .filter import COMPLETED, Along, Filter, Law
 from .kalman import follow_filter
 
 _WALKS = (1e-8, 1e-7, 1e-6, 1e-5)
-"""Variances that a gain, relative to itself, may gain per second; the last is no drift [1/s]."""
+"""Relative variances per second of a gain's random walk [1/s]; the last counts as no drift."""
 _ALL = (1e-8, 1e-6)  # those of all of θ
 _FREED = 0.1  # initial standard deviation of θ in rivals, over that of a prior
 _MEMORY = 20.0  # time in which evidence is forgotten [s]
@@ -39,7 +39,7 @@ _BETTER = 3.0  # at which another variance is
 
 
 class Rival(NamedTuple):
-    """A filter under one model of how θ changes; its tally holds the evidence.
+    """A filter with one model of θ(t); its tally holds the evidence.
 
     Attributes:
         filter: at the last sample.
@@ -53,13 +53,13 @@ class Rival(NamedTuple):
 
     @property
     def evidence(self) -> float:
-        """Logarithm of the likelihood of the innovations that are not forgotten."""
+        """Log-likelihood of the innovations, with forgetting."""
         found = float(-0.5 * (self.filter.tally[2] + self.filter.tally[3]))
         return found if np.isfinite(found) else -np.inf
 
     @property
     def white(self) -> bool:
-        """Whether its innovations are no larger than stated."""
+        """Whether its innovations agree with their stated covariance."""
         squares, number = self.filter.totals
         return bool(squares <= _WHITE * number)
 
@@ -76,9 +76,9 @@ class Rival(NamedTuple):
         return self._replace(filter=own)
 
     def led_by(self, best: Rival) -> Rival:
-        """This model at the best one's estimate, its evidence behind, so that it may still win.
+        """This model restarted at the best one's estimate, with slightly less evidence.
 
-        A filter that was wrong for long is of no use when its model becomes right.
+        A filter that has diverged would be useless when its model becomes correct.
         """
         own = best.filter.copied()
         own.tally[2] += 2 * _BEHIND
@@ -86,7 +86,7 @@ class Rival(NamedTuple):
 
 
 class Rivals(NamedTuple):
-    """Rivals that began at the same time.
+    """Rivals started at the same time.
 
     Attributes:
         each: of every model and variance, the walks of the gains alone last.
@@ -100,8 +100,7 @@ class Rivals(NamedTuple):
     def at(kalman: Filter, prior: Array, t: float) -> Rivals:
         """Rivals that begin at time t [s] with the filter's estimate, but less certain of it.
 
-        With a share of the prior's covariance (p, p), no parameter is free enough to leave the
-        cone.
+        With a share of the prior's covariance (p, p), no parameter can leave the cone.
         """
         start = kalman.copied()
         start.Ptt[:] += _FREED**2 * prior
@@ -140,7 +139,7 @@ class Rivals(NamedTuple):
         return None if now == [wider] else self.each[wider]
 
     def given_up(self, t: float) -> bool:
-        """Whether gains that seem constant have been compared for long enough at time t [s]."""
+        """Whether the comparison for constant gains has lasted long enough at time t [s]."""
         return t - self.begin > _LONGEST
 
 
@@ -152,7 +151,7 @@ def walks(count: int, actuators: Indices, all_of: float, gains: float) -> Array:
 
 
 def going_on(rival: Rival) -> Filter:
-    """A rival's filter, whose innovations are tested from here on."""
+    """A rival's filter, with its test of innovations reset."""
     kalman = rival.filter.copied()
     kalman.tally[1:] = 0.0
     kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt

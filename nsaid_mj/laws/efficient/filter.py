@@ -20,13 +20,13 @@ rounding errors made the covariance indefinite. A row may also precede the filte
 
 
 class Law(NamedTuple):
-    """The prior knowledge of the filter, for compiled loops.
+    """Constants of the filter, for compiled loops.
 
     Attributes:
-        structure: of the system.
-        cone: of physical parameters.
-        scale: (p,) of θ.
-        margin: (p,) of `steps.margin_of`.
+        structure: structure of the system.
+        cone: cone of physical parameters.
+        scale: (p,) scale of θ.
+        margin: (p,) see `steps.margin_of`.
         gamma: γ.
         window: samples over which innovations are tested.
         walk: (p,) variance that θ, relative to itself, gains per second [1/s]; 0 where constant.
@@ -95,7 +95,7 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
 
 
 class Along(NamedTuple):
-    """What `follow_filter` writes along a log of N samples, from row 1 on.
+    """Outputs of `follow_filter` along a log of N samples, from row 1 on.
 
     Attributes:
         theta: (N, p) θ̂.
@@ -142,7 +142,7 @@ class Memory(NamedTuple):
         e: (2n,) normalised innovation.
         y: (2n,) innovation, then the step of the state.
         R: (2n,) variances of the noise.
-        step: (p,) of θ̂.
+        step: (p,) step of θ̂.
         before: (p,) θ̂ before the step.
         trial: (p,) scratch.
         factor: (p, p) scratch.

@@ -6,23 +6,23 @@
     θ̂ ← θ̂ + share scale P̄_θx L⁻ᵀ e,    x̂ ← x̄ + P̄_xx L⁻ᵀ e,
     P ← P̄ − P̄ Hᵀ S⁻¹ H P̄,    P_θθ with the factor share (2 − share).
 
-share < 1 where the step would halve M̂: P shrinks by what the shorter step learns (Joseph's form
-with the applied gain). Then θ̂, and with it x̂, is projected into the cone in the metric P⁻¹, which
-takes it no further from any θ inside, and the covariance is carried along the common scale; see
+share < 1 where the full step would halve M̂; P is updated for the shorter step (Joseph's form with
+the applied gain). Then θ̂, and with it x̂, is projected into the cone in the metric P⁻¹, which
+increases its distance to no θ inside, and the covariance is transported along the common scale; see
 `steps`.
 
 θ acts in a step through c = B θ/scale alone, n accelerations, so that Γ = F_c B, and P̄_x is that
 of (x, c) propagated by [Φ F_c]. P_θθ is as before the step: only measurements change it.
 
-This is (44, 45) with K and Γ replaced by the gains that the data's own information implies. Both q
-and v are measured, so that P_xθ = R S⁻¹ P̄_xθ and P_xx = R S⁻¹ P̄_xx after an update. γ accounts for
-the error of linearisation about θ̂: a share of the effect that the uncertainty of θ has in a step.
+This is (44, 45) with K and Γ replaced by the gains of the Kalman filter. Both q and v are measured,
+so that P_xθ = R S⁻¹ P̄_xθ and P_xx = R S⁻¹ P̄_xx after an update. γ accounts for the error of
+linearisation about θ̂, as a share of the effect of θ's uncertainty in a step.
 
-D = diag(d k̂²) represents forces outside the structure, as white noise of density d in the motors'
-commands: stated as forces, it would grow relative to a motor whose k̂, friction and inertia sink
-together, and hold them there. With it joints' friction is evaluated at the measured velocity, as in
-(44): next to such forces its noise does not matter, while a step in which friction reverses is
-neither linear nor stable.
+D = diag(d k̂²) represents unmodelled forces, as white noise of density d in the motors' commands:
+with a fixed density of forces, its relative size would grow if k̂, friction and inertia of a motor
+shrink together, and keep them there. With D, joint friction is evaluated at the measured velocity,
+as in (44): compared with such forces its noise is negligible, while a step in which friction
+reverses is neither linear nor stable.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 
 
 def acceptable(law: Law, filter: Filter) -> float:
-    """Largest sum of squared normalised innovations in a window that chance allows."""
+    """Threshold of the sum of squared normalised innovations in a window (chi-square quantile)."""
     return _acceptable(law.window, filter.v.shape[0], filter.noise.seen[0])
 
 
@@ -97,7 +97,7 @@ def restart_state(filter, q, v, R):
 def _linear_share(law, q, v, u, filter, memory):
     """Largest share 2⁻ᵏ of θ̂'s step that keeps half of M̂ at a state q (m,), v (n,).
 
-    Along a longer step M̂⁻¹, and so the derivatives of the prediction, vary too much.
+    Along a longer step M̂⁻¹, and with it the prediction's derivatives, would vary too much.
     """
     structure, stage, slopes = law.structure, memory.stage, memory.slopes
     step, trial, share, placed = memory.step, memory.trial, 1.0, False

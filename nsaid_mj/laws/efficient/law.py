@@ -1,18 +1,18 @@
-"""The efficient law: a Kalman filter of state and parameters, guarded by the law `memory`.
+"""The efficient law: a Kalman filter of state and parameters, safeguarded by the law `memory`.
 
-The filter is as accurate as the data allow, but only locally: nothing is proven from far away, or
-where the structure does not explain the motion. Beside it run the implicit steps of the law
-`memory`, which converge from anywhere, without (44, 45) between them. At the end of every interval
-of the memory, the law returns the filter's θ̂ if its mean residual on all remembered data is at
-most `_WORSE` times that of the memory's estimate, else the memory's. Once the memory has enough
-data to notice a change by itself, it pauses between two intervals for a share of the time for which
-the filter has explained the motion.
+The filter is statistically efficient, but only locally: its convergence is not proven from far
+away, or if the structure does not explain the motion. The implicit steps of the law `memory`, which
+converge globally, run in parallel, without (44, 45) between them. At the end of every interval of
+the memory, the law returns the filter's θ̂ if its mean residual on all remembered data is at most
+`_WORSE` times that of the memory's estimate, else the memory's. Once the memory has enough data to
+detect a change by itself, it pauses between two intervals for a share of the time for which the
+filter has explained the motion.
 
-Innovations larger than chance allows contradict the filter: a fault, a structure that is not quite
-exact, or a filter that is young, see `faults.isolation`. Where the structure is not exact, θ may
-walk, or the gains alone, if that explains the motion better: then they drift, see `drift`, and the
-law returns the filter's θ̂, as the memory averages over it. After a restart at the memory's
-estimate, only that is returned until the filter has again explained `_PROBATION` seconds. If the
+Significantly large innovations contradict the filter, because of a fault, an inexact structure, or
+a filter that has just started, see `faults.isolation`. If the structure is not exact, θ becomes a
+random walk, or the gains alone, if that explains the motion better, see `drift`; then the law
+returns the filter's θ̂, as the memory averages over the drift. After a restart at the memory's
+estimate, this estimate is returned until the filter has explained `_PROBATION` seconds. If the
 memory loses M̂ ≻ 0 while the filter's estimate is returned, it continues from that.
 """
 
@@ -35,7 +35,7 @@ from .faults.watch import Watch
 from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
 from .kalman import follow_filter, restart_state
 from .noise import noise_variance
-from .replay import EfficientConfig, FilterAlone, mend
+from .replay import EfficientConfig, FilterAlone, repair
 from .state import EfficientState
 
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
@@ -155,7 +155,7 @@ class EfficientIdentifier(Identifier):
     def _remembered(self, inside: EfficientState, acting: Log) -> EfficientState:
         """Passes a log to the memory, once there are `_TOGETHER` steps or the interval ends.
 
-        Where samples come one by one, each call of the memory would cost as much as many steps.
+        With single samples, the overhead of each call of the memory would equal that of many steps.
         """
         if inside.waiting is not None:
             acting = inside.waiting.first(len(inside.waiting.t) - 1).joined(acting)
@@ -199,7 +199,7 @@ class EfficientIdentifier(Identifier):
         return inside._replace(pause=pause)
 
     def _filtered(self, inside: EfficientState, log: Log, estimates: Estimates) -> EfficientState:
-        """The filter along a log, through contradictions; overwrites the estimates it provides."""
+        """Runs the filter along a log and its contradictions; overwrites estimates."""
         count, at = len(log.t), 0
         along, past = Along.empty(count, self.system.n, self.system.p), log
         thetas, v_hats, pivots, _ = along
@@ -224,7 +224,7 @@ class EfficientIdentifier(Identifier):
                     known = past.first(len(past.t) - count + last + 1)
                     inside = self._faults.contradicted(inside, known.last(self._law.window + LEAD))
                 elif end == ROUNDED:
-                    mend(kalman, inside.here(self.system, log.first(last + 1)))
+                    repair(kalman, inside.here(self.system, log.first(last + 1)))
                 if end != COMPLETED:
                     thetas[last], v_hats[last] = inside.theta, inside.filter.v
             own = slice(at + 1, last + inside.handed)
@@ -260,7 +260,7 @@ class EfficientIdentifier(Identifier):
         )
 
     def _determined(self, memory: Memory) -> bool:
-        """Whether the memory has enough data for its residual to judge an estimate."""
+        """Whether the memory has enough data to test an estimate by its residual."""
         return memory.means.blocks * self.system.n >= _DETERMINED * self.system.p
 
     def _explains(self, inside: EfficientState) -> bool:
@@ -283,7 +283,7 @@ class EfficientIdentifier(Identifier):
         return bool(np.mean(remembered.levels(kalman.theta) / theirs) <= _WORSE)
 
     def conserved(self, theta_hat: Array) -> Array:
-        """(...,) the quantity that the law `memory` would conserve."""
+        """(...,) the conserved quantity of the law `memory`."""
         return self.guard.conserved(theta_hat)
 
     def divergence(self, theta: Array, theta_hat: Array) -> Array:

@@ -1,7 +1,7 @@
-"""The levels of the sensors' noise, from the data themselves.
+"""Estimates the sensors' noise levels from the data.
 
-Where the fourth difference of a signal at a constant rate is negligible, its fourth differences
-have C(8, 4) = 70 times the variance of the noise.
+If the fourth difference of a signal at a constant rate is negligible, that of its measurements has
+C(8, 4) = 70 times the variance of the noise.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Noise(NamedTuple):
 
     Attributes:
         increments: (3, 2n) the last increments of position and velocity.
-        variance: (2n,) of the noise [rad² or m², (rad/s)² or (m/s)²].
+        variance: (2n,) variance of the noise [rad² or m², (rad/s)² or (m/s)²].
         count: (2n,) fourth differences used; those of a constant signal are not.
         seen: (1,) number of increments so far.
     """
@@ -61,5 +61,5 @@ def write_variance(noise, R):
 
 
 def noise_variance(noise: Noise) -> Array:
-    """(2n,) R, not below what rounding errors allow."""
+    """(2n,) R, bounded below by rounding errors."""
     return np.maximum(noise.variance, _SMALLEST * _SMALLEST)

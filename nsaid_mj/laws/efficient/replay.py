@@ -1,4 +1,4 @@
-"""The filter alone: its configuration, its prior, and whether a log contradicts it."""
+"""The filter alone: its configuration, its prior, and its contradictions by a log."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Replay(NamedTuple):
     """A log followed by the filter alone.
 
     Attributes:
-        contradictions: times at which the log contradicted every θ that P allows [s].
+        contradictions: times of significantly large innovations [s].
         along: the filter's outputs.
         filter: at the end.
     """
@@ -67,7 +67,7 @@ class FilterAlone:
     Args:
         system: the structure.
         dt: time between measurements [s].
-        config: of the filter.
+        config: configuration of the filter.
 
     Attributes:
         law: the filter's prior knowledge.
@@ -82,7 +82,7 @@ class FilterAlone:
                 "law",
                 "a system with compiled forward dynamics",
                 type(system).__name__,
-                "Take --law memory; for an arm, --plant.backend compiled.",
+                "Use --law memory; for an arm, --plant.backend compiled.",
             )
         self._error, self._p, self._space = config.prior or USUAL, system.p, system.space
         cone, scale = cone_of(system.space), np.array(system.space.scale)
@@ -107,7 +107,7 @@ class FilterAlone:
     def replay(self, theta: Array, P: Array, log: Log) -> Replay:
         """Follows a log of N measurements from θ̂ (p,) with P_θθ (p, p) of θ̂/scale.
 
-        Where the log contradicts every θ that P allows, the filter starts again from both.
+        Where the innovations are significantly large, the filter restarts from both.
         """
         count = len(log.t)
         kalman, times, at = filter_at(log.q[0], log.v[0], theta, P), [], 0
@@ -117,7 +117,7 @@ class FilterAlone:
             row, end = follow_filter(self.law, kalman, *columns, along.part(at))
             at += row
             if end == ROUNDED:
-                mend(kalman, log.at(at))
+                repair(kalman, log.at(at))
             elif end == CONTRADICTED:
                 times.append(float(log.t[at]))
                 kalman.theta[:], kalman.Ptt[:] = theta, P
@@ -125,8 +125,8 @@ class FilterAlone:
         return Replay(tuple(times), along, kalman)
 
 
-def mend(kalman: Filter, here: Measurement) -> None:
-    """Makes P_θθ positive definite after rounding errors, and starts the state again."""
+def repair(kalman: Filter, here: Measurement) -> None:
+    """Makes P_θθ positive definite after rounding errors, and restarts the state."""
     values, vectors = scipy.linalg.eigh(kalman.Ptt)
     kalman.Ptt[:] = (vectors * np.maximum(values, _INDEFINITE * values[-1])) @ vectors.T
     restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))

@@ -28,25 +28,25 @@ class EfficientState(NamedTuple):
         calm: time since the filter began, or was last contradicted [s].
         handed: whether the law returns the filter's θ̂.
         restarts: how often the filter restarted at the memory's estimate.
-        returns: how often it returned to an earlier estimate with something set free.
-        signals: of failed actuators and sensors.
+        returns: how often it returned to an earlier estimate with parameters to re-estimate.
+        signals: signals of failed actuators and sensors.
         recent: the last samples, as recorded; None before the first.
-        factors: (p,) of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator is
-            reversed, 0 if it is stuck.
+        factors: (p,) factors of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator
+            is reversed, 0 if it is stuck.
         watch: snapshots, for slow changes.
         trials: filters under hypotheses, of which one will be chosen; None where there are none.
         events: the faults found so far.
-        loose: a gain that may go on falling; None if there is none.
+        loose: a gain that may keep falling; None if there is none.
         stale: whether the memory's data precede a fault.
         intact: (p,) θ̂ in which gains of reversed, broken and stuck actuators are those from
             before.
-        wander: shares by which all of θ seemed to be off, as the structure is not exact: the sum of
-            their squares, and the largest square.
+        wander: relative errors of all of θ ascribed to an inexact structure: the sum of their
+            squares, and the largest square.
         drift: variance that every gain, relative to itself, gains per second, as the gains drift; 0
             if they are constant [1/s].
         since: when the gains were found to drift [s].
-        unnamed: trials in a row that found nothing to explain the motion.
-        waiting: samples that the memory has yet to absorb, under the signals that act; or None.
+        unnamed: consecutive trials in which no hypothesis explained the motion.
+        waiting: samples not yet processed by the memory, with the acting signals; or None.
         rivals: filters that test whether the gains drift; None where θ is constant.
     """
 
@@ -84,15 +84,15 @@ class EfficientState(NamedTuple):
         return self.signals.acting(system, log.part(len(log.t) - 1, len(log.t))).at(0)
 
     def wandered(self, share: float) -> EfficientState:
-        """The state with another share by which all of θ seemed to be off."""
+        """The state with another relative error of all of θ added to `wander`."""
         total, largest = self.wander
         return self._replace(wander=(total + share**2, max(largest, share**2)))
 
     def walk(self, seconds: float) -> float:
         """Variance that θ, relative to itself, gains per second where W is not exact [1/s].
 
-        It is the variance needed to explain the motion so far, matched over the whole run of some
-        seconds, without the largest share: a single event, such as a collision, may have caused it.
+        It is the variance that explains the motion so far, from the whole run of some seconds,
+        without the largest error, which may be due to a single event such as a collision.
         """
         total, largest = self.wander
         return (total - largest) / max(seconds, 1.0)

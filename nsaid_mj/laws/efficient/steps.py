@@ -1,4 +1,4 @@
-"""How θ̂ and its covariance move: inside the cone, and with the error of the common scale."""
+"""Steps of θ̂ and its covariance inside the cone, consistent along the common scale."""
 
 from __future__ import annotations
 
@@ -90,10 +90,10 @@ def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state, along):
 def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane, x, P):
     """Projects θ̂ (p,) into the cone, by half-spaces that contain it, in the metric P⁻¹.
 
-    Such a projection brings θ̂ closer to every point of the half-space, and so to the true θ:
-    (θ̂ − θ)ᵀ P⁻¹ (θ̂ − θ) never rises, and P stays an honest covariance without being widened.
-    Where a block's matrix is not positive definite, xᵀ P_b(θ) x > 0 is such a half-space, with x
-    from the first pivot of its factorisation that is not positive.
+    Such a projection brings θ̂ closer to every point of the half-space, and so to the true θ: (θ̂ −
+    θ)ᵀ P⁻¹ (θ̂ − θ) never rises, and P remains a consistent covariance without inflation. Where a
+    block's matrix is not positive definite, xᵀ P_b(θ) x > 0 is such a half-space, with x from the
+    first pivot of its factorisation that is not positive.
 
     before (p,) is θ̂ before the step, inside; if `_PASSES` projections onto each half-space do not
     suffice, or θ̂ is not finite, the step is halved until it ends inside. margin (p,) is that of
@@ -135,7 +135,7 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane, x
 
 @kernel(void(vector, vector, vector, matrix, matrix, vector, vector), inner=True)
 def carry_scale(before, after, scale, Pxt, Ptt, moved, gained):
-    """Carries the error of the common scale along with θ̂, from `before` (p,) to `after` (p,).
+    """Transports the error of the common scale with θ̂, from `before` (p,) to `after` (p,).
 
     No motion reveals the common scale: B θ̂ = 0 at the θ̂ at which the step is linearised.
     Linearised elsewhere in the next step, the covariance would mistake the difference for

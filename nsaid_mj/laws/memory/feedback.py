@@ -1,7 +1,7 @@
-"""Estimates how much of the commands is sensor noise that a controller has fed back.
+"""Estimates the part of the commands that is sensor noise fed back by a controller.
 
-Where the fourth difference of a signal at a constant rate is negligible, the fourth differences of
-measurement and command have C(8, 4) = 70 times the covariance of their noise.
+If the fourth difference of a signal at a constant rate is negligible, those of measurement and
+command have C(8, 4) = 70 times the covariance of their noise.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class FedBack(NamedTuple):
         pending: (2n + n_u,) the increments of position and velocity into the last sample, and the
             command before it.
         together: (n_u, 2n) covariance of commands and measurements.
-        variance: (2n,) of the measurements.
+        variance: (2n,) variance of the measurements.
         seen: number of samples so far.
     """
 
@@ -62,7 +62,7 @@ class FedBack(NamedTuple):
         return after
 
     def deviations(self) -> Array:
-        """(2n, n_u) deviations of the commands that follow each measurement's noise."""
+        """(2n, n_u) standard deviations of the commands due to each measurement's noise."""
         if self.seen < _FEWEST:
             return np.zeros(self.together.T.shape)
         safe = np.where(self.variance > 0, self.variance, np.inf)

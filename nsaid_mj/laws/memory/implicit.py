@@ -102,9 +102,9 @@ class ImplicitMemory:
     def _start(self, theta: Array, memory: Memory) -> Array:
         """(p,) the estimate at which an implicit step starts: θ̂ (p,), or that of the last step.
 
-        It is never outside the cone, as a guarded filter's may be. With noisy sensors (44, 45) also
-        follow the noise; if that has increased the cost of the remembered data since the last step,
-        the last step's estimate is the better one.
+        It is always inside the cone, unlike a safeguarded filter's. With noisy sensors, (44, 45)
+        also track the noise; if that has increased the cost of the remembered data since the last
+        step, the last step's estimate is used.
         """
         view = memory.scores.view
         if not inside(self.metric.cone, theta):
@@ -139,7 +139,7 @@ class ImplicitMemory:
         return theta, memory._replace(scores=memory.scores._replace(view=view))
 
     def _hold(self, cost: Quotient, theta: Array, memory: Memory) -> Array:
-        """(p, p) curvature of the term that holds θ̂ at the prior where noisy data say nothing.
+        """(p, p) curvature of the term that holds θ̂ at the prior in uninformative directions.
 
         With A the data's information at θ (p,) and B that of a measurement as good as 18 %,
         directions in which B has the share s of A + B are held by 100 (2s)⁶ of A + B: far more than

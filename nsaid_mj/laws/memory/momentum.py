@@ -36,7 +36,7 @@ class Balance(NamedTuple):
         pending: (n,) correction of the latter not yet added to the velocities [rad or m].
         total: (n, p) sum of Y over the current block.
         filled: number of samples in the current block.
-        fed: how the commands follow the sensors' noise.
+        fed: the sensor noise fed back into the commands.
     """
 
     lag: Array
@@ -55,7 +55,7 @@ class Rows:
         window: time constant 1/a of the leak [s].
         block: samples in a block.
         dt: time between measurements [s].
-        levels: of the sensors' noise.
+        levels: standard deviations of the sensors' noise.
     """
 
     def __init__(
@@ -105,9 +105,9 @@ class Rows:
         """(n, p, p) Gramians, one for every row, of the sensor noise in a block near a sample.
 
         To first order, and with noise that is independent from sample to sample: that of W_M(q, v)
-        is averaged over the block, that of ż over the window. Noise that a controller feeds back
-        moves the plant: it excites, but is as unrelated to the sensors' readings as noise. fed
-        (k, n_u) are deviations of the commands, each from an independent noise.
+        is averaged over the block, that of ż over the window. Noise fed back by a controller
+        excites the plant, but counts as noise of the commands. fed (k, n_u) are deviations of the
+        commands, each from an independent noise.
         """
         system, n, k = self.system, self.system.n, len(fed)
         count = 2 * n + k + 2

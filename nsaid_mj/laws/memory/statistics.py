@@ -25,7 +25,7 @@ _JUDGED = 50  # blocks, at least, before their scores show an estimate's uncerta
 
 @config
 class MemoryConfig(Config):
-    """How past data are kept and used, where the law is `memory`.
+    """Storage and use of past data by the law `memory`.
 
     Attributes:
         window: time constant 1/a of the leak in the momentum balance [s].
@@ -74,7 +74,7 @@ class Scores(NamedTuple):
     """Scores of the blocks: gradients of ½ residual² under the estimate that preceded them.
 
     Attributes:
-        view: of the last estimate; None before the first.
+        view: view of the last estimate; None before the first.
         latest: (4, p) scores of the last blocks.
         meat: (p, p) mean of the scores' outer products, summed over neighbouring blocks: the
             middle of the sandwich covariance.
@@ -118,7 +118,7 @@ class Memory(NamedTuple):
         balance: the momentum balance at the sample.
         fresh: (k, n, p) blocks not yet in the means.
         means: over the blocks.
-        scores: of the blocks.
+        scores: scores of the blocks.
     """
 
     step: int
@@ -129,7 +129,7 @@ class Memory(NamedTuple):
 
     @property
     def sure(self) -> bool:
-        """Whether enough blocks were compared with an estimate to show its uncertainty."""
+        """Whether enough blocks followed an estimate to determine its uncertainty."""
         n, p = self.means.last.shape
         return self.scores.count >= max(_JUDGED, _DETERMINED * p / n)
 
@@ -141,7 +141,7 @@ class Recorder:
         system: the structure.
         config: window, block, interval and horizon.
         dt: time between measurements [s].
-        levels: of the sensors' noise.
+        levels: standard deviations of the sensors' noise.
         hermite: cubic Hermite interpolation between samples; else linear.
 
     Attributes:

@@ -1,8 +1,8 @@
 """File formats of logs: one module for each, chosen by the content of a file.
 
-A module has `read(path)`: the file's columns, in groups that share their rows. It may raise
-whatever its library raises, an `ImportError` where that is not installed; it calls `check_size`
-before it unpacks.
+A module has `read(path)`: the file's columns, in groups that share their rows. It may raise any
+exception of its library, an `ImportError` if that is not installed; it calls `check_size` before
+unpacking.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ class Columns(NamedTuple):
     Attributes:
         values: (N,) arrays by name: real numbers, `datetime64` or strings.
         time: (N,) times [ns], int64; None if the time is one of the columns or unknown.
-        problems: rows that could not be read as they are and why; rows are counted from 1 without
+        problems: rows that could not be read literally, and why; rows are counted from 1 without
             the header.
-        dropped: columns, or other parts of the file, that were left out, and why.
+        dropped: columns or other parts of the file that were skipped, and why.
         skipped: how many of the rows with problems are not in `values`.
     """
 
@@ -61,7 +61,7 @@ class Format(NamedTuple):
     """A file format.
 
     Attributes:
-        name: of its module, which is imported for files of this format alone.
+        name: name of its module, which is imported for files of this format alone.
         library: that reads it, for messages.
         heads: first bytes of a file.
         inside: name of the file by which a folder is one log; "" if none is.
@@ -109,8 +109,8 @@ def files(path: Path) -> list[Path]:
 def read(path: Path) -> list[Columns]:
     """Reads a log file of any known format, or a folder: our run, a ROS 2 bag, a LeRobot dataset.
 
-    Whatever a format's library raises becomes `UnreadableLog`, and its output never reaches the
-    terminal. Control characters in names are replaced, so that no name can steer a terminal.
+    Any exception of a format's library becomes `UnreadableLog`, and its output is kept from the
+    terminal. Control characters in names are replaced, so that no name can control a terminal.
 
     Raises:
         UnreadableLog: there is no such file, or its content is damaged, empty or beyond the limit.

@@ -40,7 +40,7 @@ class Dialect(NamedTuple):
     Attributes:
         delimiter: one character; runs of blanks count as one space.
         decimal: "." or ",".
-        names: of the columns.
+        names: names of the columns.
         header: whether the first line holds the names.
     """
 

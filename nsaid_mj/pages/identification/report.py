@@ -1,4 +1,4 @@
-"""An identification as a page, and on the terminal: verdict, predictions, parameters, unknowns."""
+"""Page and terminal output of an identification: verdict, predictions, parameters, unknowns."""
 
 from __future__ import annotations
 
@@ -215,7 +215,7 @@ def _law_tables(result: Identification) -> list[Table]:
 
 
 def _unknown(result: Identification) -> list[Panel]:
-    """What the log does not determine, what would help, and what fixes the common scale."""
+    """Parameters that the log does not determine, the best remedy, and the source of the scale."""
     found: list[Panel] = []
     for status, names in words.unknown_in_words(result):
         found += [Badges([STATUSES[status]]), Text(f"{_SILENT[status].capitalize()}: {names}.")]
@@ -246,7 +246,7 @@ def _combinations(result: Identification) -> list[Panel]:
 
 
 def _command(result: Identification) -> str:
-    """Command line with the model and the logs, as far as the result knows them."""
+    """Command line with the model and the logs, as far as they are in the result."""
     source = result.robot.source
     model = str(source) if source is not None else result.robot.name
     logs = list(dict.fromkeys(s.source for s in result.recordings.segments))

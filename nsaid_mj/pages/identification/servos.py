@@ -1,4 +1,4 @@
-"""Identified servos as a page, and on the terminal."""
+"""Page and terminal output of identified servos."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def _replay(result: ServoIdentification, replay: Replayed) -> Section:
     ]  # fmt: skip
     note = "MuJoCo with the exported file, driven by the targets alone from the first position on"
     note += f"; the first {t[-1]:.0f} s." if len(t) < len(log.t) else "."
-    note += "" if used.all() else " Shaded: left out of the fit, because of foreign forces."
+    note += "" if used.all() else " Shaded: left out of the fit, because of external forces."
     return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
 
 
@@ -71,7 +71,7 @@ def print_servos(result: ServoIdentification, console: Console, files: Sequence[
 
 
 def brief(result: ServoIdentification, files: Sequence[Path] = ()) -> Page:
-    """What the terminal and the recording tell of servos; the files are listed last."""
+    """The page for terminal and recording; the files are listed last."""
     page = _page(result, list(map(str, files)))
     return Page(
         page.heading, page.verdict, findings=page.findings,
@@ -97,7 +97,7 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
                  for k, s in enumerate(result.servos)]  # fmt: skip
         panels += [Text("Law efficient, a filter from positions alone, at the end of the logs:"),
                    Table(heads[:4], found)]  # fmt: skip
-    panels.append(Text("± in %; error: of the open-loop simulation; simple: of the late target "
+    panels.append(Text("± in %; error: of the open-loop simulation; simple: of the delayed target "
                        "or a constant.", note=True))  # fmt: skip
     return Page(
         heading=result.robot.name,
@@ -112,7 +112,7 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
 
 
 def print_scores(scores: Sequence[Score], unit: str, console: Console) -> None:
-    """Prints how far models depart from logs, as means over all joints in a unit of 1/1000."""
+    """Prints the errors of models on logs, as means over all joints in a unit of 1/1000."""
     heads = ["model", *(f"{time}\n[{unit}]" for time in ("0.2 s", "2 s", "log"))]
     heads += ["one step\nNRMSE", "CPU\n[s]"]
     lines: list[list[Cell]] = []

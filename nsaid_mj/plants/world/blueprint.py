@@ -30,8 +30,8 @@ class Fluid(NamedTuple):
     """MuJoCo's own fluid forces, for the mismatch `ellipsoid`.
 
     Attributes:
-        density: of the medium [kg/m³].
-        viscosity: of the medium [Pa·s].
+        density: density of the medium [kg/m³].
+        viscosity: viscosity of the medium [Pa·s].
         solid: whether the geom of this name is an ellipsoid in the flow; no other feels it.
         replaced: blocks of θ whose forces they replace; with the first block, M's, added mass.
     """
@@ -60,11 +60,11 @@ class Blueprint:
         rigid: (6, 6) nominal mass matrix of the rigid body [kg, kg·m, kg·m²].
         terms: the forces, with their nominal parameters.
         operation: ranges of velocities and commands.
-        tensor: (6, 6, k) of M in `body`; None for the ten parameters of a rigid body.
+        tensor: (6, 6, k) tensor of M in `body`; None for the ten parameters of a rigid body.
         added: (6, 6) nominal added mass, symmetric; None for a body without.
         gravity: [m/s²], 0 where weight is a column, or borne.
         fluid: MuJoCo's fluid forces.
-        size: (3,) of the box drawn without a model.xml [m].
+        size: (3,) size of the box drawn without a model.xml [m].
         hidden_body: draws the true `rigid`, as a function of the plant's spread and a generator;
             None if the published inertia is the true one.
     """
@@ -104,9 +104,9 @@ class Blueprint:
     def split(self, theta: Array) -> tuple[Inertia, Array]:
         """Divides M of θ (p,) into that of a rigid body and added mass.
 
-        Only their sum can be identified. The rigid body is the nominal one, times the largest
-        factor for which the added mass exceeds the nominal one times this factor: both are then
-        physical.
+        Only their sum can be identified. The rigid-body part is the nominal one times the largest
+        factor for which the added mass is at least the nominal one times this factor, so that both
+        are physical.
 
         Returns:
             the rigid body, and (p,) θ of the forces that act on it.

@@ -83,7 +83,7 @@ def vehicle_spec(
     Args:
         files: the vehicle's.
         dt: time step [s].
-        mass: of the body [kg].
+        mass: mass of the body [kg].
         centre: (3,) centre of mass in body axes [m].
         inertia: (3, 3) about the centre of mass, in body axes [kg·m²].
         size: (3,) of the box drawn without a model.xml [m]; None for a solid box of this inertia.
@@ -142,7 +142,7 @@ def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
             "Copy them from here.",
         ),
         (not actuators, "no actuators", actuators, f"They are made from {made}."),
-        (not strange, drawn, strange, "Meshes are not drawn: take one of these in their place."),
+        (not strange, drawn, strange, "Meshes are not drawn: use one of these in their place."),
     ):
         if not sound:
             raise InvalidInput(str(path), needed, got, remedy)

@@ -97,7 +97,7 @@ class JointMap:
 
     Args:
         model: MuJoCo's model.
-        names: of the joints in the system's order; the first may be a free joint.
+        names: names of the joints in the system's order; the first may be a free joint.
         circular: for each 1-DOF joint, whether q holds its cosine and sine; empty if none does.
         planar: whether the joints are those along x, along y and about z of a body in the plane.
 

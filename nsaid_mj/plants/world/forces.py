@@ -1,9 +1,9 @@
-"""All forces that MuJoCo lacks, in one callback: the columns of a structure at the true θ.
+"""All forces that MuJoCo does not model, in one callback: a structure's columns at the true θ.
 
-MuJoCo's passive forces cannot represent an inertia. Where the structure has some that MuJoCo's
-bodies lack, such as added mass, the callback solves for q̈ and returns the force under which
-MuJoCo's own bodies have this acceleration. With v_r the structure's velocity relative to the water
-or the air, whose flow is constant in the world, and v = T q̇,
+MuJoCo's passive forces cannot represent inertia. If the structure has inertia beyond that of
+MuJoCo's bodies, such as added mass, the callback solves for q̈ and returns the force that gives
+MuJoCo's bodies this acceleration. With v_r the structure's velocity relative to the water or the
+air, whose flow is constant in the world, and v = T q̇,
 
     t = Tᵀ (F θ − C_A(v_r) v_r + M_A (ω × v_r)) − bias,    (M + Tᵀ M_A T) q̈ = t,
 
@@ -89,7 +89,7 @@ class Forces:
     """The forces on a plant beyond MuJoCo's.
 
     Attributes:
-        structure: of the plant.
+        structure: structure of the plant.
         theta: (p,) the true θ, with 0 for parameters of MuJoCo's own bodies or actuators.
         flow: (3,) velocity of the water or the air in the world [m/s].
     """
@@ -174,11 +174,11 @@ class _Memory(NamedTuple):
         v: (n,) v_r.
         ground: (n,) the velocity on the ground.
         R: (9,) the base's axes in the world.
-        force: (n,) of all columns, then the total.
+        force: (n,) force of all columns, then the total.
         bias: (n,) MuJoCo's.
         M: (n, n) MuJoCo's.
         A: (n, n) M + Tᵀ M_A T.
-        state: (s,) of `kinematics.place` at v_r, or at the velocity on the ground.
+        state: (s,) state of `kinematics.place` at v_r, or at the velocity on the ground.
         F: (z,) entries of F there.
     """
 
@@ -374,7 +374,7 @@ def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
 def column_forces() -> Any:
     """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive.
 
-    One for all robots: a second would compile the same columns again.
+    It is the same for all robots: a second one would compile the same columns again.
     """
     offsets = field_offsets()
     user, ctrl, act, q, v, force = (

@@ -1,4 +1,4 @@
-"""Effects of a real plant that the identifier's structure does not model, each with a switch."""
+"""Unmodelled effects of a real plant, each with a switch."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Mismatch(Config):
                 "mismatch.lag",
                 f"0, or at least {dt / 2.5:g} s at steps of {dt:g} s",
                 self.lag,
-                "Leave it out, or take a smaller dt.",
+                "Leave it out, or use a smaller dt.",
             )
         if self.lag:
             for actuator in spec.actuators:

@@ -1,4 +1,4 @@
-"""A plant: a MuJoCo model, the structure that an identifier may know, and the hidden truth."""
+"""A plant: a MuJoCo model, the structure for identifiers, and the hidden true parameters."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ class PlantConfig(Config, ABC):
 
     Attributes:
         mismatch: effects that the identifier's structure does not model.
-        faults: of actuators, sensors or the plant during the run, such as `loss 0.4 of 2 at 5 s;
-            payload 1 kg at 10 s until 15 s`.
+        faults: faults of actuators, sensors or the plant during the run, such as `loss 0.4 of 2 at
+            5 s; payload 1 kg at 10 s until 15 s`.
         _refuses: the plant's kind in words, and the effects of `mismatch` that it lacks; for a
             plant in the plane, `level` for a vertical flow.
     """
@@ -101,11 +101,11 @@ class Plant(ABC):
         substeps: steps of MuJoCo in a time step.
         delay: time steps from a command to the actuators.
         targets: whether commands are positions; until one arrives, servos hold the first.
-        late: (n_u,) time steps from a target to its servo, which are known: a measurement's u is
-            what acts. None without.
+        late: (n_u,) known time steps from a target to its servo: u is the acting target. None
+            without.
         profile: (n_u, 3) of the targets, likewise; see `robot.target_profile`. None without.
         mismatches: effects that the structure does not model, in words.
-        faults: of actuators, sensors or the plant during a run.
+        faults: faults of actuators, sensors or the plant during a run.
         gain_places: for each command, the indices of its actuator's gains in MuJoCo's userdata;
             empty if MuJoCo's actuators hold the gains.
         reading: index map of the system's coordinates for compiled code; None if compiled code

@@ -1,4 +1,4 @@
-"""A robot of exact structure in MuJoCo: a true θ, and one callback for the forces it lacks."""
+"""A robot of exact structure in MuJoCo: a true θ, and a callback for all other forces."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class SimulatedRobot(Plant):
         truth: (p,) the true θ.
         acting: (p,) θ of the forces beyond MuJoCo's; see `Forces`.
         spec: MuJoCo's specification, with the true inertias, and an actuator for every command.
-        names: of its joints in the system's order; see `JointMap`.
+        names: names of its joints in the system's order; see `JointMap`.
         mismatch: the effects outside the structure.
         looks: the meshes that show it; None for the specification's geoms.
 

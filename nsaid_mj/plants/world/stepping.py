@@ -1,4 +1,4 @@
-"""A stretch of a run in one compiled call: MuJoCo's step, sensors, control law.
+"""A segment of a run in one compiled call: MuJoCo's step, sensors, control law.
 
 The arithmetic and its order match the step-by-step loop in `Plant`, bit for bit.
 """

@@ -25,8 +25,8 @@ class Kind:
         name: its name in a sheet or a `Column`.
         block: name of its block of θ.
         letter: prefix of its parameters' names.
-        unit: of the parameter; for a joint, also on slides.
-        geometry: of the block.
+        unit: unit of the parameter; for a joint, also on slides.
+        geometry: geometry of the block.
         share: guessed share of the largest actuator's force that the column explains; with the
             column's value in operation it gives the scale of the parameter.
         actuator: whether the parameter scales a command.
@@ -54,7 +54,7 @@ class Kind:
         """A guess of the parameter.
 
         Args:
-            force: of the strongest actuator there [N or N·m].
+            force: force of the strongest actuator there [N or N·m].
             value: the column's value in operation, per unit of its parameter.
         """
         return self.share * force / max(abs(value), 1e-9)

@@ -102,7 +102,7 @@ def log(
         seed: of the motion.
         seconds: length.
         speed: of the fastest moves [rad/s].
-        push: begin [s], end [s] and torque [N·m] of a foreign force on the shoulder's lift.
+        push: begin [s], end [s] and torque [N·m] of a external force on the shoulder's lift.
         heavier: the true masses over those of the file.
         load: mass of a ball in the gripper [kg].
         change: called with MuJoCo's model and data before every step.

@@ -1,4 +1,4 @@
-"""Trials of a sensor's constant error.
+"""Trials of a sensor bias.
 
 The filter is nearly linear, so its innovations depend linearly on a constant b that is subtracted
 from one sensor's measurements since the fault: e = e₀ + g (b − b₀), with g the error's signature in

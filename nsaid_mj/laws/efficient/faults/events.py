@@ -1,7 +1,7 @@
-"""Records of faults, and the gain of an actuator that may go on failing.
+"""Records of faults, and the gain of an actuator that may keep failing.
 
-A small loss may be the beginning of a slow one. For some time after it the gain stays loose: it
-follows a random walk, and the event grows with the loss.
+A small loss may be the beginning of a slow one. For some time afterwards the gain is modelled as a
+random walk, and the event is updated with the loss.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ _ON = 0.05  # relative change of a loose gain that goes unnoticed
 _LOOSE = 10.0  # time for which a gain stays loose after its last change [s]
 _GROWN = 0.01  # change of the lost share from which an event is updated
 SEIZED = ("reversed", "broken", "stuck")
-"""Kinds of faults under which a command does not reach its actuator as given."""
+"""Kinds of faults that change the command that acts on an actuator."""
 _MEASURED = ("loss", "payload", "bias")  # whose size is 0 where nothing has failed; friction's
 # coefficients may each be 0, as they trade with one another, while their change is evident
 
 
 class Loose(NamedTuple):
-    """A gain that may go on falling.
+    """A gain that may keep falling.
 
     Attributes:
         part: the actuator, in words.
@@ -50,7 +50,7 @@ class Loose(NamedTuple):
         kalman.Ptt[:] += seconds * np.outer(D, D)
 
     def freed(self, kalman: Filter, scale: Array) -> None:
-        """Lets an earlier filter estimate how far the loss has gone on since."""
+        """An earlier filter with the variance to estimate the loss since then."""
         self.walked(kalman, scale, (_ON / _WALK) ** 2)
 
     def lost(self, kalman: Filter) -> float:
@@ -81,7 +81,7 @@ def loosened(
 
 
 def revoked(events: tuple[FaultEvent, ...], part: str) -> tuple[FaultEvent, ...]:
-    """The events without those of a part that has turned out to be sound."""
+    """The events without those of a part found to be healthy."""
     return tuple(e for e in events if e.part != part or e.kind not in SEIZED)
 
 

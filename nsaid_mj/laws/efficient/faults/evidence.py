@@ -1,15 +1,14 @@
-"""The evidence for a jump of θ, from the estimates before and after alone.
+"""The evidence for a jump of θ, from the estimates before and after it.
 
-A filter at (θ̂_s, P_s) that ignores a jump reaches (θ̂_t, P_t). Without a jump, the shift
+A filter without a model of the jump goes from (θ̂_s, P_s) to (θ̂_t, P_t). Without a jump, the shift
 Δ = θ̂_t − θ̂_s has the covariance V = P_s − P_t; a jump D δ at time s, δ ~ N(0, 1), adds A δ to it:
 
     A = (1 − P_t P_s⁻¹) D,    score g = Aᵀ V⁻¹ Δ,    information I = Aᵀ V⁻¹ A,
     likelihood ratio, maximised over δ:  exp(½ gᵀ I⁻¹ g),
     and averaged over its prior:         exp(½ gᵀ (1 + I)⁻¹ g) / √det(1 + I).
 
-The average is the maximum with the penalty for the number and the range of free directions. V also
-includes the deviations of a sound robot's parameters from constants, and the filter's from
-linearity.
+The average equals the maximum times a penalty for the number and prior range of the directions. V
+also includes variations of a healthy robot's parameters, and the filter's nonlinearity.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ class Jump(NamedTuple):
     Attributes:
         evidence: logarithm of the averaged likelihood ratio against no jump.
         delta: (d,) the most probable δ.
-        covariance: (d, d) of δ.
+        covariance: (d, d) covariance of δ.
     """
 
     evidence: float
@@ -39,7 +38,7 @@ class Jump(NamedTuple):
 
     @property
     def evident(self) -> bool:
-        """Whether δ as a whole exceeds chance, even where its components trade."""
+        """Whether δ as a whole is significant, even if its components are correlated."""
         squares = float(self.delta @ np.linalg.solve(self.covariance, self.delta))
         return squares > _EVIDENT * len(self.delta)
 
@@ -78,7 +77,7 @@ def shift_jumps(
 
 
 def jumped(Ps: Array, Pt: Array, shift: Array, D: Array) -> Jump:
-    """The jump of a filter that allows for it: P_s already contains D Dᵀ."""
+    """The jump estimated by a filter whose P_s already contains D Dᵀ."""
     whitened = cho_solve(cho_factor(Ps), D)
     delta = whitened.T @ shift
     spread = np.eye(D.shape[1]) - D.T @ whitened + whitened.T @ Pt @ whitened

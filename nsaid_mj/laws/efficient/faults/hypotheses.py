@@ -1,9 +1,9 @@
-"""Named hypotheses of what may have happened to a robot: about θ and about its commands.
+"""Fault hypotheses about θ and about commands.
 
 A hypothesis adds an unknown jump δ ~ N(0, 1) along each of its directions D (in θ/scale) to θ, so
-P_θθ grows by D Dᵀ and the rest stays as certain as it was. Three of them also change the command
-that reaches an actuator: a reversed one gets −u, a broken one 0, and a stuck one a typical command,
-whose effort its gain measures.
+P_θθ grows by D Dᵀ. Three of them also change the command that acts on an actuator: −u if it is
+reversed, 0 if broken, and a typical constant command if stuck, whose effort is estimated as the
+gain.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ _RESTORED = 0.1  # standard deviation of a gain's jump back to what it was, rela
 
 
 class Hypothesis(NamedTuple):
-    """One explanation of a change.
+    """A possible cause of a change.
 
     Attributes:
-        kind: see `FaultEvent`; also `none`, and `sound` for a part wrongly taken for failed.
+        kind: see `FaultEvent`; also `none`, and `sound` for a part that works again.
         part: the affected part, in words.
-        names: of the parameters that may have changed.
+        names: names of the parameters that may have changed.
         D: (p, d) directions of the jump of θ/scale, whose δ has standard deviation 1.
         size: (d,) the reported size of the change is sizeᵀδ.
-        unit: of the size; `1` for a share.
-        command: index of the actuator whose command does not reach it; −1 if all do.
-        held: the constant command that it executes instead; NaN if there is none.
-        mean: (p,) of the jump of θ/scale where it is not 0.
+        unit: unit of the size; `1` for a share.
+        command: index of the actuator whose acting command differs; −1 if none.
+        held: the constant command that acts instead; NaN if there is none.
+        mean: (p,) mean of the jump of θ/scale where it is not 0.
         offset: part of the reported size that belongs to the mean.
         curve: (2, N) sizes of an actuator's command, and the efforts relative to that at `held`.
         channel: index of the sensor with a constant error, those of position first; −1 if none.
-        share: by which all of θ may be off, where the structure is not exact; 0 if it is.
+        share: relative error of all of θ for an inexact structure; 0 for an exact one.
     """
 
     kind: str
@@ -77,7 +77,7 @@ def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
 
 
 def appear_slowly(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
-    """Those for which a shift of θ̂ without a contradiction can be evidence."""
+    """The hypotheses that a slow shift of θ̂ can support."""
     return [h for h in hypotheses if h.command < 0 and h.channel < 0 and not h.offset]
 
 
@@ -95,16 +95,15 @@ def penalty(hypothesis: Hypothesis) -> float:
 
 
 def nothing(system: SecondOrderSystem) -> Hypothesis:
-    """No change at all."""
+    """No change."""
     return Hypothesis("none", "", (), np.zeros((system.p, 0)), np.zeros(0), "1")
 
 
 def inexact(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
-    """The robot is sound but its structure not quite exact, so that all of θ seems to be off.
+    """The robot is healthy but its structure inexact, so that all of θ appears to change.
 
-    An effect that no column of W describes moves whatever parameters describe it best, by amounts
-    that vary with the motion. Without this hypothesis, the single fault most like the effect would
-    explain it.
+    An effect outside the span of W biases the parameters closest to it, by amounts that vary with
+    the motion. Without this hypothesis, it would be attributed to the most similar single fault.
     """
     sizes = np.diag(np.maximum(np.abs(theta / system.space.scale), SMALL))
     none = nothing(system)
@@ -116,7 +115,7 @@ def inexact(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
 def restored(
     system: SecondOrderSystem, theta: Array, sound: Array, sign: Array, held: Array
 ) -> list[Hypothesis]:
-    """Hypotheses that an actuator taken for reversed, broken or stuck is sound after all, one each.
+    """Hypotheses that an actuator reported as reversed, broken or stuck works again.
 
     theta (p,) is θ̂ now, sound (p,) has the gains from before these actuators failed, sign (n_u,)
     is −1 for a reversed actuator, held (n_u,) the command of a stuck one, NaN for the others.
@@ -191,7 +190,7 @@ def _curve(system: SecondOrderSystem, command: int, k: tuple[int, ...], typical:
 
 
 def _odd(system: SecondOrderSystem, command: int, k: Indices) -> bool:
-    """Whether the force of gains k changes sign with a command, so that −u is a reversed gain."""
+    """Whether the force of gains k is odd in the command, so that −u equals a reversed gain."""
     q, v, u = system.random_state(np.random.default_rng(0))
     other, x = u.copy(), np.concatenate([q, v])
     other[command] *= -1
@@ -233,7 +232,7 @@ def most_changed(space: ParameterSpace, friction: Hypothesis, jump: Jump) -> Hyp
 
 
 def _payload(system: SecondOrderSystem) -> list[Hypothesis]:
-    """A load on the last body: its mass, first moments and, in air, second moments."""
+    """A payload on the last body: its mass, first moments and, in air, second moments."""
     space = system.space
     bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
     name = carrier(space)
@@ -260,10 +259,10 @@ def _payload(system: SecondOrderSystem) -> list[Hypothesis]:
 
 
 def _loads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
-    """Heavy loads on the last link, under which its inertial parameters jump far.
+    """Heavy payloads on the last link, which change its inertial parameters by far.
 
-    Linearised at the link's own parameters, the filter would not get there: its steps are at most a
-    share of these. So it starts under a ball of typical mass at the joint.
+    The filter, linearised at the link's own parameters, would not converge: its steps are at most a
+    share of these. It therefore starts with a ball of typical mass at the joint.
     """
     space = system.space
     bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}

@@ -1,11 +1,11 @@
-"""How the law reacts to contradictions, by trials that isolate a fault, and to slow changes.
+"""Fault isolation after contradictions, by trials of hypotheses, and after slow changes.
 
-Innovations larger than chance allows contradict the filter. If it had explained `_MATURE` seconds
-before (twice as many after vain trials), something may have failed: the filter returns to its
-earlier estimate, and tries which single fault explains the motion best, or whether the structure is
-just not quite exact. Only what a fault has hit is set free. Slow changes show in the shift of the
-estimate, see `watch`. If no fault explains the motion, or if the filter is young, it starts again
-at the memory's estimate.
+Significantly large innovations contradict the filter. If it had explained `_MATURE` seconds before
+(twice as many after failed trials), a fault is possible: the filter returns to its earlier
+estimate, and trials determine which single fault, or an inexact structure, explains the motion
+best. Only the parameters of that fault are re-estimated. Slow changes are detected by the shift of
+the estimate, see `watch`. If no fault explains the motion, or the filter has just started, it
+restarts at the memory's estimate.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class Isolation(NamedTuple):
     """Isolates faults.
 
     Attributes:
-        law: of the filter.
+        law: law of the filter.
         system: the structure.
-        covariance: of a prior's θ̂/scale, given θ̂ (p,).
+        covariance: covariance of a prior's θ̂/scale, given θ̂ (p,).
         dt: time between measurements [s].
         interval: time between two decisions [s].
     """
@@ -59,7 +59,7 @@ class Isolation(NamedTuple):
     interval: float
 
     def contradicted(self, inside: EfficientState, log: Log) -> EfficientState:
-        """After a contradiction at a log's end: trials of possible failures, or a new start."""
+        """After a contradiction at a log's end: starts trials of possible faults, or restarts."""
         kalman, system, here = inside.filter, self.system, inside.here(self.system, log)
         if len(log.t) <= LEAD + 1:  # right after a gap: too short to judge
             restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
@@ -163,13 +163,13 @@ class Isolation(NamedTuple):
         return self._noted(inside, hypothesis, before, t, noted)
 
     def _slow(self, theta: Array) -> list[Hypothesis]:
-        """Hypotheses for which a shift of θ̂ (p,) without a contradiction can be evidence."""
+        """The hypotheses that a slow shift of θ̂ (p,) can support."""
         return appear_slowly(hypotheses_of(self.system, theta)) + inexact(self.system, theta)
 
     def _noted(
         self, inside: EfficientState, hypothesis: Hypothesis, before: Array, t: float, found: Any
     ) -> EfficientState:
-        """Records a fault isolated at time t, from θ̂ (p,) before; more of a known one is not new.
+        """Records a fault isolated at time t, with θ̂ (p,) before; a known one is only updated.
 
         `found` are begin, size with its interval, confidence, and whether it is slow.
         """

@@ -1,8 +1,8 @@
 """The time at which a fault began, and the filter just before.
 
-Before a fault, the normalised innovations e of a sample have eᵀe of mean 2n and variance 4n. Where
-they exceed 2n + 3 √(4n) on average from some sample until now, the fault began there: Page's
-likelihood ratio test for a change at an unknown time.
+Before a fault, eᵀe of the normalised innovations e of a sample has mean 2n and variance 4n. The
+fault began at the sample from which on its average exceeds 2n + 3 √(4n): Page's likelihood ratio
+test for a change at an unknown time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Known failures of actuators and sensors: how their signals differ from those recorded."""
+"""Known faults of actuators and sensors: differences between acting and recorded signals."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .hypotheses import Hypothesis
 
 
 class Signals(NamedTuple):
-    """How the signals of actuators and sensors differ from those recorded.
+    """Differences between the acting and the recorded signals of actuators and sensors.
 
     Attributes:
         sign: (n_u,) −1 for a reversed actuator, else 1.
@@ -30,7 +30,7 @@ class Signals(NamedTuple):
 
     @staticmethod
     def sound(system: SecondOrderSystem) -> Signals:
-        """The signals of a robot whose actuators and sensors are all sound."""
+        """The signals of a robot with healthy actuators and sensors."""
         n, n_u = system.n, system.n_u
         return Signals(np.ones(n_u), np.full(n_u, np.nan), np.zeros(2 * n))
 
@@ -59,7 +59,7 @@ class Signals(NamedTuple):
         return bool((self.sign == 1).all() and np.isnan(self.held).all())
 
     def acting(self, system: SecondOrderSystem, log: Log) -> Log:
-        """The log with the commands that act and the sensors' errors removed."""
+        """The log with the acting commands, and with sensor biases removed."""
         t, q, v, u = log
         if not self.as_recorded:
             u = np.where(np.isnan(self.held), self.sign * u, self.held)

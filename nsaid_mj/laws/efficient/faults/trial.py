@@ -1,4 +1,4 @@
-"""A filter under one hypothesis."""
+"""A filter under one fault hypothesis."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Trial(NamedTuple):
         filter: at the last sample.
         signals: that act under the hypothesis.
         theta: (p,) θ̂ at the start.
-        P: (p, p) P_θθ at the start, with the hypothesis's freedom.
+        P: (p, p) P_θθ at the start, with the hypothesis's D Dᵀ.
         earlier: sum of the squared normalised innovations that no longer count as evidence.
     """
 
@@ -74,7 +74,7 @@ class Trial(NamedTuple):
         return self._replace(filter=own)
 
     def freed(self, seconds: float) -> None:
-        """Lets the change grow for the given time [s]."""
+        """The trial with variance added for a change that continues for the given time [s]."""
         D = self.hypothesis.D
         self.filter.Ptt[:] += _WALK**2 * seconds * (D @ D.T)
 

@@ -1,9 +1,9 @@
 """Trials of all hypotheses on the same data, after a contradiction.
 
-They start at the last sample before the fault, with the estimate from before, and differ in what
-they leave free. The evidence of a hypothesis is the likelihood of the innovations, averaged over
-the prior of what is free: Σ −½ (eᵀe + log det S). The trials continue until one hypothesis is
-probable enough or time is up; those that have become improbable are dropped.
+They start at the last sample before the fault, with the earlier estimate, and differ in the
+parameters that they re-estimate. The evidence of a hypothesis is the likelihood of the innovations,
+marginalised over the prior of these: Σ −½ (eᵀe + log det S). The trials continue until one
+hypothesis is probable enough or the time limit is reached; improbable ones are dropped.
 """
 
 from __future__ import annotations
@@ -32,8 +32,9 @@ _NEAR = 200.0  # evidence that repeating a trial of a sensor's error can gain
 _TOGETHER = 10  # samples along which trials run at once: one by one takes four times as long
 _PASSES, _BETTER = 4, 0.99  # repeated linearisations of a trial, and what each must achieve
 _PATIENT = ("several", "bias", "payload")
-"""Kinds not accepted early, nor is a structure that is not exact: with all of θ free it explains a
-fault as well, until more data show how many numbers it needs; the last two for their size."""
+"""Kinds not accepted early, nor is an inexact structure: with all of θ free it explains a fault as
+well, until more data penalise its number of parameters; the last two so that their size can be
+estimated."""
 
 
 class Trials(NamedTuple):
@@ -47,7 +48,7 @@ class Trials(NamedTuple):
         samples: in the current window.
         counted: sample of the log from which on innovations count as evidence.
         due: length of the log from which the trials are repeated, at a window's end.
-        reached: sample of the log that the trials have reached; later ones wait, see `_TOGETHER`.
+        reached: last processed sample of the log; later ones are buffered, see `_TOGETHER`.
     """
 
     each: tuple[Trial | BiasTrial, ...]
@@ -93,8 +94,8 @@ def begin_trials(
 def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log) -> Trials:
     """The trials after a log; at a window's end they are repeated where that makes them exact.
 
-    They are repeated when the log is twice as long as the last time, or time is up, so that all
-    repetitions together cost no more than a few along the whole log.
+    They are repeated when the log is twice as long as the last time, or at the time limit, so that
+    all repetitions together cost no more than a few passes along the whole log.
     """
     known = trials.log.first(len(trials.log.t) - 1).joined(log)
     each, reached, last = trials.each, trials.reached, len(known.t) - 1
@@ -115,7 +116,7 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
 def _hopeful(law: Law, each: tuple[Trial | BiasTrial, ...]) -> tuple[Trial | BiasTrial, ...]:
     """The trials without hopeless single faults, most of all after a few samples, if one explains.
 
-    Those in which much of θ is free neither decide nor are dropped, as in `narrowed`.
+    Those with much of θ free are excluded from the comparison, as in `narrowed`.
     """
     single = [trial for trial in each if _is_single(trial.hypothesis)]
     best = max(single, key=lambda trial: trial.evidence, default=None)
@@ -133,10 +134,10 @@ def _is_single(hypothesis: Hypothesis) -> bool:
 def narrowed(law: Law, trials: Trials, window: float) -> Trials:
     """The trials that continue at the end of a window [s], free to follow a growing fault.
 
-    Improbable ones are dropped, single faults by comparison among themselves: with much of θ free
-    anything is explained for a while. If not even the best explains its window, or only that of all
-    actuators, the others have yet to learn the size of a large change: the evidence is counted
-    anew from here.
+    Improbable ones are dropped, single faults only by comparison with one another: with much of θ
+    free a filter can explain anything for a while. If not even the best explains its window, or
+    only that of all actuators, the others have not yet converged to the size of a large change: the
+    evidence is reset.
     """
     for trial in trials.each:
         trial.freed(window)
@@ -192,7 +193,7 @@ def _along(trial: T, law: Law, system: SecondOrderSystem, trials: Trials) -> T:
 
 
 def explains(law: Law, trial: Trial | BiasTrial) -> bool:
-    """Whether chance explains the innovations of a trial."""
+    """Whether the innovations of a trial agree with their covariance."""
     count = int(trial.filter.tally[1])
     return trial.squares <= acceptable(law._replace(window=count), trial.filter)
 
@@ -216,7 +217,7 @@ class Verdict(NamedTuple):
 
 
 def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
-    """The outcome at time t [s], at the end of a window; None while it is open."""
+    """The verdict at time t [s], at the end of a window; None while undecided."""
     share = posterior_of(trials)
     late = t - trials.begin >= _LONGEST
     if np.isnan(share).all():

@@ -1,4 +1,4 @@
-"""The recent past of the filter, and changes that are too slow for its innovations.
+"""Snapshots of the filter, and detection of changes that are too slow for its innovations.
 
 Without a change, θ̂ shifts by no more than the decrease of its covariance explains. Snapshots of
 (θ̂, P_θθ) are kept at regular intervals, and each is compared with the present; see `evidence`.
@@ -42,7 +42,7 @@ class Watch(NamedTuple):
     def rewind(self, t: float, kalman: Filter) -> None:
         """Sets θ̂, P_θθ and noise back to a while before time t [s].
 
-        A fault may have begun unnoticed, and a sensor's jump looks like noise.
+        A fault may have begun undetected, and a sensor's jump resembles noise.
         """
         if not self.times:
             kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
@@ -69,7 +69,7 @@ class Found(NamedTuple):
     Attributes:
         hypothesis: what changed.
         confidence: its probability among the hypotheses.
-        size: of the change, with lower and upper end, in the hypothesis's unit.
+        size: size of the change, with lower and upper end, in the hypothesis's unit.
         theta: (p,) θ̂ with the change taken into account.
         P: (p, p) its P_θθ.
         evidence: logarithm of the averaged likelihood ratio against no change.

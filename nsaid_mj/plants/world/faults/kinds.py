@@ -1,4 +1,4 @@
-"""The kinds of faults. Each acts from `time` until `until`, and says what it changes.
+"""The kinds of faults. Each acts from `time` until `until`.
 
 An actuator's fault scales its gains or holds its command; friction and a payload add to θ; a bias
 adds to a sensor's reading. The structure continues to hold except under a held command, whose force
@@ -30,7 +30,7 @@ class Fault(Config, ABC):
 
     Attributes:
         time: when it begins [s of the run].
-        until: when it ends and the plant is as before [s of the run]; None for never.
+        until: when the plant is restored [s of the run]; None for never.
     """
 
     _path = "plant.faults"
@@ -96,7 +96,7 @@ class Loss(ActuatorFault):
     """An actuator that loses a share of its gain, suddenly or slowly.
 
     Attributes:
-        share: of its gain that it loses.
+        share: share of its gain that it loses.
         rate: share lost per second until `share` is lost [1/s]; None for at once.
     """
 
@@ -115,7 +115,7 @@ class Loss(ActuatorFault):
 
 @config
 class Reversed(ActuatorFault):
-    """An actuator that acts in the opposite direction, as with exchanged wires."""
+    """An actuator that acts in the opposite direction, as with swapped wires."""
 
     def factor(self, since: float) -> float:
         """−1."""
@@ -184,14 +184,14 @@ def gains_of(system: SecondOrderSystem, actuator: int) -> Indices:
 
 @config
 class PlantFault(Fault, ABC):
-    """A fault of the plant itself, which adds to θ."""
+    """A fault of the plant, which adds to θ."""
 
     @abstractmethod
     def added(self, system: SecondOrderSystem) -> Array:
         """(p,) the fault's change of θ; raises `InvalidInput` if the system has no such part."""
 
     def affected(self, system: SecondOrderSystem) -> Indices:
-        """Indices in θ of what the fault changes."""
+        """Indices in θ of the affected parameters."""
         return np.flatnonzero(self.added(system))
 
 
