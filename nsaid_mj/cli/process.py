@@ -4,7 +4,7 @@ A command's exit code follows from the verdict that it prints and puts on its pa
 
 | code | meaning |
 |---|---|
-| 0 | explained: the verdict is ✔ or ◐; or there was nothing to judge, as for `list` and `view` |
+| 0 | explained: the verdict is ✔ or ◐; or the command has no verdict, as `list` and `view` |
 | 1 | not explained: the verdict is ✘, a run of a study has no result, or a statement fails |
 | 2 | unusable input: a flag, a scenario, a model, a log or a folder |
 | 130 | interrupted by Ctrl-C, SIGTERM or SIGHUP |

@@ -61,7 +61,7 @@ _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 
 
 def acceptable(law: Law, filter: Filter) -> float:
-    """Threshold of the sum of squared normalised innovations in a window (chi-square quantile)."""
+    """Threshold of the sum of squared normalised innovations in a window (χ² tail bound)."""
     return _acceptable(law.window, filter.v.shape[0], filter.noise.seen[0])
 
 
