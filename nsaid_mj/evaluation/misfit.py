@@ -159,13 +159,15 @@ class Misfit(NamedTuple):
 def running_misfit(state: State) -> str:
     """The level while a law still runs, from its state alone; "" of a law without a filter.
 
-    It is that of all innovations so far, and of contradictions that no fault explains.
+    It is that of all innovations so far, and of contradictions that no fault explains, unless the
+    filter has since explained two thirds of the motion: a prior far off is contradicted, too.
     """
     if state.filter is None:
         return ""
     inside = state.filter
     squares, number = inside.filter.totals
-    if inside.restarts + inside.unnamed > _REPEATED:
+    late = inside.calm < (1 - _SETTLED) * state.t
+    if late and inside.restarts + inside.unnamed > _REPEATED:
         return CONTRADICTS
     return SOME if number and squares > _LARGE * number else NONE
 
