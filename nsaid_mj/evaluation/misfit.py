@@ -45,9 +45,10 @@ from ..identifiers.efficient.drift import walks
 from ..identifiers.efficient.faults.signals import Signals
 from ..identifiers.efficient.replay import FilterAlone, Replay
 from ..log import Log
-from ..parameters import Array, Indices
+from ..parameters import Array, Indices, ParameterSpace
 from ..quotient.cone import cone_of, inside
 from ..system import SecondOrderSystem
+from .confidence import gain_deviations
 
 _SHORTEST = 32  # samples that have a spectrum
 
@@ -127,6 +128,7 @@ _LEARNED = 1e-3  # least share of its variance that a direction loses, to be jud
 _VAGUE = 0.1  # deviation of θ over the prior's, where a log begins along which the gains drift
 _ROUNDING = 1e-15  # least variance, relative to the prior's
 _SHIFTED = 1.5  # mean squared normalised shift that is more than chance
+_FAR = 3.0  # deviations by which no gain shifts by chance
 
 
 class Misfit(NamedTuple):
@@ -313,11 +315,26 @@ def _widening(alone: FilterAlone, theta: Array, P: Array, learning: Replay, ener
     Parameters absorb a part of the effects that W lacks, in whatever direction is most like them;
     the energy of the rest reveals their size. And the estimate must not shift further than its
     covariance allows: neither as a whole, nor from part to part of the log, where an effect that
-    comes and goes with the motion moves it to and fro (a sandwich of as many blocks).
+    comes and goes with the motion moves it to and fro (a sandwich of as many blocks), nor a single
+    gain, which the first pass may have found while θ̂ was still far off.
     """
     shifts = _shifts(alone.law.scale, theta, P, learning)
+    gains = shift_of_gains(alone.space, theta, P, learning.filter.theta)
+    if gains > _FAR and not learning.contradictions:
+        shifts.append(gains**2)
     most = max((shift for shift in shifts if shift > _SHIFTED), default=1.0)
     return float(np.sqrt(max(1.0 + energy, most)))
+
+
+def shift_of_gains(space: ParameterSpace, theta: Array, P: Array, after: Array) -> float:
+    """Largest shift of a gain over the mean of all, from θ (p,) to `after`, in its deviations.
+
+    P (p, p) is the covariance of θ/scale.
+    """
+    stated = Confidence(P * np.outer(space.scale, space.scale), P, np.zeros(0))
+    deviation = np.maximum(gain_deviations(stated, theta, space), _ROUNDING)
+    ratio = after[space.actuators] / theta[space.actuators]
+    return float(np.max(np.abs(ratio / ratio.mean() - 1) / deviation, initial=0.0))
 
 
 def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[float]:

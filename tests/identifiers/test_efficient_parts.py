@@ -442,15 +442,24 @@ def test_a_shift_is_measured_by_what_was_learned(kept: int) -> None:
     moved = scale * np.array([0.0, 3 * np.sqrt(0.01 * 0.9)])
     rows = np.linspace(0, 1, 1601)[:, None] * moved + 1.0
     along = SimpleNamespace(theta=rows)
-    learning: Any = SimpleNamespace(
-        contradictions=(), along=along, filter=SimpleNamespace(Ptt=left)
-    )
+    ended = SimpleNamespace(Ptt=left, theta=np.ones(2))
+    learning: Any = SimpleNamespace(contradictions=(), along=along, filter=ended)
     found = misfit._shifts(scale, np.ones(2), P0, learning)
     np.testing.assert_allclose(found, [9 / kept, 9 / 4 / kept, 9 / 16 / kept], rtol=1e-9)
-    alone: Any = SimpleNamespace(law=SimpleNamespace(scale=scale))
+    gains = Block("gain", ("a", "b"), ("1", "1"), scale, "positive", actuator=True)
+    alone: Any = SimpleNamespace(law=SimpleNamespace(scale=scale), space=ParameterSpace((gains,)))
     for energy in (0.0, 24.0):
         widening = misfit._widening(alone, np.ones(2), P0, learning, energy)
         assert widening == pytest.approx(np.sqrt(max(1 + energy, 9 / kept)))
+    apart = np.sqrt(0.04 * 2.0**2 + 0.01 * 5.0**2) / 2  # deviation of a gain over the mean of both
+    for share in (1.0, 1e-2):  # of P: one gain shifts by 0.2 of the mean, the other by −0.2
+        ended.theta = np.array([1.0, 1.5])
+        shift = 0.2 / (np.sqrt(share) * apart)
+        assert misfit.shift_of_gains(alone.space, np.ones(2), share * P0, ended.theta) == (
+            pytest.approx(shift)
+        )
+        widening = misfit._widening(alone, np.ones(2), share * P0, learning, 0.0)
+        assert (widening == pytest.approx(shift)) == (share < 1)
     learning.contradictions = (1.0,)
     assert misfit._shifts(scale, np.ones(2), P0, learning) == []
 

@@ -72,6 +72,7 @@ class FilterAlone:
 
     Attributes:
         law: the filter's prior knowledge.
+        space: of θ.
 
     Raises:
         InvalidInput: the system has no compiled forward dynamics.
@@ -85,7 +86,7 @@ class FilterAlone:
                 type(system).__name__,
                 "Take --law memory; for an arm, --plant.backend compiled.",
             )
-        self._error, self._p, self._space = config.prior or USUAL, system.p, system.space
+        self._error, self._p, self.space = config.prior or USUAL, system.p, system.space
         cone, scale = cone_of(system.space), np.array(system.space.scale)
         window = max(10, round(config.innovation_window / dt))
         gamma = config.linearisation
@@ -106,7 +107,7 @@ class FilterAlone:
 
         Limbs that only the base connects also differ in their scale, by as much as one number.
         """
-        found = drawn_covariance(self._space, theta, self._error)
+        found = drawn_covariance(self.space, theta, self._error)
         if len(self.law.parts) > 1:
             own = self.law.parts * theta / self.law.scale
             found += spread_of_numbers(np.ones(1), np.ones(1), self._error) * own.T @ own
