@@ -73,6 +73,15 @@ def test_no_interval_is_stated_while_the_motion_contradicts_the_structure(log: L
     assert running_misfit(state) == "contradicts" != running_misfit(forgiven)
 
 
+@pytest.mark.parametrize("law", ["efficient", "memory", "cone"])
+def test_a_law_follows_slow_samples(law: str, log: Log, tmp_path: Path):
+    """Below 8 Hz `identify --law memory` asked for a smaller K, which no flag sets."""
+    slow = Log(*(part[::14] for part in log))
+    scenario = measured_scenario(BLUEROV, law, RATE / 14, (1e-4, 5e-3), 0.3)
+    run = Session(scenario).run(io.BytesIO(b"".join(lines(slow))), tmp_path, lambda _: None)
+    assert run.stream["used"] == len(slow.t)
+
+
 def test_what_is_out_of_order_is_dropped_and_counted(log: Log, tmp_path: Path):
     whole = lines(log)
     bad = line(log.t[151] + 1e-4, log.q[151] * np.nan, log.v[151], log.u[151])
