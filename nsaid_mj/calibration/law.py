@@ -98,7 +98,7 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     levels = noise_levels(max(logs, key=lambda log: len(log.t)))
     scenario = measured_scenario(known, law, rate, levels, _ERROR, steps)
     unexplained = unexplained_forces(fitted).tolist() if arm else []
-    scenario = replace(scenario, identifier=_configured(law, tuple(unexplained)))
+    scenario = _configured(scenario, tuple(unexplained))
     whole = known.robot_of(robot)
     identifiers = identifiers_of(scenario, whole)
     watch = _Watch(identifiers[""], max(1.0, round(steps / _ROWS)) / rate)
@@ -147,18 +147,21 @@ def law_logs(
     return found, start, rate
 
 
-def _configured(law: str, unexplained: tuple[float, ...]) -> NullspaceAID:
-    """A law for a structure that is not exact.
+def _configured(scenario: Scenario, unexplained: tuple[float, ...]) -> Scenario:
+    """A scenario whose law is for a structure that is not exact.
 
     Between the memory's steps, the flow (45) would follow unmodelled effects, so its gain is
     reduced.
     """
-    return NullspaceAID(
-        law=law,  # pyright: ignore[reportArgumentType]  # one of `LAWS`
-        gain=_SLOW if law in ("memory", "efficient") else 1.0,
+    law = scenario.identifier
+    assert isinstance(law, NullspaceAID)
+    law = replace(
+        law,
+        gain=_SLOW if law.law in ("memory", "efficient") else 1.0,
         memory=MemoryConfig(interval=_INTERVAL),
         efficient=EfficientConfig(unexplained=unexplained),
     )
+    return replace(scenario, identifier=law)
 
 
 def unexplained_forces(fitted: Fitted) -> Array:

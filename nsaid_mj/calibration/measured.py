@@ -24,6 +24,7 @@ from .models import load_robot_model
 
 _FRICTION_SPEED = 0.05  # s of tanh(v/s) of Coulomb friction [rad/s or m/s]
 _FRICTION = 0.05  # friction of either kind over an actuator's largest force
+_PER_SAMPLE = 2.0  # largest K times the time between two samples, for RK4 to be stable
 _ACCELERATION = 300.0  # of a motor's rotor alone under this force [rad/s² or m/s²]
 
 
@@ -131,7 +132,10 @@ def measured_scenario(
         raise InvalidInput("rate", "0.1 to 1e5 samples per second", rate, "Give it in Hz.")
     return Scenario(
         plant=robot,
-        identifier=NullspaceAID(law=law),  # pyright: ignore[reportArgumentType]  # checked there
+        identifier=NullspaceAID(
+            law=law,  # pyright: ignore[reportArgumentType]  # checked there
+            K=min(NullspaceAID().K, _PER_SAMPLE * rate),
+        ),
         prior="nominal",
         initial_error=error,
         duration=steps / rate,

@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 
 from ..evaluation.confidence import INTERVAL, gain_deviations
-from ..evaluation.misfit import running_misfit
+from ..evaluation.misfit import CONTRADICTS, running_misfit
 from ..experiment.loop import Observer, Robot, Run, followed
 from ..experiment.scenario import Scenario
 from ..laws import Identifier, State
@@ -34,8 +34,9 @@ class Gain(NamedTuple):
         name: name of the parameter.
         unit: SI unit.
         value: estimate.
-        low: lower end of the interval; −inf before the law states one.
-        high: upper end; inf before the law states one.
+        low: lower end of the interval; −inf before the law states one, and while the motion
+            contradicts the structure.
+        high: upper end; inf then.
     """
 
     name: str
@@ -95,7 +96,7 @@ def estimate_of(space: ParameterSpace, state: State, samples: int, deviation: Ar
     gains = []
     for k, spread in zip(space.actuators, deviation, strict=True):
         value = float(state.theta_hat[k])
-        half = INTERVAL * abs(value) * float(spread)
+        half = INTERVAL * abs(value) * float(spread) if np.isfinite(spread) else np.inf
         gains.append(Gain(space.names[k], space.units[k], value, value - half, value + half))
     faults = tuple(fault.in_words for fault in state.faults)
     return Estimate(
@@ -148,6 +149,8 @@ class Estimates(Observer):
         self._next = measurement.t + self._every * (1 - 1e-9)
         if measurement.t >= self._stated + _INTERVALS:
             stated = self._identifier.confidence(states[""])
+            if running_misfit(states[""]) == CONTRADICTS:
+                stated = None  # no interval holds
             self._deviation = gain_deviations(stated, states[""].theta_hat, self._space)
             self._stated = measurement.t
         self._show(estimate_of(self._space, states[""], self._counts.used, self._deviation))

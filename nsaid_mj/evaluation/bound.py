@@ -19,6 +19,7 @@ from ..laws.efficient.filter import Law, filter_at
 from ..laws.efficient.kalman import covariance_along
 from ..laws.efficient.steps import margin_of
 from ..log import Log, SensorLevels
+from ..nullspace import parts_of
 from ..parameters import Array
 from ..quotient.cone import cone_of
 from .figures import Judge
@@ -44,8 +45,8 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
         raise NoEstimate("the bound is 0 for exact sensors", "Use noisy sensors.")
     scale = np.array(system.space.scale)
     cone = cone_of(system.space)
-    margin, none = margin_of(cone, scale), np.zeros(0)
-    law = Law(system.forward, cone, scale, margin, _ROUNDING, 1, np.zeros(system.p), none)
+    rest = np.zeros(system.p), np.zeros(0), parts_of(system)
+    law = Law(system.forward, cone, scale, margin_of(cone, scale), _ROUNDING, 1, *rest)
     R = np.repeat(np.array(levels) ** 2, n)
     basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
     prior = basis @ (basis.T @ truth.prior_covariance @ basis) @ basis.T

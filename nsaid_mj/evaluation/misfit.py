@@ -45,9 +45,10 @@ from ..laws.efficient.drift import walks
 from ..laws.efficient.faults.signals import Signals
 from ..laws.efficient.replay import FilterAlone, Replay
 from ..log import Log
-from ..parameters import Array, Indices
+from ..parameters import Array, Indices, ParameterSpace
 from ..quotient.cone import cone_of, inside
 from ..structure.system import SecondOrderSystem
+from .confidence import gain_deviations
 
 _SHORTEST = 32  # samples that have a spectrum
 
@@ -128,6 +129,7 @@ _LEARNED = 1e-3  # least share of its variance that a direction loses, to be jud
 _VAGUE = 0.1  # deviation of θ over the prior's, where a log begins along which the gains drift
 _ROUNDING = 1e-15  # least variance, relative to the prior's
 _SHIFTED = 1.5  # mean squared normalised shift that is more than chance
+_FAR = 3.0  # deviations by which no gain shifts by chance
 
 
 class Misfit(NamedTuple):
@@ -160,13 +162,15 @@ class Misfit(NamedTuple):
 def running_misfit(state: State) -> str:
     """The level during a run, from the law's state alone; "" for a law without a filter.
 
-    It is based on all innovations so far, and on contradictions that no fault explains.
+    It is based on all innovations so far, and on contradictions that no fault explains, unless the
+    filter has since explained two thirds of the motion: a prior far off is contradicted, too.
     """
     if state.filter is None:
         return ""
     inside = state.filter
     squares, number = inside.filter.totals
-    if inside.restarts + inside.unnamed > _REPEATED:
+    late = inside.calm < (1 - _SETTLED) * state.t
+    if late and inside.restarts + inside.unnamed > _REPEATED:
         return CONTRADICTS
     return SOME if number and squares > _LARGE * number else NONE
 
@@ -312,11 +316,26 @@ def _widening(alone: FilterAlone, theta: Array, P: Array, learning: Replay, ener
     Parameters absorb the part of unmodelled effects that lies in the span of W; the energy of the
     rest indicates their size. Moreover, the shifts of the estimate must agree with its covariance,
     over the whole log and from part to part, where an intermittent effect moves it back and forth
-    (a sandwich estimator with the parts as blocks).
+    (a sandwich estimator with the parts as blocks), and so must the shift of each single gain,
+    which the first pass may have found while θ̂ was still far off.
     """
     shifts = _shifts(alone.law.scale, theta, P, learning)
+    gains = shift_of_gains(alone.space, theta, P, learning.filter.theta)
+    if gains > _FAR and not learning.contradictions:
+        shifts.append(gains**2)
     most = max((shift for shift in shifts if shift > _SHIFTED), default=1.0)
     return float(np.sqrt(max(1.0 + energy, most)))
+
+
+def shift_of_gains(space: ParameterSpace, theta: Array, P: Array, after: Array) -> float:
+    """Largest shift of a gain over the mean of all, from θ (p,) to `after`, in its deviations.
+
+    P (p, p) is the covariance of θ/scale.
+    """
+    stated = Confidence(P * np.outer(space.scale, space.scale), P, np.zeros(0))
+    deviation = np.maximum(gain_deviations(stated, theta, space), _ROUNDING)
+    ratio = after[space.actuators] / theta[space.actuators]
+    return float(np.max(np.abs(ratio / ratio.mean() - 1) / deviation, initial=0.0))
 
 
 def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[float]:

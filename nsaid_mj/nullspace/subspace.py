@@ -24,6 +24,7 @@ the smallest nonzero one is 3e-7, and the largest that counts as 0 is 6e-11 (axe
 parallel but rotated by a rounded π/2 in the URDF). `Nullspace.gap` gives both for any system."""
 
 _SMALL = 1e-6  # weights below this share of the leading one are omitted
+_STATES = 20  # random ones that show which parameters act on which velocities
 _SAME = 1e-7  # 1 − |cosine| below which rows of P̄ count as parallel
 
 
@@ -111,6 +112,26 @@ def regressor_stack(system: SecondOrderSystem, theta: Array, rng: np.random.Gene
     a = system.acceleration(t, x, v, u, theta)
     W = system.regressor(t, x, v, a, u) * system.space.scale
     return W.reshape(-1, system.p)
+
+
+def parts_of(system: SecondOrderSystem) -> Array:
+    """(s, p) 0 or 1: the parameters of each part of a robot whose scale no motion reveals.
+
+    Multiplied by one factor, they solve W θ = 0 as before, because they and no others act on some
+    of the velocities: those of each limb that only the fixed base connects, or of the whole robot.
+    What acts on nothing belongs to the first part.
+    """
+    rng = np.random.default_rng(0)
+    q, v, u = zip(*(system.random_state(rng) for _ in range(_STATES)), strict=True)
+    a, t = rng.standard_normal((_STATES, system.n)), rng.uniform(0, 1, _STATES)
+    W = system.regressor(t, np.hstack([q, v]), np.array(v), a, np.array(u)) * system.space.scale
+    acts = np.abs(W).max(axis=0)
+    acts = acts > TOLERANCE * acts.max(axis=1, keepdims=True)
+    joined = acts @ acts.T
+    for _ in range(system.n):
+        joined = joined @ joined
+    part = np.argmax(joined, axis=1)[np.argmax(acts, axis=0)]
+    return 1.0 * (part == np.unique(part)[:, None])
 
 
 @dataclass(frozen=True)

@@ -10,26 +10,7 @@ from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.links import file_links, sizes_of_links, torque_rows, weight_columns
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.result import Identification
-from tests.support.robot_logs import write_csv
-
-LEG = (
-    '<body name="{0}_hip" pos="{1} 0 0"><joint name="{0}_abduction" axis="1 0 0"/>'
-    '<inertial pos="0 .04 0" mass="1" diaginertia="8e-4 6e-4 7e-4"/>'
-    '<body pos="0 .08 0"><joint name="{0}_swing" axis="0 1 0"/>'
-    '<inertial pos="0 0 -.08" mass="1.5" diaginertia="7e-3 7e-3 2e-3"/>'
-    '<body pos="0 0 -.25"><joint name="{0}_knee" axis="0 1 0"/>'
-    '<inertial pos="0 0 -.1" mass=".4" diaginertia="3e-3 3e-3 2e-4"/></body></body></body>'
-)
-LEGS = ("left", "right")
-MODEL = (
-    '<mujoco model="biped"><compiler angle="radian"/><option timestep="1e-3" '
-    'integrator="implicitfast"/><default><joint damping=".1" armature=".01" frictionloss=".2"/>'
-    "</default><worldbody>"
-    + "".join(LEG.format(leg, x) for leg, x in zip(LEGS, (0.2, -0.2), strict=True))
-    + "</worldbody><actuator>"
-    + "".join(f'<motor joint="{leg}_{j}"/>' for leg in LEGS for j in ("abduction", "swing", "knee"))
-    + "</actuator></mujoco>"
-)
+from tests.support.robot_logs import TWO_LEGS, write_csv
 
 
 def logged(folder: Path, seed: int) -> tuple[Path, Path, np.ndarray]:
@@ -37,8 +18,8 @@ def logged(folder: Path, seed: int) -> tuple[Path, Path, np.ndarray]:
 
     MuJoCo's friction creeps by default, which no column explains.
     """
-    (model := folder / "biped.xml").write_text(MODEL, encoding="utf-8")
-    m, rng = mujoco.MjModel.from_xml_string(MODEL), np.random.default_rng(seed)
+    (model := folder / "biped.xml").write_text(TWO_LEGS, encoding="utf-8")
+    m, rng = mujoco.MjModel.from_xml_string(TWO_LEGS), np.random.default_rng(seed)
     share = 1 + 0.2 * rng.uniform(-1, 1, m.nbody)
     m.body_mass[:] *= share
     m.body_inertia[:] *= share[:, None]
@@ -84,7 +65,7 @@ def with_head(folder: Path) -> Path:
     """The model file with a head that turns about a vertical axis."""
     pan = '<body><joint name="pan" axis="0 0 1"/><geom size=".1" mass="2"/></body></worldbody>'
     motor = '<motor joint="pan"/></actuator>'
-    text = MODEL.replace("</worldbody>", pan).replace("</actuator>", motor)
+    text = TWO_LEGS.replace("</worldbody>", pan).replace("</actuator>", motor)
     (path := folder / "head.xml").write_text(text, encoding="utf-8")
     return path
 

@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 import nsaid_mj
 from nsaid_mj.calibration.live import _LINE
 from nsaid_mj.calibration.measured import LiveRobot, measured_scenario
-from nsaid_mj.calibration.session import Session
+from nsaid_mj.calibration.session import Estimate, Session
 from nsaid_mj.errors import InvalidInput, UnknownName
+from nsaid_mj.evaluation.misfit import running_misfit
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.record import Record
 from nsaid_mj.experiment.setup import Setup
@@ -57,6 +58,28 @@ def test_a_stream_gives_the_bits_of_the_law_along_the_log(law: str, log: Log, tm
     assert np.array_equal(run.record["theta_hat"], along.theta_hat)
     assert np.array_equal(run.record["v_hat"], along.v_hat)
     assert run.stream["used"] == len(log.t) and run.stream["gaps"] == 0
+
+
+def test_no_interval_is_stated_while_the_motion_contradicts_the_structure(log: Log, tmp_path: Path):
+    """Live, gains of simulated arms missed their intervals by up to 37 times the half-width."""
+    shown: list[Estimate] = []
+    late = log._replace(u=np.roll(log.u, 30, axis=0))
+    run = session().run(io.BytesIO(b"".join(lines(late))), tmp_path, shown.append, every=0.5)
+    told = [one for one in shown if one.misfit == "contradicts"]
+    assert told and all(np.isinf([g.low, g.high]).all() for one in told for g in one.gains)
+    assert any(np.isfinite(g.high) for one in shown for g in one.gains)
+    state = run.states[""]
+    forgiven = state._replace(filter=state.filter._replace(calm=0.7 * state.t))
+    assert running_misfit(state) == "contradicts" != running_misfit(forgiven)
+
+
+@pytest.mark.parametrize("law", ["efficient", "memory", "cone"])
+def test_a_law_follows_slow_samples(law: str, log: Log, tmp_path: Path):
+    """Below 8 Hz `identify --law memory` asked for a smaller K, which no flag sets."""
+    slow = Log(*(part[::14] for part in log))
+    scenario = measured_scenario(BLUEROV, law, RATE / 14, (1e-4, 5e-3), 0.3)
+    run = Session(scenario).run(io.BytesIO(b"".join(lines(slow))), tmp_path, lambda _: None)
+    assert run.stream["used"] == len(slow.t)
 
 
 def test_what_is_out_of_order_is_dropped_and_counted(log: Log, tmp_path: Path):

@@ -12,6 +12,7 @@ from nsaid_mj.laws.efficient.filter import Law, filter_at
 from nsaid_mj.laws.efficient.kalman import covariance_along
 from nsaid_mj.laws.efficient.steps import margin_of
 from nsaid_mj.log import Log
+from nsaid_mj.nullspace import parts_of
 from nsaid_mj.quotient.cone import cone_of
 
 
@@ -29,8 +30,8 @@ def motion(experiment: Experiment, every: int = 1) -> Log:
 def test_the_information_equals_the_covariance_of_the_filter(experiment):
     system, log = experiment.system, motion(experiment)
     scale = np.array(system.space.scale)
-    cone, constant = cone_of(system.space), np.zeros(system.p)
-    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.0, 1, constant, np.zeros(0))
+    cone, rest = cone_of(system.space), (np.zeros(system.p), np.zeros(0), parts_of(system))
+    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.0, 1, *rest)
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
     basis = experiment.bases[0]
     prior = PRIOR**2 * basis @ basis.T

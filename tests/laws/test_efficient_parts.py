@@ -35,6 +35,7 @@ from nsaid_mj.laws.efficient.kalman import _linear_share
 from nsaid_mj.laws.efficient.state import EfficientState
 from nsaid_mj.laws.efficient.steps import margin_of, project_inside
 from nsaid_mj.log import Log
+from nsaid_mj.nullspace import parts_of
 from nsaid_mj.parameters import Array, Block, ParameterSpace
 from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.structure.arrays import StructureArrays
@@ -65,8 +66,9 @@ def filter_and_law(seed: int, gamma: float = 0.0, walk: float = 0.0) -> tuple[Fi
     kalman.Pxx[:], kalman.Pxt[:] = joint[: 2 * N, : 2 * N], joint[: 2 * N, 2 * N :]
     cone, walks = cone_of(space), np.full(P, walk)
     return kalman, Law(
-        NO_STRUCTURE, cone, scale, margin_of(cone, scale), gamma, 10, walks, np.zeros(0)
-    )
+        NO_STRUCTURE, cone, scale, margin_of(cone, scale), gamma, 10, walks, np.zeros(0),
+        np.ones((1, P)),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize(("size", "share"), [(0.01, 1.0), (0.01, 0.25), (30.0, 1.0)])
@@ -87,7 +89,7 @@ def test_an_update_is_kalmans_then_projected_with_the_scale_carried_along(
         memory.R[:], memory.y[:] = R, y
         spread = innovate(law.scale, kalman.Pxx, kalman.Pxt, memory)
         square = memory.e @ memory.e
-        update(law.cone, law.margin, law.scale, kalman, share, memory)
+        update(law.cone, law.margin, law.scale, law.parts, kalman, share, memory)
         given = memory.y
         out = not (free[:3] > 0).all()
         assert out == (size > 1)
@@ -159,6 +161,7 @@ def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(n
         10,
         np.zeros(system.p),
         np.zeros(0),
+        parts_of(system),
     )
     for seed in range(30):
         rng = np.random.default_rng(seed)
@@ -315,7 +318,7 @@ def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fa
     )  # fmt: skip
     log = Log(np.array([0.0, 0.01]), *np.zeros((3, 2, 1)))
     trials = Trials(each, None, None, log, 10)  # type: ignore[arg-type]
-    law: Any = Law(0, None, None, None, 0.0, 10, None, None)  # type: ignore[arg-type]
+    law: Any = Law(0, None, None, None, 0.0, 10, None, None, None)  # type: ignore[arg-type]
     assert trying.verdict(law, trials, 0.11) is None
     late = trying.verdict(law, trials, 1.2)
     assert late is not None and late.trial is each[0]
@@ -329,7 +332,7 @@ def test_hopeless_faults_are_dropped_within_a_window_once_one_explains_the_motio
     free = everything(made.system, made.truth), inexact(made.system, made.truth)[-1]
     best, near, far = tried(what["loss"], 0.0), tried(what["bias"], -999.0), what["payload"]
     each = best, near, tried(far, -1001.0), tried(free[0], -5000.0), tried(free[1], 5000.0)
-    law: Any = Law(0, None, None, None, 0.0, 10, None, None)  # type: ignore[arg-type]
+    law: Any = Law(0, None, None, None, 0.0, 10, None, None, None)  # type: ignore[arg-type]
     assert trying._hopeful(law, each) == (*each[:2], *each[3:])
     best.squares = 1e6
     assert trying._hopeful(law, each) == each, "another one may have yet to learn a large change"
@@ -439,15 +442,24 @@ def test_a_shift_is_measured_by_what_was_learned(kept: int) -> None:
     moved = scale * np.array([0.0, 3 * np.sqrt(0.01 * 0.9)])
     rows = np.linspace(0, 1, 1601)[:, None] * moved + 1.0
     along = SimpleNamespace(theta=rows)
-    learning: Any = SimpleNamespace(
-        contradictions=(), along=along, filter=SimpleNamespace(Ptt=left)
-    )
+    ended = SimpleNamespace(Ptt=left, theta=np.ones(2))
+    learning: Any = SimpleNamespace(contradictions=(), along=along, filter=ended)
     found = misfit._shifts(scale, np.ones(2), P0, learning)
     np.testing.assert_allclose(found, [9 / kept, 9 / 4 / kept, 9 / 16 / kept], rtol=1e-9)
-    alone: Any = SimpleNamespace(law=SimpleNamespace(scale=scale))
+    gains = Block("gain", ("a", "b"), ("1", "1"), scale, "positive", actuator=True)
+    alone: Any = SimpleNamespace(law=SimpleNamespace(scale=scale), space=ParameterSpace((gains,)))
     for energy in (0.0, 24.0):
         widening = misfit._widening(alone, np.ones(2), P0, learning, energy)
         assert widening == pytest.approx(np.sqrt(max(1 + energy, 9 / kept)))
+    apart = np.sqrt(0.04 * 2.0**2 + 0.01 * 5.0**2) / 2  # deviation of a gain over the mean of both
+    for share in (1.0, 1e-2):  # of P: one gain shifts by 0.2 of the mean, the other by −0.2
+        ended.theta = np.array([1.0, 1.5])
+        shift = 0.2 / (np.sqrt(share) * apart)
+        assert misfit.shift_of_gains(alone.space, np.ones(2), share * P0, ended.theta) == (
+            pytest.approx(shift)
+        )
+        widening = misfit._widening(alone, np.ones(2), share * P0, learning, 0.0)
+        assert (widening == pytest.approx(shift)) == (share < 1)
     learning.contradictions = (1.0,)
     assert misfit._shifts(scale, np.ones(2), P0, learning) == []
 

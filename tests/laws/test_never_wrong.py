@@ -26,17 +26,19 @@ from nsaid_mj.laws.efficient.faults.hypotheses import (
     restored,
 )
 from nsaid_mj.laws.efficient.faults.signals import Signals
-from nsaid_mj.laws.efficient.replay import FilterAlone
+from nsaid_mj.laws.efficient.law import EfficientIdentifier
+from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone
 from nsaid_mj.laws.efficient.state import EfficientState
 from nsaid_mj.laws.efficient.steps import carry_scale, margin_of, project_inside
 from nsaid_mj.laws.faults import FaultEvent
 from nsaid_mj.log import Log
-from nsaid_mj.nullspace import structural
+from nsaid_mj.nullspace import parts_of, structural
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.text import parse_faults
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.structure.system import SecondOrderSystem, gains_by_command
+from tests.support.robot_logs import TWO_LEGS
 
 
 class Ran(SimpleNamespace):
@@ -206,7 +208,7 @@ def test_the_scales_information_is_carried_along_exactly(seed: int) -> None:
     information = before / scale @ np.linalg.solve(P, before / scale)
     error = before / scale  # an error of the scale alone remains one
     carried, own = P.copy(), cross.copy()
-    carry_scale(before, after, scale, own, carried, np.empty(p), np.empty(p))
+    carry_scale(np.ones(p), before, after, scale, own, carried, np.empty(p), np.empty(p))
     np.testing.assert_allclose(
         after / scale @ np.linalg.solve(carried, after / scale), information, rtol=1e-6
     )
@@ -231,6 +233,34 @@ def test_nothing_is_learned_of_the_scale(name: str) -> None:
     now = kalman.theta / scale
     after = now @ np.linalg.solve(kalman.Ptt, now)
     assert np.sqrt(after / before) == pytest.approx(1.0, abs=0.05)
+
+
+def test_nothing_is_learned_of_the_scale_of_either_leg(tmp_path) -> None:
+    """With one scale carried for both, its deviation fell to two thirds of the prior's."""
+    (model := tmp_path / "biped.xml").write_text(TWO_LEGS, encoding="utf-8")
+    found = ran("arm", 301, 10.0, robot=str(model))
+    system, prior = found.setup.system, found.setup.prior
+    alone, parts = FilterAlone(system, 0.002, EfficientConfig()), parts_of(system)
+    start, now = alone.covariance(prior), found.inside.filter
+    assert len(parts) == 2
+    for part in parts:
+        before, after = (part * theta / system.space.scale for theta in (prior, now.theta))
+        learned = (after @ np.linalg.solve(now.Ptt, after)) / (
+            before @ np.linalg.solve(start, before)
+        )
+        assert np.sqrt(learned) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_an_estimate_on_the_cones_boundary_has_no_interval() -> None:
+    """It ended `nsaid identify --law efficient` in a traceback."""
+    found = run_once("bluerov2", 300, 20.0)
+    guard, identifier = found.inside.guard, found.setup.identifiers()[""]
+    assert isinstance(identifier, EfficientIdentifier) and guard.memory is not None
+    identifier, scores = identifier.guard, guard.memory.scores
+    assert identifier.confidence(guard) is not None and scores.view is not None
+    edge = scores.view._replace(theta=scores.view.theta * (np.arange(found.setup.system.p) > 0))
+    memory = guard.memory._replace(scores=scores._replace(view=edge))
+    assert identifier.confidence(guard._replace(memory=memory)) is None
 
 
 def test_the_estimate_stays_in_the_cone_along_a_run() -> None:

@@ -14,6 +14,25 @@ from nsaid_mj.structure.joints import positions
 
 JOINTS = ("shoulder", "elbow")
 
+LEG = (
+    '<body name="{0}_hip" pos="{1} 0 0"><joint name="{0}_abduction" axis="1 0 0"/>'
+    '<inertial pos="0 .04 0" mass="1" diaginertia="8e-4 6e-4 7e-4"/>'
+    '<body pos="0 .08 0"><joint name="{0}_swing" axis="0 1 0"/>'
+    '<inertial pos="0 0 -.08" mass="1.5" diaginertia="7e-3 7e-3 2e-3"/>'
+    '<body pos="0 0 -.25"><joint name="{0}_knee" axis="0 1 0"/>'
+    '<inertial pos="0 0 -.1" mass=".4" diaginertia="3e-3 3e-3 2e-4"/></body></body></body>'
+)
+LEGS = ("left", "right")
+TWO_LEGS = (
+    '<mujoco model="biped"><compiler angle="radian"/><option timestep="1e-3" '
+    'integrator="implicitfast"/><default><joint damping=".1" armature=".01" frictionloss=".2"/>'
+    "</default><worldbody>"
+    + "".join(LEG.format(leg, x) for leg, x in zip(LEGS, (0.2, -0.2), strict=True))
+    + "</worldbody><actuator>"
+    + "".join(f'<motor joint="{leg}_{j}"/>' for leg in LEGS for j in ("abduction", "swing", "knee"))
+    + "</actuator></mujoco>"
+)
+
 
 def two_joints(names: Sequence[str] = JOINTS, limit: float = np.inf) -> RobotModel:
     """A planar arm under gravity with limits ±2.5 rad, 3 rad/s."""

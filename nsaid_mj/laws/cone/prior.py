@@ -99,7 +99,7 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
             size = np.maximum(np.abs(theta[place]), _FREE * block.scale)
             found[place, place] = np.diag((error * size) ** 2 / 3)
         elif block.geometry == "positive":
-            found[place, place] = np.diag(_spread_of_numbers(theta[place], block.scale, error))
+            found[place, place] = np.diag(spread_of_numbers(theta[place], block.scale, error))
     for i, (start, end, *_) in enumerate(cone.blocks):
         found[start:end, start:end] = (
             _spread_of_tied(cone, i, theta, space.scale, error)
@@ -109,7 +109,7 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
     return found / np.outer(space.scale, space.scale)
 
 
-def _spread_of_numbers(theta: Array, scale: Array, error: float) -> Array:
+def spread_of_numbers(theta: Array, scale: Array, error: float) -> Array:
     """(k,) second moments of positive numbers (k,) about θ: E (e^u − 1)² = E e^2u − 2 E e^u + 1."""
     start, floor = np.maximum(theta, _FLOOR * scale), _FLOOR * scale
     moments = start**2 * (np.sinh(2 * error) / (2 * error) - 2 * np.sinh(error) / error + 1)
@@ -167,5 +167,5 @@ def _spread_of_tied(cone: Cone, block: int, theta: Array, scale: Array, error: f
     size = np.maximum(np.abs(own), _FREE * scale)
     moments = (error * size) ** 2 / 3
     on = np.unique(at[row == column]) - start
-    moments[on] = _spread_of_numbers(own[on], scale[on], error)
+    moments[on] = spread_of_numbers(own[on], scale[on], error)
     return np.diag(moments)

@@ -133,8 +133,8 @@ def innovate(scale, Pxx, Pxt, memory):
     return spread
 
 
-@kernel(void(CONE, vector, vector, FILTER, f8, MEMORIES), inner=True)
-def update(cone, margin, scale, filter, share, memory):
+@kernel(void(CONE, vector, vector, matrix, FILTER, f8, MEMORIES), inner=True)
+def update(cone, margin, scale, parts, filter, share, memory):
     """Moves θ̂ by a share of its step, updates P, and overwrites y with the step of the state."""
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
     S, L, inverse, whitened = memory.S, memory.L, memory.inverse, memory.whitened
@@ -167,4 +167,5 @@ def update(cone, margin, scale, filter, share, memory):
             Pxx[i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
     work = trial, memory.step, memory.factor
     project_inside(cone, margin, before, theta, scale, Ptt, Pxt, y, *work)
-    carry_scale(before, theta, scale, Pxt, Ptt, memory.step, trial)
+    for k in range(parts.shape[0]):
+        carry_scale(parts[k], before, theta, scale, Pxt, Ptt, memory.step, trial)

@@ -33,6 +33,7 @@ class Law(NamedTuple):
         unexplained: (n,) density of the noise of the force on every velocity, over the gain of the
             last motor, the last parameter [units of its command, squared, times s]; (0,) if there
             is none.
+        parts: (s, p) of `nullspace.parts_of`.
     """
 
     structure: StructureArrays
@@ -43,6 +44,7 @@ class Law(NamedTuple):
     window: int
     walk: Array
     unexplained: Array
+    parts: Array
 
 
 class Filter(NamedTuple):
@@ -195,7 +197,7 @@ def memory_for(structure: StructureArrays, *sizes: int) -> Memory:
     return _OWN.memory
 
 
-LAW = types.NamedTuple((STRUCTURE, CONE, vector, vector, f8, i8, vector, vector), Law)
+LAW = types.NamedTuple((STRUCTURE, CONE, vector, vector, f8, i8, vector, vector, matrix), Law)
 FILTER = types.NamedTuple(
     (vector, vector, vector, matrix, matrix, matrix, NOISE, vector, matrix, cube, vector), Filter
 )

@@ -8,8 +8,8 @@
 
 share < 1 where the full step would halve M̂; P is updated for the shorter step (Joseph's form with
 the applied gain). Then θ̂, and with it x̂, is projected into the cone in the metric P⁻¹, which
-increases its distance to no θ inside, and the covariance is transported along the common scale; see
-`steps`.
+increases its distance to no θ inside, and the covariance is transported along the unknown scales;
+see `steps`.
 
 θ acts in a step through c = B θ/scale alone, n accelerations, so that Γ = F_c B, and P̄_x is that
 of (x, c) propagated by [Φ F_c]. P_θθ is as before the step: only measurements change it.
@@ -183,7 +183,7 @@ def _follow_row(law, filter, k, t, q, v, u, along, memory):
     if not (spread < np.inf and square < np.inf):
         return ROUNDED
     share = _linear_share(law, q[k], v[k], u[k - 1], filter, memory)
-    update(law.cone, law.margin, law.scale, filter, share, memory)
+    update(law.cone, law.margin, law.scale, law.parts, filter, share, memory)
     integrate(structure.bodies, memory.q1, y, filter.q, x)
     for i in range(n):
         filter.v[i] = v1[i] + y[n + i]
@@ -243,7 +243,7 @@ def _cover(law, filter, R, t, q, v, u, memory):
             memory.y[i] = 0.0
         if not innovate(law.scale, filter.Pxx, filter.Pxt, memory) < np.inf:
             return k - 1
-        update(law.cone, law.margin, law.scale, filter, 1.0, memory)
+        update(law.cone, law.margin, law.scale, law.parts, filter, 1.0, memory)
     return t.shape[0] - 1
 
 

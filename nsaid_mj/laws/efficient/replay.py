@@ -10,10 +10,11 @@ import scipy.linalg
 from ...bounds import Config, NonNegative, Positive, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
+from ...nullspace import parts_of
 from ...parameters import Array
 from ...quotient.cone import cone_of
 from ...structure.system import SecondOrderSystem
-from ..cone.prior import drawn_covariance
+from ..cone.prior import drawn_covariance, spread_of_numbers
 from .filter import CONTRADICTED, ROUNDED, Along, Filter, Law, filter_at
 from .kalman import follow_filter, restart_state
 from .noise import noise_variance
@@ -71,6 +72,7 @@ class FilterAlone:
 
     Attributes:
         law: the filter's prior knowledge.
+        space: of θ.
 
     Raises:
         InvalidInput: the system has no compiled forward dynamics.
@@ -84,7 +86,7 @@ class FilterAlone:
                 type(system).__name__,
                 "Use --law memory; for an arm, --plant.backend compiled.",
             )
-        self._error, self._p, self._space = config.prior or USUAL, system.p, system.space
+        self._error, self._p, self.space = config.prior or USUAL, system.p, system.space
         cone, scale = cone_of(system.space), np.array(system.space.scale)
         window = max(10, round(config.innovation_window / dt))
         gamma = config.linearisation
@@ -97,12 +99,19 @@ class FilterAlone:
             )  # fmt: skip
         self.law = Law(
             system.forward, cone, scale, margin_of(cone, scale), gamma, window,
-            np.zeros(system.p), unexplained,
+            np.zeros(system.p), unexplained, parts_of(system),
         )  # fmt: skip
 
     def covariance(self, theta: Array) -> Array:
-        """(p, p) P_θθ of θ̂/scale before any data: that of the draw of a prior."""
-        return drawn_covariance(self._space, theta, self._error)
+        """(p, p) P_θθ of θ̂/scale before any data: that of the draw of a prior.
+
+        Limbs that only the base connects also differ in their scale, by as much as one number.
+        """
+        found = drawn_covariance(self.space, theta, self._error)
+        if len(self.law.parts) > 1:
+            own = self.law.parts * theta / self.law.scale
+            found += spread_of_numbers(np.ones(1), np.ones(1), self._error) * own.T @ own
+        return found
 
     def replay(self, theta: Array, P: Array, log: Log) -> Replay:
         """Follows a log of N measurements from θ̂ (p,) with P_θθ (p, p) of θ̂/scale.

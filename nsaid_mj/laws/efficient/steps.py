@@ -1,4 +1,4 @@
-"""Steps of θ̂ and its covariance inside the cone, consistent along the common scale."""
+"""Steps of θ̂ and its covariance inside the cone, consistent along the unknown scales."""
 
 from __future__ import annotations
 
@@ -133,11 +133,12 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane, x
             theta[k] = 0.5 * (theta[k] + before[k]) if share > 0.0 else before[k]
 
 
-@kernel(void(vector, vector, vector, matrix, matrix, vector, vector), inner=True)
-def carry_scale(before, after, scale, Pxt, Ptt, moved, gained):
-    """Transports the error of the common scale with θ̂, from `before` (p,) to `after` (p,).
+@kernel(void(vector, vector, vector, vector, matrix, matrix, vector, vector), inner=True)
+def carry_scale(part, before, after, scale, Pxt, Ptt, moved, gained):
+    """Transports the error of a part's scale with θ̂, from `before` (p,) to `after` (p,).
 
-    No motion reveals the common scale: B θ̂ = 0 at the θ̂ at which the step is linearised.
+    No motion reveals the common scale of the parameters where `part` (p,) is 1 (elsewhere it is 0),
+    those of the whole robot or of one limb: B θ̂_part = 0 at the θ̂ at which the step is linearised.
     Linearised elsewhere in the next step, the covariance would mistake the difference for
     information (Huang, Mourikis, Roumeliotis, IJRR 29(5), 2010). So an error s of the scale, θ = (1
     + s)(θ̂ + …), stays
@@ -148,15 +149,15 @@ def carry_scale(before, after, scale, Pxt, Ptt, moved, gained):
     """
     p, norm, along = before.shape[0], 0.0, 0.0
     for k in range(p):
-        moved[k] = (after[k] - before[k]) / scale[k]
-        norm += (before[k] / scale[k]) ** 2
+        moved[k] = part[k] * (after[k] - before[k]) / scale[k]
+        norm += part[k] * (before[k] / scale[k]) ** 2
         gained[k] = 0.0
     for i in range(p):  # P w by rows of the symmetric P: without a loop-carried sum
-        share = before[i] / (scale[i] * norm)
+        share = part[i] * before[i] / (scale[i] * norm)
         for k in range(p):
             gained[k] += share * Ptt[i, k]
     for i in range(p):
-        along += before[i] / (scale[i] * norm) * gained[i]
+        along += part[i] * before[i] / (scale[i] * norm) * gained[i]
     for k in range(p):  # T P Tᵀ − P = d (P w)ᵀ + (P w) dᵀ + (wᵀ P w) d dᵀ
         gained[k] += 0.5 * along * moved[k]
     for i in range(p):
@@ -164,7 +165,7 @@ def carry_scale(before, after, scale, Pxt, Ptt, moved, gained):
         for k in range(p):
             Ptt[i, k] += own * gained[k] + share * moved[k]
     for k in range(p):
-        gained[k] = before[k] / (scale[k] * norm)
+        gained[k] = part[k] * before[k] / (scale[k] * norm)
     for j in range(Pxt.shape[0]):
         own = 0.0
         for k in range(p):

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...log import Log, Measurement, SensorLevels
+from ...nullspace import parts_of
 from ...parameters import Array
 from ...quotient.cone import inside
 from ...quotient.cost import Quotient, Remembered
@@ -78,7 +79,10 @@ class ImplicitMemory:
         self.every, self._dt = self.recorder.every, dt
         self._pace = config.pace * self.every * dt
         self._metric_prior = metric.mirror(prior)[1]
-        self._covariance_prior = np.array(np.linalg.inv(self._metric_prior), dtype=np.float64)
+        covariance, own = np.linalg.inv(self._metric_prior), parts_of(system) * prior
+        if len(own) > 1:  # limbs differ in their scale, too
+            covariance += own.T @ own
+        self._covariance_prior = np.array(covariance, dtype=np.float64)
 
     def begin(self, first: Measurement) -> Memory:
         """The empty memory at a first measurement."""
@@ -152,7 +156,9 @@ class ImplicitMemory:
         root, shares = common_root(cost.information(theta) + unsure, unsure)
         return (root * (_FIRM * (2 * np.maximum(shares, 0.0)) ** 6)) @ root.T
 
-    def _root(self, remembered: Remembered, theta: Array, memory: Memory) -> Array:
+    def _root(
+        self, remembered: Remembered, theta: Array, memory: Memory, curvature: Array
+    ) -> Array:
         """(p, p) root of the covariance of θ̂'s error at θ (p,), at a fixed common scale.
 
         θ̂ − θ* has approximately the sandwich covariance H⁻¹ S H⁻¹, with H the Hessian of the
@@ -164,7 +170,7 @@ class ImplicitMemory:
         """
         cost = remembered.weighted(theta)
         data, hold = cost.curvature(theta), self._hold(cost, theta, memory)
-        pull = hold + max(self.anchor, 1.0) * self.metric.mirror(theta)[1]
+        pull = hold + max(self.anchor, 1.0) * curvature
         bias = remembered.of_noise(theta).gradient(theta)
         scatter = data + memory.means.blocks * memory.scores.meat + np.outer(bias, bias)
         root = sandwich_root(data + pull, scatter + pull @ self._covariance_prior @ pull)
@@ -213,14 +219,18 @@ class ImplicitMemory:
         return np.diff(number) > 0
 
     def confidence(self, state: State) -> Confidence | None:
-        """The covariance at the last implicit step; None before the first scores."""
+        """The covariance at the last implicit step.
+
+        None before the first scores, and where rounding puts θ̂ on the cone's boundary.
+        """
         memory = state.memory
         if memory is None or memory.scores.view is None or not memory.scores.count:
             return None
         view, remembered = memory.scores.view, Remembered.of(memory.means, self.system.space)
-        if remembered is None:
+        curvature = self.metric.mirror(view.theta)[1]
+        if remembered is None or not np.isfinite(curvature).all():
             return None
-        root = self._root(remembered, view.theta, memory)
+        root = self._root(remembered, view.theta, memory, curvature)
         samples = memory.means.blocks * (1 - view.rho) / (1 + view.rho)
         return Confidence(root @ root.T, self._covariance_prior, samples)
 
