@@ -17,6 +17,7 @@ from nsaid_mj.experiment.setup import Setup, with_prior_error
 from nsaid_mj.identifiers import Confidence
 from nsaid_mj.identifiers.base import State
 from nsaid_mj.identifiers.cone.prior import drawn_covariance, drawn_inside
+from nsaid_mj.identifiers.efficient.faults import trials
 from nsaid_mj.identifiers.efficient.faults.events import event_of, revoked, without_effect
 from nsaid_mj.identifiers.efficient.faults.hypotheses import (
     hypotheses_of,
@@ -344,6 +345,25 @@ def test_an_actuator_that_obeys_again_is_no_longer_taken_for_failed(text: str, s
     assert found.state.faults == () and found.inside.returns == 2
     assert found.inside.signals.as_recorded and (found.inside.factors == 1).all()
     assert np.abs(standardised(found)).max() < 5
+
+
+def test_a_verdict_waits_while_two_faults_explain_the_motion(monkeypatch) -> None:
+    """On slow vehicles the more probable of two, .7 after a second, was named and soon revoked."""
+    monkeypatch.setattr(trials, "explains", lambda *_: True)
+    system, truth = system_of("f1tenth")
+    what = hypotheses_of(system, truth)
+    pair = [next(h for h in what if h.kind == kind) for kind in ("loss", "stuck")]
+
+    def named(odds: float, t: float) -> str:
+        each = [
+            SimpleNamespace(hypothesis=h, evidence=e)
+            for h, e in zip(pair, (np.log(odds), 0.0), strict=True)
+        ]
+        found = trials.verdict(None, SimpleNamespace(each=each, begin=0.0), t)  # type: ignore[arg-type]
+        return "" if found is None or found.trial is None else found.trial.hypothesis.kind
+
+    assert named(2.0, 1.05) == named(2.0, 4.9) == named(30.0, 0.9) == ""
+    assert named(30.0, 1.05) == named(2.0, 5.0) == "loss"
 
 
 def test_a_failed_actuators_gain_has_finite_intervals() -> None:
