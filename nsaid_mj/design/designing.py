@@ -173,19 +173,20 @@ def design(
         raise NoMotion("no motion could be simulated under the prior", "Widen the limits.")
     report("checking the motion", None)
     driver, logs, uses = checked(motions, candidates, largest)
-    covariances = np.array(_covariances(motions, logs))
-    random = []
-    for draw, log in simulated:
-        own = predicted(experiment, _coarse(motions.stride, log), draw)
-        random.append(rms(asked.deviations(own, experiment.draws[draw])))
+    found_for = _covariances(motions, [*enumerate(logs), *simulated])
+    random = [
+        rms(asked.deviations(own, experiment.draws[draw]))
+        for (draw, _), own in zip(simulated, found_for[DRAWS:], strict=True)
+    ]
+    covariances = np.array(found_for[:DRAWS])
     return Design(
         experiment, largest, asked, criterion, driver, logs, uses, covariances, np.array(random),
         found.evaluations, motions.stride,
     )  # fmt: skip
 
 
-def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
-    """Predicted (p, p) covariances under every draw, at steps that resolve the motion.
+def _covariances(motions: Motions, logs: Sequence[tuple[int, Log]]) -> list[Array]:
+    """Predicted (p, p) covariances of motions under draws, at steps that resolve all of them.
 
     Friction is stiffer in slow motion than in the random motions for which the step was chosen.
 
@@ -196,7 +197,7 @@ def _covariances(motions: Motions, logs: Sequence[Log]) -> list[Array]:
         try:
             return [
                 predicted(motions.experiment, _coarse(motions.stride, log), draw)
-                for draw, log in enumerate(logs)
+                for draw, log in logs
             ]
         except NoEstimate:
             if motions.stride == 1:

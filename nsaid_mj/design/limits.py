@@ -114,10 +114,23 @@ def envelope(extents: Sequence[Extents], share: float) -> dict[str, tuple[Array,
     }
 
 
+_SETTLED = 3.0
+# time from which an arm's motion counts [s]: before, the loop settles at the arm's weight, which it
+# does not know exactly, however small the motion; a real arm is held before it moves
+
+
+def settled(system: SecondOrderSystem, log: Log) -> Log:
+    """The part of a simulated motion to which limits apply: an arm's once its loop has settled."""
+    if system.group:
+        return log
+    return log.part(min(int(np.searchsorted(log.t, _SETTLED)), len(log.t) // 2), len(log.t))
+
+
 def extents_of(system: SecondOrderSystem, log: Log, theta: Array) -> dict[str, tuple[Array, Array]]:
-    """The limited quantities along an exact motion of a plant with parameters θ (p,)."""
+    """The limited quantities along an exact motion of a plant with θ (p,); see `settled`."""
     if system.group:
         return _vehicle(system, log)
+    log = settled(system, log)
     found = {
         "position": _range(np.unwrap(coordinates_of(system, log.q), axis=0)),
         "speed": _up_to(np.abs(log.v)),

@@ -33,7 +33,7 @@ from ..structure.information import torques_along
 from ..structure.joints import JointTree
 from ..structure.system import SecondOrderSystem
 from .experiment import Experiment
-from .limits import COMMAND, Limits, coordinates_of, extents_of
+from .limits import COMMAND, Limits, coordinates_of, extents_of, settled
 
 _STEP = 0.04  # longest step at which an arm's information is computed [s]
 _SEARCHED = 10.0  # longest motion in the search [s]
@@ -239,10 +239,7 @@ def amplified(config: DriverConfig, factor: float, largest: float = np.inf) -> D
 _SHRINK = 0.98  # further factor of a joint that breaks a limit
 _ATTEMPTS = 12  # attempts to make an arm's motion smaller
 _ALONE = 3  # of them that shrink only joints that break a limit; then all
-_ALL = 0.8  # factor of every joint at each of the others
-_STARTED = 0.5
-# time from which the acceleration counts [s]: before, the loop settles at an arm's weight, which it
-# does not know exactly, however small the motion
+_ALL = 0.6  # factor of every joint at each of the others
 _SMALLER = 0.9  # amplitudes of a vehicle's commands at a second attempt
 
 Motions = JointMotions | DrivenMotions
@@ -268,15 +265,15 @@ def checked(
             driver: DriverConfig = motions.driver(candidates[0], share)
         else:
             driver = motions.driver(candidates[attempt // 2], (1.0, _SMALLER)[attempt % 2])
-        logs, worst = _simulated(motions.experiment, driver, limits)
+        logs, worst = simulated(motions.experiment, driver, limits)
         if worst is None:
             share = 0.8 * share
             continue
         uses = {name: float(use.max()) for name, use in worst.items()}
-        touched = _touched(motions, logs)
-        if max(uses.values()) <= 1 and not touched:
+        touching = touched(motions.experiment, limits, logs, motions.stride)
+        if max(uses.values()) <= 1 and not touching:
             return driver, logs, uses
-        if touched:
+        if touching:
             uses["contacts"] = np.inf
             share = 0.9 * share
         if max(uses.values()) < max(least.values()):
@@ -311,19 +308,14 @@ def _binding(system: SecondOrderSystem, limits: Limits, name: str, use: Array) -
     )
 
 
-def _touched(motions: Motions, logs: Sequence[Log]) -> str:
-    """The first contact along simulated motions, in words; "" if contacts are not checked."""
-    if not isinstance(motions, JointMotions) or motions.contacts is None:
-        return ""
-    system, every = motions.experiment.system, motions.stride
-    for log in logs:
-        words = motions.contacts.touching(coordinates_of(system, log.q[::every]))
-        if any(words):
-            return next(filter(None, words))
-    return ""
+def touched(experiment: Experiment, limits: Limits, logs: Sequence[Log], every: int) -> bool:
+    """Whether simulated motions make contacts that limits forbid, at every so many samples."""
+    contacts, system = experiment.contacts if limits.contacts else None, experiment.system
+    poses = (coordinates_of(system, settled(system, log).q[::every]) for log in logs)
+    return contacts is not None and any(any(contacts.touching(each)) for each in poses)
 
 
-def _simulated(
+def simulated(
     experiment: Experiment, driver: DriverConfig, limits: Limits
 ) -> tuple[tuple[Log, ...], dict[str, Array] | None]:
     """The motions under all draws, and the largest use of every limit; None if one diverges."""
@@ -333,9 +325,5 @@ def _simulated(
         if log is None:
             return tuple(logs), None
         logs.append(log)
-        extents = extents_of(experiment.system, log, theta)
-        if "acceleration" in extents:
-            later = log.part(int(np.searchsorted(log.t, _STARTED)), len(log.t))
-            extents["acceleration"] = extents_of(experiment.system, later, theta)["acceleration"]
-        uses.append(limits.entries(extents))
+        uses.append(limits.entries(extents_of(experiment.system, log, theta)))
     return tuple(logs), {name: np.max([own[name] for own in uses], axis=0) for name in uses[0]}

@@ -32,10 +32,10 @@ from ..plants import Sensors
 from ..structure.joints import JointTree
 from ..structure.payload import point_mass
 from .designing import Design, Report
-from .experiment import DRAWS, Experiment
+from .experiment import Experiment
 from .information import PRIOR, bound, rms
-from .limits import coordinates_of, extents_of
-from .motions import amplified, amplitudes_of
+from .limits import extents_of
+from .motions import amplified, amplitudes_of, simulated, touched
 
 WEAK = 0.7
 """Predicted over prior deviation above which a direction counts as weak."""
@@ -226,19 +226,11 @@ def _smaller(swing: float) -> str:
 
 def _kept(found: Design, experiment: Experiment, driver: DesignedTracking) -> Log | None:
     """The simulated motion under the first draw; None if it breaks a limit under any draw."""
-    system, logs = experiment.system, []
-    for draw in range(DRAWS):
-        log = experiment.simulate(driver, draw, experiment.scenario.duration)
-        if log is None:
-            return None
-        logs.append(log)
-        uses = found.limits.uses(extents_of(system, log, experiment.draws[draw]))
-        if max(uses.values()) > 1:
-            return None
-        if found.limits.contacts and found.experiment.contacts is not None:
-            poses = coordinates_of(system, log.q[:: found.stride])
-            if any(found.experiment.contacts.touching(poses)):
-                return None
+    logs, worst = simulated(experiment, driver, found.limits)
+    if worst is None or max(use.max() for use in worst.values()) > 1:
+        return None
+    if touched(found.experiment, found.limits, logs, found.stride):
+        return None
     return logs[0]
 
 

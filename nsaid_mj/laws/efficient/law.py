@@ -73,6 +73,7 @@ class EfficientIdentifier(Identifier):
         self._every, self._interval = guard.memory.every, guard.memory.every * dt
         alone = FilterAlone(guard.system, dt, config)
         self._law, self._covariance = alone.law, alone.covariance
+        self._gamma = config.linearisation
         self._faults = Isolation(self._law, self.system, self._covariance, dt, self._interval)
 
     def init(self, first: Measurement) -> State:
@@ -215,7 +216,7 @@ class EfficientIdentifier(Identifier):
             else:
                 begun, kalman = bool(inside.filter.tally[0]), inside.filter
                 piece = inside.signals.acting(self.system, log.part(at, count))
-                law = self._law._replace(walk=self._walk(inside))
+                law = self._law._replace(walk=self._walk(inside), gamma=self._gamma)
                 row, end = follow_filter(law, kalman, *piece, along.part(at))
                 last, calm = at + row, inside.calm + float(log.t[at + row] - log.t[at]) * begun
                 thetas[at + 1 : last + 1] *= inside.factors

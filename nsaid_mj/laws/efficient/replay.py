@@ -22,6 +22,8 @@ from .steps import margin_of
 
 USUAL = 0.3
 """Default of the largest relative error of a prior."""
+NEAR = 0.3
+"""γ of filters that begin near θ: trials of faults, rivals, and judgements of a result."""
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 
 
@@ -33,7 +35,7 @@ class EfficientConfig(Config):
         prior: largest relative error of θ̂(0); None takes `Scenario.initial_error`; see
             `drawn_covariance`.
         linearisation: γ, standard deviation of the error of a step's linearisation relative to that
-            of the effect of θ in it.
+            of the effect of θ in it, while θ̂ may be as far off as a prior.
         innovation_window: time over which innovations are tested against chance [s].
         unexplained: density of the force on every velocity that the structure does not explain,
             over the last motor's gain [units of its command, squared, times s]; none for an exact
@@ -43,7 +45,7 @@ class EfficientConfig(Config):
     _path = "identifier.efficient"
 
     prior: Positive | None = None
-    linearisation: NonNegative = 0.3
+    linearisation: NonNegative = 1.0
     innovation_window: Positive = 0.1
     unexplained: tuple[NonNegative, ...] = ()
 
@@ -71,7 +73,7 @@ class FilterAlone:
         config: configuration of the filter.
 
     Attributes:
-        law: the filter's prior knowledge.
+        law: the filter's prior knowledge, near θ.
         space: of θ.
 
     Raises:
@@ -89,7 +91,6 @@ class FilterAlone:
         self._error, self._p, self.space = config.prior or USUAL, system.p, system.space
         cone, scale = cone_of(system.space), np.array(system.space.scale)
         window = max(10, round(config.innovation_window / dt))
-        gamma = config.linearisation
         unexplained = np.array(config.unexplained, dtype=np.float64)
         motor = system.p - 1 in system.space.actuators
         if len(unexplained) and (len(unexplained) != system.n or not motor):
@@ -98,7 +99,7 @@ class FilterAlone:
                 len(unexplained), "Give one for every velocity, or none.",
             )  # fmt: skip
         self.law = Law(
-            system.forward, cone, scale, margin_of(cone, scale), gamma, window,
+            system.forward, cone, scale, margin_of(cone, scale), NEAR, window,
             np.zeros(system.p), unexplained, parts_of(system),
         )  # fmt: skip
 

@@ -86,7 +86,7 @@ def command_of(stuck: Hypothesis, held: float, ratio: float) -> float:
     assert stuck.curve is not None
     sizes, efforts = stuck.curve
     effort = float(np.interp(abs(held), sizes, efforts)) * max(0.0, ratio)
-    return float(np.copysign(np.interp(effort, efforts, sizes), held))
+    return float(np.copysign(np.interp(effort, efforts, sizes), held)) + 0.0  # not −0
 
 
 def penalty(hypothesis: Hypothesis) -> float:

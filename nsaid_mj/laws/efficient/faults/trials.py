@@ -27,7 +27,8 @@ from .trial import Trial
 _DROPPED = 1e-9  # probability below which a hypothesis is dropped
 _HOPELESS = 1000.0  # evidence below that of the best single fault at which another one is dropped
 _CERTAIN = 0.995  # probability at which a hypothesis is accepted
-_LONGEST = 1.0  # time after which the most probable one is accepted [s]
+_LONGEST, _LIKELY = 1.0, 0.95  # time after which such a probability suffices [s]
+_PATIENCE = 5.0  # time after which the most probable one is accepted, as of slow vehicles [s]
 _NEAR = 200.0  # evidence that repeating a trial of a sensor's error can gain
 _TOGETHER = 10  # samples along which trials run at once: one by one takes four times as long
 _PASSES, _BETTER = 4, 0.99  # repeated linearisations of a trial, and what each must achieve
@@ -105,7 +106,8 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
         each = _hopeful(law, tuple(trial.followed(law, system, some) for trial in each))
         reached += len(some.t) - 1
     trials = trials._replace(each=each, log=known, samples=samples, reached=reached)
-    over = float(log.t[-1]) - trials.begin >= _LONGEST
+    late = float(log.t[-1]) - trials.begin - _LONGEST
+    over = 0.0 <= late < law.window * float(log.t[-1] - log.t[-2])
     if samples < law.window or (len(known.t) < trials.due and not over):
         return trials
     least = max(trial.evidence for trial in each) - _NEAR
@@ -219,7 +221,7 @@ class Verdict(NamedTuple):
 def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
     """The verdict at time t [s], at the end of a window; None while undecided."""
     share = posterior_of(trials)
-    late = t - trials.begin >= _LONGEST
+    late = t - trials.begin
     if np.isnan(share).all():
         return Verdict(None)
     best = int(np.argmax(share))
@@ -228,8 +230,9 @@ def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
     confidence = sum(float(p) for p, one in zip(share, alike, strict=True) if one == alike[best])
     patient = trial.hypothesis.kind in _PATIENT or trial.hypothesis.share > 0
     sure = fits and confidence >= _CERTAIN and not patient
-    if not late and not sure:
-        return None
-    if not fits:
+    if late >= _LONGEST and not fits:
         return Verdict(None)
+    likely = confidence >= _LIKELY or late >= _PATIENCE
+    if not sure and not (late >= _LONGEST and likely):
+        return None
     return Verdict(trial, min(1.0, confidence))
