@@ -95,8 +95,9 @@ def begin_trials(
 def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log) -> Trials:
     """The trials after a log; at a window's end they are repeated where that makes them exact.
 
-    They are repeated when the log is twice as long as the last time, or at the time limit, so that
-    all repetitions together cost no more than a few passes along the whole log.
+    They are repeated when the log is twice as long as the last time, and once when a lower
+    probability begins to suffice, so that all repetitions together cost no more than a few passes
+    along the whole log.
     """
     known = trials.log.first(len(trials.log.t) - 1).joined(log)
     each, reached, last = trials.each, trials.reached, len(known.t) - 1
@@ -106,9 +107,10 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
         each = _hopeful(law, tuple(trial.followed(law, system, some) for trial in each))
         reached += len(some.t) - 1
     trials = trials._replace(each=each, log=known, samples=samples, reached=reached)
-    late = float(log.t[-1]) - trials.begin - _LONGEST
-    over = 0.0 <= late < law.window * float(log.t[-1] - log.t[-2])
-    if samples < law.window or (len(known.t) < trials.due and not over):
+    if samples < law.window:
+        return trials
+    over = known.t[-1 - samples] < trials.begin + _LONGEST <= known.t[-1]
+    if len(known.t) < trials.due and not over:
         return trials
     least = max(trial.evidence for trial in each) - _NEAR
     each = tuple(_repeated(trial, law, system, trials, least) for trial in each)
