@@ -25,7 +25,7 @@ from ..quotient.cone import cone_of
 from .figures import Judge
 from .truth import Truth
 
-_ROUNDING = 1e-3  # γ, so that rounding errors do not make P indefinite
+_ROUNDING = 1e-3, 1e-2  # γ, the smaller one with which rounding does not make P indefinite
 _DRAWS = 200  # estimates whose median figures are those of the bound
 
 
@@ -33,8 +33,8 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     """(p, p) smallest covariance of θ̂/scale that an estimate from a log and the prior can have.
 
     Raises:
-        NoEstimate: the sensors are exact, the system has no compiled forward dynamics, or M is not
-            positive definite along the log.
+        NoEstimate: the sensors are exact, the system has no compiled forward dynamics, or rounding
+            makes the covariance indefinite.
     """
     system, n = truth.system, truth.system.n
     if system.forward is None:
@@ -46,15 +46,16 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     scale = np.array(system.space.scale)
     cone = cone_of(system.space)
     rest = np.zeros(system.p), np.zeros(0), parts_of(system)
-    law = Law(system.forward, cone, scale, margin_of(cone, scale), _ROUNDING, 1, *rest)
     R = np.repeat(np.array(levels) ** 2, n)
     basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
     prior = basis @ (basis.T @ truth.prior_covariance @ basis) @ basis.T
-    filter = filter_at(log.q[0], log.v[0], truth.theta, prior)
-    filter.Pxx[:] = np.diag(R)
-    if covariance_along(law, filter, R, *log) < len(log.t) - 1:
-        raise NoEstimate("M is not positive definite along the log", "Check the parameters.")
-    return filter.Ptt
+    for gamma in _ROUNDING:
+        law = Law(system.forward, cone, scale, margin_of(cone, scale), gamma, 1, *rest)
+        filter = filter_at(log.q[0], log.v[0], truth.theta, prior)
+        filter.Pxx[:] = np.diag(R)
+        if covariance_along(law, filter, R, *log) == len(log.t) - 1:
+            return filter.Ptt
+    raise NoEstimate("rounding makes the covariance of the bound indefinite", "Use a shorter log.")
 
 
 def bound_figures(truth: Truth, judge: Judge, covariance: Array) -> dict[str, float | None]:
