@@ -17,6 +17,8 @@ from .noise import NOISE, Noise
 COMPLETED, CONTRADICTED, ROUNDED, BEGINNING = 0, 1, 2, 3
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
 rounding errors made the covariance indefinite. A row may also precede the filter's beginning."""
+NEAR = 0.3
+"""γ near θ: after a filter's first seconds, in trials of faults, rivals, and judging a result."""
 
 
 class Law(NamedTuple):
@@ -27,7 +29,7 @@ class Law(NamedTuple):
         cone: cone of physical parameters.
         scale: (p,) scale of θ.
         margin: (p,) see `steps.margin_of`.
-        gamma: γ.
+        gamma: γ; after the first seconds `NEAR`, if that is less.
         window: samples over which innovations are tested.
         walk: (p,) variance that θ, relative to itself, gains per second [1/s]; 0 where constant.
         unexplained: (n,) density of the noise of the force on every velocity, over the gain of the

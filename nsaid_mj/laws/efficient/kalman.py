@@ -47,6 +47,7 @@ from .filter import (
     FILTER,
     LAW,
     MEMORIES,
+    NEAR,
     ROUNDED,
     Along,
     Filter,
@@ -57,6 +58,7 @@ from .noise import MEMORY, add_increment, write_variance
 
 _WARM_UP = 20  # fourth differences before the noise is known well enough to begin
 _SIGNIFICANT = 6.0  # standard deviations by which a window's innovations must exceed chance
+_FAR = 15.0  # time for which θ̂ may be as far off as a prior [s]
 _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 
 
@@ -148,7 +150,8 @@ def _move(law, filter, dt, q, v, u, memory):
         memory.seen if law.unexplained.shape[0] > 0 else memory.seen[:0],
     )  # fmt: skip
     if pivot > 0.0:
-        predict(law.scale, law.walk, law.unexplained, law.gamma, dt, filter, memory)
+        gamma = law.gamma if filter.noise.seen[0] * dt < _FAR else min(law.gamma, NEAR)
+        predict(law.scale, law.walk, law.unexplained, gamma, dt, filter, memory)
     return pivot
 
 

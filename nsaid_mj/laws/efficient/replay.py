@@ -15,15 +15,13 @@ from ...parameters import Array
 from ...quotient.cone import cone_of
 from ...structure.system import SecondOrderSystem
 from ..cone.prior import drawn_covariance, spread_of_numbers
-from .filter import CONTRADICTED, ROUNDED, Along, Filter, Law, filter_at
+from .filter import CONTRADICTED, NEAR, ROUNDED, Along, Filter, Law, filter_at
 from .kalman import follow_filter, restart_state
 from .noise import noise_variance
 from .steps import margin_of
 
 USUAL = 0.3
 """Default of the largest relative error of a prior."""
-NEAR = 0.3
-"""γ of filters that begin near θ: trials of faults, rivals, and judgements of a result."""
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 
 
@@ -35,7 +33,7 @@ class EfficientConfig(Config):
         prior: largest relative error of θ̂(0); None takes `Scenario.initial_error`; see
             `drawn_covariance`.
         linearisation: γ, standard deviation of the error of a step's linearisation relative to that
-            of the effect of θ in it, while θ̂ may be as far off as a prior.
+            of the effect of θ in it, in the first 15 s; later 0.3 at most.
         innovation_window: time over which innovations are tested against chance [s].
         unexplained: density of the force on every velocity that the structure does not explain,
             over the last motor's gain [units of its command, squared, times s]; none for an exact
