@@ -307,7 +307,7 @@ def _resolve(motions: Motions, asked: Asked, rng: np.random.Generator) -> None:
     if not isinstance(motions, JointMotions):
         return
     few = [motions.random(rng) for _ in range(3)]
-    costs = _Costs(motions, asked, "bound")
+    costs = _Costs(motions, asked, "bound", draws=2)  # those of the search
     before = np.array(costs(few))
     while motions.step > 1.5 * motions.experiment.scenario.dt:
         step = motions.step
