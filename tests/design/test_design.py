@@ -16,6 +16,7 @@ from nsaid_mj.design import (
     Limits,
     asked_for,
     design,
+    designing,
     prediction,
     read_limits,
 )
@@ -23,7 +24,7 @@ from nsaid_mj.design.experiment import own_limits, scenario_of_model
 from nsaid_mj.design.files import motion_csv
 from nsaid_mj.design.information import ranks
 from nsaid_mj.design.limits import extents_of
-from nsaid_mj.design.motions import simulated
+from nsaid_mj.design.motions import JointMotions, simulated
 from nsaid_mj.design.prediction import predict, remedies, tried
 from nsaid_mj.design.search import minimise
 from nsaid_mj.errors import InvalidInput, NoMotion, UnknownName
@@ -135,6 +136,18 @@ def test_an_arm_that_sags_under_a_wrong_model_gets_a_motion_within_its_speeds():
         return replace(own, limits=dict(own.limits) | {"speed": speed})
 
     assert max(design(arm, limits=of_the_file, effort=LITTLE, seed=9311).uses.values()) <= 1
+
+
+def test_the_time_step_of_a_search_resolves_the_friction_of_all_its_draws():
+    """Had been chosen under the first draw; under the second, half of the motions had no bound."""
+    arm = Experiment.of(load("panda"))
+    base, asked = arm.scenario.excitation, asked_for("gains", arm.system.space)
+    assert isinstance(base, FourierTracking)
+    within = designing._default_limits(arm, base, designing._random_motions(arm, base), 0.5)
+    motions = JointMotions(arm, within, base)
+    designing._resolve(motions, asked, np.random.default_rng(0))
+    few = [motions.random(np.random.default_rng(seed)) for seed in range(9401, 9409)]
+    assert np.isfinite(designing._Costs(motions, asked, "bound", draws=2)(few)).all()
 
 
 def test_limits_that_no_motion_keeps_are_refused(experiment):
