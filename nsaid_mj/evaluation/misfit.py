@@ -5,9 +5,9 @@ covariance, and then again from its result. The innovations of the second run sh
 structure explains the motion:
 
 - significantly large innovations within a tenth of a second contradict it; the filter then
-restarts. A structure that explains the motion is hardly ever contradicted, one that does not,
-repeatedly; - innovations that are not white over longer times are small effects that W lacks; see
-`whiteness`
+  restarts. A structure that explains the motion is hardly ever contradicted, one that does not,
+  repeatedly;
+- innovations that are not white over longer times are small effects that W lacks; see `whiteness`
   and below;
 - how far, relative to its stated covariance, the estimate has moved in the first run, as a whole
   and from part to part, says whether the intervals hold.
