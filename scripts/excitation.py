@@ -9,8 +9,8 @@ law `efficient` for 20 s with noisy sensors, with the scenario's own random exci
 designed ones. Every seed is another plant, another prior and other noise.
 """
 
+import argparse
 import json
-import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -164,12 +164,17 @@ def picture(path: Path, target: Path) -> None:
 
 
 if __name__ == "__main__":
-    word, file, *rest = sys.argv[1:]
-    if word == "measure":
-        effort = float(rest[rest.index("--effort") + 1]) if "--effort" in rest else 1.0
-        names = [name for name in rest if name in (*ARMS, *VEHICLES)]
-        measure(Path(file), names or [*ARMS, *VEHICLES], effort, "--baselines" in rest)
-    elif word == "table":
-        table(Path(file))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("word", choices=("measure", "table", "picture"))
+    parser.add_argument("file", type=Path)
+    parser.add_argument("rest", nargs="*", help="systems, or the picture's path")
+    parser.add_argument("--effort", type=float, default=1.0)
+    parser.add_argument("--baselines", action="store_true")
+    given = parser.parse_args()
+    if given.word == "measure":
+        names = given.rest or [*ARMS, *VEHICLES]
+        measure(given.file, names, given.effort, given.baselines)
+    elif given.word == "table":
+        table(given.file)
     else:
-        picture(Path(file), Path(rest[0]))
+        picture(given.file, Path(given.rest[0]))

@@ -43,7 +43,7 @@ class EfficientConfig(Config):
     _path = "identifier.efficient"
 
     prior: Positive | None = None
-    linearisation: NonNegative = 1.0
+    linearisation: NonNegative = 0.7
     innovation_window: Positive = 0.1
     unexplained: tuple[NonNegative, ...] = ()
 
