@@ -6,6 +6,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from nsaid_mj import evaluation
@@ -17,13 +18,14 @@ from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.laws.base import Estimates, State, Status
 from nsaid_mj.laws.cone.prior import drawn_inside
 from nsaid_mj.laws.efficient.noise import Noise, add_increment
-from nsaid_mj.laws.efficient.replay import FilterAlone
+from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import Loss
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.quotient.barrier import gradient_and_hessian, local_norm
 from nsaid_mj.quotient.cone import cone_of
+from nsaid_mj.structure.joints import JointScales
 from nsaid_mj.structure.multibody import CompiledMultibody
 from nsaid_mj.structure.system import SecondOrderSystem
 
@@ -135,6 +137,36 @@ def test_a_log_in_pieces_gives_the_same_estimates() -> None:
     np.testing.assert_array_equal(np.concatenate(rows), found.estimates.theta_hat[1:400])
 
 
+def three_joints(parent: int) -> CompiledMultibody:
+    """Three hinges, the third of which is on the body of the joint `parent`, 1 or 2."""
+    model, offset = pin.Model(), pin.SE3(np.eye(3), np.array([0.0, 0.1, 0.3]))
+    for name, on, kind in (("a", 0, "RZ"), ("b", 1, "RY"), ("c", parent, "RX")):
+        joint = model.addJoint(on, getattr(pin, f"JointModel{kind}")(), offset, name)
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), offset)
+    scales = JointScales(*np.ones((7, 3)), rotor=np.full(3, 0.1))
+    return CompiledMultibody(model, scales, np.full(3, 0.1))
+
+
+def test_a_robot_does_not_change_the_next_ones_filter_in_the_same_process() -> None:
+    """A fork's M is zero between its branches, where a chain's is not."""
+
+    def followed_alone(system: CompiledMultibody) -> tuple[np.ndarray, np.ndarray]:
+        rng, t = np.random.default_rng(0), np.arange(100) * 0.01
+        v = np.sin(t[:, None] * [3.0, 4.0, 5.0])
+        noisy = v + 1e-3 * rng.standard_normal(v.shape)
+        log = Log(t, np.cumsum(v, axis=0) * 0.01, noisy, rng.standard_normal(v.shape))
+        alone = FilterAlone(system, 0.01, EfficientConfig())
+        theta = system.space.scale
+        kalman = alone.replay(theta, alone.covariance(theta), log).filter
+        return kalman.theta, kalman.Ptt
+
+    chain, fork = three_joints(2), three_joints(1)
+    first = followed_alone(fork)
+    followed_alone(chain)
+    for before, after in zip(first, followed_alone(fork), strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_with_exact_sensors_rounding_contradicts_nothing(seed: int) -> None:
     """Seed 0: P_θθ lost its definiteness to rounding, and the estimate wandered off to 1.6e-4."""
@@ -210,7 +242,7 @@ def test_unmodelled_friction_is_contradicted_by_the_motion() -> None:
         assert judged(alone, theta, alone.covariance(theta), found.log).level == level
 
 
-@pytest.mark.parametrize(("unnamed", "tried"), [(0, True), (1, False)])
+@pytest.mark.parametrize(("unnamed", "tried"), [(0, True), (1, False), (5000, False)])
 def test_after_trials_in_vain_a_fault_is_sought_after_twice_as_long_a_calm(
     unnamed: int, tried: bool
 ) -> None:

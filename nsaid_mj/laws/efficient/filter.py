@@ -188,14 +188,17 @@ class Memory(NamedTuple):
         return Memory(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
 
 
-_OWN = threading.local()  # workspace of each thread; results do not depend on its contents
+_OWN = threading.local()  # workspace of each thread
 
 
 def memory_for(structure: StructureArrays, *sizes: int) -> Memory:
-    """Workspace for a structure with sizes n, m and p; every call of a thread overwrites it."""
-    shapes = sizes, *map(len, (structure.bodies, structure.terms, structure.nonzeros))
-    if getattr(_OWN, "shapes", None) != shapes:
-        _OWN.shapes, _OWN.memory = shapes, Memory.of(structure, *sizes)
+    """Workspace for a structure with sizes n, m and p; every call of a thread overwrites it.
+
+    It serves this structure only: what one tree leaves zero, such as M between two branches,
+    another one of the same sizes overwrites.
+    """
+    if getattr(_OWN, "structure", None) is not structure:
+        _OWN.structure, _OWN.memory = structure, Memory.of(structure, *sizes)
     return _OWN.memory
 
 

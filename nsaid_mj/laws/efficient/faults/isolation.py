@@ -36,6 +36,7 @@ from .trials import Verdict, begin_trials, follow_trials, narrowed, verdict
 from .watch import PERIOD, Watch, slow_change
 
 _MATURE = 2.0  # time without a contradiction after which one counts as a fault [s]
+_DOUBLINGS = 30  # of that time after trials in vain, at most: to 70 years
 _STARTS = 3  # restarts of a young filter, before a structure that is not exact is considered
 _SETTLED = 5.0  # time without a contradiction from which slow changes are sought [s]
 _ISOLATED = 0.9  # least probability of a slow change among the hypotheses
@@ -64,7 +65,8 @@ class Isolation(NamedTuple):
         if len(log.t) <= LEAD + 1:  # right after a gap: too short to judge
             restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
             return inside
-        young = inside.calm < 2**inside.unnamed * _MATURE and inside.loose is None
+        doubled = 2 ** min(inside.unnamed, _DOUBLINGS)
+        young = inside.calm < doubled * _MATURE and inside.loose is None
         if young and inside.restarts < _STARTS and inside.signals.as_recorded:
             return self.started_again(inside, here)
         inside.watch.rewind(here.t, kalman)
