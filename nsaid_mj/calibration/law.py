@@ -56,13 +56,11 @@ class _Watch(Observer):
     def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
         """Does nothing: there is no estimate yet."""
 
-    def see(
-        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
-    ) -> None:
+    def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
         """Keeps the estimate of a sample."""
         state, space = states[""], self._identifier.system.space
         stated = gain_deviations(self._identifier.confidence(state), state.theta_hat, space)
-        self.rows.append((measurement.t, state.theta_hat, stated))
+        self.rows.append((float(log.t[-1]), state.theta_hat, stated))
 
     def stop(self) -> None:
         """Does nothing: no file is open."""

@@ -14,11 +14,11 @@ import numpy as np
 import orjson
 
 from ..evaluation.confidence import INTERVAL, gain_deviations
-from ..evaluation.misfit import CONTRADICTS, running_misfit
+from ..evaluation.running import RunningMisfit
 from ..experiment.loop import Observer, Robot, Run, followed
 from ..experiment.scenario import Scenario
 from ..laws import Identifier, State
-from ..log import Measurement
+from ..log import Log, Measurement
 from ..logs.stream import Cleaner, Counts, Stream
 from ..numerics.threads import single_threaded
 from ..parameters import Array, ParameterSpace
@@ -91,7 +91,9 @@ class Estimate:
         )  # fmt: skip
 
 
-def estimate_of(space: ParameterSpace, state: State, samples: int, deviation: Array) -> Estimate:
+def estimate_of(
+    space: ParameterSpace, state: State, samples: int, deviation: Array, misfit: str
+) -> Estimate:
     """The estimate of a state, with (a,) relative deviations of the gains."""
     gains = []
     for k, spread in zip(space.actuators, deviation, strict=True):
@@ -101,7 +103,7 @@ def estimate_of(space: ParameterSpace, state: State, samples: int, deviation: Ar
     faults = tuple(fault.in_words for fault in state.faults)
     return Estimate(
         state.t, samples, tuple(space.names), tuple(space.units), state.theta_hat,
-        tuple(gains), running_misfit(state), faults,
+        tuple(gains), misfit, faults,
     )  # fmt: skip
 
 
@@ -118,6 +120,7 @@ class Estimates(Observer):
 
     Args:
         identifier: whose estimates they are.
+        misfit: judges them.
         counts: counts of the samples.
         show: receives the estimate, at intervals of `every`.
         every: time between two estimates [s]; 0 for one after all new samples.
@@ -126,11 +129,12 @@ class Estimates(Observer):
     def __init__(
         self,
         identifier: Identifier,
+        misfit: RunningMisfit,
         counts: Counts,
         show: Callable[[Estimate], None],
         every: float,
     ):
-        self._identifier, self._counts, self._show = identifier, counts, show
+        self._misfit, self._counts, self._show = misfit, counts, show
         self._every = every
         self.period = every or np.inf
         self._space = identifier.system.space
@@ -140,23 +144,23 @@ class Estimates(Observer):
     def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
         """Does nothing: there is no estimate yet."""
 
-    def see(
-        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
-    ) -> None:
+    def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
         """Passes on the estimate if it is due."""
-        if measurement.t < self._next:
+        state, t = states[""], float(log.t[-1])
+        self._misfit.see(log, state)
+        if t < self._next:
             return
-        self._next = measurement.t + self._every * (1 - 1e-9)
-        if measurement.t >= self._stated + _INTERVALS:
-            stated = self._identifier.confidence(states[""])
-            if running_misfit(states[""]) == CONTRADICTS:
-                stated = None  # no interval holds
-            self._deviation = gain_deviations(stated, states[""].theta_hat, self._space)
-            self._stated = measurement.t
-        self._show(estimate_of(self._space, states[""], self._counts.used, self._deviation))
+        self._next = t + self._every * (1 - 1e-9)
+        if t >= self._stated + _INTERVALS:
+            stated = self._misfit.confidence(state)
+            self._deviation = gain_deviations(stated, state.theta_hat, self._space)
+            self._stated = t
+        used, level = self._counts.used, self._misfit.level(state)
+        self._show(estimate_of(self._space, state, used, self._deviation, level))
 
     def stop(self) -> None:
-        """Does nothing: no file is open."""
+        """Stops judging."""
+        self._misfit.stop()
 
 
 class Session:
@@ -218,7 +222,8 @@ class Session:
         """
         own, counts = self.identifiers[""], self.cleaner.counts
         source = Stream(self.robot.system, self.cleaner, lines)
-        watchers = (Estimates(own, counts, show, every), *observers)
+        misfit = RunningMisfit(self.scenario, own, self.robot.prior)
+        watchers = (Estimates(own, misfit, counts, show, every), *observers)
         run = followed(self.scenario, self.robot, source, self.identifiers, folder, watchers)
         run.stream = counts.keys()
         return run

@@ -37,9 +37,10 @@ import scipy.linalg
 from scipy.special import gammaincc
 
 from ..experiment.loop import Run
+from ..experiment.scenario import Scenario
 from ..experiment.setup import with_prior_error
 from ..experiment.source import LONGEST_STEP
-from ..laws import Confidence, NullspaceAID, State
+from ..laws import Confidence, NullspaceAID
 from ..laws.cone.prior import drawn_inside
 from ..laws.efficient.drift import walks
 from ..laws.efficient.faults.signals import Signals
@@ -116,11 +117,11 @@ def _octaves(upper: int) -> list[int]:
 
 
 NONE, SOME, CONTRADICTS = LEVELS = ("none", "some", "contradicts")
-_LONGEST = 120.0  # length of log that is judged, its end [s]
-_FEWEST = 50  # rows that can be judged; the run that warms up has as many
-_SETTLED = 1 / 3  # share of it in which the filter may still learn
-_REPEATED = 2  # contradictions that are no single event, such as a collision
-_LARGE = 1.3  # mean squared normalised innovation that is more than an error of the noise level
+LONGEST = 120.0  # length of log that is judged, its end [s]
+FEWEST = 50  # rows that can be judged; the run that warms up has as many
+SETTLED = 1 / 3  # share of it in which the filter may still learn
+REPEATED = 2  # contradictions that are no single event, such as a collision
+LARGE = 1.3  # mean squared normalised innovation that is more than an error of the noise level
 _CHANCE = 1e-4  # probability below which innovations are not white
 _DOUBTFUL = 1e-2  # probability below which intervals are widened, though nothing is said
 _PASSES = 3  # of the filter along a log that it does not explain at once
@@ -159,49 +160,37 @@ class Misfit(NamedTuple):
         return {"misfit": self.level} | {f"misfit_{name}": value for name, value in others}
 
 
-def running_misfit(state: State) -> str:
-    """The level during a run, from the law's state alone; "" for a law without a filter.
-
-    It is based on all innovations so far, and on contradictions that no fault explains, unless the
-    filter has since explained two thirds of the motion: a prior far off is contradicted, too.
-    """
-    if state.filter is None:
-        return ""
-    inside = state.filter
-    squares, number = inside.filter.totals
-    late = inside.calm < (1 - _SETTLED) * state.t
-    if late and inside.restarts + inside.unnamed > _REPEATED:
-        return CONTRADICTS
-    return SOME if number and squares > _LARGE * number else NONE
-
-
-def misfit_of(run: Run) -> Misfit | None:
-    """The misfit at the end of a run's log.
+def filter_of(scenario: Scenario, system: SecondOrderSystem) -> FilterAlone | None:
+    """The filter that judges a run.
 
     None for a law that does not use all information in the data, whose own error could be mistaken
-    for the structure's; and where rows are missing or the system has no compiled forward dynamics.
+    for the structure's, and where the system has no compiled forward dynamics.
     """
-    scenario, system, record = run.scenario, run.system, run.record
-    law = getattr(scenario.identifier, "law", "")
-    if law not in {"memory", "efficient"} or system.forward is None or scenario.record_every != 1:
+    if getattr(scenario.identifier, "law", "") not in {"memory", "efficient"}:
         return None
     config = with_prior_error(scenario.identifier, scenario)
     assert isinstance(config, NullspaceAID)
-    alone, found = FilterAlone(system, scenario.dt, config.efficient), []
+    return FilterAlone(system, scenario.dt, config.efficient) if system.forward else None
+
+
+def misfit_of(run: Run) -> Misfit | None:
+    """The misfit at the end of a run's log; None where `filter_of` is, or rows are missing."""
+    system, record = run.system, run.record
+    alone, found = filter_of(run.scenario, system), list[Misfit]()
+    if alone is None or run.scenario.record_every != 1:
+        return None
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     for log, rows, signals in _pieces(run, record.log):
-        theta = _sound(system, np.array(record.rows("theta_hat", rows.stop - 1)), run.prior)
-        P = alone.covariance(theta)
         last = rows.stop == len(record)
-        if stated is not None and last:
-            P = _no_wider(stated.covariance / np.outer(system.space.scale, system.space.scale), P)
-        drift = _drifting(run, log, rows) if last else None
+        drift, acting = _drifting(run, log, rows) if last else None, signals.acting(system, log)
         if drift is None:
-            found.append(judged(alone, theta, P, signals.acting(system, log)))
+            theta = np.array(record.rows("theta_hat", rows.stop - 1))
+            own = stated if last else None
+            found.append(judged_estimate(alone, system, theta, own, run.prior, acting))
         else:
             start, variance = drift
-            acting = signals.acting(system, log.part(start, len(log.t)))
             along = record.rows("theta_hat", rows)[start:]
+            acting = acting.part(start, len(acting.t))
             found.append(_drifted(alone, system, along, variance, acting))
     return _worst(found) if found else None
 
@@ -215,7 +204,7 @@ def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
     if state is None or not state.drift:
         return None
     start = int(np.searchsorted(log.t, state.since + 1e-9))
-    return (start, state.drift) if rows.stop - rows.start - start >= _FEWEST else None
+    return (start, state.drift) if rows.stop - rows.start - start >= FEWEST else None
 
 
 def _drifted(
@@ -242,14 +231,14 @@ def _drifted(
 def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
     """Parts of a log between faults and gaps, their rows in the record, and acting signals."""
     known = [event for event in run.faults if event.kind != "unknown"]
-    first = int(np.searchsorted(log.t, log.t[-1] - _LONGEST))
+    first = int(np.searchsorted(log.t, log.t[-1] - LONGEST))
     starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
     ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
     gaps = np.flatnonzero(np.diff(log.t) > LONGEST_STEP * run.scenario.dt) + 1
     for i, (begin, end) in enumerate(zip(starts, ends, strict=True)):
         cuts = [max(first, begin), *gaps[(gaps > max(first, begin)) & (gaps < end)].tolist(), end]
         for start, stop in itertools.pairwise(cuts):
-            if stop - start >= _FEWEST:
+            if stop - start >= FEWEST:
                 signals = Signals.after(run.system, known[:i])
                 yield log.part(start, stop), slice(start, stop), signals
 
@@ -271,12 +260,28 @@ def _worst(found: list[Misfit]) -> Misfit:
     innovations = sum(one.innovations * one.seconds for one in found) / seconds
     last = found[-1]
     return last._replace(
-        level=CONTRADICTS if len(times) >= _REPEATED else level,
+        level=CONTRADICTS if len(times) >= REPEATED else level,
         contradictions=times,
         innovations=innovations,
         seconds=seconds,
         chance=min(one.chance for one in found),
     )
+
+
+def judged_estimate(
+    alone: FilterAlone,
+    system: SecondOrderSystem,
+    theta: Array,
+    stated: Confidence | None,
+    prior: Array,
+    log: Log,
+) -> Misfit:
+    """The misfit of a log for an estimate (p,) with its covariance; prior is θ̂(0)."""
+    theta, scale = _sound(system, theta, prior), system.space.scale
+    P = alone.covariance(theta)
+    if stated is not None:
+        P = _no_wider(stated.covariance / np.outer(scale, scale), P)
+    return judged(alone, theta, P, log)
 
 
 def judged(alone: FilterAlone, theta: Array, P: Array, log: Log) -> Misfit:
@@ -301,11 +306,11 @@ def _judged_pass(replay: Replay, log: Log) -> tuple[Misfit, float]:
     squares, number = replay.filter.totals
     times = replay.contradictions
     innovations = float(squares / max(1.0, number))
-    late = tuple(time for time in times if time > log.t[0] + _SETTLED * seconds)
+    late = tuple(time for time in times if time > log.t[0] + SETTLED * seconds)
     level = NONE
-    if len(late) >= _REPEATED:
+    if len(late) >= REPEATED:
         level = CONTRADICTS
-    elif late or innovations > _LARGE or colour.chance < _CHANCE:
+    elif late or innovations > LARGE or colour.chance < _CHANCE:
         level = SOME
     return Misfit(level, late, innovations, seconds, colour.chance), colour.energy
 

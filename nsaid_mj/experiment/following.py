@@ -171,13 +171,11 @@ class Observer(ABC):
         """Called at the first measurement."""
 
     @abstractmethod
-    def see(
-        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
-    ) -> None:
-        """Called after every segment of the run, with its last sample.
+    def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
+        """Called after every segment of the run, with the samples since the call before.
 
-        `states` are the identifiers' states at that sample, by name, "" for the first; `levels` are
-        ε₀ of (2) and of (75) over the current window.
+        `states` are the identifiers' states at the last one, by name, "" for the first; `levels`
+        are ε₀ of (2) and of (75) over the current window.
         """
 
     @abstractmethod
@@ -302,5 +300,6 @@ class Loop:
         if self.states[""].faults != self.faults:
             self.faults = self.states[""].faults
             write_json(self.folder / FAULTS, [fault.keys() for fault in self.faults])
-        for observer in self.observers:
-            observer.see(log.at(-1), self.states, (self.monitor.level, self.monitor.level_perp))
+        for observer in self.observers if len(rows) else ():
+            now = self.monitor.level, self.monitor.level_perp
+            observer.see(log.part(fresh, len(log.t)), self.states, now)

@@ -21,7 +21,7 @@ from rich.progress import Progress as Bar
 from ..experiment.loop import Observer, Robot, columns
 from ..experiment.scenario import Scenario
 from ..laws import State
-from ..log import Measurement
+from ..log import Log, Measurement
 from ..numerics.stopwatch import clock, on_compiling
 from ..structure.system import SecondOrderSystem
 
@@ -106,16 +106,14 @@ class Progress(Observer):
         self._begin, self._last, self._end = clock(), 0.0, scenario.duration
         self._bar.update(self._task, total=scenario.duration, description=self._name)
 
-    def see(
-        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
-    ) -> None:
+    def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
         """Updates the bar, at most ten times a second."""
         now = clock()
         if now - self._last < _PERIOD:
             return
-        self._last, t = now, measurement.t
+        self._last, t = now, float(log.t[-1])
         speed = t / max(now - self._begin, 1e-9)
-        dv = states[""].v_hat - measurement.v
+        dv = states[""].v_hat - log.v[-1]
         left = f"{(self._end - t) / speed:.0f} s left" if speed else ""
         self._bar.update(
             self._task,

@@ -61,12 +61,11 @@ class Live(Observer):
         except Exception as error:  # no error of the viewer may stop the run
             self._give_up(error)
 
-    def see(
-        self, measurement: Measurement, states: dict[str, State], levels: tuple[float, float]
-    ) -> None:
+    def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
         """Streams Δv, θ̂ by block, excitation levels and the robot, at most 20 times a second."""
         if self._rec is None:
             return
+        measurement = log.at(-1)
         self._wait(measurement.t)
         now = time.perf_counter()
         if now < self._next:

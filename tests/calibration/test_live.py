@@ -15,8 +15,10 @@ from nsaid_mj.calibration.live import _LINE
 from nsaid_mj.calibration.measured import LiveRobot, measured_scenario
 from nsaid_mj.calibration.session import Estimate, Session
 from nsaid_mj.errors import InvalidInput, UnknownName
-from nsaid_mj.evaluation.misfit import running_misfit
+from nsaid_mj.evaluation.misfit import filter_of, judged_estimate, widened
+from nsaid_mj.evaluation.running import RunningMisfit, running_misfit
 from nsaid_mj.experiment.library import load
+from nsaid_mj.experiment.loop import Run
 from nsaid_mj.experiment.record import Record
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.log import Log
@@ -62,12 +64,18 @@ def test_a_stream_gives_the_bits_of_the_law_along_the_log(law: str, log: Log, tm
 
 def test_no_interval_is_stated_while_the_motion_contradicts_the_structure(log: Log, tmp_path: Path):
     """Live, gains of simulated arms missed their intervals by up to 37 times the half-width."""
-    shown: list[Estimate] = []
-    late = log._replace(u=np.roll(log.u, 30, axis=0))
-    run = session().run(io.BytesIO(b"".join(lines(late))), tmp_path, shown.append, every=0.5)
-    told = [one for one in shown if one.misfit == "contradicts"]
-    assert told and all(np.isinf([g.low, g.high]).all() for one in told for g in one.gains)
-    assert any(np.isfinite(g.high) for one in shown for g in one.gains)
+
+    def gains(log: Log) -> tuple[Run, list[bool], list[bool]]:
+        """The run, and by estimate whether the motion contradicts, and there are intervals."""
+        shown: list[Estimate] = []
+        run = session().run(io.BytesIO(b"".join(lines(log))), tmp_path, shown.append, every=0.5)
+        stated = [bool(np.isfinite([g.high for g in one.gains]).all()) for one in shown]
+        return run, [one.misfit == "contradicts" for one in shown], stated
+
+    _, contradicts, stated = gains(log)
+    assert not any(contradicts) and stated == [False, False] + [True] * (len(stated) - 2)
+    run, contradicts, stated = gains(log._replace(u=np.roll(log.u, 30, axis=0)))
+    assert any(contradicts) and not any(np.array(stated) & contradicts)
     state = run.states[""]
     forgiven = state._replace(filter=state.filter._replace(calm=0.7 * state.t))
     assert running_misfit(state) == "contradicts" != running_misfit(forgiven)
@@ -215,3 +223,35 @@ def test_the_python_interface_records_the_same_bits(log: Log, tmp_path: Path):
     assert all(gain.low <= gain.value <= gain.high for gain in last.gains)
     assert identifier.summary["status"] == "completed"
     assert (tmp_path / "live" / "report.html").is_file()
+
+
+@pytest.mark.parametrize("piece", [1, 7, 60])
+def test_the_motion_so_far_is_judged_each_time_its_duration_has_doubled(piece: int, log: Log):
+    """As after the run; stated at 5/4 of the duration, whatever the samples' arrival."""
+    live, noise = session(), np.random.default_rng(0)
+    log = log._replace(u=log.u + 0.004 * noise.standard_normal(log.u.shape))
+    own, system, widenings = live.identifiers[""], live.robot.system, []
+    misfit = RunningMisfit(live.scenario, own, live.robot.prior)
+    state, found = own.init(log.at(0)), {}
+    misfit.see(log.first(1), state)
+    for k in range(0, 420, piece):
+        state, _ = own.follow(state, log.part(k, k + piece + 1))
+        misfit.see(log.part(k + 1, k + piece + 1), state)
+        found[round(state.t, 2)] = misfit.confidence(state), own.confidence(state)
+    misfit.stop()
+    alone = filter_of(live.scenario, system)
+    assert alone is not None
+    for duration in (0.5, 1.0, 2.0):
+        k = -(-round(duration * RATE) // piece) * piece
+        at, _ = own.follow(own.init(log.at(0)), log.first(k + 1))
+        given = system, at.theta_hat, own.confidence(at), live.robot.prior, log.first(k + 1)
+        expected = judged_estimate(alone, *given)
+        widenings.append(expected.widening)
+        late = 1.25 * duration + 1.5 / RATE
+        stated, of_law = found[min(t for t in found if t > late)]
+        if expected.level == "contradicts":
+            assert stated is None
+        else:
+            wider = widened(of_law, system.space.scale, expected.widening)
+            np.testing.assert_array_equal(stated.covariance, wider.covariance)
+    assert found[min(found)][0] is None and max(widenings) > 1

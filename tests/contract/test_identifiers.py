@@ -394,7 +394,7 @@ class Often(experiment.Observer):
     def start(self, scenario, robot, first) -> None:
         pass
 
-    def see(self, measurement, states, levels) -> None:
+    def see(self, log, states, levels) -> None:
         self.looks += 1
 
     def stop(self) -> None:

@@ -225,7 +225,7 @@ class _Often(Observer):
     def start(self, scenario: Any, robot: Any, first: Any) -> None:
         pass
 
-    def see(self, measurement: Any, states: Any, levels: Any) -> None:
+    def see(self, log: Any, states: Any, levels: Any) -> None:
         pass
 
     def stop(self) -> None:

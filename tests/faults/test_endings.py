@@ -317,8 +317,8 @@ class CtrlC(Observer):
     def start(self, scenario, robot, first) -> None:
         pass
 
-    def see(self, measurement, states, levels) -> None:
-        if measurement.t > self.when - 1e-9:
+    def see(self, log, states, levels) -> None:
+        if log.t[-1] > self.when - 1e-9:
             raise KeyboardInterrupt
 
     def stop(self) -> None:

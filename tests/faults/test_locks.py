@@ -151,8 +151,8 @@ class Saboteur(Observer):
     def start(self, scenario, robot, first) -> None:
         pass
 
-    def see(self, measurement, states, levels) -> None:
-        if measurement.t > 0.25:
+    def see(self, log, states, levels) -> None:
+        if log.t[-1] > 0.25:
             self.action()
             self.action = lambda: None
 

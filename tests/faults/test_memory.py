@@ -76,7 +76,7 @@ class Watch(Observer):
     period, seen = 36.0, []
     def start(self, scenario, robot, first): pass
     def stop(self): pass
-    def see(self, measurement, states, levels):
+    def see(self, log, states, levels):
         self.seen.append(int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6)
 
 scenario = load(sys.argv[1])

@@ -1,0 +1,120 @@
+"""The misfit of a motion that still goes on."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import numpy as np
+
+from ..experiment.scenario import Scenario
+from ..experiment.source import LONGEST_STEP
+from ..laws import Confidence, Identifier, State
+from ..laws.efficient.faults.signals import Signals
+from ..log import Log
+from ..parameters import Array
+from .misfit import (
+    CONTRADICTS,
+    FEWEST,
+    LARGE,
+    LEVELS,
+    LONGEST,
+    NONE,
+    REPEATED,
+    SETTLED,
+    SOME,
+    Misfit,
+    filter_of,
+    judged_estimate,
+    widened,
+)
+
+_FIRST = 0.5  # duration that is judged first [s]
+_LATER = 1.25  # durations judged, after which the misfit is stated
+
+
+def running_misfit(state: State) -> str:
+    """The level during a run, from the law's state alone; "" for a law without a filter.
+
+    It is based on all innovations so far, and on contradictions that no fault explains, unless the
+    filter has since explained two thirds of the motion: a prior far off is contradicted, too.
+    """
+    if state.filter is None:
+        return ""
+    inside = state.filter
+    squares, number = inside.filter.totals
+    late = inside.calm < (1 - SETTLED) * state.t
+    if late and inside.restarts + inside.unnamed > REPEATED:
+        return CONTRADICTS
+    return SOME if number and squares > LARGE * number else NONE
+
+
+class RunningMisfit:
+    """Judges the motion so far whenever its duration has doubled, as `misfit_of` does at its end.
+
+    The filter runs along the log again, from the estimate and its covariance: while a law learns,
+    its covariance counts errors of linearisation as information, and small effects that W lacks
+    accumulate without a single significant innovation. A fault or a gap begins another log.
+
+    A thread judges while the motion goes on. Its misfit is stated once the motion is longer by a
+    quarter, so that it does not depend on the speed of the machine.
+
+    Args:
+        scenario: of the run; laws other than `memory` and `efficient` are not judged.
+        identifier: the law.
+        prior: (p,) θ̂(0).
+    """
+
+    def __init__(self, scenario: Scenario, identifier: Identifier, prior: Array):
+        self._identifier, self._system = identifier, identifier.system
+        self._prior, self._dt = prior, scenario.dt
+        self._filter = filter_of(scenario, self._system)
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="misfit")
+        self._stated: Misfit | None = None
+        self._begin(0)
+
+    def _begin(self, faults: int) -> None:
+        """Begins another log, after so many faults."""
+        self._faults, self._parts = faults, list[Log]()
+        self._start, self._judged = np.nan, max(_FIRST, FEWEST * self._dt)
+        self._found: Future[Misfit] | None = None
+
+    def see(self, log: Log, state: State) -> None:
+        """Adds samples, at the last of which the law has a state."""
+        if self._filter is None or not len(log.t):
+            return
+        known = tuple(event for event in state.faults if event.kind != "unknown")
+        gap = self._parts and log.t[0] - self._parts[-1].t[-1] > LONGEST_STEP * self._dt
+        if gap or len(known) > self._faults:
+            self._begin(len(known))
+        self._start = float(log.t[0]) if not self._parts else self._start
+        self._parts.append(log)
+        duration = float(log.t[-1]) - self._start
+        if self._found is not None and duration >= _LATER * self._judged:
+            self._stated, self._found = self._found.result(), None
+            self._judged *= 2
+        drifts = state.filter is not None and state.filter.drift
+        if self._found is None and duration >= self._judged and not drifts:
+            whole = Log.unchecked(*map(np.concatenate, zip(*self._parts, strict=True)))
+            whole = whole.part(int(np.searchsorted(whole.t, whole.t[-1] - LONGEST)), len(whole.t))
+            stated, self._parts = self._identifier.confidence(state), [whole]
+            acting = Signals.after(self._system, known).acting(self._system, whole)
+            given = self._filter, self._system, state.theta_hat, stated, self._prior, acting
+            self._found = self._pool.submit(judged_estimate, *given)
+
+    def level(self, state: State) -> str:
+        """The level of `Misfit` so far; "" of a law that is not judged."""
+        found = running_misfit(state), self._stated.level if self._stated else ""
+        return max(found, key=("", *LEVELS).index)
+
+    def confidence(self, state: State) -> Confidence | None:
+        """The law's own, widened by the misfit; None before a first one, and if it contradicts."""
+        stated = self._identifier.confidence(state)
+        if self._filter is None or stated is None:
+            return stated
+        if self._stated is None or self.level(state) == CONTRADICTS:
+            return None
+        return widened(stated, self._system.space.scale, self._stated.widening)
+
+    def stop(self) -> None:
+        """Ends the thread."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
