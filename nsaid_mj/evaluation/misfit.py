@@ -366,13 +366,18 @@ def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[floa
     return found
 
 
-def widened(stated: Confidence, scale: Array, factor: float) -> Confidence:
-    """A confidence with standard deviations times a factor, limited to those of the prior."""
+def widened(stated: Confidence, factor: float) -> Confidence:
+    """A confidence with standard deviations times a factor, up to the prior's, never below its own.
+
+    Each parameter has its own limit: jointly, a prior's many independent errors make the scale of a
+    limb seem better known than it is.
+    """
     if factor == 1.0:
         return stated
-    units = np.outer(scale, scale)
-    P = _no_wider(factor**2 * stated.covariance / units, stated.prior / units)
-    return stated._replace(covariance=P * units)
+    own, prior = (np.sqrt(np.diag(part)) for part in (stated.covariance, stated.prior))
+    limit = np.divide(prior, own, out=np.ones_like(own), where=own > 0)
+    by = np.clip(limit, 1.0, factor)
+    return stated._replace(covariance=stated.covariance * np.outer(by, by))
 
 
 def _no_wider(P: Array, prior: Array) -> Array:

@@ -113,7 +113,7 @@ class RunningMisfit:
             return stated
         if self._stated is None or self.level(state) == CONTRADICTS:
             return None
-        return widened(stated, self._system.space.scale, self._stated.widening)
+        return widened(stated, self._stated.widening)
 
     def stop(self) -> None:
         """Ends the thread."""

@@ -197,7 +197,7 @@ def confidence(run: Run, truth: Truth | None, widening: float = 1.0) -> dict[str
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     if stated is None:
         return run.confidence
-    stated = widened(stated, run.system.space.scale, widening)
+    stated = widened(stated, widening)
     theta, space = run.record.rows("theta_hat", -1), run.system.space
     nullspace = nullspace_of(run, None)
     found = known(stated, theta, nullspace, space)

@@ -252,6 +252,6 @@ def test_the_motion_so_far_is_judged_each_time_its_duration_has_doubled(piece: i
         if expected.level == "contradicts":
             assert stated is None
         else:
-            wider = widened(of_law, system.space.scale, expected.widening)
+            wider = widened(of_law, expected.widening)
             np.testing.assert_array_equal(stated.covariance, wider.covariance)
     assert found[min(found)][0] is None and max(widenings) > 1

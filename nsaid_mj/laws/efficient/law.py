@@ -8,15 +8,18 @@ the memory, the law returns the filter's θ̂ if its mean residual on all rememb
 detect a change by itself, it pauses between two intervals for a share of the time for which the
 filter has explained the motion.
 
-Significantly large innovations contradict the filter, because of a fault, an inexact structure, or
-a filter that has just started, see `faults.isolation`. If the structure is not exact, θ becomes a
-random walk, or the gains alone, if that explains the motion better, see `drift`; then the law
-returns the filter's θ̂, as the memory averages over the drift. After a restart at the memory's
-estimate, this estimate is returned until the filter has explained `_PROBATION` seconds. If the
-memory loses M̂ ≻ 0 while the filter's estimate is returned, it continues from that.
+Significantly large innovations contradict the filter, because of a far prior, a fault, an inexact
+structure, or a filter that has just started, see `relearning` and `faults.isolation`. If the
+structure is not exact, θ becomes a random walk, or the gains alone, if that explains the motion
+better, see `drift`; then the law returns the filter's θ̂, as the memory averages over the drift.
+After a restart at the memory's estimate, this estimate is returned until the filter has explained
+`_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the filter's estimate is returned, it
+continues from that.
 """
 
 from __future__ import annotations
+
+import functools
 
 import numpy as np
 
@@ -35,6 +38,7 @@ from .faults.watch import Watch
 from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
 from .kalman import follow_filter, restart_state
 from .noise import noise_variance
+from .relearning import LATER, LONGEST, extended, learned
 from .replay import EfficientConfig, FilterAlone, repair
 from .state import EfficientState
 
@@ -74,6 +78,8 @@ class EfficientIdentifier(Identifier):
         alone = FilterAlone(guard.system, dt, config)
         self._law, self._covariance = alone.law, alone.covariance
         self._gamma = config.linearisation
+        self._again = FilterAlone(guard.system, dt, config)
+        self._again.law = self._law._replace(gamma=self._gamma)
         self._faults = Isolation(self._law, self.system, self._covariance, dt, self._interval)
 
     def init(self, first: Measurement) -> State:
@@ -98,7 +104,7 @@ class EfficientIdentifier(Identifier):
         if inside.waiting is not None:
             guard = self._memory.absorb(guard, inside.waiting)
         guard, nothing = self.guard.resume(guard, here), dict.fromkeys(_FOLLOWS_THE_MOTION)
-        inside = inside._replace(filter=kalman, guard=guard, **nothing)
+        inside = inside._replace(filter=kalman, guard=guard, beginning=(), **nothing)
         return state._replace(t=here.t, v_hat=here.v.copy(), filter=inside)
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
@@ -222,6 +228,8 @@ class EfficientIdentifier(Identifier):
                 thetas[at + 1 : last + 1] *= inside.factors
                 inside = inside._replace(calm=calm)
                 if end == CONTRADICTED:
+                    inside, explained = self._learned_again(inside, log.first(last + 1))
+                if end == CONTRADICTED and not explained:
                     known = past.first(len(past.t) - count + last + 1)
                     inside = self._faults.contradicted(inside, known.last(self._law.window + LEAD))
                 elif end == ROUNDED:
@@ -233,7 +241,28 @@ class EfficientIdentifier(Identifier):
                 estimates.theta_hat[own] = thetas[own]
             at = last
         estimates.v_hat[1:], estimates.pivot[1:] = v_hats[1:], pivots[1:]
+        if self._seconds(inside) > LONGEST or inside.events:
+            inside = inside._replace(beginning=())
+        elif inside.beginning or not inside.step:
+            beginning = extended(inside.beginning, log.first(count - 1))
+            inside = inside._replace(beginning=beginning)
         return inside._replace(recent=past.last(self._law.window + LEAD))
+
+    def _learned_again(self, inside: EfficientState, log: Log) -> tuple[EfficientState, bool]:
+        """Learns again from the first sample, after a contradiction at a log's end.
+
+        Also returns whether the filter then explains the motion.
+        """
+        now = self._seconds(inside) + float(log.t[-1] - log.t[0])
+        if not inside.beginning or now < LATER * inside.learned:
+            return inside, False
+        whole = functools.reduce(Log.joined, (*inside.beginning, log))
+        kalman = learned(self._again, inside.guard.theta_hat, whole)
+        inside = inside._replace(learned=now)
+        if kalman is None:
+            return inside, False
+        fresh = {"wander": (0.0, 0.0), "unnamed": 0, "watch": Watch()}
+        return inside._replace(filter=kalman, calm=now, handed=True, **fresh), True
 
     def _compared(self, inside: EfficientState, before: EfficientState, t: float) -> EfficientState:
         """At an interval's end: tests for a drift of the gains, unless θ is constant."""

@@ -48,6 +48,9 @@ class EfficientState(NamedTuple):
         unnamed: consecutive trials in which no hypothesis explained the motion.
         waiting: samples not yet processed by the memory, with the acting signals; or None.
         rivals: filters that test whether the gains drift; None where θ is constant.
+        beginning: all samples but the newest, until the motion has lasted long, or a fault is
+            found; see `relearning`.
+        learned: when the filter last learned again from them [s].
     """
 
     filter: Filter
@@ -73,6 +76,8 @@ class EfficientState(NamedTuple):
     rivals: Rivals | None = None
     unnamed: int = 0
     waiting: Log | None = None
+    beginning: tuple[Log, ...] = ()
+    learned: float = 0.0
 
     @property
     def theta(self) -> Array:
