@@ -50,21 +50,16 @@ _Part = tuple[list[Array], Array]  # (N, n) errors over every horizon and one ro
 
 
 class Score(NamedTuple):
-    """How well a model predicts logs.
-
-    Attributes:
-        model: its name.
-        errors: (3, n) mean absolute error of each joint's position over each of `HORIZONS` [rad or
-            m]; NaN where it is not defined.
-        one_step: (n,) rms error of the position one row ahead over the rms change from row to row:
-            predicting no change gives 1.
-        seconds: CPU time of fit and simulation [s].
-    """
+    """How well a model predicts logs."""
 
     model: str
+    # (3, n) mean absolute error of each joint's position over each of `HORIZONS` [rad or m]; NaN
+    # where it is not defined
     errors: Array
+    # (n,) rms error of the position one row ahead over the rms change from row to row: predicting
+    # no change gives 1
     one_step: Array
-    seconds: float
+    seconds: float  # CPU time of fit and simulation [s]
 
 
 def compare_servos(

@@ -43,19 +43,12 @@ _RULES = Rules(steps=200, halvings=12, done=1e-2)
 
 
 class Fit(NamedTuple):
-    """A minimiser of J.
+    """A minimiser of J."""
 
-    Attributes:
-        theta: (p,) θ̂.
-        levels: (n,) λ_i, mean squared residuals relative to the actuators' effort.
-        hessian: (p, p) Gauss–Newton Hessian of J.
-        cost: J.
-    """
-
-    theta: Array
-    levels: Array
-    hessian: Array
-    cost: float
+    theta: Array  # (p,) θ̂
+    levels: Array  # (n,) λ_i, mean squared residuals relative to the actuators' effort
+    hessian: Array  # (p, p) Gauss–Newton Hessian of J
+    cost: float  # J
 
 
 class Prior:

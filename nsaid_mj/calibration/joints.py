@@ -71,19 +71,12 @@ Part = tuple[Block, Array, Array, Array]
 
 @dataclass(frozen=True)
 class Choice:
-    """The structure of a robot's joints.
+    """The structure of a robot's joints."""
 
-    Attributes:
-        columns: for each joint, names of `COLUMNS`.
-        speed: for each joint, index of its s in `SPEEDS`.
-        delay: (k,) delay of each command [s].
-        coupled: pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
-    """
-
-    columns: tuple[frozenset[str], ...]
-    speed: tuple[int, ...]
-    delay: Array
-    coupled: tuple[tuple[int, int, int], ...] = ()
+    columns: tuple[frozenset[str], ...]  # for each joint, names of `COLUMNS`
+    speed: tuple[int, ...]  # for each joint, index of its s in `SPEEDS`
+    delay: Array  # (k,) delay of each command [s]
+    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): the motor turns by v_i ± v_j
 
     def at(self, joint: int, *names: str, speed: int | None = None) -> Choice:
         """A copy with further columns, or another speed, at one joint."""

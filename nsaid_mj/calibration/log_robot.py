@@ -114,32 +114,20 @@ class LoggedVehicle(StructuredSystem):
 
 @config
 class LogRobot(MeasuredRobot):
-    """A robot as `nsaid identify` fits it to a log: θ is that of the batch fit.
+    """A robot as `nsaid identify` fits it to a log: θ is that of the batch fit."""
 
-    Attributes:
-        robot: path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle, for
-            its kinematics.
-        joints: the joints that move; none of a vehicle.
-        blocks: blocks of θ.
-        prior: (p,) θ̂(0).
-        columns: for every velocity, the names of its columns.
-        speeds: for every joint, s of tanh(v/s) of Coulomb friction [rad/s or m/s].
-        coupled: pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
-        weight: (10 k,) parameters of the links whose weight loads the friction; none without it.
-        speed: (n,) largest velocities, for probes of the structure.
-        command: (n_u,) largest commands.
-    """
-
+    # path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle, for its
+    # kinematics
     robot: Name
-    joints: tuple[Name, ...]
-    blocks: tuple[Parameters, ...]
-    prior: tuple[Number, ...]
-    columns: tuple[tuple[Name, ...], ...]
-    speeds: tuple[Positive, ...] = ()
-    coupled: tuple[tuple[int, int, int], ...] = ()
-    weight: tuple[Number, ...] = ()
-    speed: tuple[Number, ...] = ()
-    command: tuple[Number, ...] = ()
+    joints: tuple[Name, ...]  # the joints that move; none of a vehicle
+    blocks: tuple[Parameters, ...]  # blocks of θ
+    prior: tuple[Number, ...]  # (p,) θ̂(0)
+    columns: tuple[tuple[Name, ...], ...]  # for every velocity, the names of its columns
+    speeds: tuple[Positive, ...] = ()  # of every joint, s of tanh(v/s) [rad/s or m/s]
+    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): the motor turns by v_i ± v_j
+    weight: tuple[Number, ...] = ()  # (10 k,) of the links whose weight loads the friction
+    speed: tuple[Number, ...] = ()  # (n,) largest velocities, for probes of the structure
+    command: tuple[Number, ...] = ()  # (n_u,) largest commands
 
     def known(self) -> Robot:
         """Structure, prior and looks; kinematics and looks are the model file's."""

@@ -28,16 +28,12 @@ _RISE = 2.0  # of the cost, at two standard deviations, which count as one: resi
 
 
 class Drive(NamedTuple):
-    """Dynamics of a vehicle's actuators.
+    """Dynamics of a vehicle's actuators."""
 
-    Attributes:
-        mix: share m of the square in a rotor's force m u² + (1 − m) u of a command u held for long:
-            1 where the command is the rotor's speed, 0 where it is its thrust.
-        lag: time constant of a rotor's speed, or of another actuator's command [s].
-    """
-
+    # share m of the square in a rotor's force m u² + (1 − m) u of a command u held for long: 1
+    # where the command is the rotor's speed, 0 where it is its thrust
     mix: float = 1.0
-    lag: float = 0.0
+    lag: float = 0.0  # time constant of a rotor's speed, or of another actuator's command [s]
 
     def speeds(self, u: Array, rate: float) -> Array:
         """(N, k) relative speeds of rotors under commands u (N, k); force grows with their square.
@@ -59,15 +55,10 @@ SPEED = Drive()
 
 
 class Timing(NamedTuple):
-    """When and how commands act.
+    """When and how commands act."""
 
-    Attributes:
-        delay: that all actuators share [s]; (k,) one for each where it is given.
-        drive: dynamics of the actuators.
-    """
-
-    delay: float | Array = 0.0
-    drive: Drive = SPEED
+    delay: float | Array = 0.0  # that all actuators share [s]; (k,) one for each where it is given
+    drive: Drive = SPEED  # dynamics of the actuators
 
 
 Cost = Callable[[Timing], float]

@@ -25,17 +25,11 @@ GAINS, ALL = "gains", "all"
 
 @dataclass(frozen=True)
 class Asked:
-    """Numbers that are linear in small changes of θ.
+    """Numbers that are linear in small changes of θ."""
 
-    Attributes:
-        words: description for reports.
-        names: one for each number.
-        rows: maps θ (p,) to the (k, p) derivatives of the numbers with respect to θ/scale.
-    """
-
-    words: str
-    names: tuple[str, ...]
-    rows: Callable[[Array], Array]
+    words: str  # description for reports
+    names: tuple[str, ...]  # one for each number
+    rows: Callable[[Array], Array]  # θ (p,) → (k, p) derivatives of the numbers by θ/scale
 
     def deviations(self, covariance: Array, theta: Array) -> Array:
         """(k,) standard deviations under a covariance (p, p) of θ̂/scale, at θ."""
@@ -206,18 +200,13 @@ _MOST = 8
 
 @dataclass(frozen=True)
 class Ranks:
-    """Ranks of motions with few harmonics.
+    """Ranks of motions with few harmonics."""
 
-    Attributes:
-        needed: p − r of the structure: the dimension of P_⊥.
-        bound: number of harmonics that a system with a regressor linear in its signals needs at
-            least: n (2h + 1) ≥ p − r.
-        measured: (h, rank): rank of random motions with the first h harmonics of every signal.
-    """
-
-    needed: int
+    needed: int  # p − r of the structure: the dimension of P_⊥
+    # number of harmonics that a system with a regressor linear in its signals needs at least:
+    # n (2h + 1) ≥ p − r
     bound: int
-    measured: tuple[tuple[int, int], ...]
+    measured: tuple[tuple[int, int], ...]  # (h, rank) of random motions with h harmonics per signal
 
     @property
     def enough(self) -> int | None:

@@ -32,17 +32,11 @@ COMMAND = "command"
 
 @dataclass(frozen=True)
 class Limit:
-    """The bounds of one quantity.
+    """The bounds of one quantity."""
 
-    Attributes:
-        low: (k,) smallest values.
-        high: (k,) largest values.
-        unit: unit of the values.
-    """
-
-    low: Array
-    high: Array
-    unit: str
+    low: Array  # (k,) smallest values
+    high: Array  # (k,) largest values
+    unit: str  # unit of the values
 
 
 @dataclass(frozen=True)

@@ -126,35 +126,21 @@ class Ending:
 
 @dataclass
 class Cost:
-    """Computing times of a run. Only `compile` includes the compilation of kernels.
+    """Computing times of a run. Only `compile` includes the compilation of kernels."""
 
-    Attributes:
-        wall: wall time of the whole loop [s].
-        plant: time in MuJoCo [s].
-        identifier: time in the identifiers [s].
-        steps: number of time steps.
-        compile: time spent compiling kernels [s]; 0 if all were cached on disk.
-    """
-
-    wall: float = 0.0
-    plant: float = 0.0
-    identifier: float = 0.0
-    steps: int = 0
-    compile: float = 0.0
+    wall: float = 0.0  # wall time of the whole loop [s]
+    plant: float = 0.0  # time in MuJoCo [s]
+    identifier: float = 0.0  # time in the identifiers [s]
+    steps: int = 0  # number of time steps
+    compile: float = 0.0  # time spent compiling kernels [s]; 0 if all were cached on disk
 
 
 class Robot(NamedTuple):
-    """The structure, prior and meshes of a robot, without true values.
-
-    Attributes:
-        system: the structure.
-        prior: (p,) θ̂(0).
-        looks: its visual meshes; None if there are none.
-    """
+    """The structure, prior and meshes of a robot, without true values."""
 
     system: SecondOrderSystem
-    prior: Array
-    looks: Looks | None
+    prior: Array  # (p,) θ̂(0)
+    looks: Looks | None  # its visual meshes; None if there are none
 
 
 class Observer(ABC):

@@ -32,25 +32,15 @@ _EXPECTED = 'a line such as {"t": 0.002, "q": [...], "v": [...], "u": [...]}'
 
 @dataclass
 class Counts:
-    """Counts of faulty samples.
+    """Counts of faulty samples."""
 
-    Attributes:
-        used: samples that the law received.
-        gaps: stretches without a sample.
-        missing: number of samples missing in them.
-        not_finite: dropped because a number, or the time since the first sample, was not finite.
-        duplicates: dropped because their time equalled that of the sample before.
-        late: dropped because a later sample had come before.
-        unreadable: lines that are not samples.
-    """
-
-    used: int = 0
-    gaps: int = 0
-    missing: int = 0
-    not_finite: int = 0
-    duplicates: int = 0
-    late: int = 0
-    unreadable: int = 0
+    used: int = 0  # samples that the law received
+    gaps: int = 0  # stretches without a sample
+    missing: int = 0  # number of samples missing in them
+    not_finite: int = 0  # dropped: a number, or the time since the first sample, was not finite
+    duplicates: int = 0  # dropped because their time equalled that of the sample before
+    late: int = 0  # dropped because a later sample had come before
+    unreadable: int = 0  # lines that are not samples
 
     def keys(self) -> dict[str, int]:
         """The numbers by name."""

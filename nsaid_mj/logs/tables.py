@@ -25,33 +25,22 @@ _SENTINEL = re.compile(r"-?(?:999+(?:\.9+)?|32768|32767|65535|2147483648|2147483
 
 
 class Channel(NamedTuple):
-    """A quantity over time.
+    """A quantity over time."""
 
-    Attributes:
-        t: (N,) times since the table's origin [s], as in the file: possibly unordered or NaN.
-        values: (N,) in the file's unit; NaN where a row has none.
-    """
-
-    t: Array
-    values: Array
+    t: Array  # (N,) times since the table's origin [s], as in the file: possibly unordered or NaN
+    values: Array  # (N,) in the file's unit; NaN where a row has none
 
 
 @dataclass(frozen=True)
 class Table:
-    """The content of a log file, or of several that are parts of one log.
+    """The content of a log file, or of several that are parts of one log."""
 
-    Attributes:
-        source: name of the file, or of the files.
-        channels: by name, in the order of the file. Row k of a channel is the file's row k + 1:
-            rows are counted from 1, without a header.
-        origin: the file's own time at t = 0 [ns].
-        findings: about the reading, such as a detected unit of time.
-    """
-
-    source: str
+    source: str  # name of the file, or of the files
+    # by name, in the order of the file. Row k of a channel is the file's row k + 1: rows are
+    # counted from 1, without a header
     channels: dict[str, Channel]
-    origin: int
-    findings: tuple[Finding, ...] = ()
+    origin: int  # the file's own time at t = 0 [ns]
+    findings: tuple[Finding, ...] = ()  # about the reading, such as a detected unit of time
 
 
 def channel_names(tables: Sequence[Table]) -> list[str]:

@@ -28,19 +28,12 @@ _OWN = 1e-2  # share of a row's size that its positive parameters need to serve 
 
 @dataclass(frozen=True)
 class Quotient:
-    """R of some Gramians.
+    """R of some Gramians."""
 
-    Attributes:
-        gramian: (n, p, p) G_i, means over the rows.
-        effort: (n, p) diagonals of Σ_i, or (n, p, p) all of them.
-        weights: (n,) w_i.
-        added: (n,) addend of θᵀ Σ_i θ; with 1, a row without effort is in its own units.
-    """
-
-    gramian: Array
-    effort: Array
-    weights: Array
-    added: Array | float = 0.0
+    gramian: Array  # (n, p, p) G_i, means over the rows
+    effort: Array  # (n, p) diagonals of Σ_i, or (n, p, p) all of them
+    weights: Array  # (n,) w_i
+    added: Array | float = 0.0  # (n,) of θᵀ Σ_i θ; 1 for a row without effort, in its own units
 
     def pull(self, theta: Array) -> Array:
         """(n, p) Σ_i θ."""

@@ -47,27 +47,18 @@ FIGURES = (
 
 @dataclass(frozen=True)
 class Cell:
-    """The result of one method on one log; figures are those of summary.json, None if it failed.
-
-    Attributes:
-        noise: multiple of the scenario's sensor noise.
-        duration: length of the log [s].
-        force_residual_ratio: None also if the plant diverges on the held-out trajectory.
-        wall_s: wall time of the method, including its regressors [s].
-        note: settings that the method chose automatically.
-        failure: why it failed; empty if it did not.
-    """
+    """The result of one method on one log; figures are those of summary.json, None if it failed."""
 
     method: str
     seed: int
-    noise: float
-    duration: float
+    noise: float  # multiple of the scenario's sensor noise
+    duration: float  # length of the log [s]
     theta_perp_ratio: float | None = None
     actuator_ratio_error: float | None = None
-    force_residual_ratio: float | None = None
-    wall_s: float | None = None
-    note: str = ""
-    failure: str = ""
+    force_residual_ratio: float | None = None  # None also if the plant diverges when held out
+    wall_s: float | None = None  # wall time of the method, including its regressors [s]
+    note: str = ""  # settings that the method chose automatically
+    failure: str = ""  # why it failed; empty if it did not
 
 
 def sensors(noise: float) -> str:
@@ -77,25 +68,17 @@ def sensors(noise: float) -> str:
 
 @dataclass(frozen=True)
 class Row:
-    """Statistics of one method over all seeds, by key of `FIGURES`; failed seeds count as infinite.
-
-    Attributes:
-        noise: multiple of the scenario's sensor noise.
-        duration: length of the log [s].
-        failures: one reason for each failed seed.
-        notes: settings that the method chose automatically, without duplicates.
-        over_bound: median over that of the Cramér–Rao bound; empty where that was not computed.
-    """
+    """A method's statistics over all seeds, by key of `FIGURES`; failed seeds count as infinite."""
 
     method: str
-    noise: float
-    duration: float
+    noise: float  # multiple of the scenario's sensor noise
+    duration: float  # length of the log [s]
     median: dict[str, float]
     worst: dict[str, float]
     best: dict[str, float]
-    failures: tuple[str, ...]
-    notes: tuple[str, ...]
-    over_bound: dict[str, float]
+    failures: tuple[str, ...]  # one reason for each failed seed
+    notes: tuple[str, ...]  # settings that the method chose automatically, without duplicates
+    over_bound: dict[str, float]  # median over that of the Cramér–Rao bound; empty without it
 
 
 def rows(cells: Sequence[Cell]) -> list[Row]:

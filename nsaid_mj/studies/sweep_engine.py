@@ -31,21 +31,16 @@ _UNFIT = "Run `python -m nsaid_mj.studies.sweep_worker` on a worker's machine to
 class Engine:
     """Executes runs in parallel.
 
-    Attributes:
-        name: `loky` for processes on this machine, `dask` for a cluster.
-        address: address of the cluster's scheduler; None for loky.
-        jobs: number of parallel runs; None for the number of processors.
-        timeout: wall time after which a run counts as hung [s]; None for two minutes plus twenty
-            times its simulated time.
-
     Raises:
         UnknownName: there is no such engine.
         InvalidInput: an attribute is out of range, or the address does not fit the engine.
     """
 
-    name: str = "loky"
-    address: str | None = None
-    jobs: int | None = None
+    name: str = "loky"  # `loky` for processes on this machine, `dask` for a cluster
+    address: str | None = None  # address of the cluster's scheduler; None for loky
+    jobs: int | None = None  # number of parallel runs; None for the number of processors
+    # wall time after which a run counts as hung [s]; None for two minutes plus twenty times its
+    # simulated time
     timeout: float | None = None
 
     def __post_init__(self) -> None:

@@ -50,22 +50,15 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep read from its folder, complete or interrupted.
-
-    Attributes:
-        folder: folder of the sweep.
-        manifest: see `Plan.manifest`.
-        rows: rows of the finished runs, in order of their numbers.
-        damaged: the damaged lines of rows on disk, which are left out, in words; empty if none. An
-            incomplete last line, which a killed sweep leaves, does not count.
-        intact: the bytes of all other lines.
-    """
+    """A sweep read from its folder, complete or interrupted."""
 
     folder: Path
-    manifest: dict[str, Any]
-    rows: list[Row]
+    manifest: dict[str, Any]  # see `Plan.manifest`
+    rows: list[Row]  # rows of the finished runs, in order of their numbers
+    # the damaged lines of rows on disk, which are left out, in words; empty if none. An incomplete
+    # last line, which a killed sweep leaves, does not count
     damaged: str = ""
-    intact: bytes = b""
+    intact: bytes = b""  # the bytes of all other lines
 
     @property
     def groups(self) -> list[Group]:

@@ -45,23 +45,14 @@ def zeros(logs: Sequence[ServoLog]) -> Array:
 
 
 class Spread(NamedTuple):
-    """Uncertainty of k fitted parameters.
+    """Uncertainty of k fitted parameters."""
 
-    Attributes:
-        covariance: (k, k) covariance of the parameters.
-        moved: (k, 2 n) their change by offsets of the zeros, and by play.
-        free: (f,) indices of the fitted ones.
-        jackknife: (f, f) part of the covariance from differences between clusters.
-        information: (G, f, f) information of every cluster.
-        inverse: (f, f) inverse of all clusters' information and the prior's.
-    """
-
-    covariance: Array
-    moved: Array
-    free: Indices
-    jackknife: Array
-    information: Array
-    inverse: Array
+    covariance: Array  # (k, k) covariance of the parameters
+    moved: Array  # (k, 2 n) their change by offsets of the zeros, and by play
+    free: Indices  # (f,) indices of the fitted ones
+    jackknife: Array  # (f, f) part of the covariance from differences between clusters
+    information: Array  # (G, f, f) information of every cluster
+    inverse: Array  # (f, f) inverse of all clusters' information and the prior's
 
     def quantile(self, direction: Array) -> float:
         """Of Student's t, for the 95 % interval of a combination of the parameters (k,).

@@ -42,40 +42,28 @@ _STILL = 1e-3  # error of a simple prediction for a joint that hardly moves [rad
 
 
 class JointEstimate(NamedTuple):
-    """The estimate of one servo.
+    """The estimate of one servo."""
 
-    Attributes:
-        x: (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
-        covariance: (5, 5) covariance of ln θ̂, by a jackknife over logs or blocks; 0 for fixed
-            ones. If a load was weighed, g is that under the true masses.
-        quantile: (6,) quantiles of Student's t, which turn deviations of T, f, kp, a, d and T + d
-            into 95 % intervals.
-        gravity: whether gravity determines kp; otherwise kp is a convention.
-        offset: change of ln kp by an offset between the zeros of target and position, which is part
-            of the covariance.
-        error: mean absolute residual [rad or m], of the samples in use.
-        simple: the same without a model: the target at the best delay, or a constant position,
-            whichever is closer.
-        zero: the offset [rad or m].
-        limit: force or torque at which the servo saturated in the logs [N·m or N]; inf if it did
-            not.
-        slides: whether the joint is a slide, whose f is in m and whose g is in m/N.
-        travel: between its extreme positions [rad or m].
-        effective: independent samples of the residual per second.
-    """
-
-    x: Array
+    x: Array  # (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
+    # (5, 5) covariance of ln θ̂, by a jackknife over logs or blocks; 0 for fixed ones. If a load
+    # was weighed, g is that under the true masses
     covariance: Array
+    # (6,) quantiles of Student's t, which turn deviations of T, f, kp, a, d and T + d into 95 %
+    # intervals
     quantile: Array
-    gravity: bool
+    gravity: bool  # whether gravity determines kp; otherwise kp is a convention
+    # change of ln kp by an offset between the zeros of target and position, which is part of the
+    # covariance
     offset: float
-    error: float
+    error: float  # mean absolute residual [rad or m], of the samples in use
+    # the same without a model: the target at the best delay, or a constant position, whichever is
+    # closer
     simple: float
-    zero: float = OFFSET
-    limit: float = np.inf
-    slides: bool = False
-    travel: float = np.inf
-    effective: float = EFFECTIVE
+    zero: float = OFFSET  # the offset [rad or m]
+    limit: float = np.inf  # at which the servo saturated [N·m or N]; inf if it did not
+    slides: bool = False  # whether the joint is a slide, whose f is in m and whose g is in m/N
+    travel: float = np.inf  # between its extreme positions [rad or m]
+    effective: float = EFFECTIVE  # independent samples of the residual per second
 
     @property
     def judged(self) -> bool:
@@ -105,37 +93,22 @@ class JointEstimate(NamedTuple):
 
 
 class MassScale(NamedTuple):
-    """The common scale, from a load.
+    """The common scale, from a load."""
 
-    Attributes:
-        log: ln s of the true masses over those of the model file.
-        deviation: its standard deviation.
-        quantile: quantile of Student's t.
-        place: (3,) the load's centre of mass in the frame of the joint that carries it [m].
-        deviations: (3,) standard deviations of the place [m]; 0 where it was known.
-    """
-
-    log: float
-    deviation: float
-    quantile: float
-    place: Array
-    deviations: Array
+    log: float  # ln s of the true masses over those of the model file
+    deviation: float  # its standard deviation
+    quantile: float  # quantile of Student's t
+    place: Array  # (3,) the load's centre of mass in the frame of the joint that carries it [m]
+    deviations: Array  # (3,) standard deviations of the place [m]; 0 where it was known
 
 
 class Estimate(NamedTuple):
-    """The estimate of an arm.
+    """The estimate of an arm."""
 
-    Attributes:
-        joints: estimates of all joints, under the masses of the model file.
-        used: (N,) 1 of samples in use, 0 of masked ones, of the logs in their order.
-        scale: scale of the masses; None without a load.
-        findings: effects beyond the servos' equation.
-    """
-
-    joints: tuple[JointEstimate, ...]
-    used: Array
-    scale: MassScale | None
-    findings: tuple[Finding, ...] = ()
+    joints: tuple[JointEstimate, ...]  # estimates of all joints, under the masses of the model file
+    used: Array  # (N,) 1 of samples in use, 0 of masked ones, of the logs in their order
+    scale: MassScale | None  # scale of the masses; None without a load
+    findings: tuple[Finding, ...] = ()  # effects beyond the servos' equation
 
 
 def estimate(

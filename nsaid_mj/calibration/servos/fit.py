@@ -26,15 +26,10 @@ _FAR = 6.0  # residual of such a window over the median one
 
 
 class Prior(NamedTuple):
-    """Prior knowledge of the parameters.
+    """Prior knowledge of the parameters."""
 
-    Attributes:
-        mean: (k,) means of the parameters x, which are logarithms except for a place.
-        deviation: (k,) standard deviations; 0 of a parameter that is fixed.
-    """
-
-    mean: Array
-    deviation: Array
+    mean: Array  # (k,) means of the parameters x, which are logarithms except for a place
+    deviation: Array  # (k,) standard deviations; 0 of a parameter that is fixed
 
     @property
     def free(self) -> Indices:
@@ -43,19 +38,12 @@ class Prior(NamedTuple):
 
 
 class OutputError(NamedTuple):
-    """The residual of a fit.
+    """The residual of a fit."""
 
-    Attributes:
-        x: (k,) minimiser; of one joint (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
-        residual: (N,) simulated minus measured position [rad or m], all logs in a row.
-        sigma: robust rms of the residual [rad or m]; the loss is quadratic up to twice that.
-        jacobian: (N, free) derivatives of the residual by the free parameters.
-    """
-
-    x: Array
-    residual: Array
-    sigma: float
-    jacobian: Array
+    x: Array  # (k,) minimiser; of a joint ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
+    residual: Array  # (N,) simulated minus measured position [rad or m], all logs in a row
+    sigma: float  # robust rms of the residual [rad or m]; the loss is quadratic up to twice that
+    jacobian: Array  # (N, free) derivatives of the residual by the free parameters
 
 
 class Simulated(Protocol):

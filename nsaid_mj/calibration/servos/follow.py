@@ -26,15 +26,10 @@ _CHANGES = np.array([1e-4, 1e-3, 0.02, 0.02, 0.02])  # of numerical derivatives:
 
 
 class Followed(NamedTuple):
-    """A filter along all logs of a joint, in a row.
+    """A filter along all logs of a joint, in a row."""
 
-    Attributes:
-        x: (N, 3) ln T, ln f, ln g.
-        deviation: (N, 3) their standard deviations; 0 of what is the batch fit's.
-    """
-
-    x: Array
-    deviation: Array
+    x: Array  # (N, 3) ln T, ln f, ln g
+    deviation: Array  # (N, 3) their standard deviations; 0 of what is the batch fit's
 
 
 def follow(

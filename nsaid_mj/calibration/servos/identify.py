@@ -45,21 +45,13 @@ _TRADED = 1e-3  # that an unstated profile trades with a delay, on simulated arm
 
 
 class ServoLogs(NamedTuple):
-    """An arm with position servos, and logs of their targets.
-
-    Attributes:
-        robot: the model.
-        logs: stretches without gaps.
-        kp: (n,) stiffness of the servos in the model file [N·m/rad or N/m].
-        findings: about file and logs.
-        load: payload of known mass that the loaded logs carry; None if none does.
-    """
+    """An arm with position servos, and logs of their targets."""
 
     robot: RobotModel
-    logs: tuple[ServoLog, ...]
-    kp: Array
-    findings: tuple[Finding, ...]
-    load: Load | None = None
+    logs: tuple[ServoLog, ...]  # stretches without gaps
+    kp: Array  # (n,) stiffness of the servos in the model file [N·m/rad or N/m]
+    findings: tuple[Finding, ...]  # about file and logs
+    load: Load | None = None  # payload of known mass that the loaded logs carry; None if none does
 
 
 def servo_logs(

@@ -43,19 +43,12 @@ LEAST = (1e-3, 1e-5, 1e-6, 1e-6)
 
 
 class Fitted(NamedTuple):
-    """Fits of every joint to the free logs.
+    """Fits of every joint to the free logs."""
 
-    Attributes:
-        logs: with the loads of their simulated motion.
-        fits: fits of every joint.
-        priors: priors of its parameters.
-        used: (N,) 1 of samples in use.
-    """
-
-    logs: list[ServoLog]
-    fits: list[OutputError]
-    priors: list[Prior]
-    used: Array
+    logs: list[ServoLog]  # with the loads of their simulated motion
+    fits: list[OutputError]  # fits of every joint
+    priors: list[Prior]  # priors of its parameters
+    used: Array  # (N,) 1 of samples in use
 
     def simulated(self, j: int) -> JointFit:
         """The simulation of a joint."""

@@ -36,32 +36,20 @@ _SHORTEST = 2.0  # shorter stretches between gaps are left out [s]
 
 
 class ServoLog(NamedTuple):
-    """A stretch of a log without gaps, of an arm with n joints.
+    """A stretch of a log without gaps, of an arm with n joints."""
 
-    Attributes:
-        source: name of the file.
-        t: (N,) times [s].
-        issued: (N, n) targets [rad or m], clipped to the servos' `ctrlrange`.
-        target: (N, n) the targets after limits and smoothing; see `robot.target_profile`.
-        position: (N, n) measured [rad or m].
-        load: (N, n) torque or force that gravity and the joints' speeds require of each joint, and
-            the other joints' accelerations where they are known [N·m or N].
-        mass: (N, n, n) mass matrix without armatures [kg·m², kg·m or kg].
-        loaded: whether the arm carries a weighed load.
-        limit: (n,) largest force of each servo [N·m or N]; None without limits.
-        stiffer: kp of all servos in this log over that of the first.
-    """
-
-    source: str
-    t: Array
-    issued: Array
-    target: Array
-    position: Array
+    source: str  # name of the file
+    t: Array  # (N,) times [s]
+    issued: Array  # (N, n) targets [rad or m], clipped to the servos' `ctrlrange`
+    target: Array  # (N, n) the targets after limits and smoothing; see `robot.target_profile`
+    position: Array  # (N, n) measured [rad or m]
+    # (N, n) torque or force that gravity and the joints' speeds require of each joint, and the
+    # other joints' accelerations where they are known [N·m or N]
     load: Array
-    mass: Array
-    loaded: bool = False
-    limit: Array | None = None
-    stiffer: float = 1.0
+    mass: Array  # (N, n, n) mass matrix without armatures [kg·m², kg·m or kg]
+    loaded: bool = False  # whether the arm carries a weighed load
+    limit: Array | None = None  # (n,) largest force of each servo [N·m or N]; None without limits
+    stiffer: float = 1.0  # kp of all servos in this log over that of the first
 
     def part(self, rows: slice) -> ServoLog:
         """Some of the rows."""

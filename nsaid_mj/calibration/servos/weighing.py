@@ -124,19 +124,12 @@ class Arm:
 
 
 class Weighed(NamedTuple):
-    """An arm that was fitted with its load.
+    """An arm that was fitted with its load."""
 
-    Attributes:
-        arm: the simulations at the minimum.
-        fit: the minimiser and its residual, see `Arm`.
-        prior: prior of its parameters.
-        used: (N,) 1 of samples in use.
-    """
-
-    arm: Arm
-    fit: OutputError
-    prior: Prior
-    used: Array
+    arm: Arm  # the simulations at the minimum
+    fit: OutputError  # the minimiser and its residual, see `Arm`
+    prior: Prior  # prior of its parameters
+    used: Array  # (N,) 1 of samples in use
 
     def joint(self, j: int) -> OutputError:
         """The fit of one joint [rad or m], without derivatives."""
