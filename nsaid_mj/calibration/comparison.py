@@ -67,10 +67,8 @@ def compare_servos(
 ) -> tuple[Score, ...]:
     """Scores of models on logs of a servo arm, the last that of its delayed target.
 
-    Args:
-        given: the arm and its logs, without loads.
-        models: MJCF files with a position servo on every joint of the arm, and names of `FITTED`.
-        report: called with the name of every stage.
+    `given` are the arm and its logs, without loads; `models` are MJCF files with a position servo
+    on every joint, and names of `FITTED`; `report` is called with the name of every stage.
 
     Raises:
         BadRobot: a file lacks a joint or its servo.
@@ -98,14 +96,10 @@ def compare_arms(
 ) -> tuple[Score, ...]:
     """Scores of models on logs of an arm driven by force, the last that of a constant velocity.
 
-    Commands are forces over the gains (`gear`, `gainprm`) of a model's file, 1 in a URDF.
-
-    Args:
-        robot: the arm for which its recordings were prepared.
-        recordings: its logs.
-        models: files or names of models with the same joints, `IDENTIFIED` and `SYSID`.
-        options: options of the identified model's structure.
-        report: called with the name of every stage.
+    `models` are files or names of models with the joints of the robot, for which the recordings
+    were prepared, and `IDENTIFIED` and `SYSID`; `options` are those of the identified model's
+    structure. Commands are forces over the gains (`gear`, `gainprm`) of a model's file, 1 in a
+    URDF.
 
     Raises:
         BadRobot: a file has other joints.

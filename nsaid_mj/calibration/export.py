@@ -24,8 +24,7 @@ from .result import Identification
 def write_models(result: Identification, folder: Path) -> tuple[list[Path], list[Finding]]:
     """Writes the calibrated model, in all formats that can represent it, into an existing folder.
 
-    Returns:
-        The files, and the deviation of the exported model from the log.
+    Returns the files, and the deviation of the exported model from the log.
     """
     robot, files = result.robot, [folder / "calibrated.yaml"]
     write_parameters(result, files[0])

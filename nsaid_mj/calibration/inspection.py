@@ -57,12 +57,9 @@ class Inspection:
 def inspect(
     tables: Sequence[Table], mapping: Map | None = None, robot: RobotModel | None = None
 ) -> Inspection:
-    """Computes figures of every channel of a log and, given a model, runs the checks of `identify`.
+    """Computes figures of every channel of a log and, given a robot, runs the checks of `identify`.
 
-    Args:
-        tables: tables of the log's files.
-        mapping: the meaning of columns; None to match them by name.
-        robot: None to measure the channels only.
+    Without a `mapping`, columns are matched by name.
 
     Raises:
         InvalidInput: the map names something that does not exist.

@@ -89,13 +89,8 @@ class Choice:
 class JointRows:
     """All candidate columns of a robot's segments, filtered once.
 
-    Args:
-        robot: the model.
-        recordings: the segments.
-        chosen: filters.
-        gain: (k,) expected gains [N·m or N per unit of command].
-        spread: (k,) standard deviations of their logarithms; 0 until they are known.
-        loads: carried in some of the segments.
+    gain (k,) are expected gains [N·m or N per unit of command], spread (k,) the standard deviations
+    of their logarithms, 0 until they are known; `loads` are carried in some of the segments.
 
     Attributes:
         links: (N, n, 10 b) columns of the links.

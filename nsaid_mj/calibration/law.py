@@ -73,11 +73,8 @@ def with_law(
 ) -> Identification:
     """An identification to which a law's run along the log, and findings about it, are added.
 
-    Args:
-        found: by the batch fit.
-        law: one of `LAWS` but `batch`.
-        folder: folder of the law's record; None keeps no files.
-        report: called with the name of the stage.
+    `found` is that of the batch fit, `law` one of `LAWS` but `batch`, `folder` that of the law's
+    record; None keeps no files.
 
     Raises:
         InvalidInput: the law does not suit the robot or its log.
@@ -123,10 +120,8 @@ def law_logs(
 
     The logs share one clock that begins at 0. A command holds from one sample to the next: it is
     the smoothed one half-way between both, earlier by its delay, after the lag and the curve that
-    the fit found, and reversed where the model file has a negative gear: gains are positive.
-
-    Returns:
-        The logs, the time of their start on the common axis [s], and samples per second.
+    the fit found, and reversed where the model file has a negative gear: gains are positive. Also
+    returns the time of their start on the common axis [s], and samples per second.
     """
     recordings = recordings if robot.model is None else refined(recordings)
     chosen = filter_for(recordings, made.cutoff)

@@ -74,12 +74,7 @@ class Parameters:
 class LoggedArm(JointTree, StructuredSystem):
     """A tree of joints with any columns.
 
-    Args:
-        model: kinematics, without inertia.
-        structure: structure of the robot.
-        space: names, units and scale of θ.
-        speed: (n,) largest velocities in operation.
-        command: (n_u,) largest commands.
+    `model` has no inertia; speed (n,) and command (n_u,) are the largest in operation.
     """
 
     def __init__(

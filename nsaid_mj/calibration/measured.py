@@ -117,13 +117,9 @@ def measured_scenario(
 ) -> Scenario:
     """The scenario of a run on measurements from outside, without the samples.
 
-    Args:
-        robot: the robot.
-        law: name of the law.
-        rate: samples per second [Hz].
-        noise: standard deviations of positions [rad or m] and velocities [rad/s or m/s].
-        error: largest relative error of the prior.
-        steps: largest number of samples after the first.
+    They come at `rate` [Hz], at most `steps` after the first, with noise of given standard
+    deviations of positions [rad or m] and velocities [rad/s or m/s]; `error` is the prior's largest
+    relative one.
 
     Raises:
         InvalidInput: a value is out of range.

@@ -25,12 +25,10 @@ _MOST = 1000  # windows, at most, of a long log: their rms is known to a few per
 
 
 def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Array:
-    """Simulates the model that `write_mjcf` writes, driven by a log's commands.
+    """(n,) rms position errors of the model that `write_mjcf` writes, driven by a log's commands.
 
-    The simulations last 0.2 s each, and start at the measured positions and velocities.
-
-    Returns:
-        (n,) rms error of each joint's position [rad or m]; inf where the simulation diverges.
+    The simulations last 0.2 s each, and start at the measured positions and velocities. Errors are
+    in rad or m, and inf where the simulation diverges.
 
     Raises:
         InvalidInput: the robot is a vehicle, or no segment lasts 0.2 s.

@@ -77,14 +77,10 @@ def followed(
 ) -> tuple[Followed, ...]:
     """The suspects with which the residuals of a fit correlate, in order of selection.
 
-    Args:
-        problem: rows and prior.
-        theta: (p,) θ̂.
-        covariance: (p, p) covariance of θ̂ under the fit's own structure: H⁻¹.
-        share: (n,) rows per effectively independent row, as in the fit.
-        suspects: candidates; of a long log, only some rows of each are kept.
-        noisier: gives rows and suspects at θ (p,) of the same motion with twice the variance of the
-            sensors' noise; None if suspects do not depend on the measured motion.
+    At θ̂ (p,), `covariance` (p, p) is that under the fit's own structure, H⁻¹, and share (n,) are
+    the rows per effectively independent row. Of the suspects of a long log, only some rows are
+    kept. `noisier` gives rows and suspects at θ (p,) of the same motion with twice the variance of
+    the sensors' noise; it is None if suspects do not depend on the measured motion.
     """
     every = -(-len(problem.t) // _MANY)
     thin, share = np.arange(0, len(problem.t), every), share / every

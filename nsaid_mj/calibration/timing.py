@@ -69,12 +69,9 @@ def search(
 ) -> tuple[Timing, list[Timing], list[Finding]]:
     """The timing that minimises a cost, equally plausible ones, and notes.
 
-    Args:
-        cost: cost of a timing.
-        names: names of the actuators.
-        free: numbers of a timing that may change, see `_timing_of`: 0, the delay, and 1, the lag,
-            where some commands are not measured speeds, and 2, the curve, where they are of rotors.
-        report: called with the name of every stage.
+    `names` are those of the actuators. `free` are the numbers of a timing that may change, see
+    `_timing_of`: 0, the delay, 1, the lag, where some commands are not measured speeds, and 2, the
+    curve, where they are of rotors.
     """
     report("searching for delays")
     grid = np.arange(-REACH, REACH + 1e-9, _COARSE)

@@ -76,11 +76,7 @@ def order(t: Array) -> Order:
 
 
 def unwrap(x: Array) -> tuple[Array, np.ndarray]:
-    """Continues an angle [rad] across jumps of a whole turn.
-
-    Returns:
-        The continuous angle (N,), and the rows before which it jumped by a turn.
-    """
+    """An angle (N,) [rad] continued across jumps of a whole turn, and the rows after the jumps."""
     steps = np.diff(x)
     jumps = np.flatnonzero(np.abs(steps) > 0.9 * 2 * np.pi)
     if not len(jumps) or np.any(np.abs(steps[jumps]) > 1.1 * 2 * np.pi):

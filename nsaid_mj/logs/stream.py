@@ -194,15 +194,10 @@ LOCAL = "127.0.0.1"
 
 
 class Stream(Source):
-    """Lines of JSON from a file or a socket; see `samples.parsed`.
+    """Lines of JSON from a binary file, or a bound UDP socket with one or more lines per datagram.
 
     A thread reads them, so that none is lost while the law is busy. The stream ends with the file,
-    with the line `{"end": true}`, or when the user stops it.
-
-    Args:
-        system: whose samples they are.
-        cleaner: checks them.
-        lines: a binary file, or a bound UDP socket, each of whose datagrams is one or more lines.
+    with the line `{"end": true}`, or when the user stops it. See `parsed`.
     """
 
     stopped = Status.completed

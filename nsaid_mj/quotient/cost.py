@@ -79,11 +79,8 @@ class Remembered:
     """R of means over blocks in time, whose residuals may be correlated between blocks.
 
     With ρ_i the correlation of neighbouring blocks in row i at θ, Y − ρ_i Y′ is a block's
-    innovation (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949).
-
-    Args:
-        means: over the blocks.
-        effort: (n, p) diagonals of Σ_i.
+    innovation (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949). effort (n, p) are diagonals of
+    Σ_i.
     """
 
     def __init__(self, means: Means, effort: Array):

@@ -12,11 +12,9 @@ _FLOOR = 1e-12  # smallest λ: numbers' rounding
 
 
 class Posterior:
-    """J(θ) = ½ Σ_i N_i log λ_i(θ) + the prior.
+    """J(θ) = ½ Σ_i N_i log λ_i(θ) + the prior, the negative logarithm of a density.
 
-    Args:
-        quotient: λ, with the numbers of rows N_i as its weights.
-        prior: prior of θ, the negative logarithm of a density.
+    The quotient's levels are λ, and its weights the numbers of rows N_i.
     """
 
     def __init__(self, quotient: Quotient, prior: Cost):

@@ -40,13 +40,8 @@ def effects_of(
 ) -> list[Finding]:
     """The effects that improve the prediction of both halves.
 
-    Args:
-        name: name of the joint.
-        unit: unit of a thousandth of its position.
-        own: its simulation.
-        fit: fit of its five parameters.
-        prior: prior of these parameters.
-        cluster: (N,) number of the log or block of each sample.
+    They are those of the joint called `name`, a thousandth of whose position is in `unit`: its
+    simulation, fit and prior of five parameters, and cluster (N,), the log or block of each sample.
     """
     halves = [cluster % 2 == side for side in (0, 1)]
     counted = [own.used * (1 - half) for half in halves]

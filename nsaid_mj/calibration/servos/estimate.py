@@ -122,17 +122,10 @@ def estimate(
     """Fits every joint alone, masks windows with external forces, and fits again.
 
     Where gravity does not determine kp, it is the geometric mean over the joints where it does, or
-    the model file's if there are none, unless the residual is then larger. Logs with a load are
-    fitted after the free ones, together.
-
-    Args:
-        robot: the model.
-        logs: at least one; free ones come before those with a load.
-        kp: (n,) stiffness in the model file [N·m/rad or N/m].
-        report: called with the name of every stage.
-        load: that the loaded logs carry.
-        limits: (n,) largest force of every servo by the model file [N·m or N], used where the logs
-            show it; None without.
+    the model file's, kp (n,) [N·m/rad or N/m], if there are none, unless the residual is then
+    larger. Logs with a `load` come after the free ones, of which there is at least one, and are
+    fitted after them, together. limits (n,) are the servos' largest forces by the model file [N·m
+    or N], used where the logs show them.
     """
     limits = np.full(len(kp), np.inf) if limits is None else limits
     slide = [slides(joint) for joint in moving_joints(robot.model)]

@@ -89,13 +89,7 @@ SHIFTS = _offset, _play
 
 
 class JointFit:
-    """The simulation of one joint.
-
-    Args:
-        logs: logs of the joint.
-        used: (N,) 1 of samples that count, 0 of masked ones.
-        effects: beyond the servo's equation.
-    """
+    """The simulation of one joint, in samples marked by used (N,), 1 or 0, with further effects."""
 
     def __init__(self, logs: Sequence[JointLog], used: Array, effects: Effects = NONE):
         self.logs, self.used, self.effects = logs, used, effects
@@ -127,10 +121,7 @@ class JointFit:
 def minimise(simulated: Simulated, x: Array, prior: Prior) -> OutputError:
     """Levenberg–Marquardt on Σ soft-L1(residual), each sample weighted by its share of the time.
 
-    Args:
-        simulated: the simulations to fit.
-        x: (k,) to start from.
-        prior: prior of x.
+    It starts from x (k,), of which `prior` is the prior.
     """
     x = np.where(prior.deviation > 0, x, prior.mean)
     residual, damping = simulated.residual(x), 1e-3

@@ -35,13 +35,7 @@ class Followed(NamedTuple):
 def follow(
     logs: Sequence[Sequence[JointLog]], fits: Sequence[JointEstimate], used: Array
 ) -> tuple[Followed, ...]:
-    """The filters of all joints.
-
-    Args:
-        logs: logs of every joint.
-        fits: the batch fit of every joint.
-        used: (N,) 1 of samples that count, 0 of windows with external forces.
-    """
+    """The filters of all joints, from logs and batch fit of each; used (N,) marks what counts."""
     starts = np.array([np.log(start([_begin(own[0])])[:3]) for own in logs])
     determined = starts[:, GRAVITY] > np.log(2 * LEAST[GRAVITY])
     if determined.any():  # servos of an arm are alike

@@ -36,8 +36,7 @@ _WORDS = (
 def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]]:
     """(3,) common profile of all joints' targets, 0 if none, and the findings about it.
 
-    Args:
-        logs: without loads, whose targets have no profile yet.
+    The logs are without loads, and their targets have no profile yet.
     """
     pieces = list(logs) if len(logs) > 1 else logs[0].halves()
     pieces = [

@@ -95,11 +95,7 @@ def read_servos(
 ) -> ServoLogs | None:
     """The logs of an arm's servos; None if it has none, or the tables hold no targets.
 
-    Args:
-        robot: the model.
-        tables: tables of log files.
-        mapping: see `servo_logs`.
-        loads: see `servo_logs`.
+    See `servo_logs`.
 
     Raises:
         InvalidInput: a column or joint of the map does not exist, or loads differ.
@@ -131,10 +127,8 @@ def identify_servos(
 ) -> ServoIdentification:
     """Identifies stiffness, damping, friction, armature and delay of every servo by output error.
 
-    Args:
-        given: an arm and its logs, see `servo_logs`.
-        report: called with the name of every stage, for progress.
-        law: `batch`, or `efficient` to run a filter along the logs as well.
+    `given` is from `servo_logs`; the law `efficient`, instead of `batch`, also runs a filter along
+    the logs; `report` is called with the name of every stage, for progress.
 
     Raises:
         InvalidInput: the logs without a load are shorter than ten seconds together.

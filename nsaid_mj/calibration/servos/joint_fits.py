@@ -126,9 +126,7 @@ def _critical(T: float) -> float:
 def _together(logs: Sequence[ServoLog], found: Fitted) -> Fitted:
     """The fits with the loads of all joints' simulated motion, until that settles.
 
-    Args:
-        logs: without the loads of accelerations.
-        found: fits to start from.
+    The logs are without the loads of accelerations; `found` are fits to start from.
     """
     before = np.inf
     for _ in range(_SWEEPS):
@@ -162,10 +160,7 @@ def start(logs: Sequence[JointLog]) -> Array:
     """(5,) θ by robust non-negative regression of u(t − d) − q on q̇, sgn q̇, Γ + M_jj q̈ and q̈.
 
     Velocity and acceleration are derivatives of the low-passed position; the target is low-passed
-    alike. The delay is the one with the least residual.
-
-    Args:
-        logs: logs of one joint, not empty.
+    alike. The delay is the one with the least residual. The logs are those of one joint, not empty.
     """
     best, found = np.inf, np.array([0.1, 0.01, 0.1, 2e-3, 0.015])
     for delay in _DELAYS:

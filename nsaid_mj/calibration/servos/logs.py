@@ -119,13 +119,9 @@ def read_servo_logs(
 ) -> tuple[tuple[ServoLog, ...], tuple[Finding, ...]]:
     """The stretches of logs, and findings about the data.
 
-    Args:
-        robot: a tree of joints with a position servo on each.
-        tables: tables of the files.
-        columns: columns of every joint, see `servo_map`.
-        mapping: may hold the files' clocks.
-        servos: servos of the joints, whose limits and profiles the targets have.
-        carrying: names of the files whose arm carries a weighed load.
+    The robot has a position servo on each joint, with the limits and profiles of `servos`;
+    `columns` are from `servo_map`, `mapping` may hold the files' clocks, and `carrying` names the
+    files whose arm carries a weighed load.
 
     Raises:
         InvalidInput: a column or joint of the map does not exist.
@@ -246,9 +242,7 @@ def _stretches(
 def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
     """The log with mass matrices and loads of a model's links, without what accelerations exert.
 
-    Args:
-        model: without armatures; the log's payload, if it carries one, is part of a link.
-        log: log of targets and positions.
+    The model has no armatures; the log's payload, if it carries one, is part of a link.
     """
     data, load = model.createData(), np.empty_like(log.position)
     mass = np.empty((*load.shape, load.shape[1]))
@@ -265,9 +259,7 @@ def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
 def coupled(log: ServoLog, theta: Array) -> tuple[Array, ServoLog]:
     """(N, n) positions of all joints, simulated together, and the log with the loads they exert.
 
-    Args:
-        log: with loads that do not include accelerations.
-        theta: (n, 5) parameters of `simulation.simulate`.
+    The log's loads do not include accelerations; theta (n, 5) is that of `simulation.simulate`.
     """
     q, v = np.empty_like(log.position), np.zeros_like(log.position)
     q[0] = log.position[0]

@@ -54,10 +54,7 @@ NONE = Effects()
 def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
     """(N,) positions of a joint that starts at rest at its first measured position.
 
-    Args:
-        log: its targets, load and inertia.
-        theta: (5,) T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
-        effects: beyond the equation.
+    theta (5,) are T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
     """
     out, last = np.empty(len(log.t)), len(log.t) - 1
     out[0] = q = log.position[0]

@@ -43,13 +43,8 @@ _FAR = 1e3  # residual where a simulation diverges
 def write_by_toolbox(given: ServoLogs, path: Path, best: bool) -> float:
     """Writes the MJCF that the toolbox finds for logs, from the values in the arm's own file.
 
-    Args:
-        given: the arm and its logs, without loads.
-        path: path of the file to write.
-        best: whether the better options are used.
-
-    Returns:
-        The delay of the targets [s].
+    `given` are the arm and its logs, without loads; `best` chooses the better options. Returns the
+    delay of the targets [s].
 
     Raises:
         NoEstimate: the toolbox is not installed.

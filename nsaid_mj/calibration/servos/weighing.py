@@ -56,14 +56,9 @@ class Arm:
     """Simulations of all joints together, each in units of its own residual.
 
     The parameters x are (n, 5) ln θ of the joints in a row, ln μ, and the load's place (3,) in the
-    frame of the joint that carries it [m].
-
-    Args:
-        robot: the model.
-        logs: free, then loaded ones, with loads that do not include accelerations.
-        load: payload of the loaded logs.
-        sigma: (n,) robust rms of each joint's residual [rad or m].
-        used: (N,) 1 of samples that count.
+    frame of the joint that carries it [m]. The logs are free, then loaded ones, with loads that do
+    not include accelerations; sigma (n,) are robust rms of the joints' residuals [rad or m], and
+    used (N,) is 1 of samples that count.
     """
 
     def __init__(
@@ -148,13 +143,8 @@ def weigh(
 ) -> Weighed:
     """Fits all joints and the payload to free and loaded logs, again without external forces.
 
-    Args:
-        robot: the model.
-        logs: all, with loads that do not include accelerations.
-        load: payload of the loaded logs.
-        fits: fits of the joints to the free logs.
-        priors: priors of the joints' parameters.
-        used: (N,) 1 of samples that count, of all logs.
+    The logs' loads do not include accelerations; fits and priors are those of the joints and the
+    free logs; used (N,) is 1 of samples that count, of all logs.
     """
     _, centre, known = carrier(robot.model, load)
     mean = np.concatenate([p.mean for p in priors] + [[np.log(load.mass)], centre])
