@@ -26,10 +26,9 @@ from ..structure.joints import JointScales, positions
 from ..structure.multibody import CompiledMultibody
 from .arms import structured_arm
 from .calibrate import calibrate
-from .export import identified
+from .export import departures, identified
 from .joints import BASIC
 from .models import load_robot_model
-from .replay import departures
 from .servos.export import rollout, write_servo_mjcf
 from .servos.identify import ServoLogs, identify_servos
 from .servos.logs import DELAYS, ServoLog, late

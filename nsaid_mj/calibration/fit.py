@@ -32,11 +32,10 @@ from ..errors import NoEstimate
 from ..parameters import Array, ParameterSpace
 from ..quotient.barrier import barrier, gradient_and_hessian, local_norm
 from ..quotient.cone import cone_of
-from ..quotient.cost import Quotient, efforts
+from ..quotient.cost import Posterior, Quotient, efforts
 from ..quotient.descent import Rules
 from ..quotient.descent import minimise as descend
 from ..quotient.gramians import Sums
-from ..quotient.likelihood import Posterior
 from .problem import Problem
 
 _RULES = Rules(steps=200, halvings=12, done=1e-2)

@@ -13,7 +13,6 @@ from ...robot.model import RobotModel
 from ...structure.joints import moving_joints, slides
 from ..payloads import Load
 from ..problem import Mask
-from .covariance import OFFSET, clusters, covariance_of, zeros
 from .effects import effects_of
 from .fit import (
     DAMPING,
@@ -21,10 +20,14 @@ from .fit import (
     EFFECTIVE,
     FRICTION,
     GRAVITY,
+    OFFSET,
     OutputError,
     Prior,
+    clusters,
+    covariance_of,
     effective_rate,
     minimise,
+    zeros,
 )
 from .joint_fits import Fitted, fit_free
 from .logs import DELAYS, TRAVEL, ServoLog, late

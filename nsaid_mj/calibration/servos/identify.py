@@ -21,10 +21,10 @@ from ...robot.model import RobotModel
 from ...robot.target_profile import followed
 from ..models import load_robot_model
 from ..payloads import Load, carrier, check_loads
+from .effects import hidden_profile
 from .estimate import Estimate, estimate
 from .fit import DELAY
 from .follow import follow
-from .hidden_profile import hidden_profile
 from .logs import ServoLog, coupled, read_servo_logs, servo_map
 from .result import ServoIdentification
 from .words import (

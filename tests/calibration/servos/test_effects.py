@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
-from nsaid_mj.calibration.servos.covariance import covariance_of
 from nsaid_mj.calibration.servos.estimate import _reveals
-from nsaid_mj.calibration.servos.fit import GRAVITY, JointFit, Prior, minimise
+from nsaid_mj.calibration.servos.fit import GRAVITY, JointFit, Prior, covariance_of, minimise
 from nsaid_mj.calibration.servos.simulation import JointLog, simulate
 
 from .simulated import KP, MODEL, F, log, write
