@@ -30,8 +30,8 @@ from .export import departures, identified
 from .joints import BASIC
 from .models import load_robot_model
 from .servos.export import rollout, write_servo_mjcf
-from .servos.identify import ServoLogs, identify_servos
-from .servos.logs import DELAYS, ServoLog, late
+from .servos.identify import identify_servos
+from .servos.logs import DELAYS, ServoLog, ServoLogs, late
 from .servos.sysid import write_by_toolbox
 from .structure import Options
 

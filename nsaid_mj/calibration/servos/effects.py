@@ -17,7 +17,7 @@ from scipy.optimize import minimize_scalar
 from ...parameters import Array, Indices
 from ...robot.findings import Finding
 from ...robot.target_profile import followed
-from .fit import JointFit, OutputError, Prior, minimise, weights
+from .fit import JointFit, OutputError, minimise, weights
 from .joint_fits import alone
 from .logs import TRAVEL, ServoLog
 from .simulation import NONE
@@ -41,22 +41,20 @@ _WORDS = {
 }
 
 
-def effects_of(
-    name: str, unit: str, own: JointFit, fit: OutputError, prior: Prior, cluster: Indices
-) -> list[Finding]:
+def effects_of(name: str, unit: str, fit: OutputError[JointFit], cluster: Indices) -> list[Finding]:
     """The effects that improve the prediction of both halves.
 
-    They are those of the joint called `name`, a thousandth of whose position is in `unit`: its
-    simulation, fit and prior of five parameters, and cluster (N,), the log or block of each sample.
+    They are those of the joint called `name`, a thousandth of whose position is in `unit`; cluster
+    (N,) is the log or block of each sample.
     """
     halves = [cluster % 2 == side for side in (0, 1)]
-    counted = [own.used * (1 - half) for half in halves]
+    counted = [fit.of.used * (1 - half) for half in halves]
     if not all(part.any() for part in counted):
         return []
 
     def errors(effect: str | None) -> tuple[list[float], list[float]]:
         """Errors of both halves, each predicted from the other, and the effect's sizes there."""
-        pairs = [_fitted(own, fit, prior, half, effect) for half in halves]
+        pairs = [_fitted(fit, half, effect) for half in halves]
         return [
             float(np.abs(moved.residual(x)) @ part / part.sum())
             for (x, moved), part in zip(pairs, counted, strict=True)
@@ -77,11 +75,10 @@ def effects_of(
     return found
 
 
-def _fitted(
-    own: JointFit, fit: OutputError, prior: Prior, half: Array, effect: str | None
-) -> tuple[Array, JointFit]:
+def _fitted(fit: OutputError[JointFit], half: Array, effect: str | None) -> tuple[Array, JointFit]:
     """x and the simulation, with an effect, after Gauss–Newton steps on half of the samples."""
-    free, weight = prior.free, weights(own, fit.residual, fit.sigma) * half
+    own, prior, free = fit.of, fit.prior, fit.prior.free
+    weight = weights(own, fit.residual, fit.sigma) * half
     P, x, moved = prior.deviation[free] ** -2.0, fit.x.copy(), own
     residual, X = fit.residual, fit.jacobian
     for k in range(_STEPS):
@@ -175,7 +172,6 @@ def _errors(pieces: Sequence[ServoLog], joints: Indices, profile: Array) -> Arra
         sides = [[log.joint(j) for log in moved[side::2]] for side in (0, 1)]
         fits = [JointFit(own, np.ones(sum(len(log.t) for log in own))) for own in sides]
         for side, own in enumerate(fits):
-            first, prior = alone(fits[1 - side].logs)
-            fit = minimise(fits[1 - side], first, prior)
+            fit = minimise(fits[1 - side], *alone(fits[1 - side].logs))
             found[side, k] = np.abs(own.residual(fit.x)).mean()
     return found

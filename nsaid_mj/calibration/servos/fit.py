@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from scipy import stats
@@ -38,15 +38,6 @@ class Prior(NamedTuple):
         return np.flatnonzero(self.deviation > 0)
 
 
-class OutputError(NamedTuple):
-    """The residual of a fit."""
-
-    x: Array  # (k,) minimiser; of a joint ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
-    residual: Array  # (N,) simulated minus measured position [rad or m], all logs in a row
-    sigma: float  # robust rms of the residual [rad or m]; the loss is quadratic up to twice that
-    jacobian: Array  # (N, free) derivatives of the residual by the free parameters
-
-
 class Simulated(Protocol):
     """Open-loop simulations whose parameters are fitted.
 
@@ -73,6 +64,20 @@ class Simulated(Protocol):
         displaced by `PLAY` times that in the direction of its load.
         """
         ...
+
+
+_Of = TypeVar("_Of", bound=Simulated)
+
+
+class OutputError(NamedTuple, Generic[_Of]):
+    """A fit of simulations to logs."""
+
+    of: _Of  # the simulations
+    prior: Prior
+    x: Array  # (k,) minimiser; of a joint ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
+    residual: Array  # (N,) simulated minus measured position [rad or m], all logs in a row
+    sigma: float  # robust rms of the residual [rad or m]; the loss is quadratic up to twice that
+    jacobian: Array  # (N, free) derivatives of the residual by the free parameters
 
 
 def _offset(log: JointLog | ServoLog, zero: Array, _: Array) -> Array:
@@ -119,19 +124,19 @@ class JointFit:
         return np.column_stack(columns)
 
 
-def minimise(simulated: Simulated, x: Array, prior: Prior) -> OutputError:
+def minimise(of: _Of, x: Array, prior: Prior) -> OutputError[_Of]:
     """Levenberg–Marquardt on Σ soft-L1(residual), each sample weighted by its share of the time.
 
     It starts from x (k,), of which `prior` is the prior.
     """
     x = np.where(prior.deviation > 0, x, prior.mean)
-    residual, damping = simulated.residual(x), 1e-3
+    residual, damping = of.residual(x), 1e-3
     for _ in range(3):  # the scale of the loss follows the fit
-        sigma, before = _winsorised(residual[simulated.used > 0]), x
-        x, residual, damping = _descend(simulated, x, residual, prior, sigma, damping)
+        sigma, before = _winsorised(residual[of.used > 0]), x
+        x, residual, damping = _descend(of, x, residual, prior, sigma, damping)
         if np.abs(x - before).max() < STEP:
             break
-    return OutputError(x, residual, sigma, simulated.jacobian(x, prior.free))
+    return OutputError(of, prior, x, residual, sigma, of.jacobian(x, prior.free))
 
 
 def weights(simulated: Simulated, residual: Array, sigma: float) -> Array:
@@ -288,10 +293,8 @@ class Spread(NamedTuple):
         return float(stats.t.ppf(0.975, np.clip(degrees, 1.0, most)))
 
 
-def covariance_of(
-    simulated: Simulated, fit: OutputError, prior: Prior, cluster: Indices, zero: Array
-) -> Spread:
-    """The covariance of the parameters, and their change by offsets `zero` (n,) and by play.
+def covariance_of(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
+    """The covariance of a fit's parameters, and their change by offsets `zero` (n,) and by play.
 
     The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
     plus the prior's part A⁻¹ P A⁻¹, plus that of the zeros. Residuals of a simulation are
@@ -299,8 +302,8 @@ def covariance_of(
     independent would make intervals many times too narrow. Play is not included: it causes no
     residual, and hardly moves joints whose load keeps its sign.
     """
-    weight = weights(simulated, fit.residual, fit.sigma)
-    free, P = prior.free, np.diag(prior.deviation[prior.free] ** -2.0)
+    weight, free = weights(fit.of, fit.residual, fit.sigma), fit.prior.free
+    P = np.diag(fit.prior.deviation[free] ** -2.0)
     weighted = fit.jacobian * weight[:, None]
     count, H, shifts = int(cluster.max()) + 1, weighted.T @ fit.jacobian + P, []
     information = np.empty((count, *H.shape))
@@ -312,7 +315,7 @@ def covariance_of(
     A: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
     apart = np.array(shifts) - np.mean(shifts, axis=0)
     jackknife = apart.T @ apart * max(count - 1, 1) / count
-    out, offset = np.zeros((len(fit.x), len(fit.x))), simulated.moved(fit.x, zero)
+    out, offset = np.zeros((len(fit.x), len(fit.x))), fit.of.moved(fit.x, zero)
     moved = np.zeros((len(fit.x), offset.shape[1]))
     moved[free] = A @ weighted.T @ offset
     own = _NUMERICAL**2 * np.eye(len(free))

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -25,7 +24,7 @@ from .effects import hidden_profile
 from .estimate import Estimate, estimate
 from .fit import DELAY
 from .follow import follow
-from .logs import ServoLog, coupled, read_servo_logs, servo_map
+from .logs import ServoLog, ServoLogs, coupled, read_servo_logs, servo_map
 from .result import ServoIdentification
 from .words import (
     apart,
@@ -42,16 +41,6 @@ from .words import (
 _MOST = 0.3  # share of masked samples that points to the structure rather than external forces
 
 _TRADED = 1e-3  # that an unstated profile trades with a delay, on simulated arms [s]
-
-
-class ServoLogs(NamedTuple):
-    """An arm with position servos, and logs of their targets."""
-
-    robot: RobotModel
-    logs: tuple[ServoLog, ...]  # stretches without gaps
-    kp: Array  # (n,) stiffness of the servos in the model file [N·m/rad or N/m]
-    findings: tuple[Finding, ...]  # about file and logs
-    load: Load | None = None  # payload of known mass that the loaded logs carry; None if none does
 
 
 def servo_logs(
@@ -115,7 +104,7 @@ def read_servos(
     profile = [(own.speed, own.acceleration, own.lag) if own else row for own, row in rows]
     found = found._replace(profile=np.array(profile))
     robot = replace(robot, servos=found)
-    read, findings = read_servo_logs(robot, tables, columns, mapping, found, carrying)
+    read, findings = read_servo_logs(robot, tables, columns, mapping, carrying)
     own = [f for f in robot.findings if f.code != "servo"]
     in_order = tuple(sorted(read, key=lambda log: log.loaded))  # free ones first
     return ServoLogs(robot, in_order, found.kp, (*own, *findings), next(iter(kinds), None))
@@ -140,8 +129,7 @@ def identify_servos(
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
     report("looking for a profile of the targets")
     given, profile = _with_profile(given)
-    limits = np.asarray(given.robot.limits, dtype=np.float64)
-    found = estimate(given.robot, given.logs, given.kp, report, given.load, limits)
+    found = estimate(given, report)
     if profile:
         found = found._replace(joints=tuple(j.widened(DELAY, _TRADED) for j in found.joints))
     names, joints, used = given.robot.joints, found.joints, found.used

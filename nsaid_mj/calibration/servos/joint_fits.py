@@ -46,8 +46,7 @@ class Fitted(NamedTuple):
     """Fits of every joint to the free logs."""
 
     logs: list[ServoLog]  # with the loads of their simulated motion
-    fits: list[OutputError]  # fits of every joint
-    priors: list[Prior]  # priors of its parameters
+    fits: list[OutputError[JointFit]]  # of every joint
     used: Array  # (N,) 1 of samples in use
 
     def simulated(self, j: int) -> JointFit:
@@ -57,10 +56,7 @@ class Fitted(NamedTuple):
     def refitted(self, logs: list[ServoLog]) -> Fitted:
         """Fits to the logs with other loads or limits."""
         found = self._replace(logs=logs)
-        fits = [
-            minimise(found.simulated(j), fit.x, prior)
-            for j, (fit, prior) in enumerate(zip(self.fits, self.priors, strict=True))
-        ]
+        fits = [minimise(found.simulated(j), fit.x, fit.prior) for j, fit in enumerate(self.fits)]
         return found._replace(fits=fits)
 
 
@@ -71,12 +67,10 @@ def fit_free(
 ) -> Fitted:
     """Fits of all joints to the free logs, without windows of external forces."""
     report("fitting every servo alone")
-    found = Fitted(logs, [], [], np.ones(sum(len(log.t) for log in logs)))
+    found = Fitted(logs, [], np.ones(sum(len(log.t) for log in logs)))
     for j in range(len(limits)):
         own = found.simulated(j)
-        first, prior = alone(own.logs)
-        found.priors.append(prior)
-        found.fits.append(minimise(own, first, prior))
+        found.fits.append(minimise(own, *alone(own.logs)))
     used = found.used
     for j, fit in enumerate(found.fits):
         used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
@@ -103,19 +97,19 @@ def _alike(found: Fitted) -> Fitted:
     at = np.array([DAMPING, DELAY])
     x = np.array([fit.x[at] for fit in found.fits])
     variances = np.empty_like(x)
-    for j, (fit, prior) in enumerate(zip(found.fits, found.priors, strict=True)):
+    for j, fit in enumerate(found.fits):
         rows = weights(found.simulated(j), fit.residual, fit.sigma)
-        H = (fit.jacobian.T * rows) @ fit.jacobian + np.diag(prior.deviation**-2.0)
+        H = (fit.jacobian.T * rows) @ fit.jacobian + np.diag(fit.prior.deviation**-2.0)
         variances[j] = np.diag(np.linalg.inv(H))[at]
     weight = 1 / (_ALIKE[at] ** 2 + variances)
     (T, d), deviation = np.average(x, axis=0, weights=weight), _ALIKE.copy()
     deviation[at] = np.sqrt(_ALIKE[at] ** 2 + 1 / weight.sum(axis=0))  # the mean is uncertain, too
-    priors = []
-    for prior in found.priors:
-        mean = prior.mean.copy()
+    fits = []
+    for fit in found.fits:
+        mean = fit.prior.mean.copy()
         mean[[DAMPING, ARMATURE, DELAY]] = T, _critical(T), d
-        priors.append(Prior(mean, deviation))
-    return found._replace(priors=priors)
+        fits.append(fit._replace(prior=Prior(mean, deviation)))
+    return found._replace(fits=fits)
 
 
 def _critical(T: float) -> float:
@@ -151,7 +145,7 @@ def _saturated(found: Fitted, limits: Array) -> Array:
         own = limited.simulated(j)
         if np.isinf(limits[j]) or np.array_equal(own.residual(fit.x), fit.residual):
             continue
-        if minimise(own, fit.x, found.priors[j]).sigma < _LOWER * fit.sigma:
+        if minimise(own, fit.x, fit.prior).sigma < _LOWER * fit.sigma:
             out[j] = limits[j]
     return out
 

@@ -24,6 +24,7 @@ from ...robot.model import RobotModel, Servos
 from ...robot.target_profile import followed
 from ...structure.joints import positions
 from ...structure.optional import pin
+from ..payloads import Load
 from .simulation import STEP, JointLog, move_arm
 
 DELAYS = np.arange(0.0, 0.31, 0.01)
@@ -71,6 +72,16 @@ class ServoLog(NamedTuple):
         return JointLog(self.t, *rows, limit=limit, stiffer=self.stiffer)
 
 
+class ServoLogs(NamedTuple):
+    """An arm with position servos, and logs of their targets."""
+
+    robot: RobotModel
+    logs: tuple[ServoLog, ...]  # stretches without gaps
+    kp: Array  # (n,) stiffness of the servos in the model file [N·m/rad or N/m]
+    findings: tuple[Finding, ...]  # about file and logs
+    load: Load | None = None  # payload of known mass that the loaded logs carry; None if none does
+
+
 def servo_map(
     tables: Sequence[Table], mapping: Map | None, joints: Sequence[str]
 ) -> dict[str, Joint] | None:
@@ -114,14 +125,12 @@ def read_servo_logs(
     tables: Sequence[Table],
     columns: dict[str, Joint],
     mapping: Map | None,
-    servos: Servos,
     carrying: Container[str] = (),
 ) -> tuple[tuple[ServoLog, ...], tuple[Finding, ...]]:
     """The stretches of logs, and findings about the data.
 
-    The robot has a position servo on each joint, with the limits and profiles of `servos`;
-    `columns` are from `servo_map`, `mapping` may hold the files' clocks, and `carrying` names the
-    files whose arm carries a weighed load.
+    The robot has a position servo on each joint; `columns` are from `servo_map`, `mapping` may hold
+    the files' clocks, and `carrying` names the files whose arm carries a weighed load.
 
     Raises:
         InvalidInput: a column or joint of the map does not exist.
@@ -135,9 +144,10 @@ def read_servo_logs(
             raise InvalidInput("map: column", "a column of the log", name, "Correct map.toml.")
     recordings, findings = join(tables, mapping or Map(), names)
     logs: list[ServoLog] = []
+    assert robot.servos is not None
     model, stiffer = without_armature(robot.model), _stiffer(recordings, mapping or Map())
     for recording in recordings:
-        stretches, said = _stretches(recording, made, servos)
+        stretches, said = _stretches(recording, made, robot.servos)
         loaded, kp = recording.source in carrying, stiffer.get(recording.source, 1.0)
         logs += [log._replace(loaded=loaded, stiffer=kp) for log in stretches]
         findings += said

@@ -29,7 +29,7 @@ from ...resources import write_text
 from ...robot.mjcf_file import compile_file
 from ...robot.tree import actuators_of, joint_names
 from .export import HARD, hold_others
-from .identify import ServoLogs
+from .logs import ServoLogs
 
 _STEP = 5e-3  # of a simulation [s]
 _LEAST = np.array([[1e-3], [1e-3], [2e-3], [1.1e-2]])  # start of kp, kv, armature, frictionloss
