@@ -198,12 +198,7 @@ def _departed(robot: RobotModel, values: Identified, recordings: Recordings) -> 
     if not len(errors[1]):
         expected, remedy = f"a segment of {HORIZONS[1]:g} s", "Use a log without so many gaps."
         raise InvalidInput("log", expected, "shorter ones", remedy)
-    return errors, _changes(recordings)
-
-
-def _changes(recordings: Recordings) -> Array:
-    """(N, n) changes of the positions from row to row."""
-    return np.concatenate([np.diff(segment.log.q, axis=0) for segment in recordings.segments])
+    return errors, np.concatenate([np.diff(s.log.q, axis=0) for s in recordings.segments])
 
 
 def _fitted_arm(

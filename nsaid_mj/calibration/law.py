@@ -91,7 +91,7 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     begin, fitted, robot = time.perf_counter(), found.fitted, found.robot
     logs, start, rate = law_logs(robot, found.recordings, fitted.made)
     steps, arm = sum(len(log.t) for log in logs) - 1, robot.system is None
-    known = log_robot(robot, found.recordings, fitted.made, fitted.problem, fitted.coupled)
+    known = log_robot(found)
     levels = noise_levels(max(logs, key=lambda log: len(log.t)))
     scenario = measured_scenario(known, law, rate, levels, _ERROR, steps)
     unexplained = unexplained_forces(fitted).tolist() if arm else []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from ..experiment.record import Record
 from ..experiment.scenario import Scenario
 from ..laws import Status
 from ..laws.cone.prior import drawn_inside
-from ..logs.recordings import Recordings
 from ..parameters import Array, Block, Geometry, ParameterSpace
 from ..robot.model import RobotModel
 from ..structure.joints import (
@@ -37,8 +35,7 @@ from ..structure.structured import StructuredKinematics, StructuredSystem
 from .joints import COLUMNS, STRIBECK, joint_of
 from .measured import MeasuredRobot, identifiers_of
 from .models import load_robot_model
-from .problem import Problem
-from .structure import Structured
+from .result import Identification
 
 _OPERATION = 2.0  # largest speeds and commands, relative to their rms
 
@@ -214,15 +211,10 @@ def _of_velocity(system: StructuredSystem, name: str, i: int, parameter: int) ->
     return Column("linear_drag", parameter, body=0, axes=axes)
 
 
-def log_robot(
-    robot: RobotModel,
-    recordings: Recordings,
-    made: Structured,
-    problem: Problem,
-    coupled: Sequence[tuple[int, int, int]],
-) -> LogRobot:
-    """The robot of a batch fit with structure `made`; `coupled` joints share a motor."""
-    v, u = (np.concatenate([getattr(s.log, x) for s in recordings.segments]) for x in "vu")
+def log_robot(found: Identification) -> LogRobot:
+    """The robot of a batch fit."""
+    robot, (made, problem, *_) = found.robot, found.fitted
+    v, u = (np.concatenate([getattr(s.log, x) for s in found.recordings.segments]) for x in "vu")
     speed, command = (_OPERATION * np.sqrt(np.mean(x**2, axis=0)) for x in (v, u))
     arm = robot.system is None
     return LogRobot(
@@ -232,7 +224,7 @@ def log_robot(
         prior=tuple(problem.prior.tolist()),
         columns=tuple(velocity.columns for velocity in made.velocities),
         speeds=tuple(velocity.friction_speed for velocity in made.velocities) if arm else (),
-        coupled=tuple(coupled),
+        coupled=found.fitted.coupled,
         weight=tuple(made.links.tolist()) if arm else (),
         speed=tuple(speed.tolist()),
         command=tuple(command.tolist()),

@@ -52,7 +52,8 @@ def asked_for(text: str, space: ParameterSpace) -> Asked:
         if len(space.actuators) < 2:
             remedy = f"Ask for {ALL}, or for parameters by name: there is no ratio of gains."
             raise UnknownName("target", text, [ALL, *space.names], remedy)
-        return Asked("ratios of the actuators' gains", _gain_names(space), _gains(space))
+        names = tuple(space.names[i] for i in space.actuators)
+        return Asked("ratios of the actuators' gains", names, _gains(space))
     if text == ALL:
         eye = np.eye(len(space))
         return Asked("all parameters", tuple(space.names), lambda _: eye)
@@ -70,10 +71,6 @@ def asked_for(text: str, space: ParameterSpace) -> Asked:
         return chosen * (space.scale[at] / size)[:, None]
 
     return Asked(", ".join(space.labels[i] for i in at), names, rows)
-
-
-def _gain_names(space: ParameterSpace) -> tuple[str, ...]:
-    return tuple(space.names[i] for i in space.actuators)
 
 
 def _gains(space: ParameterSpace) -> Callable[[Array], Array]:

@@ -222,7 +222,8 @@ class Loop:
             k = 0
             while k < scenario.steps and self.ending.status is Status.completed:
                 begin = clock()
-                segment = source.segment(log.at(-1), k, min(most, scenario.steps - k))
+                own, steps = self.following[""].state.theta_hat, min(most, scenario.steps - k)
+                segment = source.segment(log.at(-1), k, steps, own)
                 self.cost.plant += clock() - begin
                 k, log = self._absorb(k, segment)
                 if self.stopped or (segment.end and segment.end[0] is Status.completed):
@@ -246,7 +247,6 @@ class Loop:
             self._keep(k, 1, log, estimates)
             k += len(log.t) - 1
         self.cost.steps = k
-        self.source.inform(k, self.following[""].state.theta_hat)
         return k, log
 
     def _end(self, status: Status, signal: str, t: float) -> None:

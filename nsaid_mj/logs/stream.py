@@ -232,7 +232,7 @@ class Stream(Source):
         remedy = "Is the sender running, and does it send finite numbers?"
         raise InvalidInput("stream", "samples", "none before its end", remedy)
 
-    def segment(self, last: Measurement, k: int, steps: int) -> Segment:
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
         """All samples that have arrived, at most `steps` of them; waits a moment for the first."""
         rows, resumed = [last], False
         if self._held is not None:
@@ -254,9 +254,6 @@ class Stream(Source):
     def stop(self) -> None:
         """Ends the stream."""
         self._over = True
-
-    def inform(self, k: int, theta_hat: Array) -> None:
-        """Does nothing: estimates go to observers."""
 
     def _next(self, wait: float) -> tuple[Measurement, bool] | None:
         """The next measurement, and whether a gap precedes it; None if none has come."""

@@ -92,7 +92,8 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
     for noise, duration, method in sorted(groups, key=lambda k: (*k[:2], order.index(k[2]))):
         group = groups[noise, duration, method]
         values = {
-            key: np.array([_number(getattr(cell, key)) for cell in group]) for _, key in FIGURES
+            key: np.array([np.inf if (x := getattr(c, key)) is None else x for c in group])
+            for _, key in FIGURES
         }
         median = {key: float(np.median(v)) for key, v in values.items()}
         if method == BOUND:
@@ -114,10 +115,6 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
             )
         )
     return found
-
-
-def _number(value: float | None) -> float:
-    return np.inf if value is None else value
 
 
 _DECIDES = "theta_perp_ratio"
@@ -144,7 +141,10 @@ def write(
     methods = len(dict.fromkeys(row.method for row in found))
     seeds = len({cell.seed for cell in cells})
     heads = ["log", "method", *(label for label, _ in FIGURES), "chosen automatically"]
-    table = Table(heads, [_line(row, seeds > 1) for row in found], (0, 1, 6))
+    lines: list[list[Written]] = [
+        [_log(row), row.method, *_figures(row, seeds > 1), "; ".join(row.notes)] for row in found
+    ]
+    table = Table(heads, lines, (0, 1, 6))
     notes = " ".join([_WORST] * (seeds > 1) + [_MULTIPLES] * bool(manifest["bound"]))
     sections = [Section("All methods", [table, *([Text(notes, note=True)] if notes else [])])]
     if shown[2:]:
@@ -221,10 +221,6 @@ def _log(row: Row) -> str:
     return f"{sensors(row.noise)}, {row.duration:g} s".replace(
         " × noise", "\u00a0×\u00a0noise"
     ).replace(" s", "\u00a0s")
-
-
-def _line(row: Row, several: bool) -> list[Written]:
-    return [_log(row), row.method, *_figures(row, several), "; ".join(row.notes)]
 
 
 def _figures(row: Row, several: bool) -> list[str]:

@@ -72,10 +72,7 @@ class Engine:
                 run.
         """
         patience = 60.0 + 2 * longest  # time without a row after which a worker must have died
-
-        def parallel(some: Sequence[int], begun: list[int]) -> Iterator[dict[str, Any]]:
-            return self._parallel(some, job, begun, patience)
-
+        parallel = partial(self._parallel, job, patience)
         with self._open() as broken:
             waiting = dict.fromkeys(numbers)
             while waiting:
@@ -95,11 +92,7 @@ class Engine:
                             yield from map(_fit, rows)
 
     def _parallel(
-        self,
-        numbers: Sequence[int],
-        job: Callable[[int], Job],
-        begun: list[int],
-        patience: float,
+        self, job: Callable[[int], Job], patience: float, numbers: Sequence[int], begun: list[int]
     ) -> Iterator[dict[str, Any]]:
         """Yields the rows of runs from joblib; appends the number of every started run."""
         local = self.name == "loky"

@@ -220,7 +220,7 @@ def _column(name: str, values: list[Any]) -> pa.Array:
 
 
 def document(sweep: Sweep) -> dict[str, Any]:
-    """The output of `nsaid sweep --json`."""
+    """The output of `nsaid sweep --json`; numbers may be infinite."""
     return {
         "folder": str(sweep.folder),
         "runs": sweep.manifest["runs"],
@@ -231,7 +231,7 @@ def document(sweep: Sweep) -> dict[str, Any]:
                 "results": len(group.results),
                 "ended_early": len(group.early),
                 **{
-                    f"{key}_{name}": _finite(group.quantile(key, share))
+                    f"{key}_{name}": group.quantile(key, share)
                     for key in FIGURES
                     for name, share in QUANTILES.items()
                 },
@@ -248,10 +248,6 @@ def document(sweep: Sweep) -> dict[str, Any]:
             for row in sweep.lost
         ],
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def print_summary(sweep: Sweep) -> None:
