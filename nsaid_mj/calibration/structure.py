@@ -23,9 +23,9 @@ class Options:
     coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): a motor turns by v_i ± v_j
     delay: Array | None = None  # (k,) delays of the commands [s]; None to search for them
     cutoff: float | None = None  # of the rows' filter [Hz]; None for the bandwidth of the motion
-    known: Mapping[str, float] = field(default_factory=dict)  # parameters by name or label [SI]
     loads: tuple[Load, ...] = ()  # payloads of known mass, carried in some of the logs
     level: frozenset[str] = frozenset()  # names of joints for which no constant offset is tried
+    known: Mapping[str, float] = field(default_factory=dict)  # parameters by name or label [SI]
 
 
 class Velocity(NamedTuple):
