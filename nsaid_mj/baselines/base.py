@@ -1,7 +1,5 @@
 """The interface of a method: a function of log, structure, prior and noise levels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ Unobserved directions keep the prior's values: of all minimisers, the methods re
 to the prior in θ/scale.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.linalg
 

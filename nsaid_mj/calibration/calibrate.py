@@ -1,7 +1,5 @@
 """Plant and actuators from prepared logs: structure, fit, intervals, verdict."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

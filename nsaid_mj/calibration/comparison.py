@@ -1,7 +1,5 @@
 """Compares models of an arm by the errors of their open-loop simulations on logs."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable, Sequence

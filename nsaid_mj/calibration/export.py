@@ -1,7 +1,5 @@
 """Calibrated model files of an identification, and their trial by simulations on the log."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator

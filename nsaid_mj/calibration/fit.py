@@ -22,8 +22,6 @@ Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J fall
 keep every estimate physical.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

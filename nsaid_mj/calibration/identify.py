@@ -1,7 +1,5 @@
 """`identify`: from a model file and log files to parameters with intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path

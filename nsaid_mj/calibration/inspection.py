@@ -1,7 +1,5 @@
 """Inspects a log: figures of every channel, and findings about the log as a whole."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Runs a recursive law along a prepared log, by the loop of every run, beside the batch fit."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import nullcontext

@@ -1,7 +1,5 @@
 """Robots that are not simulated: their structure and prior, and the scenario of a run."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any

@@ -6,8 +6,6 @@ and so are the changes of θ̂ between parts of the log and between plausible se
 stated standard deviation is the largest of the three.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The result of a calibration: estimates, intervals and identifiability of every parameter."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple

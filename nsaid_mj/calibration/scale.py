@@ -5,8 +5,6 @@ motor's gain, fixes the scale if the log couples it to all other parameters; so 
 in N·m or N. Otherwise the scale comes from the model file's masses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple

@@ -5,8 +5,6 @@ candidate, joint by joint, takes a millisecond. Candidates are compared by their
 fifths of the log; the physical fit uses the chosen ones.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The interface between structure and fit: a problem, alternatives, and how they were chosen."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple

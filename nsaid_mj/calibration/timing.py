@@ -3,8 +3,6 @@
 All are chosen by the cost of the whole fit, see `vehicles`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

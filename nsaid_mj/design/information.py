@@ -1,7 +1,5 @@
 """The objective of a design, and a motion's information: Cramér–Rao bound, Gramian on P_⊥, rank."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace

@@ -5,8 +5,6 @@ is the largest distance of the quantity from the middle of its range over half o
 motion obeys all limits if no use exceeds 1.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -12,8 +12,6 @@ A trial run compares predicted with achieved intervals, on one of the draws with
 that no truth is involved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise

@@ -5,8 +5,6 @@ A run and a Monte Carlo study both feed an identifier one segment of measurement
 identifiers, the record and the observers.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Sources of a run's measurements: a simulated plant, logs, or anything else."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext

@@ -1,7 +1,5 @@
 """Times of a log in seconds, from any clock and unit."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Mapping of a log's channels to a robot's q, v and u."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -5,8 +5,6 @@ A channel's name is divided into words: the joint's name or index, words for a q
 a channel for every joint supplies that quantity.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence

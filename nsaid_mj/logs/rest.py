@@ -1,7 +1,5 @@
 """Rest detection: the speed below which a joint is at rest, and the times of motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """One signal over time: order of its rows, outliers, noise, quantisation, resampling."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

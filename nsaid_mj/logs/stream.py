@@ -1,7 +1,5 @@
 """Samples of a live robot: lines from a pipe or over UDP, checked, as the source of a run."""
 
-from __future__ import annotations
-
 import queue
 import socket
 import threading

@@ -1,7 +1,5 @@
 """Log files as channels, numbers over time with their own clocks, and as parts of one log."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Units of log channels and their factors to SI."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from math import pi

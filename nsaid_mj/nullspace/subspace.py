@@ -6,8 +6,6 @@ nullspace, and gives a wrist's torque the same weight as a shoulder's. Eigenvalu
 WᵀW would square the condition number, and are not used for rank.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ an SPD matrix; or, where its entries are tied, fewer numbers with Σ θ_l E_l �
 inequality.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

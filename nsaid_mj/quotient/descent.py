@@ -1,7 +1,5 @@
 """Gauss–Newton steps that stay inside the cone of physical parameters."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol
 
 import numpy as np

@@ -7,8 +7,6 @@ enough new data it is forgotten at the stated rate, and otherwise it loses no mo
 (Kulhavý, Automatica 23, 1987; Cao and Schwartz, Automatica 36, 2000).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..parameters import Array

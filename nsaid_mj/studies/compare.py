@@ -5,8 +5,6 @@ first part of the log, the structure, the same prior and the sensors' stated lev
 are then compared with the plant's truth.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace

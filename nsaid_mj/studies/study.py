@@ -1,7 +1,5 @@
 """The common part of all studies: a scenario, its script, and the flags to repeat a run."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -5,8 +5,6 @@ its number, not on the number of workers or on the order in which they finish. A
 `rows.jsonl` as soon as its run is finished, so a killed sweep can be resumed.
 """
 
-from __future__ import annotations
-
 import errno
 import itertools
 import json

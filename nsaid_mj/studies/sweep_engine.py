@@ -1,7 +1,5 @@
 """Executes the runs of a sweep with joblib, on local processes or on a cluster."""
 
-from __future__ import annotations
-
 import _thread
 import importlib
 import math

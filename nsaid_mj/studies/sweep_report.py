@@ -1,7 +1,5 @@
 """The report of a sweep: distributions of its figures over the varied fields, and failures."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from functools import partial

@@ -3,8 +3,6 @@
 Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same sensor noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Carries out a tracking study: progress, files, page, picture and recording."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import replace

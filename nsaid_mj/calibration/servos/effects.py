@@ -7,8 +7,6 @@ reported, and the exported file keeps plain friction. Backlash is no candidate: 
 below a step of the encoder (docs/servo_arms.md). Second, a controller's limits of the targets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

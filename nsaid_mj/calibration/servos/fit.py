@@ -1,7 +1,5 @@
 """Output-error fit: parameters of the open-loop simulation closest to the log, and covariances."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Generic, NamedTuple, Protocol, TypeVar
 

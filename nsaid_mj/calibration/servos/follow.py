@@ -6,8 +6,6 @@ independent samples of the batch fit's residual. Armature and delay are taken fr
 are kp where gravity does not determine it, and the other joints' motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

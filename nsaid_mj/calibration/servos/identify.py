@@ -1,7 +1,5 @@
 """`identify_servos`: servos with intervals, from an MJCF and logs of targets and positions."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The identified servos of an arm, with intervals."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 

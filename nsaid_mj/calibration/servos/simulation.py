@@ -10,8 +10,6 @@ measured positions. Γ_j includes what the other joints' speeds and acceleration
 the latter are those of a simulation of all joints together, which decouples the joints' fits.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -10,8 +10,6 @@ prior; its search has bounds:
   finite differences of 1 %, scaled variables, and a target 20 ms late, which it does not fit.
 """
 
-from __future__ import annotations
-
 import io
 from contextlib import redirect_stdout
 from pathlib import Path

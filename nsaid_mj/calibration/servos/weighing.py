@@ -6,8 +6,6 @@ mass m is identified as μ = m/s: μ and the payload's position are fitted with 
 to all logs, free and loaded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

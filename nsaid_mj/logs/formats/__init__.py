@@ -5,8 +5,6 @@ exception of its library, an `ImportError` if that is not installed; it calls `c
 unpacking.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

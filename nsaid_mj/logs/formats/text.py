@@ -1,7 +1,5 @@
 """Delimited text: comma, semicolon, tab or spaces, with or without header, plain or gzipped."""
 
-from __future__ import annotations
-
 import csv
 import gzip
 import re
