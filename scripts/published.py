@@ -35,7 +35,7 @@ def main() -> None:
     folder = parser.parse_args().folder
     given = servo_logs(folder / "so101.xml", sorted(folder.glob("*.csv.gz")))
     assert given is not None
-    found = estimate(given.robot, given.logs, given.kp).joints
+    found = estimate(given).joints
     sets = {
         "official file": in_file(folder / "so101.xml", given.robot.joints),
         "another project": np.tile(OTHER, len(found)),

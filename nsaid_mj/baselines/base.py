@@ -1,7 +1,5 @@
 """The interface of a method: a function of log, structure, prior and noise levels."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -13,31 +11,19 @@ from ..structure.system import SecondOrderSystem
 
 
 class Problem(NamedTuple):
-    """The information that a method gets.
-
-    Attributes:
-        system: the structure.
-        log: measurements and commands.
-        prior: (p,) θ̂(0).
-        noise: standard deviations of the sensors, as stated by their data sheet.
-    """
+    """The information that a method gets."""
 
     system: SecondOrderSystem
-    log: Log
-    prior: Array
-    noise: SensorLevels = EXACT
+    log: Log  # measurements and commands
+    prior: Array  # (p,) θ̂(0)
+    noise: SensorLevels = EXACT  # standard deviations of the sensors, as stated by their data sheet
 
 
 class Estimate(NamedTuple):
-    """The result of a method.
+    """The result of a method."""
 
-    Attributes:
-        theta: (p,) the estimate θ̂.
-        note: settings that the method chose from the data, in words.
-    """
-
-    theta: Array
-    note: str = ""
+    theta: Array  # (p,) the estimate θ̂
+    note: str = ""  # settings that the method chose from the data, in words
 
 
 Method = Callable[[Problem], Estimate]

@@ -6,8 +6,6 @@ Unobserved directions keep the prior's values: of all minimisers, the methods re
 to the prior in θ/scale.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.linalg
 
@@ -17,9 +15,8 @@ from ..nullspace import TOLERANCE
 from ..numerics.low_pass import decimated, symmetric, zero_phase
 from ..numerics.spatial import continuous_signs
 from ..parameters import Array
-from ..quotient.cost import Quotient
+from ..quotient.cost import Posterior, Quotient
 from ..quotient.descent import Rules, minimise
-from ..quotient.likelihood import Posterior
 from ..structure.system import SecondOrderSystem
 from .base import Estimate, Problem
 

@@ -1,7 +1,5 @@
 """Recursive estimators: least squares on the normalised form (17), and a Kalman filter."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The structure of a tree of joints, chosen from its log."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 

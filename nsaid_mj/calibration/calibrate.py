@@ -1,7 +1,5 @@
 """Plant and actuators from prepared logs: structure, fit, intervals, verdict."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -37,33 +35,24 @@ def calibrate(
     recordings: Recordings,
     validation: Recordings | None = None,
     options: Options = _DEFAULT,
-    *,
-    known: Mapping[str, float] | None = None,
-    findings: tuple[Finding, ...] = (),
     report: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identifies the parameters of a robot from prepared recordings.
 
-    Args:
-        robot: the model.
-        recordings: training logs.
-        validation: a log excluded from the fit; None to hold out parts of the training logs.
-        options: options of the structure.
-        known: values of parameters by name or label [SI].
-        findings: earlier ones.
-        report: called with the name of every stage, for progress.
+    `validation` is a log excluded from the fit; None to hold out parts of the training logs.
+    `report` is called with the name of every stage, for progress.
 
     Raises:
         UnusableLog: the log cannot be used; all findings are attached.
         UnknownName: a known parameter does not exist.
         InvalidInput: a known value is not physical.
     """
-    begin, arm, known = time.perf_counter(), robot.system is None, dict(known or {})
+    begin, arm, known = time.perf_counter(), robot.system is None, dict(options.known)
     if options.loads:
         check_loads(options.loads, [segment.source for segment in recordings.segments])
         for payload in payloads(robot.model, options.loads):
             known |= payload.known
-    found = [*robot.findings, *recordings.findings, *findings]
+    found = [*robot.findings, *recordings.findings]
     if validation is not None:
         found += [f for f in validation.findings if f not in found]
     _refuse(found)
@@ -83,10 +72,7 @@ def calibrate(
     level = options.level | _without_offset(result)
     if options.columns is None and level != options.level:
         report("fitting without an offset whose interval holds 0")
-        again = replace(options, level=level)
-        return calibrate(
-            robot, recordings, validation, again, known=known, findings=findings, report=report
-        )
+        return calibrate(robot, recordings, validation, replace(options, level=level), report)
     return result
 
 

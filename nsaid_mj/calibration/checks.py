@@ -1,7 +1,5 @@
 """Checks that need a fit: reversed and swapped commands, wrong units, a wrong structure."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Compares models of an arm by the errors of their open-loop simulations on logs."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -26,13 +24,12 @@ from ..structure.joints import JointScales, positions
 from ..structure.multibody import CompiledMultibody
 from .arms import structured_arm
 from .calibrate import calibrate
-from .export import identified
+from .export import departures, identified
 from .joints import BASIC
 from .models import load_robot_model
-from .replay import departures
 from .servos.export import rollout, write_servo_mjcf
-from .servos.identify import ServoLogs, identify_servos
-from .servos.logs import DELAYS, ServoLog, late
+from .servos.identify import identify_servos
+from .servos.logs import DELAYS, ServoLog, ServoLogs, late
 from .servos.sysid import write_by_toolbox
 from .structure import Options
 
@@ -50,21 +47,16 @@ _Part = tuple[list[Array], Array]  # (N, n) errors over every horizon and one ro
 
 
 class Score(NamedTuple):
-    """How well a model predicts logs.
-
-    Attributes:
-        model: its name.
-        errors: (3, n) mean absolute error of each joint's position over each of `HORIZONS` [rad or
-            m]; NaN where it is not defined.
-        one_step: (n,) rms error of the position one row ahead over the rms change from row to row:
-            predicting no change gives 1.
-        seconds: CPU time of fit and simulation [s].
-    """
+    """How well a model predicts logs."""
 
     model: str
+    # (3, n) mean absolute error of each joint's position over each of `HORIZONS` [rad or m]; NaN
+    # where it is not defined
     errors: Array
+    # (n,) rms error of the position one row ahead over the rms change from row to row: predicting
+    # no change gives 1
     one_step: Array
-    seconds: float
+    seconds: float  # CPU time of fit and simulation [s]
 
 
 def compare_servos(
@@ -72,10 +64,8 @@ def compare_servos(
 ) -> tuple[Score, ...]:
     """Scores of models on logs of a servo arm, the last that of its delayed target.
 
-    Args:
-        given: the arm and its logs, without loads.
-        models: MJCF files with a position servo on every joint of the arm, and names of `FITTED`.
-        report: called with the name of every stage.
+    `given` are the arm and its logs, without loads; `models` are MJCF files with a position servo
+    on every joint, and names of `FITTED`; `report` is called with the name of every stage.
 
     Raises:
         BadRobot: a file lacks a joint or its servo.
@@ -103,14 +93,10 @@ def compare_arms(
 ) -> tuple[Score, ...]:
     """Scores of models on logs of an arm driven by force, the last that of a constant velocity.
 
-    Commands are forces over the gains (`gear`, `gainprm`) of a model's file, 1 in a URDF.
-
-    Args:
-        robot: the arm for which its recordings were prepared.
-        recordings: its logs.
-        models: files or names of models with the same joints, `IDENTIFIED` and `SYSID`.
-        options: options of the identified model's structure.
-        report: called with the name of every stage.
+    `models` are files or names of models with the joints of the robot, for which the recordings
+    were prepared, and `IDENTIFIED` and `SYSID`; `options` are those of the identified model's
+    structure. Commands are forces over the gains (`gear`, `gainprm`) of a model's file, 1 in a
+    URDF.
 
     Raises:
         BadRobot: a file has other joints.
@@ -210,12 +196,7 @@ def _departed(robot: RobotModel, values: Identified, recordings: Recordings) -> 
     if not len(errors[1]):
         expected, remedy = f"a segment of {HORIZONS[1]:g} s", "Use a log without so many gaps."
         raise InvalidInput("log", expected, "shorter ones", remedy)
-    return errors, _changes(recordings)
-
-
-def _changes(recordings: Recordings) -> Array:
-    """(N, n) changes of the positions from row to row."""
-    return np.concatenate([np.diff(segment.log.q, axis=0) for segment in recordings.segments])
+    return errors, np.concatenate([np.diff(s.log.q, axis=0) for s in recordings.segments])
 
 
 def _fitted_arm(

@@ -22,8 +22,6 @@ Gauss–Newton steps, each within half a Dikin ellipsoid and halved until J fall
 keep every estimate physical.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -32,30 +30,22 @@ from ..errors import NoEstimate
 from ..parameters import Array, ParameterSpace
 from ..quotient.barrier import barrier, gradient_and_hessian, local_norm
 from ..quotient.cone import cone_of
-from ..quotient.cost import Quotient, efforts
+from ..quotient.cost import Posterior, Quotient, efforts
 from ..quotient.descent import Rules
 from ..quotient.descent import minimise as descend
 from ..quotient.gramians import Sums
-from ..quotient.likelihood import Posterior
 from .problem import Problem
 
 _RULES = Rules(steps=200, halvings=12, done=1e-2)
 
 
 class Fit(NamedTuple):
-    """A minimiser of J.
+    """A minimiser of J."""
 
-    Attributes:
-        theta: (p,) θ̂.
-        levels: (n,) λ_i, mean squared residuals relative to the actuators' effort.
-        hessian: (p, p) Gauss–Newton Hessian of J.
-        cost: J.
-    """
-
-    theta: Array
-    levels: Array
-    hessian: Array
-    cost: float
+    theta: Array  # (p,) θ̂
+    levels: Array  # (n,) λ_i, mean squared residuals relative to the actuators' effort
+    hessian: Array  # (p, p) Gauss–Newton Hessian of J
+    cost: float  # J
 
 
 class Prior:

@@ -1,7 +1,5 @@
 """`identify`: from a model file and log files to parameters with intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -86,7 +84,7 @@ def identify(
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
     validation = _validation(_listed(validate), other, robot)
     options = _options(robot, columns, coupled(chosen), delay, cutoff, loads)
-    found = calibrate(robot, recordings, validation, options, known=known, report=report)
+    found = calibrate(robot, recordings, validation, replace(options, known=known or {}), report)
     return found if law == "batch" else with_law(found, law, folder, report)
 
 

@@ -1,7 +1,5 @@
 """Inspects a log: figures of every channel, and findings about the log as a whole."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -21,74 +19,45 @@ from ..robot.model import RobotModel
 
 @dataclass(frozen=True)
 class ChannelFigures:
-    """Figures of one channel, in the unit of its file.
+    """Figures of one channel, in the unit of its file."""
 
-    Attributes:
-        source: name of the file.
-        name: name of the channel.
-        role: such as "q of elbow"; "" if unused.
-        rows: with a number.
-        missing: rows without one.
-        rate: median rows per second [Hz].
-        jitter: half the spread of intervals between rows, 5 % to 95 %, over their median.
-        gaps: number of intervals longer than five periods and 50 ms.
-        longest: the longest interval between rows [s].
-        low: smallest value.
-        high: largest value.
-        noise: standard deviation of the white part, from fourth differences.
-        quantum: smallest step; 0 if the values are continuous.
-        saturated: share of rows at a flat extreme.
-        unchanged: share of rows that repeat the value before.
-        dead: whether all values are equal.
-    """
-
-    source: str
-    name: str
-    role: str
-    rows: int
-    missing: int
-    rate: float = np.nan
-    jitter: float = np.nan
-    gaps: int = 0
-    longest: float = np.nan
-    low: float = np.nan
-    high: float = np.nan
-    noise: float = np.nan
-    quantum: float = 0.0
-    saturated: float = 0.0
-    unchanged: float = 0.0
-    dead: bool = False
+    source: str  # name of the file
+    name: str  # name of the channel
+    role: str  # such as "q of elbow"; "" if unused
+    rows: int  # with a number
+    missing: int  # rows without one
+    rate: float = np.nan  # median rows per second [Hz]
+    jitter: float = np.nan  # half the spread of intervals, 5 % to 95 %, over their median
+    gaps: int = 0  # number of intervals longer than five periods and 50 ms
+    longest: float = np.nan  # the longest interval between rows [s]
+    low: float = np.nan  # smallest value
+    high: float = np.nan  # largest value
+    noise: float = np.nan  # standard deviation of the white part, from fourth differences
+    quantum: float = 0.0  # smallest step; 0 if the values are continuous
+    saturated: float = 0.0  # share of rows at a flat extreme
+    unchanged: float = 0.0  # share of rows that repeat the value before
+    dead: bool = False  # whether all values are equal
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """The result of inspecting a log.
+    """The result of inspecting a log."""
 
-    Attributes:
-        tables: the files.
-        channels: figures of all channels.
-        findings: all findings; `identify` stops at refusals.
-        recordings: the log in the robot's coordinates; None without a model, or if channels could
-            not be matched or used.
-        robot: the model; None without one.
-    """
-
-    tables: tuple[Table, ...]
-    channels: tuple[ChannelFigures, ...]
-    findings: tuple[Finding, ...]
+    tables: tuple[Table, ...]  # the files
+    channels: tuple[ChannelFigures, ...]  # figures of all channels
+    findings: tuple[Finding, ...]  # all findings; `identify` stops at refusals
+    # the log in the robot's coordinates; None without a model, or if channels could not be matched
+    # or used
     recordings: Recordings | None
-    robot: RobotModel | None
+    robot: RobotModel | None  # the model; None without one
 
 
 def inspect(
     tables: Sequence[Table], mapping: Map | None = None, robot: RobotModel | None = None
 ) -> Inspection:
-    """Computes figures of every channel of a log and, given a model, runs the checks of `identify`.
+    """Computes figures of every channel of a log and, given a robot, runs the checks of `identify`.
 
-    Args:
-        tables: tables of the log's files.
-        mapping: the meaning of columns; None to match them by name.
-        robot: None to measure the channels only.
+    Without a `mapping`, columns are matched by name.
 
     Raises:
         InvalidInput: the map names something that does not exist.

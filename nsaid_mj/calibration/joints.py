@@ -71,19 +71,12 @@ Part = tuple[Block, Array, Array, Array]
 
 @dataclass(frozen=True)
 class Choice:
-    """The structure of a robot's joints.
+    """The structure of a robot's joints."""
 
-    Attributes:
-        columns: for each joint, names of `COLUMNS`.
-        speed: for each joint, index of its s in `SPEEDS`.
-        delay: (k,) delay of each command [s].
-        coupled: pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
-    """
-
-    columns: tuple[frozenset[str], ...]
-    speed: tuple[int, ...]
-    delay: Array
-    coupled: tuple[tuple[int, int, int], ...] = ()
+    columns: tuple[frozenset[str], ...]  # for each joint, names of `COLUMNS`
+    speed: tuple[int, ...]  # for each joint, index of its s in `SPEEDS`
+    delay: Array  # (k,) delay of each command [s]
+    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): the motor turns by v_i ± v_j
 
     def at(self, joint: int, *names: str, speed: int | None = None) -> Choice:
         """A copy with further columns, or another speed, at one joint."""
@@ -96,13 +89,8 @@ class Choice:
 class JointRows:
     """All candidate columns of a robot's segments, filtered once.
 
-    Args:
-        robot: the model.
-        recordings: the segments.
-        chosen: filters.
-        gain: (k,) expected gains [N·m or N per unit of command].
-        spread: (k,) standard deviations of their logarithms; 0 until they are known.
-        loads: carried in some of the segments.
+    gain (k,) are expected gains [N·m or N per unit of command], spread (k,) the standard deviations
+    of their logarithms, 0 until they are known; `loads` are carried in some of the segments.
 
     Attributes:
         links: (N, n, 10 b) columns of the links.

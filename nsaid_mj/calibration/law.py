@@ -1,7 +1,5 @@
 """Runs a recursive law along a prepared log, by the loop of every run, beside the batch fit."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -71,11 +69,8 @@ def with_law(
 ) -> Identification:
     """An identification to which a law's run along the log, and findings about it, are added.
 
-    Args:
-        found: by the batch fit.
-        law: one of `LAWS` but `batch`.
-        folder: folder of the law's record; None keeps no files.
-        report: called with the name of the stage.
+    `found` is that of the batch fit, `law` one of `LAWS` but `batch`, `folder` that of the law's
+    record; None keeps no files.
 
     Raises:
         InvalidInput: the law does not suit the robot or its log.
@@ -92,7 +87,7 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     begin, fitted, robot = time.perf_counter(), found.fitted, found.robot
     logs, start, rate = law_logs(robot, found.recordings, fitted.made)
     steps, arm = sum(len(log.t) for log in logs) - 1, robot.system is None
-    known = log_robot(robot, found.recordings, fitted.made, fitted.problem, fitted.coupled)
+    known = log_robot(found)
     levels = noise_levels(max(logs, key=lambda log: len(log.t)))
     scenario = measured_scenario(known, law, rate, levels, _ERROR, steps)
     unexplained = unexplained_forces(fitted).tolist() if arm else []
@@ -121,10 +116,8 @@ def law_logs(
 
     The logs share one clock that begins at 0. A command holds from one sample to the next: it is
     the smoothed one half-way between both, earlier by its delay, after the lag and the curve that
-    the fit found, and reversed where the model file has a negative gear: gains are positive.
-
-    Returns:
-        The logs, the time of their start on the common axis [s], and samples per second.
+    the fit found, and reversed where the model file has a negative gear: gains are positive. Also
+    returns the time of their start on the common axis [s], and samples per second.
     """
     recordings = recordings if robot.model is None else refined(recordings)
     chosen = filter_for(recordings, made.cutoff)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -16,7 +15,6 @@ from ..experiment.record import Record
 from ..experiment.scenario import Scenario
 from ..laws import Status
 from ..laws.cone.prior import drawn_inside
-from ..logs.recordings import Recordings
 from ..parameters import Array, Block, Geometry, ParameterSpace
 from ..robot.model import RobotModel
 from ..structure.joints import (
@@ -37,8 +35,7 @@ from ..structure.structured import StructuredKinematics, StructuredSystem
 from .joints import COLUMNS, STRIBECK, joint_of
 from .measured import MeasuredRobot, identifiers_of
 from .models import load_robot_model
-from .problem import Problem
-from .structure import Structured
+from .result import Identification
 
 _OPERATION = 2.0  # largest speeds and commands, relative to their rms
 
@@ -74,12 +71,7 @@ class Parameters:
 class LoggedArm(JointTree, StructuredSystem):
     """A tree of joints with any columns.
 
-    Args:
-        model: kinematics, without inertia.
-        structure: structure of the robot.
-        space: names, units and scale of θ.
-        speed: (n,) largest velocities in operation.
-        command: (n_u,) largest commands.
+    `model` has no inertia; speed (n,) and command (n_u,) are the largest in operation.
     """
 
     def __init__(
@@ -114,32 +106,20 @@ class LoggedVehicle(StructuredSystem):
 
 @config
 class LogRobot(MeasuredRobot):
-    """A robot as `nsaid identify` fits it to a log: θ is that of the batch fit.
+    """A robot as `nsaid identify` fits it to a log: θ is that of the batch fit."""
 
-    Attributes:
-        robot: path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle, for
-            its kinematics.
-        joints: the joints that move; none of a vehicle.
-        blocks: blocks of θ.
-        prior: (p,) θ̂(0).
-        columns: for every velocity, the names of its columns.
-        speeds: for every joint, s of tanh(v/s) of Coulomb friction [rad/s or m/s].
-        coupled: pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
-        weight: (10 k,) parameters of the links whose weight loads the friction; none without it.
-        speed: (n,) largest velocities, for probes of the structure.
-        command: (n_u,) largest commands.
-    """
-
+    # path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle, for its
+    # kinematics
     robot: Name
-    joints: tuple[Name, ...]
-    blocks: tuple[Parameters, ...]
-    prior: tuple[Number, ...]
-    columns: tuple[tuple[Name, ...], ...]
-    speeds: tuple[Positive, ...] = ()
-    coupled: tuple[tuple[int, int, int], ...] = ()
-    weight: tuple[Number, ...] = ()
-    speed: tuple[Number, ...] = ()
-    command: tuple[Number, ...] = ()
+    joints: tuple[Name, ...]  # the joints that move; none of a vehicle
+    blocks: tuple[Parameters, ...]  # blocks of θ
+    prior: tuple[Number, ...]  # (p,) θ̂(0)
+    columns: tuple[tuple[Name, ...], ...]  # for every velocity, the names of its columns
+    speeds: tuple[Positive, ...] = ()  # of every joint, s of tanh(v/s) [rad/s or m/s]
+    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): the motor turns by v_i ± v_j
+    weight: tuple[Number, ...] = ()  # (10 k,) of the links whose weight loads the friction
+    speed: tuple[Number, ...] = ()  # (n,) largest velocities, for probes of the structure
+    command: tuple[Number, ...] = ()  # (n_u,) largest commands
 
     def known(self) -> Robot:
         """Structure, prior and looks; kinematics and looks are the model file's."""
@@ -231,15 +211,10 @@ def _of_velocity(system: StructuredSystem, name: str, i: int, parameter: int) ->
     return Column("linear_drag", parameter, body=0, axes=axes)
 
 
-def log_robot(
-    robot: RobotModel,
-    recordings: Recordings,
-    made: Structured,
-    problem: Problem,
-    coupled: Sequence[tuple[int, int, int]],
-) -> LogRobot:
-    """The robot of a batch fit with structure `made`; `coupled` joints share a motor."""
-    v, u = (np.concatenate([getattr(s.log, x) for s in recordings.segments]) for x in "vu")
+def log_robot(found: Identification) -> LogRobot:
+    """The robot of a batch fit."""
+    robot, (made, problem, *_) = found.robot, found.fitted
+    v, u = (np.concatenate([getattr(s.log, x) for s in found.recordings.segments]) for x in "vu")
     speed, command = (_OPERATION * np.sqrt(np.mean(x**2, axis=0)) for x in (v, u))
     arm = robot.system is None
     return LogRobot(
@@ -249,7 +224,7 @@ def log_robot(
         prior=tuple(problem.prior.tolist()),
         columns=tuple(velocity.columns for velocity in made.velocities),
         speeds=tuple(velocity.friction_speed for velocity in made.velocities) if arm else (),
-        coupled=tuple(coupled),
+        coupled=found.fitted.coupled,
         weight=tuple(made.links.tolist()) if arm else (),
         speed=tuple(speed.tolist()),
         command=tuple(command.tolist()),

@@ -1,7 +1,5 @@
 """Robots that are not simulated: their structure and prior, and the scenario of a run."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any
@@ -117,13 +115,9 @@ def measured_scenario(
 ) -> Scenario:
     """The scenario of a run on measurements from outside, without the samples.
 
-    Args:
-        robot: the robot.
-        law: name of the law.
-        rate: samples per second [Hz].
-        noise: standard deviations of positions [rad or m] and velocities [rad/s or m/s].
-        error: largest relative error of the prior.
-        steps: largest number of samples after the first.
+    They come at `rate` [Hz], at most `steps` after the first, with noise of given standard
+    deviations of positions [rad or m] and velocities [rad/s or m/s]; `error` is the prior's largest
+    relative one.
 
     Raises:
         InvalidInput: a value is out of range.

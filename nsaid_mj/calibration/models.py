@@ -1,7 +1,5 @@
 """Any robot to identify: a tree of joints from its file, or a vehicle from its sheet."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path

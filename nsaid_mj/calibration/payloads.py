@@ -110,20 +110,13 @@ def with_mass(model: pin.Model, joint: int, mass: float, centre: Array) -> pin.M
 
 
 class Payload(NamedTuple):
-    """All loads of one mass and place, as parameters of a fit.
+    """All loads of one mass and place, as parameters of a fit."""
 
-    Attributes:
-        block: the ten inertial parameters, in the frame of the joint that moves the load.
-        prior: (10,) a ball of its mass, large if its place is unknown.
-        place: place of the carrying link's ten parameters in θ.
-        sources: names of the files that carry it.
-        known: values of its parameters by label: the mass, and its moments if its place is known.
-    """
-
-    block: Block
-    prior: Array
-    place: slice
-    sources: frozenset[str]
+    block: Block  # the ten inertial parameters, in the frame of the joint that moves the load
+    prior: Array  # (10,) a ball of its mass, large if its place is unknown
+    place: slice  # place of the carrying link's ten parameters in θ
+    sources: frozenset[str]  # names of the files that carry it
+    # its parameters by label: the mass, and its moments if its place is known
     known: dict[str, float]
 
 

@@ -6,8 +6,6 @@ and so are the changes of θ̂ between parts of the log and between plausible se
 stated standard deviation is the largest of the three.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -57,25 +55,16 @@ def tempered(problem: Problem, share: Array) -> Sums:
 
 
 class Precision(NamedTuple):
-    """Precision of an estimate.
+    """Precision of an estimate."""
 
-    Attributes:
-        theta: (p,) θ̂.
-        covariance: (p, p) covariance of θ̂ from data and prior, under correlated residuals.
-        data: (p, p) information of the data alone.
-        parts: (K, p) changes of θ̂ without one part of the log, scaled as the jackknife's variance:
-            the deviation of wᵀθ̂ between parts of the log is ‖parts w‖.
-        structure: (A, p) changes of θ̂ under other plausible structures that count as one standard
-            deviation each.
-        prior: (p,) standard deviations of the prior.
-    """
-
-    theta: Array
-    covariance: Array
-    data: Array
+    theta: Array  # (p,) θ̂
+    covariance: Array  # (p, p) covariance of θ̂ from data and prior, under correlated residuals
+    data: Array  # (p, p) information of the data alone
+    # (K, p) changes of θ̂ without one part of the log, scaled as the jackknife's variance: the
+    # deviation of wᵀθ̂ between parts of the log is ‖parts w‖
     parts: Array
-    structure: Array
-    prior: Array
+    structure: Array  # (A, p) changes under other plausible structures, one standard deviation each
+    prior: Array  # (p,) standard deviations of the prior
 
     def of(self, weights: Array) -> float:
         """Stated standard deviation of wᵀθ̂ for weights w (p,)."""
@@ -122,20 +111,14 @@ def information(problem: Problem, parts: Sums, theta: Array) -> tuple[Array, Arr
 
 
 class Combinations(NamedTuple):
-    """Parameters that affect the motion only in combination with others.
+    """Parameters that affect the motion only in combination with others."""
 
-    Attributes:
-        independent: indices of parameters whose columns are linearly independent, in order.
-        dependent: indices of the others.
-        weights: (independent, dependent) the column of a dependent parameter is the sum of these
-            times the columns of the independent ones: only θ_i + Σ_d weights[i, d] θ_d is visible.
-        silent: indices of parameters whose column is 0 in the whole log.
-    """
-
-    independent: list[int]
-    dependent: list[int]
+    independent: list[int]  # indices of parameters whose columns are linearly independent, in order
+    dependent: list[int]  # indices of the others
+    # (independent, dependent) the column of a dependent parameter is the sum of these times the
+    # columns of the independent ones: only θ_i + Σ_d weights[i, d] θ_d is visible
     weights: Array
-    silent: list[int]
+    silent: list[int]  # indices of parameters whose column is 0 in the whole log
 
     def expression(self, index: int) -> dict[int, float]:
         """Coefficients, by index, of the combination that an independent parameter represents."""

@@ -22,19 +22,12 @@ class Size(NamedTuple):
     """Prior knowledge of the common scale of θ, which no motion reveals.
 
     Limbs that only the fixed base connects, such as a quadruped's legs on a stand, each have one.
-
-    Attributes:
-        weights: (s, p) w_k of the sizes w_kᵀθ of the bodies of every limb k.
-        limb: (p,) the limb of every parameter.
-        deviation: standard deviation of log(w_kᵀθ / w_kᵀθ̂(0)).
-        stated: (p,) whether a prior value is absolute; all others are relative to their limb's
-            size.
     """
 
-    weights: Array
-    limb: Indices
-    deviation: float
-    stated: Mask
+    weights: Array  # (s, p) w_k of the sizes w_kᵀθ of the bodies of every limb k
+    limb: Indices  # (p,) the limb of every parameter
+    deviation: float  # standard deviation of log(w_kᵀθ / w_kᵀθ̂(0))
+    stated: Mask  # (p,) whether a prior value is absolute; others are relative to their limb's size
 
     def slopes(self, theta: Array) -> Array:
         """(s, p) derivatives of the logarithms of the sizes at θ (p,)."""
@@ -49,33 +42,21 @@ def size_weights(columns: Array, theta: Array) -> Array:
 
 @dataclass(frozen=True)
 class Problem:
-    """Rows and prior.
+    """Rows and prior."""
 
-    Attributes:
-        space: names, units, scale and geometry of θ.
-        Y: (N, n, p) rows with Y θ = 0 up to noise: forces of inertia, weight and friction minus
-            those of the actuators.
-        usable: (N, n) whether a row is used.
-        t: (N,) time of each row [s].
-        segment: (N,) number of the segment of each row.
-        prior: (p,) θ̂(0), inside the cone.
-        spread: (p,) standard deviation of the prior: of log θ for `positive` parameters, of θ for
-            `free` ones; not used for matrices, whose prior is the barrier's divergence.
-        known: (p,) whether a parameter is known and keeps the prior's value.
-        size: prior of the common scales; None if prior values are absolute.
-        inertia: (n, p) m_i with m_iᵀθ the inertial force at a velocity's own rms acceleration; None
-            unless some joints are passive.
-    """
-
-    space: ParameterSpace
-    Y: Array
-    usable: Mask
-    t: Array
-    segment: Indices
-    prior: Array
+    space: ParameterSpace  # names, units, scale and geometry of θ
+    Y: Array  # (N, n, p) rows, Y θ = 0 up to noise: inertia, weight, friction minus actuators
+    usable: Mask  # (N, n) whether a row is used
+    t: Array  # (N,) time of each row [s]
+    segment: Indices  # (N,) number of the segment of each row
+    prior: Array  # (p,) θ̂(0), inside the cone
+    # (p,) standard deviation of the prior: of log θ for `positive` parameters, of θ for `free`
+    # ones; not used for matrices, whose prior is the barrier's divergence
     spread: Array
-    known: Mask
-    size: Size | None = None
+    known: Mask  # (p,) whether a parameter is known and keeps the prior's value
+    size: Size | None = None  # prior of the common scales; None if prior values are absolute
+    # (n, p) m_i with m_iᵀθ the inertial force at a velocity's own rms acceleration; None unless
+    # some joints are passive
     inertia: Array | None = None
 
     def select(self, rows: Indices | Mask) -> Problem:

@@ -49,37 +49,22 @@ _SPAN = 1e-10  # of the largest information, below which a direction of θ is no
 
 
 class Suspect(NamedTuple):
-    """An effect that the structure lacks.
+    """An effect that the structure lacks."""
 
-    Attributes:
-        words: what the residual correlates with, such as "its acceleration".
-        where: the joint; "" if it concerns all.
-        columns: (N, n, c) its contribution to the rows, up to c unknown coefficients.
-        remedy: what to do about it.
-        size: its size in words, if its coefficient has a meaning and cannot be negative.
-    """
-
-    words: str
-    where: str
-    columns: Array
-    remedy: str
-    size: Callable[[float], str] | None = None
+    words: str  # what the residual correlates with, such as "its acceleration"
+    where: str  # the joint; "" if it concerns all
+    columns: Array  # (N, n, c) its contribution to the rows, up to c unknown coefficients
+    remedy: str  # what to do about it
+    size: Callable[[float], str] | None = None  # in words, if γ has a meaning and is positive
 
 
 class Followed(NamedTuple):
-    """A suspect with which the residuals correlate significantly.
-
-    Attributes:
-        suspect: the effect.
-        share: (n,) share of the residuals' variance that it explains.
-        shift: (p,) the bias that it causes in θ̂, shrunk by the part due to chance.
-        coefficients: (c,) γ of its columns.
-    """
+    """A suspect with which the residuals correlate significantly."""
 
     suspect: Suspect
-    share: Array
-    shift: Array
-    coefficients: Array
+    share: Array  # (n,) share of the residuals' variance that it explains
+    shift: Array  # (p,) the bias that it causes in θ̂, shrunk by the part due to chance
+    coefficients: Array  # (c,) γ of its columns
 
 
 def followed(
@@ -92,14 +77,10 @@ def followed(
 ) -> tuple[Followed, ...]:
     """The suspects with which the residuals of a fit correlate, in order of selection.
 
-    Args:
-        problem: rows and prior.
-        theta: (p,) θ̂.
-        covariance: (p, p) covariance of θ̂ under the fit's own structure: H⁻¹.
-        share: (n,) rows per effectively independent row, as in the fit.
-        suspects: candidates; of a long log, only some rows of each are kept.
-        noisier: gives rows and suspects at θ (p,) of the same motion with twice the variance of the
-            sensors' noise; None if suspects do not depend on the measured motion.
+    At θ̂ (p,), `covariance` (p, p) is that under the fit's own structure, H⁻¹, and share (n,) are
+    the rows per effectively independent row. Of the suspects of a long log, only some rows are
+    kept. `noisier` gives rows and suspects at θ (p,) of the same motion with twice the variance of
+    the sensors' noise; it is None if suspects do not depend on the measured motion.
     """
     every = -(-len(problem.t) // _MANY)
     thin, share = np.arange(0, len(problem.t), every), share / every
@@ -201,17 +182,11 @@ def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> t
 
 
 class _Candidate(NamedTuple):
-    """A suspect that has not been selected.
-
-    Attributes:
-        suspect: the effect.
-        rest: (N n, c) its columns, orthogonal to those of the fit and of the selected suspects.
-        noisy: (N n, c) the same with the noise doubled; None as long as that is unknown.
-    """
+    """A suspect that has not been selected."""
 
     suspect: Suspect
-    rest: Array
-    noisy: Array | None = None
+    rest: Array  # (N n, c) its columns, orthogonal to those of the fit and of the selected suspects
+    noisy: Array | None = None  # (N n, c) the same with the noise doubled; None as long as unknown
 
     def beside(self, entered: _Trial) -> _Candidate:
         """The candidate after the selection of another."""
@@ -220,21 +195,13 @@ class _Candidate(NamedTuple):
 
 
 class _Trial(NamedTuple):
-    """The effect of adding a suspect.
+    """The effect of adding a suspect."""
 
-    Attributes:
-        basis: (N n, c) orthonormal basis of its columns orthogonal to those of the fit.
-        noisy: (N n, c) the same with the noise doubled; (N n, 0) as long as that is unknown.
-        gained: decrease of the weighted sum of squares.
-        F: Hotelling's statistic.
-        degrees: degrees of freedom of F.
-    """
-
-    basis: Array
-    noisy: Array
-    gained: float
-    F: float
-    degrees: tuple[int, int]
+    basis: Array  # (N n, c) orthonormal basis of its columns orthogonal to those of the fit
+    noisy: Array  # (N n, c) the same with the noise doubled; (N n, 0) as long as that is unknown
+    gained: float  # decrease of the weighted sum of squares
+    F: float  # Hotelling's statistic
+    degrees: tuple[int, int]  # degrees of freedom of F
 
     def beyond(self, level: float) -> float:
         """Shrinkage factor of the coefficients; 0 unless both tests are significant.

@@ -1,7 +1,5 @@
 """The result of a calibration: estimates, intervals and identifiability of every parameter."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
@@ -92,23 +90,14 @@ class Curves:
 
 
 class Fitted(NamedTuple):
-    """Intermediate results of a batch fit.
+    """Intermediate results of a batch fit."""
 
-    Attributes:
-        made: the chosen structure.
-        problem: rows and prior.
-        fit: the minimum.
-        exact: the estimate and its precision.
-        share: (n,) rows per effectively independent row.
-        coupled: pairs (i, j, ±1) of joints with a common motor.
-    """
-
-    made: Structured
-    problem: Problem
-    fit: Fit
-    exact: Precision
-    share: Array
-    coupled: tuple[tuple[int, int, int], ...]
+    made: Structured  # the chosen structure
+    problem: Problem  # rows and prior
+    fit: Fit  # the minimum
+    exact: Precision  # the estimate and its precision
+    share: Array  # (n,) rows per effectively independent row
+    coupled: tuple[tuple[int, int, int], ...]  # pairs (i, j, ±1) of joints with a common motor
 
 
 class Gain(NamedTuple):

@@ -5,8 +5,6 @@ motor's gain, fixes the scale if the log couples it to all other parameters; so 
 in N·m or N. Otherwise the scale comes from the model file's masses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import NamedTuple
@@ -28,22 +26,13 @@ _REMEDY = "Give one motor's gain{}, or weigh a load that one of two logs carries
 
 
 class Scale(NamedTuple):
-    """Source and uncertainty of the common scale.
+    """Source and uncertainty of the common scale."""
 
-    Attributes:
-        weights: (p, p) c with c δ the relative change of the scale of every parameter's limb under
-            a change δ of θ̂.
-        deviation: standard deviation of its logarithm, the largest of all limbs.
-        fixed: whether commands or a known number fix it.
-        words: its source, in words.
-        limbs: number of limbs that only the base connects.
-    """
-
-    weights: Array
-    deviation: float
-    fixed: bool
-    words: str
-    limbs: int
+    weights: Array  # (p, p) c: c δ is the relative change of the scale of every limb under δ of θ̂
+    deviation: float  # standard deviation of its logarithm, the largest of all limbs
+    fixed: bool  # whether commands or a known number fix it
+    words: str  # its source, in words
+    limbs: int  # number of limbs that only the base connects
 
     @property
     def factor(self) -> float:

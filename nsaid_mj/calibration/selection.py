@@ -5,8 +5,6 @@ candidate, joint by joint, takes a millisecond. Candidates are compared by their
 fifths of the log; the physical fit uses the chosen ones.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -38,11 +36,8 @@ def choose(
 ) -> tuple[Choice, list[Finding]]:
     """The structure of every joint that predicts held-out commands best, and what was tried.
 
-    Args:
-        rows: candidate columns of the training log.
-        coupled: pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
-        delay: (k,) known delays [s]; None to search for them.
-        columns: names of the columns to use on all joints; None to choose.
+    `coupled` are pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j, delay (k,) known delays
+    [s], None to search for them, `columns` those to use on all joints, None to choose.
     """
     k, basic = len(rows.robot.joints), BASIC if columns is None else columns
     shared, findings = np.zeros(k) if delay is None else delay, []
@@ -260,10 +255,8 @@ def refined(rows: JointRows, choice: Choice) -> tuple[Choice, float, Finding]:
     """The choice with its delays corrected by one that all commands share, from the physical fit.
 
     Mean squared residuals are parabolas in the correction. A millisecond matters: interpolation of
-    held commands advances them by half a sample.
-
-    Returns:
-        The choice, the correction's standard deviation [s], and the delays in words.
+    held commands advances them by half a sample. Also returns the correction's standard deviation
+    [s], and the delays in words.
     """
     h, start, correction, curvature = 0.5 * _COARSE, None, 0.0, 0.0
     for _ in range(_PARABOLAS):

@@ -118,12 +118,8 @@ _WARM, _LEAST = 2.0, 60  # duration of the warm-up motion [s], and its least num
 class Estimates(Observer):
     """Passes on the estimate while a stream is followed.
 
-    Args:
-        identifier: whose estimates they are.
-        misfit: judges them.
-        counts: counts of the samples.
-        show: receives the estimate, at intervals of `every`.
-        every: time between two estimates [s]; 0 for one after all new samples.
+    `show` receives it at intervals of `every` [s], 0 for one after all new samples; `misfit` judges
+    it, and `counts` are those of the samples.
     """
 
     def __init__(
@@ -209,12 +205,8 @@ class Session:
     ) -> Run:
         """Follows the samples until they end; the folder is locked by the caller.
 
-        Args:
-            lines: source of the samples; see `Stream`.
-            folder: folder of the run's files.
-            show: receives estimates.
-            every: time between two of them [s]; 0 for one after all new samples.
-            observers: further ones, such as a viewer.
+        `lines` are their source, see `Stream`; `show` receives estimates, at intervals of `every`
+        [s], 0 for one after all new samples.
 
         Raises:
             InvalidInput: there are no samples, or ones of another robot or rate.

@@ -33,39 +33,23 @@ _MOST_ROWS = 20_000  # of a fit: of an hour, thinned ones determine all that its
 
 
 class Smooth(NamedTuple):
-    """Smoothed motion of one segment at the rate at which regressors are computed.
+    """Smoothed motion of one segment at the rate at which regressors are computed."""
 
-    Attributes:
-        t: (N,) times [s].
-        q: (N, n) coordinates.
-        v: (N, n) velocities.
-        a: (N, n) accelerations.
-        usable: (N, n) whether a velocity's row may be used.
-    """
-
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-    usable: Mask
+    t: Array  # (N,) times [s]
+    q: Array  # (N, n) coordinates
+    v: Array  # (N, n) velocities
+    a: Array  # (N, n) accelerations
+    usable: Mask  # (N, n) whether a velocity's row may be used
 
 
 class Filter(NamedTuple):
-    """The low-pass filters of a fit.
+    """The low-pass filters of a fit."""
 
-    Attributes:
-        cutoff: cut-off frequency of the rows [Hz]: one and the same for regressors and commands.
-        rate: rate of the recordings [Hz].
-        every: samples of the recordings per computed regressor.
-        least: computed regressors per row of the fit, at least.
-        differentiate: whether velocities are derivatives of the positions, not the measured ones.
-    """
-
-    cutoff: float
-    rate: float
-    every: int
-    least: int = 1
-    differentiate: bool = False
+    cutoff: float  # of the rows [Hz]: one and the same for regressors and commands
+    rate: float  # rate of the recordings [Hz]
+    every: int  # samples of the recordings per computed regressor
+    least: int = 1  # computed regressors per row of the fit, at least
+    differentiate: bool = False  # whether velocities are derivatives of positions
 
     @property
     def smoothing(self) -> float:

@@ -1,7 +1,5 @@
 """Identifiability of every parameter in words: status, interval, combination, suggestion."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..evaluation.confidence import INTERVAL

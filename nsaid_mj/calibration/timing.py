@@ -3,8 +3,6 @@
 All are chosen by the cost of the whole fit, see `vehicles`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -28,16 +26,12 @@ _RISE = 2.0  # of the cost, at two standard deviations, which count as one: resi
 
 
 class Drive(NamedTuple):
-    """Dynamics of a vehicle's actuators.
+    """Dynamics of a vehicle's actuators."""
 
-    Attributes:
-        mix: share m of the square in a rotor's force m u² + (1 − m) u of a command u held for long:
-            1 where the command is the rotor's speed, 0 where it is its thrust.
-        lag: time constant of a rotor's speed, or of another actuator's command [s].
-    """
-
+    # share m of the square in a rotor's force m u² + (1 − m) u of a command u held for long: 1
+    # where the command is the rotor's speed, 0 where it is its thrust
     mix: float = 1.0
-    lag: float = 0.0
+    lag: float = 0.0  # time constant of a rotor's speed, or of another actuator's command [s]
 
     def speeds(self, u: Array, rate: float) -> Array:
         """(N, k) relative speeds of rotors under commands u (N, k); force grows with their square.
@@ -59,15 +53,10 @@ SPEED = Drive()
 
 
 class Timing(NamedTuple):
-    """When and how commands act.
+    """When and how commands act."""
 
-    Attributes:
-        delay: that all actuators share [s]; (k,) one for each where it is given.
-        drive: dynamics of the actuators.
-    """
-
-    delay: float | Array = 0.0
-    drive: Drive = SPEED
+    delay: float | Array = 0.0  # that all actuators share [s]; (k,) one for each where it is given
+    drive: Drive = SPEED  # dynamics of the actuators
 
 
 Cost = Callable[[Timing], float]
@@ -78,12 +67,9 @@ def search(
 ) -> tuple[Timing, list[Timing], list[Finding]]:
     """The timing that minimises a cost, equally plausible ones, and notes.
 
-    Args:
-        cost: cost of a timing.
-        names: names of the actuators.
-        free: numbers of a timing that may change, see `_timing_of`: 0, the delay, and 1, the lag,
-            where some commands are not measured speeds, and 2, the curve, where they are of rotors.
-        report: called with the name of every stage.
+    `names` are those of the actuators. `free` are the numbers of a timing that may change, see
+    `_timing_of`: 0, the delay, 1, the lag, where some commands are not measured speeds, and 2, the
+    curve, where they are of rotors.
     """
     report("searching for delays")
     grid = np.arange(-REACH, REACH + 1e-9, _COARSE)

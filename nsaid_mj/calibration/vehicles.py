@@ -41,13 +41,7 @@ _SPREAD = 0.3  # prior spread of positive parameters
 
 
 class VehicleRows:
-    """Rows of a vehicle's segments at any delay of the commands.
-
-    Args:
-        robot: a vehicle.
-        recordings: the segments.
-        chosen: filters.
-    """
+    """Rows of a vehicle's segments, through the chosen filters, at any delay of the commands."""
 
     def __init__(self, robot: RobotModel, recordings: Recordings, chosen: Filter):
         self.robot, self.system, self.filter = robot, robot.system, chosen

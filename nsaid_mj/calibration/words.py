@@ -1,7 +1,5 @@
 """Numbers and names of an identification in words, for page, terminal and recording."""
 
-from __future__ import annotations
-
 import math
 
 from ..evaluation.result import EXPLAINS, Mark

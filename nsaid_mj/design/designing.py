@@ -7,8 +7,6 @@
    smaller until it does not, or rejected.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -57,34 +55,21 @@ Report = Callable[[str, float | None], None]
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A designed excitation, and its objective.
+    """A designed excitation, and its objective."""
 
-    Attributes:
-        experiment: the prior knowledge.
-        limits: that it keeps.
-        asked: the objective's numbers.
-        criterion: the minimised criterion.
-        driver: makes the motion.
-        logs: the simulated motion under every draw, of exact sensors.
-        uses: use of every limit, the largest over the draws.
-        covariances: (DRAWS, p, p) predicted of θ̂/scale.
-        compared: predicted rms deviations of the requested numbers, for random motions of the
-            scenario's own excitation.
-        evaluations: number of judged candidates.
-        stride: time steps between the samples at which information is computed.
-    """
-
-    experiment: Experiment
-    limits: Limits
-    asked: Asked
-    criterion: str
-    driver: DriverConfig
-    logs: tuple[Log, ...]
-    uses: dict[str, float]
-    covariances: Array
+    experiment: Experiment  # the prior knowledge
+    limits: Limits  # that it keeps
+    asked: Asked  # the objective's numbers
+    criterion: str  # the minimised criterion
+    driver: DriverConfig  # makes the motion
+    logs: tuple[Log, ...]  # the simulated motion under every draw, of exact sensors
+    uses: dict[str, float]  # use of every limit, the largest over the draws
+    covariances: Array  # (DRAWS, p, p) predicted of θ̂/scale
+    # predicted rms deviations of the requested numbers, for random motions of the scenario's own
+    # excitation
     compared: Array
-    evaluations: int
-    stride: int
+    evaluations: int  # number of judged candidates
+    stride: int  # time steps between the samples at which information is computed
 
     def covariance(self, log: Log, draw: int, experiment: Experiment | None = None) -> Array:
         """(p, p) predicted of θ̂/scale after a motion simulated under a draw.

@@ -43,26 +43,17 @@ first two."""
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Everything known before an experiment.
+    """Everything known before an experiment."""
 
-    Attributes:
-        scenario: the plant's published description, sensors, time step and duration; its own
-            excitation is the reference for comparison, and for the limits.
-        system: the structure.
-        prior: (p,) θ̂(0), the published values.
-        draws: (DRAWS, p) values that θ may have: the prior, and others drawn about it.
-        bases: an orthonormal basis (p, p−r) of P_⊥ for each draw.
-        nullspace: P_s of the prior.
-        levels: standard deviations of the sensors' noise.
-    """
-
+    # the plant's published description, sensors, time step and duration; its own excitation is the
+    # reference for comparison, and for the limits
     scenario: Scenario
     system: SecondOrderSystem
-    prior: Array
-    draws: Array
-    bases: tuple[Array, ...]
-    nullspace: Nullspace
-    levels: SensorLevels
+    prior: Array  # (p,) θ̂(0), the published values
+    draws: Array  # (DRAWS, p) values that θ may have: the prior, and others drawn about it
+    bases: tuple[Array, ...]  # an orthonormal basis (p, p−r) of P_⊥ for each draw
+    nullspace: Nullspace  # P_s of the prior
+    levels: SensorLevels  # standard deviations of the sensors' noise
 
     @staticmethod
     def of(scenario: Scenario, seed: int = 0) -> Experiment:

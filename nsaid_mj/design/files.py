@@ -1,7 +1,5 @@
 """The files of a design: the motion as CSV, a scenario that makes it, and all figures as JSON."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """The objective of a design, and a motion's information: Cramér–Rao bound, Gramian on P_⊥, rank."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
@@ -25,17 +23,11 @@ GAINS, ALL = "gains", "all"
 
 @dataclass(frozen=True)
 class Asked:
-    """Numbers that are linear in small changes of θ.
+    """Numbers that are linear in small changes of θ."""
 
-    Attributes:
-        words: description for reports.
-        names: one for each number.
-        rows: maps θ (p,) to the (k, p) derivatives of the numbers with respect to θ/scale.
-    """
-
-    words: str
-    names: tuple[str, ...]
-    rows: Callable[[Array], Array]
+    words: str  # description for reports
+    names: tuple[str, ...]  # one for each number
+    rows: Callable[[Array], Array]  # θ (p,) → (k, p) derivatives of the numbers by θ/scale
 
     def deviations(self, covariance: Array, theta: Array) -> Array:
         """(k,) standard deviations under a covariance (p, p) of θ̂/scale, at θ."""
@@ -58,7 +50,8 @@ def asked_for(text: str, space: ParameterSpace) -> Asked:
         if len(space.actuators) < 2:
             remedy = f"Ask for {ALL}, or for parameters by name: there is no ratio of gains."
             raise UnknownName("target", text, [ALL, *space.names], remedy)
-        return Asked("ratios of the actuators' gains", _gain_names(space), _gains(space))
+        names = tuple(space.names[i] for i in space.actuators)
+        return Asked("ratios of the actuators' gains", names, _gains(space))
     if text == ALL:
         eye = np.eye(len(space))
         return Asked("all parameters", tuple(space.names), lambda _: eye)
@@ -76,10 +69,6 @@ def asked_for(text: str, space: ParameterSpace) -> Asked:
         return chosen * (space.scale[at] / size)[:, None]
 
     return Asked(", ".join(space.labels[i] for i in at), names, rows)
-
-
-def _gain_names(space: ParameterSpace) -> tuple[str, ...]:
-    return tuple(space.names[i] for i in space.actuators)
 
 
 def _gains(space: ParameterSpace) -> Callable[[Array], Array]:
@@ -206,18 +195,13 @@ _MOST = 8
 
 @dataclass(frozen=True)
 class Ranks:
-    """Ranks of motions with few harmonics.
+    """Ranks of motions with few harmonics."""
 
-    Attributes:
-        needed: p − r of the structure: the dimension of P_⊥.
-        bound: number of harmonics that a system with a regressor linear in its signals needs at
-            least: n (2h + 1) ≥ p − r.
-        measured: (h, rank): rank of random motions with the first h harmonics of every signal.
-    """
-
-    needed: int
+    needed: int  # p − r of the structure: the dimension of P_⊥
+    # number of harmonics that a system with a regressor linear in its signals needs at least:
+    # n (2h + 1) ≥ p − r
     bound: int
-    measured: tuple[tuple[int, int], ...]
+    measured: tuple[tuple[int, int], ...]  # (h, rank) of random motions with h harmonics per signal
 
     @property
     def enough(self) -> int | None:

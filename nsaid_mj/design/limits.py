@@ -5,8 +5,6 @@ is the largest distance of the quantity from the middle of its range over half o
 motion obeys all limits if no use exceeds 1.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -32,17 +30,11 @@ COMMAND = "command"
 
 @dataclass(frozen=True)
 class Limit:
-    """The bounds of one quantity.
+    """The bounds of one quantity."""
 
-    Attributes:
-        low: (k,) smallest values.
-        high: (k,) largest values.
-        unit: unit of the values.
-    """
-
-    low: Array
-    high: Array
-    unit: str
+    low: Array  # (k,) smallest values
+    high: Array  # (k,) largest values
+    unit: str  # unit of the values
 
 
 @dataclass(frozen=True)

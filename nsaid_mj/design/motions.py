@@ -15,8 +15,6 @@ multisine's reach that limit anyway, and larger dither only slowed the search.
 In the last step of a design, a motion is simulated under every draw, and must keep its limits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, replace
 

@@ -12,8 +12,6 @@ A trial run compares predicted with achieved intervals, on one of the draws with
 that no truth is involved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -49,35 +47,22 @@ _LARGER, _LARGEST = 1.5, 0.99  # vehicle's amplitudes: factor, and share of thei
 
 @dataclass(frozen=True)
 class Remedy:
-    """Another experiment, and its predicted results.
-
-    Attributes:
-        predicted: rms deviation of the requested numbers.
-        weak: number of weak directions that it leaves.
-        covariance: (p, p) predicted of θ̂/scale.
-    """
+    """Another experiment, and its predicted results."""
 
     words: str
-    predicted: float
-    weak: int
-    covariance: Array
+    predicted: float  # rms deviation of the requested numbers
+    weak: int  # number of weak directions that it leaves
+    covariance: Array  # (p, p) predicted of θ̂/scale
 
 
 @dataclass(frozen=True)
 class Helped:
-    """A weak direction, and the experiment that improves it most.
+    """A weak direction, and the experiment that improves it most."""
 
-    Attributes:
-        words: the direction's leading parameters.
-        left: its predicted deviation, over that before the experiment.
-        remedy: the most effective remedy; "" if none helps.
-        after: its deviation with the remedy, over that before the experiment.
-    """
-
-    words: str
-    left: float
-    remedy: str
-    after: float
+    words: str  # the direction's leading parameters
+    left: float  # its predicted deviation, over that before the experiment
+    remedy: str  # the most effective remedy; "" if none helps
+    after: float  # its deviation with the remedy, over that before the experiment
 
 
 def weak_directions(found: Design, covariance: Array, draw: int = 0) -> Array:
@@ -239,48 +224,28 @@ _LISTED = 6  # weak directions that are described
 
 @dataclass(frozen=True)
 class Interval:
-    """A parameter's predicted 95 % interval, at a fixed common scale.
+    """A parameter's predicted 95 % interval, at a fixed common scale."""
 
-    Attributes:
-        name: name of the parameter.
-        label: readable description.
-        kind: name of its block.
-        unit: SI unit.
-        value: its prior.
-        half: half width of the interval.
-        before: half width before the experiment, in the directions that motion reveals.
-        observable: share of the parameter, in [0, 1], that lies in these directions.
-    """
-
-    name: str
-    label: str
-    kind: str
-    unit: str
-    value: float
-    half: float
-    before: float
-    observable: float
+    name: str  # name of the parameter
+    label: str  # readable description
+    kind: str  # name of its block
+    unit: str  # SI unit
+    value: float  # its prior
+    half: float  # half width of the interval
+    before: float  # half width before the experiment, in the directions that motion reveals
+    observable: float  # share of the parameter, in [0, 1], that lies in these directions
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """The prediction of an experiment's results.
+    """The prediction of an experiment's results."""
 
-    Attributes:
-        intervals: intervals of all parameters.
-        asked: (names, predicted standard deviations) of the requested numbers.
-        weak: the weakest directions of θ/scale and what helps each, the weakest first.
-        weak_count: number of weak directions; `weak` describes the first of them.
-        unobservable: directions of P_s in words, and what fixes each.
-        remedies: other experiments, computed.
-    """
-
-    intervals: tuple[Interval, ...]
-    asked: tuple[tuple[str, float], ...]
-    weak: tuple[Helped, ...]
-    weak_count: int
-    unobservable: tuple[tuple[str, str], ...]
-    remedies: tuple[Remedy, ...]
+    intervals: tuple[Interval, ...]  # intervals of all parameters
+    asked: tuple[tuple[str, float], ...]  # names and predicted deviations of the requested numbers
+    weak: tuple[Helped, ...]  # the weakest directions of θ/scale, and what helps each
+    weak_count: int  # number of weak directions; `weak` describes the first of them
+    unobservable: tuple[tuple[str, str], ...]  # directions of P_s in words, and what fixes each
+    remedies: tuple[Remedy, ...]  # other experiments, computed
 
 
 def predict(found: Design, report: Report = lambda _words, _share: None) -> Prediction:
@@ -319,22 +284,13 @@ _DRAW = 1  # the first one is the prior itself
 
 @dataclass(frozen=True)
 class Trial:
-    """Predicted and achieved standard deviations of the requested numbers, along an experiment.
+    """Predicted and achieved standard deviations of the requested numbers, along an experiment."""
 
-    Attributes:
-        t: (T,) times [s].
-        predicted: (T, k) predicted standard deviations.
-        stated: (T, k) standard deviations that the law `efficient` states; NaN where it states
-            none.
-        error: (T, k) its errors, absolute.
-        log: the motion with exact sensors.
-    """
-
-    t: Array
-    predicted: Array
-    stated: Array
-    error: Array
-    log: Log
+    t: Array  # (T,) times [s]
+    predicted: Array  # (T, k) predicted standard deviations
+    stated: Array  # (T, k) those that the law `efficient` states; NaN where it states none
+    error: Array  # (T, k) its errors, absolute
+    log: Log  # the motion with exact sensors
 
 
 def tried(found: Design, seed: int = 0) -> Trial | None:

@@ -6,8 +6,6 @@ covariance, whose mean moves to the better half of them, whose step length grows
 moves agree, and whose variances follow the successful moves.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ No true value is used. The prediction is accurate enough: an error of 30 % in θ
 Gramian's eigenvalues by about as much.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..control import Driver

@@ -5,8 +5,6 @@ A run and a Monte Carlo study both feed an identifier one segment of measurement
 identifiers, the record and the observers.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -126,35 +124,21 @@ class Ending:
 
 @dataclass
 class Cost:
-    """Computing times of a run. Only `compile` includes the compilation of kernels.
+    """Computing times of a run. Only `compile` includes the compilation of kernels."""
 
-    Attributes:
-        wall: wall time of the whole loop [s].
-        plant: time in MuJoCo [s].
-        identifier: time in the identifiers [s].
-        steps: number of time steps.
-        compile: time spent compiling kernels [s]; 0 if all were cached on disk.
-    """
-
-    wall: float = 0.0
-    plant: float = 0.0
-    identifier: float = 0.0
-    steps: int = 0
-    compile: float = 0.0
+    wall: float = 0.0  # wall time of the whole loop [s]
+    plant: float = 0.0  # time in MuJoCo [s]
+    identifier: float = 0.0  # time in the identifiers [s]
+    steps: int = 0  # number of time steps
+    compile: float = 0.0  # time spent compiling kernels [s]; 0 if all were cached on disk
 
 
 class Robot(NamedTuple):
-    """The structure, prior and meshes of a robot, without true values.
-
-    Attributes:
-        system: the structure.
-        prior: (p,) θ̂(0).
-        looks: its visual meshes; None if there are none.
-    """
+    """The structure, prior and meshes of a robot, without true values."""
 
     system: SecondOrderSystem
-    prior: Array
-    looks: Looks | None
+    prior: Array  # (p,) θ̂(0)
+    looks: Looks | None  # its visual meshes; None if there are none
 
 
 class Observer(ABC):
@@ -234,7 +218,8 @@ class Loop:
             k = 0
             while k < scenario.steps and self.ending.status is Status.completed:
                 begin = clock()
-                segment = source.segment(log.at(-1), k, min(most, scenario.steps - k))
+                own, steps = self.following[""].state.theta_hat, min(most, scenario.steps - k)
+                segment = source.segment(log.at(-1), k, steps, own)
                 self.cost.plant += clock() - begin
                 k, log = self._absorb(k, segment)
                 if self.stopped or (segment.end and segment.end[0] is Status.completed):
@@ -258,7 +243,6 @@ class Loop:
             self._keep(k, 1, log, estimates)
             k += len(log.t) - 1
         self.cost.steps = k
-        self.source.inform(k, self.following[""].state.theta_hat)
         return k, log
 
     def _end(self, status: Status, signal: str, t: float) -> None:

@@ -4,8 +4,6 @@ The wall: an identifier gets the plant's structure, a prior, and measurements. `
 prior before the first time step; the truth is not read again until the end of the run.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence

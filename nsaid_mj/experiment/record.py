@@ -232,11 +232,9 @@ def _typed(file: Path) -> Iterator[None]:
 class _Stored(Mapping[str, Array]):
     """Columns of a record file, each read when it is used.
 
-    Args:
-        file: the record.
-        widths: entries per row of each column, 0 for a scalar.
-        places: (batches, columns) position of each column's first entry in a batch [bytes].
-        first: (batches + 1,) number of each batch's first row, and of all rows.
+    `widths` are entries per row of each column, 0 for a scalar, places (batches, columns) the
+    position of each column's first entry in a batch [bytes], first (batches + 1,) the number of
+    each batch's first row, and of all rows.
     """
 
     def __init__(self, file: Path, widths: dict[str, int], places: Indices, first: Indices):

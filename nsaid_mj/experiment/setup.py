@@ -55,17 +55,11 @@ class Seeds(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """A scenario's plant and prior, and builders of its driver, sensors and identifiers.
-
-    Attributes:
-        scenario: the scenario.
-        plant: the simulated plant, which holds the truth.
-        prior: (p,) θ̂(0).
-    """
+    """A scenario's plant and prior, and builders of its driver, sensors and identifiers."""
 
     scenario: Scenario
-    plant: Plant
-    prior: Array
+    plant: Plant  # the simulated plant, which holds the truth
+    prior: Array  # (p,) θ̂(0)
 
     @staticmethod
     def of(scenario: Scenario) -> Setup:

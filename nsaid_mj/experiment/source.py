@@ -1,7 +1,5 @@
 """Sources of a run's measurements: a simulated plant, logs, or anything else."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -52,16 +50,15 @@ class Source(ABC):
         """The first measurement, as a log of one row."""
 
     @abstractmethod
-    def segment(self, last: Measurement, k: int, steps: int) -> Segment:
-        """The measurements after the last one, which has number k: at most `steps`, or none yet."""
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
+        """The measurements after the last one, which has number k: at most `steps`, or none yet.
+
+        theta_hat (p,) is the main identifier's estimate at that measurement.
+        """
 
     @abstractmethod
     def stop(self) -> None:
         """Ends a wait for measurements."""
-
-    @abstractmethod
-    def inform(self, k: int, theta_hat: Array) -> None:
-        """Passes on the main identifier's estimate (p,) at measurement k."""
 
 
 class Simulation(Source):
@@ -79,18 +76,15 @@ class Simulation(Source):
         """The plant's first measurement."""
         return self._sound(Log.unchecked_of([self.plant.begin(self._driver, self._sensors)]))
 
-    def segment(self, last: Measurement, k: int, steps: int) -> Segment:
-        """Moves the plant, at most to the driver's next request for an estimate."""
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
+        """Informs the driver if due; moves the plant, at most to its next request for that."""
+        if k and k % self._inform == 0 and isinstance(self._driver, InformedDriver):
+            self._driver.inform(theta_hat)
         steps = int(min(steps, self._inform - k % self._inform))
         return self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
 
     def stop(self) -> None:
         """Does nothing: a simulation does not wait."""
-
-    def inform(self, k: int, theta_hat: Array) -> None:
-        """Informs the driver when it is due."""
-        if k % self._inform == 0 and isinstance(self._driver, InformedDriver):
-            self._driver.inform(theta_hat)
 
     def _sound(self, log: Log) -> Segment:
         return Segment(log, end=ended(self.plant, log.at(-1)))
@@ -114,7 +108,7 @@ class Logs(Source):
         self._log = self._row = 0
         return Segment(self._logs[0].first(1))
 
-    def segment(self, last: Measurement, k: int, steps: int) -> Segment:
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
         """The next rows of a log, or the first ones of the next log."""
         resumed = self._row == len(self._logs[self._log].t) - 1
         if resumed:
@@ -127,9 +121,6 @@ class Logs(Source):
 
     def stop(self) -> None:
         """Does nothing: logs do not wait."""
-
-    def inform(self, k: int, theta_hat: Array) -> None:
-        """Does nothing: the motion is already recorded."""
 
 
 def informing_steps(driver: Driver, dt: float) -> float:

@@ -36,19 +36,12 @@ def checked(recordings: Recordings, robot: RobotModel) -> Recordings:
 
 
 class Motion(NamedTuple):
-    """All segments in one piece, low-passed alike.
+    """All segments in one piece, low-passed alike."""
 
-    Attributes:
-        q: (N, n) positions.
-        slopes: (N, n) their derivatives.
-        v: (N, n) velocities.
-        u: (N, n_u) commands.
-    """
-
-    q: Array
-    slopes: Array
-    v: Array
-    u: Array
+    q: Array  # (N, n) positions
+    slopes: Array  # (N, n) their derivatives
+    v: Array  # (N, n) velocities
+    u: Array  # (N, n_u) commands
 
 
 def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:

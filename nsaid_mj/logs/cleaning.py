@@ -1,7 +1,5 @@
 """Converts a table's channels to ordered signals in SI, and reports every cleaning step."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Times of a log in seconds, from any clock and unit."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 
@@ -20,19 +18,12 @@ _NANOSECONDS = re.compile(r"(.*?)(?:n(?:ano)?secs?|nanoseconds|ns)", re.IGNORECA
 
 
 class Clock(NamedTuple):
-    """Times of a column.
+    """Times of a column."""
 
-    Attributes:
-        t: (N,) times since the origin [s]; NaN where a row has none.
-        origin: the file's own time at t = 0 [ns].
-        unit: `s`, `ms`, `us`, `ns` or `date`.
-        guessed: whether the unit is inferred from the magnitude of the numbers alone.
-    """
-
-    t: Array
-    origin: int
-    unit: str
-    guessed: bool
+    t: Array  # (N,) times since the origin [s]; NaN where a row has none
+    origin: int  # the file's own time at t = 0 [ns]
+    unit: str  # `s`, `ms`, `us`, `ns` or `date`
+    guessed: bool  # whether the unit is inferred from the magnitude of the numbers alone
 
 
 def with_whole_stamps(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

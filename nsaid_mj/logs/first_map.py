@@ -1,7 +1,5 @@
 """A first map.toml, to be completed by hand."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Collection, Sequence
 

@@ -5,8 +5,6 @@ right. Sources: PX4's message definitions, https://docs.px4.io/main/en/msg_docs/
 log messages, https://ardupilot.org/copter/docs/logmessages.html.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 

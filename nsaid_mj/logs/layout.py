@@ -1,7 +1,5 @@
 """Mapping of a log's channels to a robot's q, v and u."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -26,41 +24,24 @@ _FRD = np.diag([1.0, -1.0, -1.0])  # FRD to FLU
 
 
 class Source(NamedTuple):
-    """A channel and its conversion to SI: `factor · value`.
+    """A channel and its conversion to SI: `factor · value`."""
 
-    Attributes:
-        quantity: the measured quantity.
-        column: its entry in the map.
-        factor: to SI; `Layout` adds the offset.
-        angle: whether its values may jump by whole turns.
-    """
-
-    quantity: Quantity
-    column: Column
-    factor: float
-    angle: bool = False
+    quantity: Quantity  # the measured quantity
+    column: Column  # its entry in the map
+    factor: float  # to SI; `Layout` adds the offset
+    angle: bool = False  # whether its values may jump by whole turns
 
 
 class Layout(NamedTuple):
-    """The channels of a robot's log, in the order of its coordinates.
+    """The channels of a robot's log, in the order of its coordinates."""
 
-    Attributes:
-        positions: k sources of positions.
-        velocities: sources of velocities; empty to differentiate positions.
-        commands: n_u sources of commands, None for passive joints, whose command is 0.
-        coupling: (n, n) joint velocities per motor velocity; None for a vehicle.
-        torque: (n_u, n_u) joint commands per motor command; None for a vehicle.
-        vehicle: form of a pose and twist; None for joints, and for a vehicle's own coordinates.
-        assumed: assumptions, in words; "" if the map or the names are complete.
-    """
-
-    positions: tuple[Source, ...]
-    velocities: tuple[Source | None, ...]
-    commands: tuple[Source | None, ...]
-    coupling: Array | None = None
-    torque: Array | None = None
-    vehicle: Vehicle | None = None
-    assumed: str = ""
+    positions: tuple[Source, ...]  # k sources of positions
+    velocities: tuple[Source | None, ...]  # sources of velocities; empty to differentiate positions
+    commands: tuple[Source | None, ...]  # n_u sources of commands; None for passive joints
+    coupling: Array | None = None  # (n, n) joint velocities per motor velocity; None for a vehicle
+    torque: Array | None = None  # (n_u, n_u) joint commands per motor command; None for a vehicle
+    vehicle: Vehicle | None = None  # form of pose and twist; None for joints or own coordinates
+    assumed: str = ""  # assumptions, in words; "" if the map or the names are complete
 
     @property
     def sources(self) -> tuple[Source, ...]:

@@ -1,7 +1,5 @@
 """`map.toml`: the columns of a log that are a robot's positions, velocities and commands."""
 
-from __future__ import annotations
-
 import math
 import os
 import tomllib

@@ -5,8 +5,6 @@ A channel's name is divided into words: the joint's name or index, words for a q
 a channel for every joint supplies that quantity.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
@@ -174,9 +172,8 @@ def _by_joint(members: dict[str, str], joints: Sequence[str]) -> dict[str, str]:
 def read(channel: str, joints: Sequence[str]) -> tuple[tuple[Quantity, str, int], str] | None:
     """The meaning of a channel's name; None if it names no joint or no quantity.
 
-    Returns:
-        Its quantity, its group (the name without the joint) and its rank, 0 for a measurement, 1
-        for a neutral name, 2 for a setpoint; and the joint's name, or its index as text.
+    It is quantity, group (the name without the joint) and rank, 0 for a measurement, 1 for a
+    neutral name, 2 for a setpoint; and the joint's name, or its index as text.
     """
     bare = channel
     for factors in FACTORS.values():

@@ -1,7 +1,5 @@
 """From tables to `Recordings`: one grid, joint coordinates, segments without gaps, usable rows."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """The data between reading and fitting: the segments of a robot's logs."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Rest detection: the speed below which a joint is at rest, and the times of motion."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,17 +20,7 @@ _WINDOW = 0.2  # a robot moves if it does in most rows of such a window [s]
 
 
 class Rest:
-    """Speeds below which a joint counts as being at rest.
-
-    Args:
-        made: the layout.
-        mapping: with the limits set by hand.
-        robot: whose joints these are.
-        rate: rate of the grid [Hz].
-
-    Attributes:
-        rate: rate of the grid [Hz].
-    """
+    """Speeds below which a robot's joints count as being at rest, on a grid of `rate` [Hz]."""
 
     def __init__(self, made: Layout, mapping: Map, robot: RobotModel, rate: float):
         self.rate = rate

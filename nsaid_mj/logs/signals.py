@@ -1,7 +1,5 @@
 """One signal over time: order of its rows, outliers, noise, quantisation, resampling."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -18,19 +16,12 @@ _PAUSE = 1.0  # between the parts of a file whose clock was reset [s]
 
 
 class Signal(NamedTuple):
-    """A quantity in order of time.
+    """A quantity in order of time."""
 
-    Attributes:
-        t: (N,) times [s], strictly increasing.
-        x: (N,) finite values.
-        row: (N,) their rows in the file.
-        doubtful: (k, 2) open intervals of time in which values are interpolated [s].
-    """
-
-    t: Array
-    x: Array
-    row: np.ndarray
-    doubtful: Array
+    t: Array  # (N,) times [s], strictly increasing
+    x: Array  # (N,) finite values
+    row: np.ndarray  # (N,) their rows in the file
+    doubtful: Array  # (k, 2) open intervals of time in which values are interpolated [s]
 
     @property
     def period(self) -> float:
@@ -45,23 +36,14 @@ class Signal(NamedTuple):
 
 
 class Order(NamedTuple):
-    """The usable rows of a clock.
+    """The usable rows of a clock."""
 
-    Attributes:
-        index: (N,) rows used, from 0.
-        t: (N,) their times [s], strictly increasing.
-        repeated: rows dropped because their time equals that of an earlier row.
-        late: rows dropped because their time lies before that of an earlier row.
-        resets: rows at which the clock restarts; later times are shifted to follow on.
-        rows: (N,) rows used, from 1.
-    """
-
-    index: np.ndarray
-    t: Array
-    repeated: np.ndarray
-    late: np.ndarray
-    resets: np.ndarray
-    rows: np.ndarray
+    index: np.ndarray  # (N,) rows used, from 0
+    t: Array  # (N,) their times [s], strictly increasing
+    repeated: np.ndarray  # rows dropped because their time equals that of an earlier row
+    late: np.ndarray  # rows dropped because their time lies before that of an earlier row
+    resets: np.ndarray  # rows at which the clock restarts; later times are shifted to follow on
+    rows: np.ndarray  # (N,) rows used, from 1
 
 
 def runs(chosen: np.ndarray) -> np.ndarray:
@@ -92,11 +74,7 @@ def order(t: Array) -> Order:
 
 
 def unwrap(x: Array) -> tuple[Array, np.ndarray]:
-    """Continues an angle [rad] across jumps of a whole turn.
-
-    Returns:
-        The continuous angle (N,), and the rows before which it jumped by a turn.
-    """
+    """An angle (N,) [rad] continued across jumps of a whole turn, and the rows after the jumps."""
     steps = np.diff(x)
     jumps = np.flatnonzero(np.abs(steps) > 0.9 * 2 * np.pi)
     if not len(jumps) or np.any(np.abs(steps[jumps]) > 1.1 * 2 * np.pi):

@@ -1,7 +1,5 @@
 """Samples of a live robot: lines from a pipe or over UDP, checked, as the source of a run."""
 
-from __future__ import annotations
-
 import queue
 import socket
 import threading
@@ -32,25 +30,15 @@ _EXPECTED = 'a line such as {"t": 0.002, "q": [...], "v": [...], "u": [...]}'
 
 @dataclass
 class Counts:
-    """Counts of faulty samples.
+    """Counts of faulty samples."""
 
-    Attributes:
-        used: samples that the law received.
-        gaps: stretches without a sample.
-        missing: number of samples missing in them.
-        not_finite: dropped because a number, or the time since the first sample, was not finite.
-        duplicates: dropped because their time equalled that of the sample before.
-        late: dropped because a later sample had come before.
-        unreadable: lines that are not samples.
-    """
-
-    used: int = 0
-    gaps: int = 0
-    missing: int = 0
-    not_finite: int = 0
-    duplicates: int = 0
-    late: int = 0
-    unreadable: int = 0
+    used: int = 0  # samples that the law received
+    gaps: int = 0  # stretches without a sample
+    missing: int = 0  # number of samples missing in them
+    not_finite: int = 0  # dropped: a number, or the time since the first sample, was not finite
+    duplicates: int = 0  # dropped because their time equalled that of the sample before
+    late: int = 0  # dropped because a later sample had come before
+    unreadable: int = 0  # lines that are not samples
 
     def keys(self) -> dict[str, int]:
         """The numbers by name."""
@@ -204,15 +192,10 @@ LOCAL = "127.0.0.1"
 
 
 class Stream(Source):
-    """Lines of JSON from a file or a socket; see `samples.parsed`.
+    """Lines of JSON from a binary file, or a bound UDP socket with one or more lines per datagram.
 
     A thread reads them, so that none is lost while the law is busy. The stream ends with the file,
-    with the line `{"end": true}`, or when the user stops it.
-
-    Args:
-        system: whose samples they are.
-        cleaner: checks them.
-        lines: a binary file, or a bound UDP socket, each of whose datagrams is one or more lines.
+    with the line `{"end": true}`, or when the user stops it. See `parsed`.
     """
 
     stopped = Status.completed
@@ -247,7 +230,7 @@ class Stream(Source):
         remedy = "Is the sender running, and does it send finite numbers?"
         raise InvalidInput("stream", "samples", "none before its end", remedy)
 
-    def segment(self, last: Measurement, k: int, steps: int) -> Segment:
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
         """All samples that have arrived, at most `steps` of them; waits a moment for the first."""
         rows, resumed = [last], False
         if self._held is not None:
@@ -269,9 +252,6 @@ class Stream(Source):
     def stop(self) -> None:
         """Ends the stream."""
         self._over = True
-
-    def inform(self, k: int, theta_hat: Array) -> None:
-        """Does nothing: estimates go to observers."""
 
     def _next(self, wait: float) -> tuple[Measurement, bool] | None:
         """The next measurement, and whether a gap precedes it; None if none has come."""

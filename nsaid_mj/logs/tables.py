@@ -1,7 +1,5 @@
 """Log files as channels, numbers over time with their own clocks, and as parts of one log."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Sequence
@@ -16,42 +14,32 @@ from ..parameters import Array
 from ..resources import path_of
 from ..robot.findings import Finding
 from . import clocks, formats
-from .mapping import Map
+from .mapping import Map, Time
 from .unusable import UnreadableLog
 
+_FOUND = Time()
 _FEW = 0.01  # share of rows with problems from which they are a warning
 _SHOWN = 6  # columns named in a message
 _SENTINEL = re.compile(r"-?(?:999+(?:\.9+)?|32768|32767|65535|2147483648|2147483647|1e\+?[1-9]\d+)")
 
 
 class Channel(NamedTuple):
-    """A quantity over time.
+    """A quantity over time."""
 
-    Attributes:
-        t: (N,) times since the table's origin [s], as in the file: possibly unordered or NaN.
-        values: (N,) in the file's unit; NaN where a row has none.
-    """
-
-    t: Array
-    values: Array
+    t: Array  # (N,) times since the table's origin [s], as in the file: possibly unordered or NaN
+    values: Array  # (N,) in the file's unit; NaN where a row has none
 
 
 @dataclass(frozen=True)
 class Table:
-    """The content of a log file, or of several that are parts of one log.
+    """The content of a log file, or of several that are parts of one log."""
 
-    Attributes:
-        source: name of the file, or of the files.
-        channels: by name, in the order of the file. Row k of a channel is the file's row k + 1:
-            rows are counted from 1, without a header.
-        origin: the file's own time at t = 0 [ns].
-        findings: about the reading, such as a detected unit of time.
-    """
-
-    source: str
+    source: str  # name of the file, or of the files
+    # by name, in the order of the file. Row k of a channel is the file's row k + 1: rows are
+    # counted from 1, without a header
     channels: dict[str, Channel]
-    origin: int
-    findings: tuple[Finding, ...] = ()
+    origin: int  # the file's own time at t = 0 [ns]
+    findings: tuple[Finding, ...] = ()  # about the reading, such as a detected unit of time
 
 
 def channel_names(tables: Sequence[Table]) -> list[str]:
@@ -59,19 +47,10 @@ def channel_names(tables: Sequence[Table]) -> list[str]:
     return list(dict.fromkeys(name for table in tables for name in table.channels))
 
 
-def read(
-    path: str | os.PathLike[str],
-    time: str | None = None,
-    unit: str | None = None,
-    rate: float | None = None,
-) -> Table:
-    """Reads a log file or folder of any known format.
+def read(path: str | os.PathLike[str], time: Time = _FOUND) -> Table:
+    """Reads a log file, or the folder of a run or of a ROS 2 bag, of any known format.
 
-    Args:
-        path: path of the file, of a run's folder, or of a ROS 2 bag's folder.
-        time: name of the time column; None to find it by its name, or because it increases.
-        unit: unit of the time: `s`, `ms`, `us`, `ns` or `date`; None to detect it.
-        rate: rows per second [Hz] of a file without times.
+    The time column is that of `time`, or found by its name, or because it increases.
 
     Raises:
         UnreadableLog: there is no such file, it is damaged or too large, or its time column is
@@ -83,7 +62,7 @@ def read(
     groups, dropped = [], []
     for columns in formats.read(file):
         findings += _unread(file, columns)
-        clock, rest = _timed(file, columns, time, unit, rate, findings)
+        clock, rest = _timed(file, columns, time, findings)
         groups.append((clock, _numbers(file, rest, findings)))
         dropped += [*columns.dropped, *_no_numbers(rest)]
     if dropped:
@@ -108,27 +87,22 @@ def read_tables(
         UnreadableLog: a file is missing or damaged, or its time column is ambiguous.
         MissingExtra: the library for a file's format is not installed.
     """
-    time = (mapping or Map()).time
     files = [file for path in paths for file in formats.files(path_of(path))]
-    return tuple(read(file, time.column, time.unit, time.rate) for file in files)
+    return tuple(read(file, (mapping or Map()).time) for file in files)
 
 
 def _timed(
-    file: Path,
-    columns: formats.Columns,
-    time: str | None,
-    unit: str | None,
-    rate: float | None,
-    findings: list[Finding],
+    file: Path, columns: formats.Columns, stated: Time, findings: list[Finding]
 ) -> tuple[clocks.Clock, dict[str, np.ndarray]]:
     """The clock of a group of columns, and its other columns."""
     if columns.time is not None:
         clock = clocks.read(columns.time, "", "ns")
         assert clock is not None
         return clock, columns.values
+    time, rate = stated.column, stated.rate
     values = columns.values if time in columns.values else clocks.with_whole_stamps(columns.values)
     name = time if time in values else clocks.time_column(values)
-    clock = clocks.read(values[name], name, unit) if name is not None else None
+    clock = clocks.read(values[name], name, stated.unit) if name is not None else None
     if name is None or clock is None or rate is not None:
         if rate is None:
             raise UnreadableLog(

@@ -1,7 +1,5 @@
 """Units of log channels and their factors to SI."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from math import pi
@@ -72,12 +70,9 @@ def si(unit: str) -> str:
 
 
 def of_name(name: str, allowed: Mapping[str, float]) -> tuple[str, str]:
-    """Separates a column's name from a unit at its end.
+    """A column's name without a unit at its end, and that unit if it is in `allowed`, else "".
 
     `q1_deg`, `q1 [deg]`, `q1 (deg)` and `q1/deg` all state a unit.
-
-    Returns:
-        The name without the unit, and the unit out of `allowed`; "" if none is stated.
     """
     if found := re.fullmatch(r"(.*?)[ _/.]*[\[(]([^\])]+)[\])]", name.strip()):
         unit = canonical(found[2])

@@ -1,7 +1,5 @@
 """Errors about logs that cannot be read, matched or used."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from ..errors import NsaidError

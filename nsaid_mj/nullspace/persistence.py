@@ -12,8 +12,6 @@ and are what the proof of Theorem 2 needs (some t_j in the window with ‖B w‖
 B is taken in θ/scale coordinates.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import InvalidInput

@@ -6,8 +6,6 @@ nullspace, and gives a wrist's torque the same weight as a shoulder's. Eigenvalu
 WᵀW would square the condition number, and are not used for rank.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -30,19 +28,12 @@ _SAME = 1e-7  # 1 − |cosine| below which rows of P̄ count as parallel
 
 @dataclass(frozen=True)
 class Nullspace:
-    """A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36).
+    """A split of θ/scale space into P_s(θ) and its orthogonal complement (32–36)."""
 
-    Attributes:
-        P: (p, r) orthonormal basis of P_s(θ), P̄ (33).
-        P_perp: (p, p−r) orthonormal basis of P_⊥(θ), P̄_⊥ (35).
-        singular_values: (p,) singular values of the stack, largest first, relative to the largest.
-        tolerance: threshold below which they count as 0.
-    """
-
-    P: Array
-    P_perp: Array
-    singular_values: Array
-    tolerance: float
+    P: Array  # (p, r) orthonormal basis of P_s(θ), P̄ (33)
+    P_perp: Array  # (p, p−r) orthonormal basis of P_⊥(θ), P̄_⊥ (35)
+    singular_values: Array  # (p,) of the stack, largest first, relative to the largest
+    tolerance: float  # threshold below which they count as 0
 
     @property
     def r(self) -> int:
@@ -136,19 +127,12 @@ def parts_of(system: SecondOrderSystem) -> Array:
 
 @dataclass(frozen=True)
 class Direction:
-    """One direction of P_s(θ), described for a roboticist.
+    """One direction of P_s(θ), described for a roboticist."""
 
-    Attributes:
-        words: the change that has no effect on the motion, in terms of the parameters' labels.
-        parameters: names of the parameters involved, the leading one first.
-        weights: their changes in θ/scale, relative to the leading one; empty for a common scale.
-        fix: the parameters that one known value would determine.
-    """
-
-    words: str
-    parameters: tuple[str, ...]
-    weights: tuple[float, ...]
-    fix: str
+    words: str  # the change that has no effect on the motion, in terms of the parameters' labels
+    parameters: tuple[str, ...]  # names of the parameters involved, the leading one first
+    weights: tuple[float, ...]  # changes in θ/scale over the leading one's; empty for a scale
+    fix: str  # the parameters that one known value would determine
 
 
 def directions(nullspace: Nullspace, space: ParameterSpace) -> list[Direction]:

@@ -4,8 +4,6 @@ b = −Σ log det P(φ_i) − Σ log det M − Σ log θ_j grows without bound t
 b(sθ) = b(θ) − ν log s, so that ∇b·θ = −ν and ∇²b θ = −∇b.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..numerics.kernels import f8, kernel, matrix, vector, void

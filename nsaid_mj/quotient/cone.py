@@ -6,8 +6,6 @@ an SPD matrix; or, where its entries are tied, fewer numbers with Σ θ_l E_l �
 inequality.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -20,30 +18,18 @@ compiled = kernel(error_model="numpy", _nrt=True)  # division by 0 gives inf or 
 
 
 class Cone(NamedTuple):
-    """The blocks of θ that are cones, for compiled code, with their matrices P(θ) sparse.
+    """The blocks of θ that are cones, for compiled code, with their matrices P(θ) sparse."""
 
-    Attributes:
-        positive: (a,) indices of the parameters that must be > 0.
-        blocks: (b, 5) rows [start, end, k, first, last]: θ_start … θ_end−1 are the parameters of a
-            k × k matrix (k (k + 1)/2 of them unless they are tied), whose entries are first …
-            last − 1.
-        entries: (e, 3) rows [i, j, l], i ≥ j, ordered by l: entry P_ij contains value · θ_l.
-        values: (e,) the values of these entries.
-        weights: (e,) the values, doubled off the diagonal: tr(X E_l) = Σ weights X_ij for a
-            symmetric X.
-        links: (l,) first parameters of the blocks that are pseudo-inertias.
-        others: (b − l,) indices of the other blocks.
-        degree: ν, the number of `positive` parameters plus the sum of all k.
-    """
-
-    positive: Indices
+    positive: Indices  # (a,) indices of the parameters that must be > 0
+    # (b, 5) rows [start, end, k, first, last]: θ_start … θ_end−1 are the parameters of a k × k
+    # matrix (k (k + 1)/2 of them unless they are tied), whose entries are first … last − 1
     blocks: Indices
-    entries: Indices
-    values: Array
-    weights: Array
-    links: Indices
-    others: Indices
-    degree: int
+    entries: Indices  # (e, 3) rows [i, j, l], i ≥ j, ordered by l: entry P_ij contains value · θ_l
+    values: Array  # (e,) the values of these entries
+    weights: Array  # (e,) values, doubled off the diagonal: tr(X E_l) = Σ weights X_ij
+    links: Indices  # (l,) first parameters of the blocks that are pseudo-inertias
+    others: Indices  # (b − l,) indices of the other blocks
+    degree: int  # ν, the number of `positive` parameters plus the sum of all k
 
 
 CONE = types.NamedTuple((i8[::1], table, table, vector, vector, i8[::1], i8[::1], i8), Cone)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..parameters import Array, ParameterSpace
+from .descent import Cost
 from .gramians import Means
 from .matrices import common_root
 
@@ -28,19 +29,12 @@ _OWN = 1e-2  # share of a row's size that its positive parameters need to serve 
 
 @dataclass(frozen=True)
 class Quotient:
-    """R of some Gramians.
+    """R of some Gramians."""
 
-    Attributes:
-        gramian: (n, p, p) G_i, means over the rows.
-        effort: (n, p) diagonals of Σ_i, or (n, p, p) all of them.
-        weights: (n,) w_i.
-        added: (n,) addend of θᵀ Σ_i θ; with 1, a row without effort is in its own units.
-    """
-
-    gramian: Array
-    effort: Array
-    weights: Array
-    added: Array | float = 0.0
+    gramian: Array  # (n, p, p) G_i, means over the rows
+    effort: Array  # (n, p) diagonals of Σ_i, or (n, p, p) all of them
+    weights: Array  # (n,) w_i
+    added: Array | float = 0.0  # (n,) of θᵀ Σ_i θ; 1 for a row without effort, in its own units
 
     def pull(self, theta: Array) -> Array:
         """(n, p) Σ_i θ."""
@@ -86,11 +80,8 @@ class Remembered:
     """R of means over blocks in time, whose residuals may be correlated between blocks.
 
     With ρ_i the correlation of neighbouring blocks in row i at θ, Y − ρ_i Y′ is a block's
-    innovation (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949).
-
-    Args:
-        means: over the blocks.
-        effort: (n, p) diagonals of Σ_i.
+    innovation (Cochrane and Orcutt, J. Am. Stat. Assoc. 44, 1949). effort (n, p) are diagonals of
+    Σ_i.
     """
 
     def __init__(self, means: Means, effort: Array):
@@ -185,3 +176,39 @@ def efforts(gramian: Array, space: ParameterSpace) -> Array | None:
     effort = np.where(driven[:, None], effort, others)
     effort[size <= 0] = shared  # a row without motion: its G is 0, so any effort > 0 will do
     return effort
+
+
+_FLOOR = 1e-12  # smallest λ: numbers' rounding
+
+
+class Posterior:
+    """J(θ) = ½ Σ_i N_i log λ_i(θ) + the prior, the negative logarithm of a density.
+
+    The quotient's levels are λ, and its weights the numbers of rows N_i.
+    """
+
+    def __init__(self, quotient: Quotient, prior: Cost):
+        self.quotient, self.prior, self.length = quotient, prior, prior.length
+
+    def value(self, theta: Array) -> float:
+        """J(θ)."""
+        before = self.prior.value(theta)
+        if not before < np.inf:
+            return np.inf
+        level = np.maximum(self.quotient.levels(theta), _FLOOR)
+        return 0.5 * float(self.quotient.weights @ np.log(level)) + before
+
+    def likelihood(self, theta: Array) -> Quotient:
+        """R whose gradient and Gauss–Newton Hessian at θ (p,) are those of the first sum of J."""
+        own = self.quotient
+        levels = np.maximum(own.levels(theta), _FLOOR)
+        return Quotient(own.gramian, own.effort, own.weights / levels, own.added)
+
+    def derivatives(self, theta: Array) -> tuple[Array, Array]:
+        """(p,) gradient and (p, p) Gauss–Newton Hessian of J at θ (p,)."""
+        weighted, (slope, curvature) = self.likelihood(theta), self.prior.derivatives(theta)
+        return weighted.gradient(theta) + slope, weighted.curvature(theta) + curvature
+
+    def gradient(self, theta: Array) -> Array:
+        """(p,) ∇J(θ)."""
+        return self.derivatives(theta)[0]

@@ -1,7 +1,5 @@
 """Gauss–Newton steps that stay inside the cone of physical parameters."""
 
-from __future__ import annotations
-
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -35,38 +33,24 @@ class Objective(Cost, Protocol):
 
 
 class Rules(NamedTuple):
-    """Limits of steps, and stopping criteria.
+    """Limits of steps, and stopping criteria."""
 
-    Attributes:
-        steps: their largest number.
-        halvings: at most, of a step that does not decrease the objective.
-        done: Newton decrement at which they end.
-        fall: least decrease of the objective, below which they end.
-        reach: longest step in the metric.
-        close: length below which a step is scaled by the gradient, which is exact there, while
-            differences of the objective are rounding errors.
-    """
-
-    steps: int
-    halvings: int
-    done: float
-    fall: float = 0.0
-    reach: float = 0.5
+    steps: int  # their largest number
+    halvings: int  # at most, of a step that does not decrease the objective
+    done: float  # Newton decrement at which they end
+    fall: float = 0.0  # least decrease of the objective, below which they end
+    reach: float = 0.5  # longest step in the metric
+    # length below which a step is scaled by the gradient, which is exact there, while differences
+    # of the objective are rounding errors
     close: float = 0.0
 
 
 class Reached(NamedTuple):
-    """The point at which the steps end.
+    """The point at which the steps end."""
 
-    Attributes:
-        theta: (p,) θ.
-        decrement: Newton decrement √(gᵀ H⁻¹ g) there, or in the step before.
-        hessian: (p, p) Gauss–Newton Hessian of the same point.
-    """
-
-    theta: Array
-    decrement: float
-    hessian: Array
+    theta: Array  # (p,) θ
+    decrement: float  # Newton decrement √(gᵀ H⁻¹ g) there, or in the step before
+    hessian: Array  # (p, p) Gauss–Newton Hessian of the same point
 
 
 def minimise(

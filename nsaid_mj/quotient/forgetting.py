@@ -7,8 +7,6 @@ enough new data it is forgotten at the stated rate, and otherwise it loses no mo
 (Kulhavý, Automatica 23, 1987; Cao and Schwartz, Automatica 36, 2000).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..parameters import Array
@@ -21,11 +19,8 @@ _FLOOR = 1e-8  # share of a column's power below which a direction is forgotten 
 def forgetting(whole: Array, new: Array, noise: Array, lost: float) -> tuple[Array, float]:
     """Maps T (n, p, p) by which T G Tᵀ is kept of the information, and the mean share kept.
 
-    Args:
-        whole: (n, p, p) G ⪰ D, one for every row of the momentum balance.
-        new: (n, p, p) D.
-        noise: (n, p, p) expected contribution of noise to D.
-        lost: share g that is forgotten in directions renewed by new data.
+    `whole` (n, p, p) is G ⪰ D for every row of the momentum balance, `new` (n, p, p) D, `noise` (n,
+    p, p) its part expected from noise, `lost` the share g.
     """
     maps, shares = np.repeat(np.eye(whole.shape[1])[None], len(whole), axis=0), [np.ones(1)]
     for i, (all_of, added, expected) in enumerate(zip(whole, new, noise, strict=True)):

@@ -15,15 +15,10 @@ _TOGETHER = 0.25  # share of the horizon whose blocks are treated together in fo
 
 
 class Sums(NamedTuple):
-    """Gramians that add over parts of a log.
+    """Gramians that add over parts of a log."""
 
-    Attributes:
-        sums: (n, p, p) Σ Y_iᵀ Y_i over the usable rows of velocity i.
-        counts: (n,) number of these rows.
-    """
-
-    sums: Array
-    counts: Array
+    sums: Array  # (n, p, p) Σ Y_iᵀ Y_i over the usable rows of velocity i
+    counts: Array  # (n,) number of these rows
 
     @staticmethod
     def of(rows: Array, usable: NDArray[np.bool_]) -> Sums:
@@ -44,27 +39,16 @@ class Sums(NamedTuple):
 
 
 class Means(NamedTuple):
-    """Means over blocks, with directional forgetting if there is a horizon.
+    """Means over blocks, with directional forgetting if there is a horizon."""
 
-    Attributes:
-        fade: factor by which information decreases per block where blocks renew it.
-        blocks: effective number of blocks.
-        gramian: (n, p, p) mean over the blocks of every row's Yᵀ Y.
-        lagged: (n, p, p) mean of Yᵀ Y′, symmetrised, with Y′ the preceding block.
-        last: (n, p) the kept part of the last completed block; 0 after a restart of the balance.
-        noise: (n, p, p) mean of N_i, the expected effect of the sensors' noise on `gramian`.
-        recent: (n, p, p) sum of Yᵀ Y since the last forgetting.
-        since: number of blocks in it.
-    """
-
-    fade: float
-    blocks: float
-    gramian: Array
-    lagged: Array
-    last: Array
-    noise: Array
-    recent: Array
-    since: int = 0
+    fade: float  # factor by which information decreases per block where blocks renew it
+    blocks: float  # effective number of blocks
+    gramian: Array  # (n, p, p) mean over the blocks of every row's Yᵀ Y
+    lagged: Array  # (n, p, p) mean of Yᵀ Y′, symmetrised, with Y′ the preceding block
+    last: Array  # (n, p) the kept part of the last completed block; 0 after a restart
+    noise: Array  # (n, p, p) mean of N_i, the expected effect of the sensors' noise on `gramian`
+    recent: Array  # (n, p, p) sum of Yᵀ Y since the last forgetting
+    since: int = 0  # number of blocks in it
 
     def of_innovations(self, rho: Array, own: Array, lagged: Array, last: Array) -> Array:
         """(n,) mean squares of the innovation Y − ρ Y′, from sufficient statistics.

@@ -1,7 +1,5 @@
 """Covariances of an estimate from the curvature of its cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.linalg
 

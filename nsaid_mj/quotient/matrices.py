@@ -1,7 +1,5 @@
 """Factors and shares of semidefinite matrices that rounding may have left indefinite."""
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.linalg
 from scipy.linalg import lapack

@@ -5,8 +5,6 @@ first part of the log, the structure, the same prior and the sensors' stated lev
 are then compared with the plant's truth.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -42,25 +40,17 @@ MOST_LOGGED = 1e7
 class Plan(Study):
     """The methods of a comparison and their logs.
 
-    Attributes:
-        methods: names; see `METHODS`.
-        seeds: seeds of truth, prior, excitation and sensors.
-        durations: lengths of log for the methods [s].
-        noises: multiples of the scenario's sensor noise; 0 for exact sensors.
-        budget: CPU time of the search by `sysid` [s].
-        bound: whether the Cramér–Rao bound of every noisy log is computed.
-
     Raises:
         UnknownName: a method is unknown.
         InvalidInput: a list is empty or has duplicates, or a value is out of range.
     """
 
-    methods: tuple[str, ...] = DEFAULT
-    seeds: tuple[int, ...] = (0, 1, 2)
-    durations: tuple[float, ...] = (10.0, 20.0)
-    noises: tuple[float, ...] = (0.0,)
-    budget: float = BUDGET
-    bound: bool = False
+    methods: tuple[str, ...] = DEFAULT  # names; see `METHODS`
+    seeds: tuple[int, ...] = (0, 1, 2)  # seeds of truth, prior, excitation and sensors
+    durations: tuple[float, ...] = (10.0, 20.0)  # lengths of log for the methods [s]
+    noises: tuple[float, ...] = (0.0,)  # multiples of the scenario's noise; 0 for exact sensors
+    budget: float = BUDGET  # CPU time of the search by `sysid` [s]
+    bound: bool = False  # whether the Cramér–Rao bound of every noisy log is computed
 
     def __post_init__(self) -> None:
         for name in self.methods:

@@ -47,27 +47,18 @@ FIGURES = (
 
 @dataclass(frozen=True)
 class Cell:
-    """The result of one method on one log; figures are those of summary.json, None if it failed.
-
-    Attributes:
-        noise: multiple of the scenario's sensor noise.
-        duration: length of the log [s].
-        force_residual_ratio: None also if the plant diverges on the held-out trajectory.
-        wall_s: wall time of the method, including its regressors [s].
-        note: settings that the method chose automatically.
-        failure: why it failed; empty if it did not.
-    """
+    """The result of one method on one log; figures are those of summary.json, None if it failed."""
 
     method: str
     seed: int
-    noise: float
-    duration: float
+    noise: float  # multiple of the scenario's sensor noise
+    duration: float  # length of the log [s]
     theta_perp_ratio: float | None = None
     actuator_ratio_error: float | None = None
-    force_residual_ratio: float | None = None
-    wall_s: float | None = None
-    note: str = ""
-    failure: str = ""
+    force_residual_ratio: float | None = None  # None also if the plant diverges when held out
+    wall_s: float | None = None  # wall time of the method, including its regressors [s]
+    note: str = ""  # settings that the method chose automatically
+    failure: str = ""  # why it failed; empty if it did not
 
 
 def sensors(noise: float) -> str:
@@ -77,25 +68,17 @@ def sensors(noise: float) -> str:
 
 @dataclass(frozen=True)
 class Row:
-    """Statistics of one method over all seeds, by key of `FIGURES`; failed seeds count as infinite.
-
-    Attributes:
-        noise: multiple of the scenario's sensor noise.
-        duration: length of the log [s].
-        failures: one reason for each failed seed.
-        notes: settings that the method chose automatically, without duplicates.
-        over_bound: median over that of the Cramér–Rao bound; empty where that was not computed.
-    """
+    """A method's statistics over all seeds, by key of `FIGURES`; failed seeds count as infinite."""
 
     method: str
-    noise: float
-    duration: float
+    noise: float  # multiple of the scenario's sensor noise
+    duration: float  # length of the log [s]
     median: dict[str, float]
     worst: dict[str, float]
     best: dict[str, float]
-    failures: tuple[str, ...]
-    notes: tuple[str, ...]
-    over_bound: dict[str, float]
+    failures: tuple[str, ...]  # one reason for each failed seed
+    notes: tuple[str, ...]  # settings that the method chose automatically, without duplicates
+    over_bound: dict[str, float]  # median over that of the Cramér–Rao bound; empty without it
 
 
 def rows(cells: Sequence[Cell]) -> list[Row]:
@@ -109,7 +92,8 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
     for noise, duration, method in sorted(groups, key=lambda k: (*k[:2], order.index(k[2]))):
         group = groups[noise, duration, method]
         values = {
-            key: np.array([_number(getattr(cell, key)) for cell in group]) for _, key in FIGURES
+            key: np.array([np.inf if (x := getattr(c, key)) is None else x for c in group])
+            for _, key in FIGURES
         }
         median = {key: float(np.median(v)) for key, v in values.items()}
         if method == BOUND:
@@ -131,10 +115,6 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
             )
         )
     return found
-
-
-def _number(value: float | None) -> float:
-    return np.inf if value is None else value
 
 
 _DECIDES = "theta_perp_ratio"
@@ -161,7 +141,10 @@ def write(
     methods = len(dict.fromkeys(row.method for row in found))
     seeds = len({cell.seed for cell in cells})
     heads = ["log", "method", *(label for label, _ in FIGURES), "chosen automatically"]
-    table = Table(heads, [_line(row, seeds > 1) for row in found], (0, 1, 6))
+    lines: list[list[Written]] = [
+        [_log(row), row.method, *_figures(row, seeds > 1), "; ".join(row.notes)] for row in found
+    ]
+    table = Table(heads, lines, (0, 1, 6))
     notes = " ".join([_WORST] * (seeds > 1) + [_MULTIPLES] * bool(manifest["bound"]))
     sections = [Section("All methods", [table, *([Text(notes, note=True)] if notes else [])])]
     if shown[2:]:
@@ -238,10 +221,6 @@ def _log(row: Row) -> str:
     return f"{sensors(row.noise)}, {row.duration:g} s".replace(
         " × noise", "\u00a0×\u00a0noise"
     ).replace(" s", "\u00a0s")
-
-
-def _line(row: Row, several: bool) -> list[Written]:
-    return [_log(row), row.method, *_figures(row, several), "; ".join(row.notes)]
 
 
 def _figures(row: Row, several: bool) -> list[str]:

@@ -7,8 +7,6 @@ are computed once for a group of identifiers.
 The result of a run depends only on its number, not on how many runs there are or run in parallel.
 """
 
-from __future__ import annotations
-
 import os
 import threading
 import time

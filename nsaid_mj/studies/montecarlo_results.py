@@ -1,7 +1,5 @@
 """A Monte Carlo study in its folder, and its quantiles on the terminal."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The common part of all studies: a scenario, its script, and the flags to repeat a run."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
@@ -38,16 +36,11 @@ def check_count(name: str, number: int, remedy: str, most: int = MOST_RUNS) -> N
 
 @dataclass(frozen=True)
 class Study:
-    """A scenario that is run many times.
+    """A scenario that is run many times."""
 
-    Attributes:
-        script: name of the packaged scenario, or path of its script.
-        scenario: the scenario.
-        arguments: flags of `nsaid run` that turn the script's scenario into this one.
-    """
-
-    script: str
+    script: str  # name of the packaged scenario, or path of its script
     scenario: Scenario
+    # flags of `nsaid run` that turn the script's scenario into this one
     arguments: tuple[str, ...] = field(default=(), kw_only=True)
 
     @cached_property

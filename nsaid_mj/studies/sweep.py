@@ -5,8 +5,6 @@ its number, not on the number of workers or on the order in which they finish. A
 `rows.jsonl` as soon as its run is finished, so a killed sweep can be resumed.
 """
 
-from __future__ import annotations
-
 import errno
 import itertools
 import json
@@ -43,19 +41,15 @@ class Plan(Study):
     """The runs of a sweep: every combination of the varied fields with every seed.
 
     With C combinations, run k is draw k // C of combination k % C. A draw has the same seed in all
-    combinations, so these are compared on the same plants, priors and noise.
-
-    Attributes:
-        scenario: that is varied; its seed is the master seed.
-        vary: values by dotted field name.
-        seeds: number of draws.
+    combinations, so these are compared on the same plants, priors and noise. The scenario's own
+    seed is the master seed.
 
     Raises:
         InvalidInput: there is nothing to run, a value is duplicate or not valid in the scenario.
     """
 
-    vary: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
-    seeds: int = 10
+    vary: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)  # values by dotted field name
+    seeds: int = 10  # number of draws
 
     def __post_init__(self) -> None:
         check_count("seeds", self.seeds, "100 seeds give distributions.")

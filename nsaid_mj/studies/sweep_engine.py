@@ -1,7 +1,5 @@
 """Executes the runs of a sweep with joblib, on local processes or on a cluster."""
 
-from __future__ import annotations
-
 import _thread
 import importlib
 import math
@@ -31,21 +29,16 @@ _UNFIT = "Run `python -m nsaid_mj.studies.sweep_worker` on a worker's machine to
 class Engine:
     """Executes runs in parallel.
 
-    Attributes:
-        name: `loky` for processes on this machine, `dask` for a cluster.
-        address: address of the cluster's scheduler; None for loky.
-        jobs: number of parallel runs; None for the number of processors.
-        timeout: wall time after which a run counts as hung [s]; None for two minutes plus twenty
-            times its simulated time.
-
     Raises:
         UnknownName: there is no such engine.
         InvalidInput: an attribute is out of range, or the address does not fit the engine.
     """
 
-    name: str = "loky"
-    address: str | None = None
-    jobs: int | None = None
+    name: str = "loky"  # `loky` for processes on this machine, `dask` for a cluster
+    address: str | None = None  # address of the cluster's scheduler; None for loky
+    jobs: int | None = None  # number of parallel runs; None for the number of processors
+    # wall time after which a run counts as hung [s]; None for two minutes plus twenty times its
+    # simulated time
     timeout: float | None = None
 
     def __post_init__(self) -> None:
@@ -77,10 +70,7 @@ class Engine:
                 run.
         """
         patience = 60.0 + 2 * longest  # time without a row after which a worker must have died
-
-        def parallel(some: Sequence[int], begun: list[int]) -> Iterator[dict[str, Any]]:
-            return self._parallel(some, job, begun, patience)
-
+        parallel = partial(self._parallel, job, patience)
         with self._open() as broken:
             waiting = dict.fromkeys(numbers)
             while waiting:
@@ -100,11 +90,7 @@ class Engine:
                             yield from map(_fit, rows)
 
     def _parallel(
-        self,
-        numbers: Sequence[int],
-        job: Callable[[int], Job],
-        begun: list[int],
-        patience: float,
+        self, job: Callable[[int], Job], patience: float, numbers: Sequence[int], begun: list[int]
     ) -> Iterator[dict[str, Any]]:
         """Yields the rows of runs from joblib; appends the number of every started run."""
         local = self.name == "loky"

@@ -1,7 +1,5 @@
 """The report of a sweep: distributions of its figures over the varied fields, and failures."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
@@ -108,7 +106,7 @@ def _line(sweep: Sweep, field: str) -> dict[str, Draw]:
     panels = {"Distance to the true set at the end": partial(_distances, groups, labels, field)}
     if any(converged):
         panels["Time to converge"] = partial(_times, groups, under, field)
-    endings = _endings(sweep)
+    endings = sorted({row["status"] for group in sweep.by() for row in group.early})
     if sweep.lost or endings:
         panels["Share of runs that failed"] = partial(_failed, groups, labels, field, endings)
     return panels
@@ -170,8 +168,3 @@ def _count(group: Group) -> Counter[str]:
     return Counter({_NONE: len(group.rows) - len(group.results)}) + Counter(
         row["status"] for row in group.early
     )
-
-
-def _endings(sweep: Sweep) -> list[str]:
-    """The statuses of runs that ended early, without duplicates."""
-    return sorted({row["status"] for group in sweep.by() for row in group.early})

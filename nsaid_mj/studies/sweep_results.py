@@ -50,22 +50,15 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep read from its folder, complete or interrupted.
-
-    Attributes:
-        folder: folder of the sweep.
-        manifest: see `Plan.manifest`.
-        rows: rows of the finished runs, in order of their numbers.
-        damaged: the damaged lines of rows on disk, which are left out, in words; empty if none. An
-            incomplete last line, which a killed sweep leaves, does not count.
-        intact: the bytes of all other lines.
-    """
+    """A sweep read from its folder, complete or interrupted."""
 
     folder: Path
-    manifest: dict[str, Any]
-    rows: list[Row]
+    manifest: dict[str, Any]  # see `Plan.manifest`
+    rows: list[Row]  # rows of the finished runs, in order of their numbers
+    # the damaged lines of rows on disk, which are left out, in words; empty if none. An incomplete
+    # last line, which a killed sweep leaves, does not count
     damaged: str = ""
-    intact: bytes = b""
+    intact: bytes = b""  # the bytes of all other lines
 
     @property
     def groups(self) -> list[Group]:
@@ -227,7 +220,7 @@ def _column(name: str, values: list[Any]) -> pa.Array:
 
 
 def document(sweep: Sweep) -> dict[str, Any]:
-    """The output of `nsaid sweep --json`."""
+    """The output of `nsaid sweep --json`; numbers may be infinite."""
     return {
         "folder": str(sweep.folder),
         "runs": sweep.manifest["runs"],
@@ -238,7 +231,7 @@ def document(sweep: Sweep) -> dict[str, Any]:
                 "results": len(group.results),
                 "ended_early": len(group.early),
                 **{
-                    f"{key}_{name}": _finite(group.quantile(key, share))
+                    f"{key}_{name}": group.quantile(key, share)
                     for key in FIGURES
                     for name, share in QUANTILES.items()
                 },
@@ -255,10 +248,6 @@ def document(sweep: Sweep) -> dict[str, Any]:
             for row in sweep.lost
         ],
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def print_summary(sweep: Sweep) -> None:

@@ -40,21 +40,13 @@ _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 
 
 class Job(NamedTuple):
-    """A run to execute.
+    """A run to execute."""
 
-    Attributes:
-        number: number of the run in its sweep.
-        script: name of a packaged scenario, or path of the script that defines its types.
-        digest: SHA-256 of the script, to detect a different version of it.
-        scenario: the scenario as JSON.
-        timeout: wall time after which the run counts as hung [s].
-    """
-
-    number: int
-    script: str
-    digest: str
-    scenario: str
-    timeout: float
+    number: int  # number of the run in its sweep
+    script: str  # name of a packaged scenario, or path of the script that defines its types
+    digest: str  # SHA-256 of the script, to detect a different version of it
+    scenario: str  # the scenario as JSON
+    timeout: float  # wall time after which the run counts as hung [s]
 
 
 def supervised(job: Job, engine: int | None = None) -> dict[str, Any]:

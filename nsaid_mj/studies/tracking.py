@@ -3,8 +3,6 @@
 Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same sensor noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +11,7 @@ from typing import Any, get_args
 import numpy as np
 from rich.console import Console
 
+from ..bounds import without_nonfinite
 from ..control.adaptive import AdaptiveTracking, Tracker
 from ..control.adaptive.tracker import Law
 from ..control.driver import Driver
@@ -186,11 +185,8 @@ def write(folder: Path, plan: Plan, done: list[Course]) -> None:
     """
     rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
     heads = list(dict.fromkeys(key for row in rows for key in row))
-    finite = [
-        {k: v if not isinstance(v, float) or np.isfinite(v) else None for k, v in row.items()}
-        for row in rows
-    ]
-    write_json(folder / FILES[0], plan.manifest | {"medians": medians(plan, done), "rows": finite})
+    found = {"medians": medians(plan, done), "rows": without_nonfinite(rows)}
+    write_json(folder / FILES[0], plan.manifest | found)
     write_csv(folder / FILES[1], heads, rows)
 
 

@@ -1,7 +1,5 @@
 """Carries out a tracking study: progress, files, page, picture and recording."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -11,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from ..evaluation.result import Mark, judged
-from ..evaluation.tracking import Motion
 from ..numerics.threads import single_threaded
 from ..pages import plots
 from ..pages.drawings import figures_of
@@ -21,7 +18,6 @@ from ..pages.picture import picture
 from ..parameters import Array, rounded
 from ..recording.tracking import record
 from ..robot.findings import Finding
-from ..structure.system import SecondOrderSystem
 from .study import carried_out, repeated
 from .tracking import FILES, Course, Plan, courses, medians_in_words, print_table, table_of, write
 
@@ -32,19 +28,15 @@ def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Course]:
 
     def made(say: Callable[[str], object]) -> Iterator[Course]:
         for found in courses(plan, say):
-            first = found.seed == plan.seeds[0]
-            yield found if first else replace(found, motion=_thinned(found.motion))
+            kept = slice(None) if found.seed == plan.seeds[0] else slice(-1, None)  # for the page
+            motion = replace(found.motion, theta_hat=found.motion.theta_hat[kept])
+            yield replace(found, motion=motion)
 
     def drawn(done: list[Course]) -> list[Path]:
         return [folder / name for name in FILES] + (draw(folder, plan, done) if done else [])
 
     total, show = len(plan.seeds) * len(plan.laws), None if quiet else partial(print_table, plan)
     return carried_out(folder, FILES[:1], total, made, partial(write, folder, plan), drawn, show)
-
-
-def _thinned(motion: Motion) -> Motion:
-    """A motion without its rows, which only the first seed's page needs."""
-    return replace(motion, theta_hat=motion.theta_hat[-1:])
 
 
 PICTURE, RECORDING = "tracking.png", "tracking.rrd"
@@ -152,13 +144,9 @@ def _units(c: Course) -> list[str]:
     return [unit for unit in ("rad", "m") if f"rms_{unit}" in c.figures]
 
 
-def _columns(system: SecondOrderSystem, unit: str) -> np.ndarray:
-    return np.array([one == f"{unit}/s" for one in system.velocity_units])
-
-
 def _error(c: Course, unit: str) -> Array:
     """(N, ·) the tracking error of the coordinates with a unit."""
-    return c.motion.error[:, _columns(c.setup.system, unit)]
+    return c.motion.error[:, [one == f"{unit}/s" for one in c.setup.system.velocity_units]]
 
 
 def _robot(c: Course) -> list[Figure]:

@@ -274,7 +274,7 @@ def test_friction_of_a_coupled_motor_is_found(simulated, tmp_path, i, j, sign):
     recordings = replace(recordings, segments=tuple(changed))
     options = Options(frozenset({"rotor", "viscous", "coulomb"}), ((i, j, sign),))
     known = {f"gain_{k + 1}": float(gain) for k, gain in enumerate(simulated.gain)}
-    found = calibrate(robot, recordings, options=options, known=known)
+    found = calibrate(robot, recordings, options=replace(options, known=known))
     value = next(p.value for p in found.parameters if p.name == f"coupling_coulomb_{i + 1}_{j + 1}")
     assert value == pytest.approx(5.0, rel=0.15)
 

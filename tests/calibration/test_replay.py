@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration.comparison import by_toolbox, compare_arms
+from nsaid_mj.calibration.export import replay
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.replay import replay
 from nsaid_mj.errors import BadRobot, InvalidInput
 from nsaid_mj.log import Log
 from nsaid_mj.logs.recordings import Recordings, Segment
@@ -59,7 +59,7 @@ def test_a_part_of_a_long_logs_windows_has_the_error_of_all(tmp_path, monkeypatc
     log = recorded(robot, values, tmp_path / "calibrated.xml", seconds=20.0)
     nominal = Identified.nominal(robot)
     all_of_them = replay(robot, nominal, log)
-    monkeypatch.setattr("nsaid_mj.calibration.replay._MOST", 25)
+    monkeypatch.setattr("nsaid_mj.calibration.export._MOST", 25)
     some = replay(robot, nominal, log)
     assert not np.array_equal(some, all_of_them)
     assert some == pytest.approx(all_of_them, rel=0.3)

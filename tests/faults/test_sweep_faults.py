@@ -105,7 +105,7 @@ def test_workers_that_cannot_import_the_package_end_the_sweep(tmp_path: Path) ->
 
 
 def test_every_row_of_a_worker_that_died_has_a_failure() -> None:
-    def broken(self, numbers, job, begun, patience):
+    def broken(self, job, patience, numbers, begun):
         begun += numbers
         if len(numbers) > 1:
             raise BrokenExecutor

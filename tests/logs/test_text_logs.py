@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.logs import read_tables
 from nsaid_mj.logs.formats import text
+from nsaid_mj.logs.mapping import Time
 from nsaid_mj.logs.tables import Table, read
 from nsaid_mj.logs.unusable import UnreadableLog
 from nsaid_mj.robot.findings import Finding
@@ -114,7 +115,7 @@ def test_a_table_without_time_says_how_to_state_a_rate(tmp_path):
     path.write_text("q1,u1\n1,2\n0,3\n2,1\n1,1\n", encoding="utf-8")
     with pytest.raises(UnreadableLog, match="rate"):
         read(path)
-    np.testing.assert_allclose(read(path, rate=100.0).channels["q1"].t, [0, 0.01, 0.02, 0.03])
+    np.testing.assert_allclose(read(path, Time(rate=100.0)).channels["q1"].t, [0, 0.01, 0.02, 0.03])
 
 
 def test_names_may_be_numbers_and_rows_may_hold_texts(tmp_path):
@@ -126,8 +127,8 @@ def test_names_may_be_numbers_and_rows_may_hold_texts(tmp_path):
 def test_a_time_column_that_does_not_exist_is_told(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t,q1,u1\n" + rows(","), encoding="utf-8")
-    assert read(path, time="t").findings == ()
-    assert [f.code for f in read(path, time="stamp").findings] == ["time_column"]
+    assert read(path, Time(column="t")).findings == ()
+    assert [f.code for f in read(path, Time(column="stamp")).findings] == ["time_column"]
 
 
 def test_dialect_prefers_the_delimiter_of_all_lines():

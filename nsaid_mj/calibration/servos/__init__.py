@@ -7,10 +7,10 @@ write_servo_mjcf(result, Path("identified.xml"))
 
 from .export import rollout as rollout
 from .export import write_servo_mjcf as write_servo_mjcf
-from .identify import ServoLogs as ServoLogs
 from .identify import identify_servos as identify_servos
 from .identify import read_servos as read_servos
 from .identify import servo_logs as servo_logs
 from .logs import ServoLog as ServoLog
+from .logs import ServoLogs as ServoLogs
 from .result import Replayed as Replayed
 from .result import ServoIdentification as ServoIdentification

@@ -1,19 +1,23 @@
 """Effects beyond a servo's equation, accepted if held-out logs are predicted better with them.
 
-Half of the logs, or of the blocks of one, are predicted from the other half: once with the five
-parameters of the equation, and once with an effect as a sixth, each after some Gauss–Newton steps
-from the fit. MuJoCo's position servos have none of these effects, so they are reported, and the
-exported file keeps plain friction. Backlash is no candidate: its residuals are below a step of the
-encoder (docs/servo_arms.md).
+First those of a joint: half of the logs, or of the blocks of one, are predicted from the rest,
+once with the five parameters of the equation, and once with an effect as a sixth, each after some
+Gauss–Newton steps from the fit. MuJoCo's position servos have none of these effects, so they are
+reported, and the exported file keeps plain friction. Backlash is no candidate: its residuals are
+below a step of the encoder (docs/servo_arms.md). Second, a controller's limits of the targets.
 """
 
-from __future__ import annotations
+from collections.abc import Sequence
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from ...parameters import Array, Indices
 from ...robot.findings import Finding
-from .fit import JointFit, OutputError, Prior, weights
+from ...robot.target_profile import followed
+from .fit import JointFit, OutputError, minimise, weights
+from .joint_fits import alone
+from .logs import TRAVEL, ServoLog
 from .simulation import NONE
 
 _WORTH = 0.05  # least relative fall of the mean error of either half
@@ -35,27 +39,20 @@ _WORDS = {
 }
 
 
-def effects_of(
-    name: str, unit: str, own: JointFit, fit: OutputError, prior: Prior, cluster: Indices
-) -> list[Finding]:
+def effects_of(name: str, unit: str, fit: OutputError[JointFit], cluster: Indices) -> list[Finding]:
     """The effects that improve the prediction of both halves.
 
-    Args:
-        name: name of the joint.
-        unit: unit of a thousandth of its position.
-        own: its simulation.
-        fit: fit of its five parameters.
-        prior: prior of these parameters.
-        cluster: (N,) number of the log or block of each sample.
+    They are those of the joint called `name`, a thousandth of whose position is in `unit`; cluster
+    (N,) is the log or block of each sample.
     """
     halves = [cluster % 2 == side for side in (0, 1)]
-    counted = [own.used * (1 - half) for half in halves]
+    counted = [fit.of.used * (1 - half) for half in halves]
     if not all(part.any() for part in counted):
         return []
 
     def errors(effect: str | None) -> tuple[list[float], list[float]]:
         """Errors of both halves, each predicted from the other, and the effect's sizes there."""
-        pairs = [_fitted(own, fit, prior, half, effect) for half in halves]
+        pairs = [_fitted(fit, half, effect) for half in halves]
         return [
             float(np.abs(moved.residual(x)) @ part / part.sum())
             for (x, moved), part in zip(pairs, counted, strict=True)
@@ -76,11 +73,10 @@ def effects_of(
     return found
 
 
-def _fitted(
-    own: JointFit, fit: OutputError, prior: Prior, half: Array, effect: str | None
-) -> tuple[Array, JointFit]:
+def _fitted(fit: OutputError[JointFit], half: Array, effect: str | None) -> tuple[Array, JointFit]:
     """x and the simulation, with an effect, after Gauss–Newton steps on half of the samples."""
-    free, weight = prior.free, weights(own, fit.residual, fit.sigma) * half
+    own, prior, free = fit.of, fit.prior, fit.prior.free
+    weight = weights(own, fit.residual, fit.sigma) * half
     P, x, moved = prior.deviation[free] ** -2.0, fit.x.copy(), own
     residual, X = fit.residual, fit.jacobian
     for k in range(_STEPS):
@@ -101,3 +97,79 @@ def _fitted(
             size = max(size + float(step[-1]), 0.0)
             moved = JointFit(own.logs, own.used, NONE._replace(**{effect: size}))
     return x, moved
+
+
+_LOGS, _SECONDS = 4, 20.0  # that are tried, at most, and of each [s]
+_SMOOTH = 0.03, 0.08  # lags that are tried first [s]
+_FASTEST = 0.95  # quantile of the moving joints' speeds that is tried first
+_SLOW = 0.05  # of a joint that does not move [rad/s or m/s]
+_PROMISING = 0.98  # largest error over that without, of both halves, to look for the best profile
+_BETTER = 0.9  # the same, to accept it
+_NEAR = 2.5  # factor about the first trial within which the best is sought
+_EXACT = 0.01  # relative accuracy of a profile
+_PROFILES = (
+    ("speed", "do not move faster than {:.3g} rad/s or m/s"),
+    ("lag", "are smoothed over {:.3g} s"),
+)
+
+
+def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]]:
+    """(3,) common profile of all joints' targets, 0 if none, and the findings about it.
+
+    An unmodelled limit or filter of a controller makes servos appear several times more damped than
+    they are, with intervals of a few per cent. Halves of a part of the logs, which are without
+    loads and profiles, are therefore predicted from each other with and without a profile, which is
+    used if it predicts them much better.
+    """
+    pieces = list(logs) if len(logs) > 1 else logs[0].halves()
+    pieces = [
+        log.part(slice(None, int(np.searchsorted(log.t, log.t[0] + _SECONDS))))
+        for log in pieces[:: -(-len(pieces) // _LOGS)]
+    ]
+    travel = np.min([np.ptp(log.position, axis=0) for log in pieces], axis=0)
+    joints, none = np.flatnonzero(travel > TRAVEL), np.zeros(3)
+    if len(pieces) < 2 or not len(joints):
+        return none, ()
+    before = _errors(pieces, joints, none)
+
+    def ratio(profile: Array) -> Array:
+        """(2,) mean over the joints of both halves' errors over those without a profile."""
+        return np.mean(_errors(pieces, joints, profile) / before, axis=1)
+
+    speeds = np.concatenate([np.abs(np.gradient(x.position, x.t, axis=0)).ravel() for x in pieces])
+    fast = float(np.quantile(speeds[speeds > _SLOW], _FASTEST)) if (speeds > _SLOW).any() else 0.0
+    tries = [np.array([fast, 0.0, 0.0]), *(np.array([0.0, 0.0, lag]) for lag in _SMOOTH)]
+    ratios = [ratio(profile).max() for profile in tries]
+    best = tries[int(np.argmin(ratios))]
+    if not min(ratios) < _PROMISING:
+        return none, ()
+    spread, options = np.log(_NEAR), {"xatol": _EXACT}
+    least = minimize_scalar(
+        lambda x: float(ratio(np.exp(x) * best).mean()), bounds=(-spread, spread), options=options
+    )
+    found = float(np.exp(least.x)) * best
+    after = ratio(found)
+    if not after.max() < _BETTER:
+        return none, ()
+    name, words = _PROFILES[int(best[0] == 0)]
+    size = float(found.max())
+    text = (
+        f"the targets that the servos follow {words.format(size)}: with such a profile, the error "
+        f"on held-out halves of the logs is {after.mean():.2g} times that without; it was used"
+    )
+    remedy = f"State your controller's own number in map.toml: `[profile]` `{name} = {size:.3g}`."
+    return found, (Finding("warning", "hidden_profile", "", text, remedy, {name: size}),)
+
+
+def _errors(pieces: Sequence[ServoLog], joints: Indices, profile: Array) -> Array:
+    """(2, k) mean absolute errors of k joints in every half of the logs, fitted to the other."""
+    every = np.tile(profile, (pieces[0].target.shape[1], 1))
+    moved = [log._replace(target=followed(log.t, log.issued, every)) for log in pieces]
+    found = np.empty((2, len(joints)))
+    for k, j in enumerate(joints):
+        sides = [[log.joint(j) for log in moved[side::2]] for side in (0, 1)]
+        fits = [JointFit(own, np.ones(sum(len(log.t) for log in own))) for own in sides]
+        for side, own in enumerate(fits):
+            fit = minimise(fits[1 - side], *alone(fits[1 - side].logs))
+            found[side, k] = np.abs(own.residual(fit.x)).mean()
+    return found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,9 +11,7 @@ from ...parameters import Array, Indices
 from ...robot.findings import Finding
 from ...robot.model import RobotModel
 from ...structure.joints import moving_joints, slides
-from ..payloads import Load
 from ..problem import Mask
-from .covariance import OFFSET, clusters, covariance_of, zeros
 from .effects import effects_of
 from .fit import (
     DAMPING,
@@ -21,15 +19,19 @@ from .fit import (
     EFFECTIVE,
     FRICTION,
     GRAVITY,
+    OFFSET,
     OutputError,
     Prior,
+    clusters,
+    covariance_of,
     effective_rate,
     minimise,
+    zeros,
 )
 from .joint_fits import Fitted, fit_free
-from .logs import DELAYS, TRAVEL, ServoLog, late
+from .logs import DELAYS, TRAVEL, ServoLog, ServoLogs, late
 from .simulation import JointLog
-from .weighing import Weighed, weigh
+from .weighing import Arm, weigh
 
 _KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
 _LEAST_SAG = 0.25  # variation of a joint's sinking under its load, over the deviation of its zero
@@ -42,40 +44,28 @@ _STILL = 1e-3  # error of a simple prediction for a joint that hardly moves [rad
 
 
 class JointEstimate(NamedTuple):
-    """The estimate of one servo.
+    """The estimate of one servo."""
 
-    Attributes:
-        x: (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
-        covariance: (5, 5) covariance of ln θ̂, by a jackknife over logs or blocks; 0 for fixed
-            ones. If a load was weighed, g is that under the true masses.
-        quantile: (6,) quantiles of Student's t, which turn deviations of T, f, kp, a, d and T + d
-            into 95 % intervals.
-        gravity: whether gravity determines kp; otherwise kp is a convention.
-        offset: change of ln kp by an offset between the zeros of target and position, which is part
-            of the covariance.
-        error: mean absolute residual [rad or m], of the samples in use.
-        simple: the same without a model: the target at the best delay, or a constant position,
-            whichever is closer.
-        zero: the offset [rad or m].
-        limit: force or torque at which the servo saturated in the logs [N·m or N]; inf if it did
-            not.
-        slides: whether the joint is a slide, whose f is in m and whose g is in m/N.
-        travel: between its extreme positions [rad or m].
-        effective: independent samples of the residual per second.
-    """
-
-    x: Array
+    x: Array  # (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
+    # (5, 5) covariance of ln θ̂, by a jackknife over logs or blocks; 0 for fixed ones. If a load
+    # was weighed, g is that under the true masses
     covariance: Array
+    # (6,) quantiles of Student's t, which turn deviations of T, f, kp, a, d and T + d into 95 %
+    # intervals
     quantile: Array
-    gravity: bool
+    gravity: bool  # whether gravity determines kp; otherwise kp is a convention
+    # change of ln kp by an offset between the zeros of target and position, which is part of the
+    # covariance
     offset: float
-    error: float
+    error: float  # mean absolute residual [rad or m], of the samples in use
+    # the same without a model: the target at the best delay, or a constant position, whichever is
+    # closer
     simple: float
-    zero: float = OFFSET
-    limit: float = np.inf
-    slides: bool = False
-    travel: float = np.inf
-    effective: float = EFFECTIVE
+    zero: float = OFFSET  # the offset [rad or m]
+    limit: float = np.inf  # at which the servo saturated [N·m or N]; inf if it did not
+    slides: bool = False  # whether the joint is a slide, whose f is in m and whose g is in m/N
+    travel: float = np.inf  # between its extreme positions [rad or m]
+    effective: float = EFFECTIVE  # independent samples of the residual per second
 
     @property
     def judged(self) -> bool:
@@ -105,115 +95,83 @@ class JointEstimate(NamedTuple):
 
 
 class MassScale(NamedTuple):
-    """The common scale, from a load.
+    """The common scale, from a load."""
 
-    Attributes:
-        log: ln s of the true masses over those of the model file.
-        deviation: its standard deviation.
-        quantile: quantile of Student's t.
-        place: (3,) the load's centre of mass in the frame of the joint that carries it [m].
-        deviations: (3,) standard deviations of the place [m]; 0 where it was known.
-    """
-
-    log: float
-    deviation: float
-    quantile: float
-    place: Array
-    deviations: Array
+    log: float  # ln s of the true masses over those of the model file
+    deviation: float  # its standard deviation
+    quantile: float  # quantile of Student's t
+    place: Array  # (3,) the load's centre of mass in the frame of the joint that carries it [m]
+    deviations: Array  # (3,) standard deviations of the place [m]; 0 where it was known
 
 
 class Estimate(NamedTuple):
-    """The estimate of an arm.
+    """The estimate of an arm."""
 
-    Attributes:
-        joints: estimates of all joints, under the masses of the model file.
-        used: (N,) 1 of samples in use, 0 of masked ones, of the logs in their order.
-        scale: scale of the masses; None without a load.
-        findings: effects beyond the servos' equation.
-    """
-
-    joints: tuple[JointEstimate, ...]
-    used: Array
-    scale: MassScale | None
-    findings: tuple[Finding, ...] = ()
+    joints: tuple[JointEstimate, ...]  # estimates of all joints, under the masses of the model file
+    used: Array  # (N,) 1 of samples in use, 0 of masked ones, of the logs in their order
+    scale: MassScale | None  # scale of the masses; None without a load
+    findings: tuple[Finding, ...] = ()  # effects beyond the servos' equation
 
 
-def estimate(
-    robot: RobotModel,
-    logs: Sequence[ServoLog],
-    kp: Array,
-    report: Callable[[str], None] = lambda _: None,
-    load: Load | None = None,
-    limits: Array | None = None,
-) -> Estimate:
+def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -> Estimate:
     """Fits every joint alone, masks windows with external forces, and fits again.
 
     Where gravity does not determine kp, it is the geometric mean over the joints where it does, or
     the model file's if there are none, unless the residual is then larger. Logs with a load are
-    fitted after the free ones, together.
-
-    Args:
-        robot: the model.
-        logs: at least one; free ones come before those with a load.
-        kp: (n,) stiffness in the model file [N·m/rad or N/m].
-        report: called with the name of every stage.
-        load: that the loaded logs carry.
-        limits: (n,) largest force of every servo by the model file [N·m or N], used where the logs
-            show it; None without.
+    fitted after the free ones, together. The model file's largest forces apply where the logs show
+    them. `report` is called with the name of every stage.
     """
-    limits = np.full(len(kp), np.inf) if limits is None else limits
-    slide = [slides(joint) for joint in moving_joints(robot.model)]
+    robot, logs = given.robot, given.logs
+    limits = np.asarray(robot.limits, dtype=np.float64)
     fitted = fit_free([log for log in logs if not log.loaded], limits, report)
-    free, fits, priors, used = fitted
-    if load is not None:
+    if given.load is not None:
         report("weighing the load")
-        every = [log._replace(limit=free[0].limit) for log in logs]
-        rest = np.ones(sum(len(log.t) for log in logs) - len(used))
-        found = weigh(robot, every, load, fits, priors, np.append(used, rest))
-        return _with_load(found, logs, kp, slide)
-    cluster, zero = clusters(logs), zeros(logs)
-    simulated = [fitted.simulated(j) for j in range(len(kp))]
-    known = _with_kp(fitted, logs, kp, cluster, zero)
+        return _with_load(*weigh(given, fitted), given)
+    cluster, zero, slide = clusters(logs), zeros(logs), _slides(robot)
+    known = _with_kp(fitted, given, cluster, zero)
     judged, effects = [], []
-    for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True)):
-        found = covariance_of(own, fit, prior, cluster, zero[[j]])
-        change = float(found.moved[GRAVITY, 0])
-        quantile = np.array([found.quantile(c) for c in _directions(fit.x)])
-        one = _judged(own.logs, fit, bool(known[j]), used, found.covariance, quantile, change)
+    for j, fit in enumerate(fitted.fits):
+        found = covariance_of(fit, cluster, zero[[j]])
+        one = _judged(
+            fit.of.logs, fit.x, fit.residual, fitted.used,
+            covariance=found.covariance,
+            quantile=np.array([found.quantile(c) for c in _directions(fit.x)]),
+            gravity=bool(known[j]), offset=float(found.moved[GRAVITY, 0]),
+            zero=float(zero[j]), slides=slide[j],
+        )  # fmt: skip
         if not one.poor:
-            named = effects_of(robot.joints[j], UNITS[slide[j]], own, fit, prior, cluster)
+            named = effects_of(robot.joints[j], one.unit, fit, cluster)
             effects += named
             sizes = [f.data["size"] for f in named if f.data["effect"] == "stribeck"]
             excess = float(np.sum(np.array(sizes, dtype=np.float64)))  # of friction at rest
             one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
-        judged.append(one._replace(zero=float(zero[j]), slides=slide[j]))
-    return Estimate(_moderated(judged, cluster), used, None, tuple(effects))
+        judged.append(one)
+    return Estimate(_moderated(judged, cluster), fitted.used, None, tuple(effects))
 
 
-def _with_kp(
-    fitted: Fitted, logs: Sequence[ServoLog], kp: Array, cluster: Indices, zero: Array
-) -> Mask:
+def _slides(robot: RobotModel) -> list[bool]:
+    return [slides(joint) for joint in moving_joints(robot.model)]
+
+
+def _with_kp(fitted: Fitted, given: ServoLogs, cluster: Indices, zero: Array) -> Mask:
     """(n,) joints whose kp gravity determines; in `fitted`, the others are refitted with theirs."""
-    fits, priors = fitted.fits, fitted.priors
-    simulated = [fitted.simulated(j) for j in range(len(kp))]
-    spread = [
-        covariance_of(own, fit, prior, cluster, zero[[j]])
-        for j, (own, fit, prior) in enumerate(zip(simulated, fits, priors, strict=True))
-    ]
+    fits = fitted.fits
+    spread = [covariance_of(fit, cluster, zero[[j]]) for j, fit in enumerate(fits)]
     known = np.array([
         _reveals(of.covariance[GRAVITY, GRAVITY], of.moved[GRAVITY, 1])
-        and _follows(own.logs, fit, fitted.used)
-        for of, own, fit in zip(spread, simulated, fits, strict=True)
+        and _follows(fit.of.logs, fit.residual, fitted.used)
+        for of, fit in zip(spread, fits, strict=True)
     ])  # fmt: skip
-    known &= _sag(logs, [fit.x for fit in fits]) > _LEAST_SAG * zero
-    common = _common(fits, known, kp)
+    x = np.array([fit.x for fit in fits])
+    known &= _sag(given.logs, x) > _LEAST_SAG * zero
+    common = _common(x, known, given.kp)
     for j in np.flatnonzero(~known):
-        prior = Prior(priors[j].mean.copy(), priors[j].deviation.copy())
+        prior = Prior(fits[j].prior.mean.copy(), fits[j].prior.deviation.copy())
         prior.mean[GRAVITY], prior.deviation[GRAVITY] = common[j], 0.0
-        fixed = minimise(simulated[j], fits[j].x, prior)
+        fixed = minimise(fits[j].of, fits[j].x, prior)
         unsure = spread[j].covariance[GRAVITY, GRAVITY] > (2 * _KNOWN) ** 2
         if unsure or fits[j].sigma > _CONTRADICTS * fixed.sigma:
-            fits[j], priors[j] = fixed, prior  # else the links' inertia reveals that kp is another
+            fits[j] = fixed  # else the links' inertia reveals that kp is another
     return known
 
 
@@ -230,58 +188,51 @@ def _reveals(variance: float, play: float) -> bool:
     return bool(max(np.sqrt(variance), abs(play)) < _KNOWN)
 
 
-def _sag(logs: Sequence[ServoLog], x: Sequence[Array]) -> Array:
-    """(n,) variation of the joints' deflection under gravity along logs [rad or m]."""
+def _sag(logs: Sequence[ServoLog], x: Array) -> Array:
+    """(n,) variation of the joints' deflection under gravity along logs [rad or m], at x (n, 5)."""
     load = np.concatenate([log.load for log in logs])
-    return np.exp([own[GRAVITY] for own in x]) * load.std(axis=0)
+    return np.exp(x[:, GRAVITY]) * load.std(axis=0)
 
 
-def _common(fits: Sequence[OutputError], known: Mask, kp: Array) -> Array:
+def _common(x: Array, known: Mask, kp: Array) -> Array:
     """(n,) ln g where gravity does not determine it: the others' mean, or the model file's."""
-    g = [fit.x[GRAVITY] for fit, sure in zip(fits, known, strict=True) if sure]
-    return np.full(len(kp), float(np.mean(g))) if g else np.asarray(-np.log(kp), np.float64)
+    g = x[known, GRAVITY]
+    return np.full(len(kp), g.mean()) if len(g) else -np.log(kp)
 
 
-def _with_load(
-    found: Weighed, logs: Sequence[ServoLog], kp: Array, slide: Sequence[bool]
-) -> Estimate:
+def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> Estimate:
     """The estimate of all joints and of the scale, from their common fit."""
-    n, fit, own = len(kp), found.fit, found.arm.logs(found.fit.x)
-    cluster = clusters(logs)
-    zero = zeros(logs)
-    spread = covariance_of(found.arm, fit, found.prior, np.tile(cluster, n), zero)
+    n, arm, own = len(given.kp), fit.of, fit.of.logs(fit.x)
+    cluster, zero, slide = clusters(given.logs), zeros(given.logs), _slides(given.robot)
+    spread = covariance_of(fit, np.tile(cluster, n), zero)
     whole, moved = spread.covariance, spread.moved
-    fits = [found.joint(j) for j in range(n)]
-    at = np.arange(n) * len(fits[0].x)
+    x, residuals = fit.x[:-4].reshape(n, -1).copy(), fit.residual.reshape(n, -1)
+    at = np.arange(n) * x.shape[1]
     known = np.array([
         _reveals(whole[k, k], moved[k, n + j]) for j, k in enumerate((at + GRAVITY).tolist())
     ])  # fmt: skip
-    known &= _sag(logs, [one.x for one in fits]) > _LEAST_SAG * zero
-    common, joints, scale = _common(fits, known, kp), [], len(fit.x) - 4
-    for j, one in enumerate(fits):
-        logs_of, place = [log.joint(j) for log in own], slice(at[j], at[j] + len(one.x))
-        if not known[j]:
-            one.x[GRAVITY] = common[j]
-        offset = float(moved[at[j] + GRAVITY, j]) if known[j] else 0.0
+    known &= _sag(given.logs, x) > _LEAST_SAG * zero
+    x[~known, GRAVITY] = _common(x, known, given.kp)[~known]
+    joints, scale = [], len(fit.x) - 4
+    for j, one in enumerate(x):
         directions = np.zeros((6, len(fit.x)))
-        directions[:, place] = _directions(one.x)
+        directions[:, at[j] : at[j] + len(one)] = _directions(one)
         directions[GRAVITY, scale] = 1.0  # −ln kp = ln g + ln μ − ln m
-        quantile = np.array([spread.quantile(c) for c in directions])
-        C, sure = directions[:5] @ whole @ directions[:5].T, bool(known[j])
-        made = _judged(logs_of, one, sure, found.used, C, quantile, offset)
-        joints.append(made._replace(zero=float(zero[j]), slides=slide[j]))
-    deviation = np.sqrt(np.diag(whole)[scale:])
-    return Estimate(
-        _moderated(joints, cluster),
-        found.used,
-        MassScale(
-            float(found.prior.mean[scale] - fit.x[scale]),
-            float(deviation[0]),
-            spread.quantile(np.eye(len(fit.x))[scale]),
-            fit.x[scale + 1 :],
-            deviation[1:],
-        ),
+        made = _judged(
+            [log.joint(j) for log in own], one, residuals[j] * arm.sigma[j], used,
+            covariance=directions[:5] @ whole @ directions[:5].T,
+            quantile=np.array([spread.quantile(c) for c in directions]),
+            gravity=bool(known[j]), offset=float(moved[at[j] + GRAVITY, j]) if known[j] else 0.0,
+            zero=float(zero[j]), slides=slide[j],
+        )  # fmt: skip
+        joints.append(made)
+    deviation, quantile = (
+        np.sqrt(np.diag(whole)[scale:]),
+        spread.quantile(np.eye(len(fit.x))[scale]),
     )
+    log = float(fit.prior.mean[scale] - fit.x[scale])
+    mass = MassScale(log, float(deviation[0]), quantile, fit.x[scale + 1 :], deviation[1:])
+    return Estimate(_moderated(joints, cluster), used, mass)
 
 
 def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[JointEstimate, ...]:
@@ -306,32 +257,26 @@ def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[Joint
 
 
 def _judged(
-    logs: Sequence[JointLog],
-    fit: OutputError,
-    gravity: bool,
-    used: Array,
-    covariance: Array,
-    quantile: Array,
-    offset: float,
+    logs: Sequence[JointLog], x: Array, residual: Array, used: Array, **own: Any
 ) -> JointEstimate:
-    """An estimate with its covariance, and the error of predictions without a model."""
-    (error, simple, travel), rate = _errors(logs, fit, used), effective_rate(logs, fit.residual)
+    """An estimate x (5,) with its `own` figures, and the error of predictions without a model."""
+    error, simple, travel = _errors(logs, residual, used)
+    rate, limit = effective_rate(logs, residual), logs[0].limit
     return JointEstimate(
-        fit.x, covariance, quantile, gravity, offset, error, simple,
-        limit=logs[0].limit, travel=travel, effective=rate,
-    )  # fmt: skip
+        x, error=error, simple=simple, limit=limit, travel=travel, effective=rate, **own
+    )
 
 
-def _errors(logs: Sequence[JointLog], fit: OutputError, used: Array) -> tuple[float, float, float]:
+def _errors(logs: Sequence[JointLog], residual: Array, used: Array) -> tuple[float, float, float]:
     """Mean absolute error of a fit, that without a model, and the joint's travel [rad or m]."""
     position = np.concatenate([log.position for log in logs])
     constant = np.abs(position - np.median(position[used > 0])) @ used / used.sum()
     best = min(late(logs, used, delay) for delay in DELAYS)
-    error = float(np.abs(fit.residual) @ used / used.sum())
+    error = float(np.abs(residual) @ used / used.sum())
     return error, min(best, float(constant)), float(np.ptp(position))
 
 
-def _follows(logs: Sequence[JointLog], fit: OutputError, used: Array) -> bool:
+def _follows(logs: Sequence[JointLog], residual: Array, used: Array) -> bool:
     """Whether a joint moves as predicted by its model, so that its parameters are meaningful."""
-    error, simple, travel = _errors(logs, fit, used)
+    error, simple, travel = _errors(logs, residual, used)
     return travel > TRAVEL and not (simple > _STILL and error > _NEARLY * simple)

@@ -1,7 +1,5 @@
 """The user's own MJCF with identified servos, and its open-loop simulation."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,11 +1,10 @@
-"""Output-error fit of one joint: parameters of the open-loop simulation closest to the log."""
-
-from __future__ import annotations
+"""Output-error fit: parameters of the open-loop simulation closest to the log, and covariances."""
 
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
+from scipy import stats
 
 from ...parameters import Array, Indices
 from .logs import ServoLog
@@ -26,36 +25,15 @@ _FAR = 6.0  # residual of such a window over the median one
 
 
 class Prior(NamedTuple):
-    """Prior knowledge of the parameters.
+    """Prior knowledge of the parameters."""
 
-    Attributes:
-        mean: (k,) means of the parameters x, which are logarithms except for a place.
-        deviation: (k,) standard deviations; 0 of a parameter that is fixed.
-    """
-
-    mean: Array
-    deviation: Array
+    mean: Array  # (k,) means of the parameters x, which are logarithms except for a place
+    deviation: Array  # (k,) standard deviations; 0 of a parameter that is fixed
 
     @property
     def free(self) -> Indices:
         """Indices of the parameters that are fitted."""
         return np.flatnonzero(self.deviation > 0)
-
-
-class OutputError(NamedTuple):
-    """The residual of a fit.
-
-    Attributes:
-        x: (k,) minimiser; of one joint (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s].
-        residual: (N,) simulated minus measured position [rad or m], all logs in a row.
-        sigma: robust rms of the residual [rad or m]; the loss is quadratic up to twice that.
-        jacobian: (N, free) derivatives of the residual by the free parameters.
-    """
-
-    x: Array
-    residual: Array
-    sigma: float
-    jacobian: Array
 
 
 class Simulated(Protocol):
@@ -86,6 +64,20 @@ class Simulated(Protocol):
         ...
 
 
+_Of = TypeVar("_Of", bound=Simulated)
+
+
+class OutputError(NamedTuple, Generic[_Of]):
+    """A fit of simulations to logs."""
+
+    of: _Of  # the simulations
+    prior: Prior
+    x: Array  # (k,) minimiser; of a joint ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
+    residual: Array  # (N,) simulated minus measured position [rad or m], all logs in a row
+    sigma: float  # robust rms of the residual [rad or m]; the loss is quadratic up to twice that
+    jacobian: Array  # (N, free) derivatives of the residual by the free parameters
+
+
 def _offset(log: JointLog | ServoLog, zero: Array, _: Array) -> Array:
     return log.target + zero
 
@@ -101,13 +93,7 @@ SHIFTS = _offset, _play
 
 
 class JointFit:
-    """The simulation of one joint.
-
-    Args:
-        logs: logs of the joint.
-        used: (N,) 1 of samples that count, 0 of masked ones.
-        effects: beyond the servo's equation.
-    """
+    """The simulation of one joint, in samples marked by used (N,), 1 or 0, with further effects."""
 
     def __init__(self, logs: Sequence[JointLog], used: Array, effects: Effects = NONE):
         self.logs, self.used, self.effects = logs, used, effects
@@ -136,22 +122,19 @@ class JointFit:
         return np.column_stack(columns)
 
 
-def minimise(simulated: Simulated, x: Array, prior: Prior) -> OutputError:
+def minimise(of: _Of, x: Array, prior: Prior) -> OutputError[_Of]:
     """Levenberg–Marquardt on Σ soft-L1(residual), each sample weighted by its share of the time.
 
-    Args:
-        simulated: the simulations to fit.
-        x: (k,) to start from.
-        prior: prior of x.
+    It starts from x (k,), of which `prior` is the prior.
     """
     x = np.where(prior.deviation > 0, x, prior.mean)
-    residual, damping = simulated.residual(x), 1e-3
+    residual, damping = of.residual(x), 1e-3
     for _ in range(3):  # the scale of the loss follows the fit
-        sigma, before = _winsorised(residual[simulated.used > 0]), x
-        x, residual, damping = _descend(simulated, x, residual, prior, sigma, damping)
+        sigma, before = _winsorised(residual[of.used > 0]), x
+        x, residual, damping = _descend(of, x, residual, prior, sigma, damping)
         if np.abs(x - before).max() < STEP:
             break
-    return OutputError(x, residual, sigma, simulated.jacobian(x, prior.free))
+    return OutputError(of, prior, x, residual, sigma, of.jacobian(x, prior.free))
 
 
 def weights(simulated: Simulated, residual: Array, sigma: float) -> Array:
@@ -238,3 +221,102 @@ def undisturbed(logs: Sequence[JointLog], residual: Array, sigma: float) -> Arra
     moving = travel > sigma
     usual = np.median(rms[moving]) if moving.any() else np.inf
     return np.where(rms > max(_FAR * usual, 2 * sigma), 0.0, 1.0)[window]
+
+
+OFFSET = 2e-3
+"""Largest standard deviation of a target's zero against the position's [rad or m]."""
+_NUMERICAL = 0.01  # relative accuracy of the simulation itself, by arms with known servos
+_FEWEST = 5  # logs that serve as clusters; fewer are divided into blocks
+_BLOCK = 10.0  # shortest of them [s]
+_BLOCKS = 20  # at most, in one log
+_TICKS = 4 / 3  # the same in steps of the encoder, where those are finer
+
+
+def clusters(logs: Sequence[ServoLog]) -> Indices:
+    """(N,) number of the cluster of each sample: its log, or a block of time of few logs."""
+    if len(logs) >= _FEWEST:
+        return np.repeat(np.arange(len(logs)), [len(log.t) for log in logs])
+    length = max(_BLOCK, sum(log.t[-1] - log.t[0] for log in logs) / _BLOCKS)
+    found, count = [], 0
+    for log in logs:
+        own = ((log.t - log.t[0]) / length).astype(int) + count
+        found.append(own)
+        count = own[-1] + 1
+    return np.concatenate(found)
+
+
+def zeros(logs: Sequence[ServoLog]) -> Array:
+    """(n,) standard deviations of the zeros of targets against those of positions [rad or m].
+
+    They are steps of the encoders, which truncate: small changes from sample to sample.
+    """
+    changes = np.abs(np.concatenate([np.diff(log.position, axis=0) for log in logs]))
+    ticks = [np.quantile(own[own > 0], 0.05) if own.any() else np.inf for own in changes.T]
+    return np.minimum(_TICKS * np.array(ticks), OFFSET)
+
+
+class Spread(NamedTuple):
+    """Uncertainty of k fitted parameters."""
+
+    covariance: Array  # (k, k) covariance of the parameters
+    moved: Array  # (k, 2 n) their change by offsets of the zeros, and by play
+    free: Indices  # (f,) indices of the fitted ones
+    jackknife: Array  # (f, f) part of the covariance from differences between clusters
+    information: Array  # (G, f, f) information of every cluster
+    inverse: Array  # (f, f) inverse of all clusters' information and the prior's
+
+    def quantile(self, direction: Array) -> float:
+        """Of Student's t, for the 95 % interval of a combination of the parameters (k,).
+
+        If one log contains most of the information about it, there are fewer degrees of freedom
+        than clusters: Satterthwaite's (Bell and McCaffrey, Survey Methodology 28, 2002), more where
+        the jackknife is a small part of the variance, and at most those of equal clusters.
+        """
+        c, most = direction[self.free], len(self.information) - 1
+        part = float(c @ self.jackknife @ c)
+        if part <= 0:
+            return float(stats.t.ppf(0.975, most))
+        own, A = self.information, self.inverse
+        left_out = np.linalg.solve(
+            np.linalg.inv(A) - own, np.broadcast_to(c, own[..., 0].shape)[..., None]
+        )[..., 0]
+        scores = np.einsum("gij,gj->gi", own, left_out)
+        seen = scores @ A
+        M = np.diag(np.einsum("gi,gi->g", scores, left_out)) - 2 * seen @ scores.T
+        M += seen @ own.sum(axis=0) @ seen.T
+        M += M.mean() - M.mean(axis=0) - M.mean(axis=1)[:, None]
+        degrees = (
+            np.trace(M) ** 2 / np.sum(M**2) * (direction @ self.covariance @ direction / part) ** 2
+        )
+        return float(stats.t.ppf(0.975, np.clip(degrees, 1.0, most)))
+
+
+def covariance_of(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
+    """The covariance of a fit's parameters, and their change by offsets `zero` (n,) and by play.
+
+    The covariance is that of the jackknife over clusters, each left out by one Gauss–Newton step,
+    plus the prior's part A⁻¹ P A⁻¹, plus that of the zeros. Residuals of a simulation are
+    correlated over seconds, and model errors persist throughout a log: treating residuals as
+    independent would make intervals many times too narrow. Play is not included: it causes no
+    residual, and hardly moves joints whose load keeps its sign.
+    """
+    weight, free = weights(fit.of, fit.residual, fit.sigma), fit.prior.free
+    P = np.diag(fit.prior.deviation[free] ** -2.0)
+    weighted = fit.jacobian * weight[:, None]
+    count, H, shifts = int(cluster.max()) + 1, weighted.T @ fit.jacobian + P, []
+    information = np.empty((count, *H.shape))
+    for k in range(count):
+        own = cluster == k
+        information[k] = weighted[own].T @ fit.jacobian[own]
+        score = weighted[own].T @ fit.residual[own]
+        shifts.append(np.linalg.solve(H - information[k], score))
+    A: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
+    apart = np.array(shifts) - np.mean(shifts, axis=0)
+    jackknife = apart.T @ apart * max(count - 1, 1) / count
+    out, offset = np.zeros((len(fit.x), len(fit.x))), fit.of.moved(fit.x, zero)
+    moved = np.zeros((len(fit.x), offset.shape[1]))
+    moved[free] = A @ weighted.T @ offset
+    own = _NUMERICAL**2 * np.eye(len(free))
+    out[np.ix_(free, free)] = jackknife + A @ P @ A + own
+    by_zero = moved[:, : len(zero)]
+    return Spread(out + by_zero @ by_zero.T, moved, free, jackknife, information, A)

@@ -6,8 +6,6 @@ independent samples of the batch fit's residual. Armature and delay are taken fr
 are kp where gravity does not determine it, and the other joints' motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -26,27 +24,16 @@ _CHANGES = np.array([1e-4, 1e-3, 0.02, 0.02, 0.02])  # of numerical derivatives:
 
 
 class Followed(NamedTuple):
-    """A filter along all logs of a joint, in a row.
+    """A filter along all logs of a joint, in a row."""
 
-    Attributes:
-        x: (N, 3) ln T, ln f, ln g.
-        deviation: (N, 3) their standard deviations; 0 of what is the batch fit's.
-    """
-
-    x: Array
-    deviation: Array
+    x: Array  # (N, 3) ln T, ln f, ln g
+    deviation: Array  # (N, 3) their standard deviations; 0 of what is the batch fit's
 
 
 def follow(
     logs: Sequence[Sequence[JointLog]], fits: Sequence[JointEstimate], used: Array
 ) -> tuple[Followed, ...]:
-    """The filters of all joints.
-
-    Args:
-        logs: logs of every joint.
-        fits: the batch fit of every joint.
-        used: (N,) 1 of samples that count, 0 of windows with external forces.
-    """
+    """The filters of all joints, from logs and batch fit of each; used (N,) marks what counts."""
     starts = np.array([np.log(start([_begin(own[0])])[:3]) for own in logs])
     determined = starts[:, GRAVITY] > np.log(2 * LEAST[GRAVITY])
     if determined.any():  # servos of an arm are alike

@@ -1,12 +1,9 @@
 """`identify_servos`: servos with intervals, from an MJCF and logs of targets and positions."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -21,11 +18,11 @@ from ...robot.model import RobotModel
 from ...robot.target_profile import followed
 from ..models import load_robot_model
 from ..payloads import Load, carrier, check_loads
+from .effects import hidden_profile
 from .estimate import Estimate, estimate
 from .fit import DELAY
 from .follow import follow
-from .hidden_profile import hidden_profile
-from .logs import ServoLog, coupled, read_servo_logs, servo_map
+from .logs import ServoLog, ServoLogs, coupled, read_servo_logs, servo_map
 from .result import ServoIdentification
 from .words import (
     apart,
@@ -42,24 +39,6 @@ from .words import (
 _MOST = 0.3  # share of masked samples that points to the structure rather than external forces
 
 _TRADED = 1e-3  # that an unstated profile trades with a delay, on simulated arms [s]
-
-
-class ServoLogs(NamedTuple):
-    """An arm with position servos, and logs of their targets.
-
-    Attributes:
-        robot: the model.
-        logs: stretches without gaps.
-        kp: (n,) stiffness of the servos in the model file [N·m/rad or N/m].
-        findings: about file and logs.
-        load: payload of known mass that the loaded logs carry; None if none does.
-    """
-
-    robot: RobotModel
-    logs: tuple[ServoLog, ...]
-    kp: Array
-    findings: tuple[Finding, ...]
-    load: Load | None = None
 
 
 def servo_logs(
@@ -103,11 +82,7 @@ def read_servos(
 ) -> ServoLogs | None:
     """The logs of an arm's servos; None if it has none, or the tables hold no targets.
 
-    Args:
-        robot: the model.
-        tables: tables of log files.
-        mapping: see `servo_logs`.
-        loads: see `servo_logs`.
+    See `servo_logs`.
 
     Raises:
         InvalidInput: a column or joint of the map does not exist, or loads differ.
@@ -127,7 +102,7 @@ def read_servos(
     profile = [(own.speed, own.acceleration, own.lag) if own else row for own, row in rows]
     found = found._replace(profile=np.array(profile))
     robot = replace(robot, servos=found)
-    read, findings = read_servo_logs(robot, tables, columns, mapping, found, carrying)
+    read, findings = read_servo_logs(robot, tables, columns, mapping, carrying)
     own = [f for f in robot.findings if f.code != "servo"]
     in_order = tuple(sorted(read, key=lambda log: log.loaded))  # free ones first
     return ServoLogs(robot, in_order, found.kp, (*own, *findings), next(iter(kinds), None))
@@ -139,10 +114,8 @@ def identify_servos(
 ) -> ServoIdentification:
     """Identifies stiffness, damping, friction, armature and delay of every servo by output error.
 
-    Args:
-        given: an arm and its logs, see `servo_logs`.
-        report: called with the name of every stage, for progress.
-        law: `batch`, or `efficient` to run a filter along the logs as well.
+    `given` is from `servo_logs`; the law `efficient`, instead of `batch`, also runs a filter along
+    the logs; `report` is called with the name of every stage, for progress.
 
     Raises:
         InvalidInput: the logs without a load are shorter than ten seconds together.
@@ -154,8 +127,7 @@ def identify_servos(
         raise InvalidInput("log", "ten seconds of motion or more", f"{length:.1f} s", remedy)
     report("looking for a profile of the targets")
     given, profile = _with_profile(given)
-    limits = np.asarray(given.robot.limits, dtype=np.float64)
-    found = estimate(given.robot, given.logs, given.kp, report, given.load, limits)
+    found = estimate(given, report)
     if profile:
         found = found._replace(joints=tuple(j.widened(DELAY, _TRADED) for j in found.joints))
     names, joints, used = given.robot.joints, found.joints, found.used

@@ -43,19 +43,11 @@ LEAST = (1e-3, 1e-5, 1e-6, 1e-6)
 
 
 class Fitted(NamedTuple):
-    """Fits of every joint to the free logs.
+    """Fits of every joint to the free logs."""
 
-    Attributes:
-        logs: with the loads of their simulated motion.
-        fits: fits of every joint.
-        priors: priors of its parameters.
-        used: (N,) 1 of samples in use.
-    """
-
-    logs: list[ServoLog]
-    fits: list[OutputError]
-    priors: list[Prior]
-    used: Array
+    logs: list[ServoLog]  # with the loads of their simulated motion
+    fits: list[OutputError[JointFit]]  # of every joint
+    used: Array  # (N,) 1 of samples in use
 
     def simulated(self, j: int) -> JointFit:
         """The simulation of a joint."""
@@ -64,10 +56,7 @@ class Fitted(NamedTuple):
     def refitted(self, logs: list[ServoLog]) -> Fitted:
         """Fits to the logs with other loads or limits."""
         found = self._replace(logs=logs)
-        fits = [
-            minimise(found.simulated(j), fit.x, prior)
-            for j, (fit, prior) in enumerate(zip(self.fits, self.priors, strict=True))
-        ]
+        fits = [minimise(found.simulated(j), fit.x, fit.prior) for j, fit in enumerate(self.fits)]
         return found._replace(fits=fits)
 
 
@@ -78,12 +67,10 @@ def fit_free(
 ) -> Fitted:
     """Fits of all joints to the free logs, without windows of external forces."""
     report("fitting every servo alone")
-    found = Fitted(logs, [], [], np.ones(sum(len(log.t) for log in logs)))
+    found = Fitted(logs, [], np.ones(sum(len(log.t) for log in logs)))
     for j in range(len(limits)):
         own = found.simulated(j)
-        first, prior = alone(own.logs)
-        found.priors.append(prior)
-        found.fits.append(minimise(own, first, prior))
+        found.fits.append(minimise(own, *alone(own.logs)))
     used = found.used
     for j, fit in enumerate(found.fits):
         used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
@@ -110,19 +97,19 @@ def _alike(found: Fitted) -> Fitted:
     at = np.array([DAMPING, DELAY])
     x = np.array([fit.x[at] for fit in found.fits])
     variances = np.empty_like(x)
-    for j, (fit, prior) in enumerate(zip(found.fits, found.priors, strict=True)):
+    for j, fit in enumerate(found.fits):
         rows = weights(found.simulated(j), fit.residual, fit.sigma)
-        H = (fit.jacobian.T * rows) @ fit.jacobian + np.diag(prior.deviation**-2.0)
+        H = (fit.jacobian.T * rows) @ fit.jacobian + np.diag(fit.prior.deviation**-2.0)
         variances[j] = np.diag(np.linalg.inv(H))[at]
     weight = 1 / (_ALIKE[at] ** 2 + variances)
     (T, d), deviation = np.average(x, axis=0, weights=weight), _ALIKE.copy()
     deviation[at] = np.sqrt(_ALIKE[at] ** 2 + 1 / weight.sum(axis=0))  # the mean is uncertain, too
-    priors = []
-    for prior in found.priors:
-        mean = prior.mean.copy()
+    fits = []
+    for fit in found.fits:
+        mean = fit.prior.mean.copy()
         mean[[DAMPING, ARMATURE, DELAY]] = T, _critical(T), d
-        priors.append(Prior(mean, deviation))
-    return found._replace(priors=priors)
+        fits.append(fit._replace(prior=Prior(mean, deviation)))
+    return found._replace(fits=fits)
 
 
 def _critical(T: float) -> float:
@@ -133,9 +120,7 @@ def _critical(T: float) -> float:
 def _together(logs: Sequence[ServoLog], found: Fitted) -> Fitted:
     """The fits with the loads of all joints' simulated motion, until that settles.
 
-    Args:
-        logs: without the loads of accelerations.
-        found: fits to start from.
+    The logs are without the loads of accelerations; `found` are fits to start from.
     """
     before = np.inf
     for _ in range(_SWEEPS):
@@ -160,7 +145,7 @@ def _saturated(found: Fitted, limits: Array) -> Array:
         own = limited.simulated(j)
         if np.isinf(limits[j]) or np.array_equal(own.residual(fit.x), fit.residual):
             continue
-        if minimise(own, fit.x, found.priors[j]).sigma < _LOWER * fit.sigma:
+        if minimise(own, fit.x, fit.prior).sigma < _LOWER * fit.sigma:
             out[j] = limits[j]
     return out
 
@@ -169,10 +154,7 @@ def start(logs: Sequence[JointLog]) -> Array:
     """(5,) θ by robust non-negative regression of u(t − d) − q on q̇, sgn q̇, Γ + M_jj q̈ and q̈.
 
     Velocity and acceleration are derivatives of the low-passed position; the target is low-passed
-    alike. The delay is the one with the least residual.
-
-    Args:
-        logs: logs of one joint, not empty.
+    alike. The delay is the one with the least residual. The logs are those of one joint, not empty.
     """
     best, found = np.inf, np.array([0.1, 0.01, 0.1, 2e-3, 0.015])
     for delay in _DELAYS:

@@ -24,6 +24,7 @@ from ...robot.model import RobotModel, Servos
 from ...robot.target_profile import followed
 from ...structure.joints import positions
 from ...structure.optional import pin
+from ..payloads import Load
 from .simulation import STEP, JointLog, move_arm
 
 DELAYS = np.arange(0.0, 0.31, 0.01)
@@ -36,32 +37,20 @@ _SHORTEST = 2.0  # shorter stretches between gaps are left out [s]
 
 
 class ServoLog(NamedTuple):
-    """A stretch of a log without gaps, of an arm with n joints.
+    """A stretch of a log without gaps, of an arm with n joints."""
 
-    Attributes:
-        source: name of the file.
-        t: (N,) times [s].
-        issued: (N, n) targets [rad or m], clipped to the servos' `ctrlrange`.
-        target: (N, n) the targets after limits and smoothing; see `robot.target_profile`.
-        position: (N, n) measured [rad or m].
-        load: (N, n) torque or force that gravity and the joints' speeds require of each joint, and
-            the other joints' accelerations where they are known [N·m or N].
-        mass: (N, n, n) mass matrix without armatures [kg·m², kg·m or kg].
-        loaded: whether the arm carries a weighed load.
-        limit: (n,) largest force of each servo [N·m or N]; None without limits.
-        stiffer: kp of all servos in this log over that of the first.
-    """
-
-    source: str
-    t: Array
-    issued: Array
-    target: Array
-    position: Array
+    source: str  # name of the file
+    t: Array  # (N,) times [s]
+    issued: Array  # (N, n) targets [rad or m], clipped to the servos' `ctrlrange`
+    target: Array  # (N, n) the targets after limits and smoothing; see `robot.target_profile`
+    position: Array  # (N, n) measured [rad or m]
+    # (N, n) torque or force that gravity and the joints' speeds require of each joint, and the
+    # other joints' accelerations where they are known [N·m or N]
     load: Array
-    mass: Array
-    loaded: bool = False
-    limit: Array | None = None
-    stiffer: float = 1.0
+    mass: Array  # (N, n, n) mass matrix without armatures [kg·m², kg·m or kg]
+    loaded: bool = False  # whether the arm carries a weighed load
+    limit: Array | None = None  # (n,) largest force of each servo [N·m or N]; None without limits
+    stiffer: float = 1.0  # kp of all servos in this log over that of the first
 
     def part(self, rows: slice) -> ServoLog:
         """Some of the rows."""
@@ -81,6 +70,16 @@ class ServoLog(NamedTuple):
         limit = np.inf if self.limit is None else float(self.limit[j])
         rows = map(np.ascontiguousarray, columns)
         return JointLog(self.t, *rows, limit=limit, stiffer=self.stiffer)
+
+
+class ServoLogs(NamedTuple):
+    """An arm with position servos, and logs of their targets."""
+
+    robot: RobotModel
+    logs: tuple[ServoLog, ...]  # stretches without gaps
+    kp: Array  # (n,) stiffness of the servos in the model file [N·m/rad or N/m]
+    findings: tuple[Finding, ...]  # about file and logs
+    load: Load | None = None  # payload of known mass that the loaded logs carry; None if none does
 
 
 def servo_map(
@@ -126,18 +125,12 @@ def read_servo_logs(
     tables: Sequence[Table],
     columns: dict[str, Joint],
     mapping: Map | None,
-    servos: Servos,
     carrying: Container[str] = (),
 ) -> tuple[tuple[ServoLog, ...], tuple[Finding, ...]]:
     """The stretches of logs, and findings about the data.
 
-    Args:
-        robot: a tree of joints with a position servo on each.
-        tables: tables of the files.
-        columns: columns of every joint, see `servo_map`.
-        mapping: may hold the files' clocks.
-        servos: servos of the joints, whose limits and profiles the targets have.
-        carrying: names of the files whose arm carries a weighed load.
+    The robot has a position servo on each joint; `columns` are from `servo_map`, `mapping` may hold
+    the files' clocks, and `carrying` names the files whose arm carries a weighed load.
 
     Raises:
         InvalidInput: a column or joint of the map does not exist.
@@ -151,9 +144,10 @@ def read_servo_logs(
             raise InvalidInput("map: column", "a column of the log", name, "Correct map.toml.")
     recordings, findings = join(tables, mapping or Map(), names)
     logs: list[ServoLog] = []
+    assert robot.servos is not None
     model, stiffer = without_armature(robot.model), _stiffer(recordings, mapping or Map())
     for recording in recordings:
-        stretches, said = _stretches(recording, made, servos)
+        stretches, said = _stretches(recording, made, robot.servos)
         loaded, kp = recording.source in carrying, stiffer.get(recording.source, 1.0)
         logs += [log._replace(loaded=loaded, stiffer=kp) for log in stretches]
         findings += said
@@ -258,9 +252,7 @@ def _stretches(
 def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
     """The log with mass matrices and loads of a model's links, without what accelerations exert.
 
-    Args:
-        model: without armatures; the log's payload, if it carries one, is part of a link.
-        log: log of targets and positions.
+    The model has no armatures; the log's payload, if it carries one, is part of a link.
     """
     data, load = model.createData(), np.empty_like(log.position)
     mass = np.empty((*load.shape, load.shape[1]))
@@ -277,9 +269,7 @@ def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
 def coupled(log: ServoLog, theta: Array) -> tuple[Array, ServoLog]:
     """(N, n) positions of all joints, simulated together, and the log with the loads they exert.
 
-    Args:
-        log: with loads that do not include accelerations.
-        theta: (n, 5) parameters of `simulation.simulate`.
+    The log's loads do not include accelerations; theta (n, 5) is that of `simulation.simulate`.
     """
     q, v = np.empty_like(log.position), np.zeros_like(log.position)
     q[0] = log.position[0]

@@ -1,7 +1,5 @@
 """The identified servos of an arm, with intervals."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -13,56 +11,40 @@ from .logs import ServoLog
 
 @dataclass(frozen=True)
 class Servo:
-    """One joint's servo in MuJoCo's terms: force = kp (u(t − delay) − q) − kv q̇, and its friction.
+    """A joint's servo in MuJoCo's terms: force = kp (u(t − delay) − q) − kv q̇, and friction."""
 
-    Attributes:
-        name: name of the joint.
-        kp: stiffness [N·m/rad or N/m].
-        kv: damping of servo and joint together [N·m·s/rad or N·s/m].
-        armature: reflected rotor inertia [kg·m² or kg].
-        friction: Coulomb friction [N·m or N].
-        delay: delay of the target [s].
-        gravity: whether gravity determines kp; otherwise kp is a convention, and so is the scale of
-            all others except the delay.
-        error: mean absolute error of the open-loop simulation [rad or m].
-        simple: the same without a model: the target at the best delay, or a constant position,
-            whichever is closer.
-        limit: largest force, where the servo saturated in the logs [N·m or N]; None elsewhere.
-    """
-
-    name: str
-    kp: float
-    kv: float
-    armature: float
-    friction: float
-    delay: float
+    name: str  # name of the joint
+    kp: float  # stiffness [N·m/rad or N/m]
+    kv: float  # damping of servo and joint together [N·m·s/rad or N·s/m]
+    armature: float  # reflected rotor inertia [kg·m² or kg]
+    friction: float  # Coulomb friction [N·m or N]
+    delay: float  # delay of the target [s]
+    # whether gravity determines kp; otherwise kp is a convention, and so is the scale of all others
+    # except the delay
     gravity: bool
-    error: float
+    error: float  # mean absolute error of the open-loop simulation [rad or m]
+    # the same without a model: the target at the best delay, or a constant position, whichever is
+    # closer
     simple: float
+    # largest force, where the servo saturated in the logs [N·m or N]; None elsewhere
     limit: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServoIdentification(Result):
-    """Result of `identify_servos`; parameters are T, f/kp, kp, armature/kp, delay, armature.
-
-    Attributes:
-        robot: the model.
-        servos: servos of every joint, in the order of `robot.joints`.
-        law: T, f/kp and kp of every joint by the filter at the end of the logs; empty without it.
-        scale: the true masses over those of the model file, if a load was weighed; kp, kv, armature
-            and friction are those under the true masses.
-        used: (N,) 1 of samples in use, 0 of those excluded because of external forces, of the logs
-            in their order.
-        seconds: duration of the identification [s].
-    """
+    """Result of `identify_servos`; parameters are T, f/kp, kp, armature/kp, delay, armature."""
 
     robot: RobotModel
-    servos: tuple[Servo, ...]
+    servos: tuple[Servo, ...]  # servos of every joint, in the order of `robot.joints`
+    # T, f/kp and kp of every joint by the filter at the end of the logs; empty without it
     law: tuple[Parameter, ...] = ()
+    # the true masses over those of the model file, if a load was weighed; kp, kv, armature and
+    # friction are those under the true masses
     scale: tuple[Parameter, ...]
+    # (N,) 1 of samples in use, 0 of those excluded because of external forces, of the logs in their
+    # order
     used: Array
-    seconds: float
+    seconds: float  # duration of the identification [s]
 
     @property
     def masked(self) -> float:
@@ -86,14 +68,8 @@ class ServoIdentification(Result):
 
 
 class Replayed(NamedTuple):
-    """Logs, and simulations of the exported file driven by their targets alone.
+    """Logs, and simulations of the exported file driven by their targets alone."""
 
-    Attributes:
-        logs: without loads.
-        simulated: (N, n) simulated positions of every log [rad or m].
-        used: (N,) 1 of samples in use, 0 of those that the fit left out, of all logs in a row.
-    """
-
-    logs: tuple[ServoLog, ...]
-    simulated: tuple[Array, ...]
-    used: Array
+    logs: tuple[ServoLog, ...]  # without loads
+    simulated: tuple[Array, ...]  # (N, n) simulated positions of every log [rad or m]
+    used: Array  # (N,) 1 of samples in use, 0 of those that the fit left out, of all logs in a row

@@ -10,8 +10,6 @@ measured positions. Γ_j includes what the other joints' speeds and acceleration
 the latter are those of a simulation of all joints together, which decouples the joints' fits.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -26,25 +24,15 @@ FALL = 0.1  # speed at which Stribeck friction has fallen to 1/e [rad/s or m/s]
 
 
 class JointLog(NamedTuple):
-    """One joint's part of a log of N samples.
+    """One joint's part of a log of N samples."""
 
-    Attributes:
-        t: (N,) times [s], strictly increasing.
-        target: (N,) target of the servo [rad or m], held until the next sample.
-        position: (N,) measured [rad or m].
-        load: (N,) torque or force that the arm requires of the joint beside M_jj q̈ [N·m or N].
-        inertia: (N,) M_jj without armature [kg·m² or kg].
-        limit: largest torque or force of the servo [N·m or N].
-        stiffer: kp in this log over that of θ.
-    """
-
-    t: Array
-    target: Array
-    position: Array
-    load: Array
-    inertia: Array
-    limit: float = np.inf
-    stiffer: float = 1.0
+    t: Array  # (N,) times [s], strictly increasing
+    target: Array  # (N,) target of the servo [rad or m], held until the next sample
+    position: Array  # (N,) measured [rad or m]
+    load: Array  # (N,) torque or force that the arm requires of the joint beside M_jj q̈ [N·m or N]
+    inertia: Array  # (N,) M_jj without armature [kg·m² or kg]
+    limit: float = np.inf  # largest torque or force of the servo [N·m or N]
+    stiffer: float = 1.0  # kp in this log over that of θ
 
     def own(self, theta: Array) -> Array:
         """(..., 5) θ with this log's kp."""
@@ -52,15 +40,10 @@ class JointLog(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """Effects beyond the equation above.
+    """Effects beyond the equation above."""
 
-    Attributes:
-        stribeck: excess of friction over kp at rest, which falls with speed [rad or m].
-        load: friction per torque of the load [1].
-    """
-
-    stribeck: float = 0.0
-    load: float = 0.0
+    stribeck: float = 0.0  # excess of friction over kp at rest, which falls with speed [rad or m]
+    load: float = 0.0  # friction per torque of the load [1]
 
 
 NONE = Effects()
@@ -69,10 +52,7 @@ NONE = Effects()
 def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
     """(N,) positions of a joint that starts at rest at its first measured position.
 
-    Args:
-        log: its targets, load and inertia.
-        theta: (5,) T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
-        effects: beyond the equation.
+    theta (5,) are T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
     """
     out, last = np.empty(len(log.t)), len(log.t) - 1
     out[0] = q = log.position[0]

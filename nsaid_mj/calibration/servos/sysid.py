@@ -10,8 +10,6 @@ prior; its search has bounds:
   finite differences of 1 %, scaled variables, and a target 20 ms late, which it does not fit.
 """
 
-from __future__ import annotations
-
 import io
 from contextlib import redirect_stdout
 from pathlib import Path
@@ -29,7 +27,7 @@ from ...resources import write_text
 from ...robot.mjcf_file import compile_file
 from ...robot.tree import actuators_of, joint_names
 from .export import HARD, hold_others
-from .identify import ServoLogs
+from .logs import ServoLogs
 
 _STEP = 5e-3  # of a simulation [s]
 _LEAST = np.array([[1e-3], [1e-3], [2e-3], [1.1e-2]])  # start of kp, kv, armature, frictionloss
@@ -43,13 +41,8 @@ _FAR = 1e3  # residual where a simulation diverges
 def write_by_toolbox(given: ServoLogs, path: Path, best: bool) -> float:
     """Writes the MJCF that the toolbox finds for logs, from the values in the arm's own file.
 
-    Args:
-        given: the arm and its logs, without loads.
-        path: path of the file to write.
-        best: whether the better options are used.
-
-    Returns:
-        The delay of the targets [s].
+    `given` are the arm and its logs, without loads; `best` chooses the better options. Returns the
+    delay of the targets [s].
 
     Raises:
         NoEstimate: the toolbox is not installed.

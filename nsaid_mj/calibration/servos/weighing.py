@@ -6,10 +6,7 @@ mass m is identified as μ = m/s: μ and the payload's position are fitted with 
 to all logs, free and loaded.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -18,7 +15,8 @@ from ...parameters import Array, Indices
 from ...robot.model import RobotModel
 from ..payloads import Load, carrier, with_mass
 from .fit import STEP, JointFit, OutputError, Prior, minimise, undisturbed
-from .logs import ServoLog, coupled, weighed, without_armature
+from .joint_fits import Fitted
+from .logs import ServoLog, ServoLogs, coupled, weighed, without_armature
 
 _OWN = 5  # parameters of a joint
 _UNSURE = 1.0  # standard deviation of ln s before the log
@@ -56,14 +54,9 @@ class Arm:
     """Simulations of all joints together, each in units of its own residual.
 
     The parameters x are (n, 5) ln θ of the joints in a row, ln μ, and the load's place (3,) in the
-    frame of the joint that carries it [m].
-
-    Args:
-        robot: the model.
-        logs: free, then loaded ones, with loads that do not include accelerations.
-        load: payload of the loaded logs.
-        sigma: (n,) robust rms of each joint's residual [rad or m].
-        used: (N,) 1 of samples that count.
+    frame of the joint that carries it [m]. The logs are free, then loaded ones, with loads that do
+    not include accelerations; sigma (n,) are robust rms of the joints' residuals [rad or m], and
+    used (N,) is 1 of samples that count.
     """
 
     def __init__(
@@ -123,53 +116,22 @@ class Arm:
         return np.hstack(columns)[:, free]
 
 
-class Weighed(NamedTuple):
-    """An arm that was fitted with its load.
-
-    Attributes:
-        arm: the simulations at the minimum.
-        fit: the minimiser and its residual, see `Arm`.
-        prior: prior of its parameters.
-        used: (N,) 1 of samples in use.
-    """
-
-    arm: Arm
-    fit: OutputError
-    prior: Prior
-    used: Array
-
-    def joint(self, j: int) -> OutputError:
-        """The fit of one joint [rad or m], without derivatives."""
-        own, sigma = slice(_OWN * j, _OWN * (j + 1)), self.arm.sigma[j]
-        residual = self.fit.residual.reshape(len(self.arm.sigma), -1)[j] * sigma
-        return OutputError(self.fit.x[own].copy(), residual, sigma, np.zeros((len(residual), 0)))
-
-
-def weigh(
-    robot: RobotModel,
-    logs: Sequence[ServoLog],
-    load: Load,
-    fits: Sequence[OutputError],
-    priors: Sequence[Prior],
-    used: Array,
-) -> Weighed:
+def weigh(given: ServoLogs, fitted: Fitted) -> tuple[OutputError[Arm], Array]:
     """Fits all joints and the payload to free and loaded logs, again without external forces.
 
-    Args:
-        robot: the model.
-        logs: all, with loads that do not include accelerations.
-        load: payload of the loaded logs.
-        fits: fits of the joints to the free logs.
-        priors: priors of the joints' parameters.
-        used: (N,) 1 of samples that count, of all logs.
+    `fitted` are the joints' fits to the free logs. Also returns (N,) 1 of samples in use.
     """
-    _, centre, known = carrier(robot.model, load)
-    mean = np.concatenate([p.mean for p in priors] + [[np.log(load.mass)], centre])
+    load, logs = given.load, [log._replace(limit=fitted.logs[0].limit) for log in given.logs]
+    assert load is not None
+    rest = np.ones(sum(len(log.t) for log in logs) - len(fitted.used))
+    used = np.append(fitted.used, rest)
+    _, centre, known = carrier(given.robot.model, load)
+    mean = np.concatenate([f.prior.mean for f in fitted.fits] + [[np.log(load.mass)], centre])
     place = np.full(3, 0.0 if known else _REACH)
-    prior = Prior(mean, np.concatenate([p.deviation for p in priors] + [[_UNSURE], place]))
-    x = np.concatenate([f.x for f in fits] + [mean[-4:]])
-    sigma = np.array([f.sigma for f in fits])
-    arm = Arm(robot, logs, load, sigma, used)
+    spread = np.concatenate([f.prior.deviation for f in fitted.fits] + [[_UNSURE], place])
+    x, prior = np.concatenate([f.x for f in fitted.fits] + [mean[-4:]]), Prior(mean, spread)
+    sigma = np.array([f.sigma for f in fitted.fits])
+    arm = Arm(given.robot, logs, load, sigma, used)
     fit, rest = minimise(arm, x, prior), used
     for j, residual in enumerate(fit.residual.reshape(len(sigma), -1)):
         joint = [log.joint(j) for log in logs]
@@ -177,4 +139,4 @@ def weigh(
     if not np.array_equal(rest, used):
         arm.used = np.tile(rest, len(sigma))
         fit = minimise(arm, fit.x, prior)
-    return Weighed(arm, fit, prior, rest)
+    return fit, rest

@@ -1,7 +1,5 @@
 """Parameters, verdict and findings of an estimate of servos, in words."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ exception of its library, an `ImportError` if that is not installed; it calls `c
 unpacking.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys
@@ -39,40 +37,24 @@ _SUFFIXES = (
 
 
 class Columns(NamedTuple):
-    """Columns of a file that share their rows.
+    """Columns of a file that share their rows."""
 
-    Attributes:
-        values: (N,) arrays by name: real numbers, `datetime64` or strings.
-        time: (N,) times [ns], int64; None if the time is one of the columns or unknown.
-        problems: rows that could not be read literally, and why; rows are counted from 1 without
-            the header.
-        dropped: columns or other parts of the file that were skipped, and why.
-        skipped: how many of the rows with problems are not in `values`.
-    """
-
-    values: dict[str, np.ndarray]
-    time: np.ndarray | None = None
+    values: dict[str, np.ndarray]  # (N,) arrays by name: real numbers, `datetime64` or strings
+    time: np.ndarray | None = None  # (N,) [ns], int64; None if it is one of the columns or unknown
+    # rows that could not be read literally, and why; rows are counted from 1 without the header
     problems: tuple[tuple[int, str], ...] = ()
-    dropped: tuple[tuple[str, str], ...] = ()
-    skipped: int = 0
+    dropped: tuple[tuple[str, str], ...] = ()  # columns or parts that were skipped, and why
+    skipped: int = 0  # how many of the rows with problems are not in `values`
 
 
 class Format(NamedTuple):
-    """A file format.
+    """A file format."""
 
-    Attributes:
-        name: name of its module, which is imported for files of this format alone.
-        library: that reads it, for messages.
-        heads: first bytes of a file.
-        inside: name of the file by which a folder is one log; "" if none is.
-        extra: the optional dependency with the library; "" if it is always there.
-    """
-
-    name: str
-    library: str
-    heads: tuple[bytes, ...] = ()
-    inside: str = ""
-    extra: str = ""
+    name: str  # name of its module, which is imported for files of this format alone
+    library: str  # that reads it, for messages
+    heads: tuple[bytes, ...] = ()  # first bytes of a file
+    inside: str = ""  # name of the file by which a folder is one log; "" if none is
+    extra: str = ""  # the optional dependency with the library; "" if it is always there
 
     def recognises(self, path: Path, head: bytes = b"") -> bool:
         """Whether a file with these first bytes, or a folder, has this format."""

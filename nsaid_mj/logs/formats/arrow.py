@@ -1,7 +1,5 @@
 """Parquet, Arrow IPC files and streams, Feather."""
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """ArduPilot's DataFlash logs (.bin), through `pymavlink`."""
 
-from __future__ import annotations
-
 import contextlib
 from collections import defaultdict
 from pathlib import Path

@@ -4,8 +4,6 @@ Version 2 has a file for every episode, version 3 files of many; both have the c
 `episode_index`, `frame_index` and `timestamp`, and one column of lists for each feature.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """NumPy archives (.npz): arrays (N,) or (N, k), without pickled objects."""
 
-from __future__ import annotations
-
 import zipfile
 from pathlib import Path
 

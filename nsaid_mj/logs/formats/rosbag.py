@@ -4,8 +4,6 @@ It reads `sensor_msgs/JointState`, `nav_msgs/Odometry` and `std_msgs/Float64Mult
 the stamps of the headers; for a message without one, the time of recording.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Recordings of Rerun (.rrd): the scalars of every entity, through `rerun-sdk`."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from pathlib import Path
 from typing import Any

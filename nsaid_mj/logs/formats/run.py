@@ -1,7 +1,5 @@
 """Runs of this package: the measurements and commands of `record.arrow`, no estimate."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Delimited text: comma, semicolon, tab or spaces, with or without header, plain or gzipped."""
 
-from __future__ import annotations
-
 import csv
 import gzip
 import re
@@ -35,19 +33,12 @@ _MOST_MALFORMED = 0.5  # share of rows beyond which a file is not a table
 
 
 class Dialect(NamedTuple):
-    """The format of a text table.
+    """The format of a text table."""
 
-    Attributes:
-        delimiter: one character; runs of blanks count as one space.
-        decimal: "." or ",".
-        names: names of the columns.
-        header: whether the first line holds the names.
-    """
-
-    delimiter: str
-    decimal: str
-    names: list[str]
-    header: bool
+    delimiter: str  # one character; runs of blanks count as one space
+    decimal: str  # "." or ","
+    names: list[str]  # names of the columns
+    header: bool  # whether the first line holds the names
 
 
 def read(path: Path) -> list[Columns]:

@@ -1,7 +1,5 @@
 """PX4's ULog, through `pyulog`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

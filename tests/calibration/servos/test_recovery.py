@@ -82,7 +82,7 @@ def test_a_filter_finds_them_from_positions_alone(result):
 
 
 def test_a_filter_leaves_out_what_the_fit_does(given):
-    found, joint = estimate(given.robot, given.logs, given.kp), 1
+    found, joint = estimate(given), 1
     logs = [[log.joint(joint) for log in given.logs]]
     own, pushed = (
         follow(logs, found.joints[joint : joint + 1], used)[0].x[-1, 2]

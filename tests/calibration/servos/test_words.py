@@ -5,8 +5,8 @@ import pytest
 
 from nsaid_mj.calibration.payloads import Load
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
-from nsaid_mj.calibration.servos.covariance import Spread
 from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale, _moderated
+from nsaid_mj.calibration.servos.fit import Spread
 from nsaid_mj.calibration.servos.follow import Followed
 from nsaid_mj.calibration.servos.words import (
     apart,
