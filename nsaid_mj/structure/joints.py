@@ -25,7 +25,7 @@ from .blocks import link_block
 from .optional import pin
 from .parts import Body, Column, Inertia, Rotor
 from .structure import Structure
-from .structured import StructuredKinematics
+from .system import SecondOrderSystem
 
 Actuator = Literal["motor", "servo"]
 """A joint's command: a motor's torque over its gain, or a servo's target."""
@@ -95,7 +95,7 @@ class Carrier(NamedTuple):
     speed: Array
 
 
-class JointTree(StructuredKinematics):
+class JointTree(SecondOrderSystem):
     """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5): motors on a tree's 1-DOF joints.
 
     With position servos, whose commands are targets, the last term is diag(k) (u − q). Friction is
