@@ -29,8 +29,8 @@ from ..memory.statistics import Memory
 from ..nullspace_aid import NullspaceIdentifier
 from .drift import Rivals, going_on, walks
 from .faults.isolation import Isolation
-from .faults.onset import LEAD
 from .faults.signals import Signals
+from .faults.trial import LEAD
 from .faults.watch import Watch
 from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
 from .kalman import follow_filter, restart_state
