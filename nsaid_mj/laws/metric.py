@@ -99,15 +99,16 @@ class ConstantMetric(Metric):
         Gamma: (p,) or (p, p) positive definite adaptation gain. Zero rows and columns of a diagonal
             hold a parameter at its prior.
         held: (p,) mask of the parameters held at their prior; their Γ must be 0.
+        size: p; by default that of Γ.
 
     Raises:
-        InvalidInput: Γ is not positive definite on the parameters that move.
+        InvalidInput: Γ has another size, or is not positive definite on the parameters that move.
     """
 
     cancelling = 0.0
 
-    def __init__(self, Gamma: Array, held: np.ndarray | None = None):
-        size = len(Gamma)
+    def __init__(self, Gamma: Array, held: np.ndarray | None = None, size: int | None = None):
+        size = len(Gamma) if size is None else size
         self.moving = np.ones(size, dtype=bool) if held is None else ~np.asarray(held)
         self.Gamma = positive_gain("Gamma", Gamma, size, self.moving)
         self.conserves = bool(self.moving.all())

@@ -38,15 +38,8 @@ def paper_identifier(
         InvalidInput: a shape or value is wrong, a gain is not positive definite, or K is too
             fast for dt.
     """
-    Gamma = np.asarray(Gamma, dtype=np.float64)
-    if Gamma.shape not in ((system.p,), (system.p, system.p)):
-        raise InvalidInput(
-            "Gamma",
-            f"shape ({system.p},) or ({system.p}, {system.p})",
-            Gamma.shape,
-            "Pass the diagonal or the full matrix.",
-        )
-    return NullspaceIdentifier(system, K, ConstantMetric(Gamma, held), prior, dt, hermite)
+    metric = ConstantMetric(Gamma, held, system.p)
+    return NullspaceIdentifier(system, K, metric, prior, dt, hermite)
 
 
 class NullspaceIdentifier(Identifier):
