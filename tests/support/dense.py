@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
-from scipy.linalg import block_diag
 
 from nsaid_mj.laws.cone import chart
 from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
@@ -103,7 +104,7 @@ def from_chart(cone, eta: Array, pairing: Array) -> Array:
 
 def full(gain: Array) -> Array:
     """(k, k) of a gain (k,) or (k, k)."""
-    return gain if gain.ndim == 2 else block_diag(*gain)
+    return gain if gain.ndim == 2 else np.diag(gain)
 
 
 def rk4_step(
@@ -122,7 +123,8 @@ def rk4_step(
     half = Measurement(previous.t + 0.5 * dt, middle.q[0], middle.v[0], previous.u)
     last, K, Gamma = following._replace(u=previous.u), full(law.K), full(law.metric.Gamma)
     cone = getattr(law.metric, "cone", None)
-    pairing, pivots = None if cone is None else geometry.coordinates(cone), []
+    pairing: Any = None if cone is None else geometry.coordinates(cone)
+    pivots: list[float] = []
 
     def slope(sample: Measurement, z: Array) -> Array:
         theta = z[n:] if cone is None else from_chart(cone, z[n:], pairing)
