@@ -137,7 +137,7 @@ class ConstantMetric(Metric):
 # -- compiled functions, selected by the law's type -----------------------------------------------
 
 
-def _by_law(flat: Any, curved: Any, **options: Any) -> Any:
+def _by_law(flat: Any, curved: Any, options: Any = FAST) -> Any:
     """A function of a law for compiled code: `flat` if the law is a `Flat`, else `curved`."""
 
     def chosen(law, *given):
@@ -169,20 +169,18 @@ def _accurate(law, start, eta, before, theta, scratch):
     return abs(change - 2 * law.mu * b) <= ACCURACY * law.mu * law.cone.degree
 
 
-chart = _by_law(lambda law: None, lambda law: chart_workspace(law.cone))
+chart = _by_law(lambda law: None, lambda law: chart_workspace(law.cone), {})  # allocates
 """Allocates the chart's workspace, the argument `scratch` of the functions below."""
 
 enter = _by_law(
     lambda law, theta, eta, scratch: copy_into(theta, eta),
     lambda law, theta, eta, scratch: to_chart_into(law.cone, theta, eta, scratch),
-    **FAST,
 )
 """Writes η (p,) of θ̂ (p,)."""
 
 leave = _by_law(
     lambda law, eta, theta, scratch: copy_into(eta, theta),
     lambda law, eta, theta, scratch: from_chart_into(law.cone, eta, law.pairing, theta, scratch),
-    **FAST,
 )
 """Writes θ̂ (p,) of η (p,)."""
 
@@ -191,16 +189,13 @@ adapt = _by_law(
     lambda law, eta, theta, gradient, rate, scratch: natural_rate_into(
         law.cone, eta, theta, law.stiffness, law.mu, gradient, rate, scratch
     ),
-    **FAST,
 )
 """Writes η̇ (p,) of (45) from Wᵀ Δv (p,)."""
 
-hold = _by_law(
-    lambda law, start, eta: None, lambda law, start, eta: confine(law.cone, start, eta), **FAST
-)
+hold = _by_law(lambda law, start, eta: None, lambda law, start, eta: confine(law.cone, start, eta))
 """Shortens the step from `start` (p,) to η (p,), in place, where θ̂ would leave its domain."""
 
-accurate = _by_law(lambda law, start, eta, before, theta, scratch: True, _accurate, **FAST)
+accurate = _by_law(lambda law, start, eta, before, theta, scratch: True, _accurate)
 """Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate.
 
 It is not where θ̂ is outside the cone, as only rounding could bring about.

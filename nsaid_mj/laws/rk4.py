@@ -1,4 +1,4 @@
-"""RK4 integration of (44) and (45), compiled: one loop for every kind of motion and metric."""
+"""RK4 integration of (44) and (45), compiled: one loop for every metric."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
+from ..numerics.compiler import INLINE
 from ..numerics.linalg import copy_into
 from ..parameters import Array
 from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST, StructureArrays, workspace
@@ -108,7 +109,7 @@ def _call(_: Any, address: Any, at: Any, k: Any) -> Any:
 call: Any = intrinsic(_call)
 
 
-@njit(**FAST)
+@njit(**FAST, **INLINE)
 def stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
     """Writes â (n,) of (29) and Wᵀ Δv (p,) at one stage of the step from sample k − 1 to k.
 
