@@ -33,9 +33,9 @@ from .laws import EfficientConfig as EfficientConfig
 from .laws import MemoryConfig as MemoryConfig
 from .laws import NullspaceAID as NullspaceAID
 from .laws import Status as Status
-from .laws.efficient.law import efficient_identifier as efficient_identifier
-from .laws.in_cone import cone_identifier as cone_identifier
-from .laws.in_cone import memory_identifier as memory_identifier
+from .laws.cone.law import ConeMetric as ConeMetric
+from .laws.efficient.law import EfficientIdentifier as EfficientIdentifier
+from .laws.memory.implicit import ImplicitMemory as ImplicitMemory
 from .laws.nullspace_aid import NullspaceIdentifier as NullspaceIdentifier
 from .laws.nullspace_aid import paper_identifier as paper_identifier
 from .log import Log as Log
@@ -75,14 +75,12 @@ from .plants.underwater import BlueROV2Plant as BlueROV2Plant
 from .plants.uvms import UvmsPlant as UvmsPlant
 from .recording.postprocessing import finish as finish
 from .robot.model import RobotModel as RobotModel
-from .structure.general import GeneralSystem as GeneralSystem
 from .structure.joints import JointScales as JointScales
 from .structure.joints import JointTree as JointTree
 from .structure.multibody import CompiledMultibody as CompiledMultibody
 from .structure.multibody import Multibody as Multibody
 from .structure.single_body import Operation as Operation
 from .structure.single_body import SingleBody as SingleBody
-from .structure.structured import StructuredKinematics as StructuredKinematics
 from .structure.structured import StructuredSystem as StructuredSystem
 from .structure.system import SecondOrderSystem as SecondOrderSystem
 

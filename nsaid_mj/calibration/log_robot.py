@@ -31,7 +31,8 @@ from ..structure.optional import pin
 from ..structure.parts import Column, Inertia, Rotor
 from ..structure.single_body import LEVEL
 from ..structure.structure import Structure
-from ..structure.structured import StructuredKinematics, StructuredSystem
+from ..structure.structured import StructuredSystem
+from ..structure.system import SecondOrderSystem
 from .joints import COLUMNS, STRIBECK, joint_of
 from .measured import MeasuredRobot, identifiers_of
 from .models import load_robot_model
@@ -82,7 +83,7 @@ class LoggedArm(JointTree, StructuredSystem):
         speed: Array,
         command: Array,
     ):
-        StructuredKinematics.__init__(self, structure, space)  # a tree would add its own columns
+        SecondOrderSystem.__init__(self, structure, space)  # a tree would add its own columns
         self.model, self.joints = model, moving_joints(model)
         self.joint_names, self.body_names = joint_names(model), body_names(model)
         self.bodies, self.command_limits = len(structure.bodies), (-command, command)

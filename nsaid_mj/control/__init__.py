@@ -3,6 +3,7 @@
 from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
 from .adaptive import AdaptiveTracking as AdaptiveTracking
 from .autopilot import DepthHeadingAutopilot as DepthHeadingAutopilot
+from .driver import CompiledDriver as CompiledDriver
 from .driver import Driver as Driver
 from .driver import DriverConfig as DriverConfig
 from .driver import InformedDriver as InformedDriver

@@ -117,9 +117,6 @@ class _Autopilot(Driver):
         u[-1] += config.propeller
         return _clipped(u, self._least, self._most)
 
-    def compiled(self, t: Array) -> None:
-        return None
-
 
 def _balance(thrust: float, drag: float, slip: float, n: float) -> float:
     """Speed u [m/s] at which the drag, drag·u², balances the thrust at propeller command n > 0."""

@@ -113,6 +113,10 @@ class Driver(ABC):
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(n_u,) command that is held from t [s] until the next sample; q (m,), v (n,) measured."""
 
+
+class CompiledDriver(Driver):
+    """A driver whose law compiled code may evaluate."""
+
     @abstractmethod
     def compiled(self, t: Array) -> Array | Tracking | None:
         """The control law in a form that compiled code evaluates, bit for bit as `command` does.

@@ -79,9 +79,6 @@ class _Driver(Driver):
     def command(self, t: float, q: Array, v: Array) -> Array:
         return np.array([self._drive(t, float(v[0])), self._steer(t, q, v)])
 
-    def compiled(self, t: Array) -> None:
-        return None
-
     def _desired(self, t: float) -> float:
         """Desired speed at time t [m/s]."""
         return self._config.speed * (1 + float(self._pace(t)[0]))

@@ -11,7 +11,7 @@ from ..bounds import Number, Positive, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..structure.system import SecondOrderSystem
-from .driver import Driver, DriverConfig
+from .driver import CompiledDriver, Driver, DriverConfig
 from .signals import Multisine
 
 Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
@@ -106,7 +106,7 @@ def pushes(system: SecondOrderSystem, theta: Array) -> Array:
     )
 
 
-class _MultisineDriver(Driver):
+class _MultisineDriver(CompiledDriver):
     """Plays a multisine in open loop, from rest, distributed over the actuators by `share`."""
 
     def __init__(

@@ -72,6 +72,3 @@ class _PoseHold(Driver):
         desired = self._omega**2 * error - 2 * self._omega * v
         u = self._bias + self._dither(t) + self._allocation @ desired
         return np.clip(u, self._low, 1.0)
-
-    def compiled(self, t: Array) -> None:
-        return None

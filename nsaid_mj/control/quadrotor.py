@@ -152,9 +152,6 @@ class _Flight(Driver):
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
 
-    def compiled(self, t: Array) -> None:
-        return None
-
 
 class _Path:
     """x, y, z [m] and heading [rad] as sums of sines with random phases and frequencies ±10 %."""

@@ -98,6 +98,3 @@ class _Sequence(InformedDriver):
     def inform(self, theta_hat: Array) -> None:
         for driver in self._informed:
             driver.inform(theta_hat)
-
-    def compiled(self, t: Array) -> None:
-        return None

@@ -19,7 +19,14 @@ from ..parameters import Array, Indices
 from ..structure.joints import JointTree
 from ..structure.structured import plain
 from ..structure.system import SecondOrderSystem
-from .driver import Driver, DriverConfig, Tracking, computed_torque, tracking_workspace
+from .driver import (
+    CompiledDriver,
+    Driver,
+    DriverConfig,
+    Tracking,
+    computed_torque,
+    tracking_workspace,
+)
 from .multisine import MultisineCommand
 from .signals import FourierTrajectory, Series, fourier
 
@@ -101,7 +108,7 @@ def follow(
     return ComputedTorque(system, prior, series, omega, limit * system.scales.command)
 
 
-class Follower(Driver):
+class Follower(CompiledDriver):
     """A driver that begins where a series does."""
 
     def __init__(self, series: Series):

@@ -86,9 +86,6 @@ class _SwimAndReach(Driver):
         torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], self._desired(t, q, v) - free[6:])
         return np.concatenate([np.clip(torque / self._gain, -1, 1), thrust])
 
-    def compiled(self, t: Array) -> None:
-        return None
-
     def _desired(self, t: float, q: Array, v: Array) -> Array:
         """(k,) desired joint accelerations: feedforward plus PD feedback."""
         position, rate, acceleration = self._path(t)
@@ -189,9 +186,6 @@ class _HoverAndReach(Driver):
         push = rest + effect.T @ np.linalg.solve(effect @ effect.T, missing)
         push[len(system.joints) :] = np.sqrt(np.clip(push[len(system.joints) :], 0.01, 1.0))
         return push
-
-    def compiled(self, t: Array) -> None:
-        return None
 
     def _desired(self, t: float, q: Array, v: Array) -> Array:
         """(n,) desired accelerations: feedforward plus PID feedback; updates the integrals."""

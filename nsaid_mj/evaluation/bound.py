@@ -15,13 +15,12 @@ import numpy as np
 import scipy.linalg
 
 from ..errors import NoEstimate
-from ..laws.efficient.filter import Law, filter_at
+from ..laws import EfficientConfig
+from ..laws.efficient.filter import filter_at
 from ..laws.efficient.kalman import covariance_along
-from ..laws.efficient.steps import margin_of
+from ..laws.efficient.replay import FilterAlone
 from ..log import Log, SensorLevels
-from ..nullspace import parts_of
 from ..parameters import Array
-from ..quotient.cone import cone_of
 from .figures import Judge
 from .truth import Truth
 
@@ -43,17 +42,14 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
         )
     if not (levels.position > 0 and levels.velocity > 0):
         raise NoEstimate("the bound is 0 for exact sensors", "Use noisy sensors.")
-    scale = np.array(system.space.scale)
-    cone = cone_of(system.space)
-    rest = np.zeros(system.p), np.zeros(0), parts_of(system)
+    law = FilterAlone(system, 1.0, EfficientConfig()).law
     R = np.repeat(np.array(levels) ** 2, n)
     basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
     prior = basis @ (basis.T @ truth.prior_covariance @ basis) @ basis.T
     for gamma in _ROUNDING:
-        law = Law(system.forward, cone, scale, margin_of(cone, scale), gamma, 1, *rest)
         filter = filter_at(log.q[0], log.v[0], truth.theta, prior)
         filter.Pxx[:] = np.diag(R)
-        if covariance_along(law, filter, R, *log) == len(log.t) - 1:
+        if covariance_along(law._replace(gamma=gamma), filter, R, *log) == len(log.t) - 1:
             return filter.Ptt
     raise NoEstimate("rounding makes the covariance of the bound indefinite", "Use a shorter log.")
 

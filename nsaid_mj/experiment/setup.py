@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..control import Driver, DriverConfig
+from ..control import CompiledDriver, Driver, DriverConfig
 from ..control.driver import Tracking
 from ..errors import BadScript, InvalidInput
 from ..laws import Identifier, IdentifierConfig, NullspaceAID
@@ -269,7 +269,7 @@ def _wrong(function: object, expected: str, got: object) -> BadScript:
     return BadScript(file, line, f"expected {expected}, got {got}", code)
 
 
-class CheckedDriver(Driver):
+class CheckedDriver(CompiledDriver):
     """A user's driver, whose results are checked for their shape."""
 
     def __init__(self, driver: Driver, system: SecondOrderSystem):
@@ -294,7 +294,7 @@ class CheckedDriver(Driver):
         Raises:
             BadScript: it is neither None, nor a `Tracking`, nor a (k, n_u) array of numbers.
         """
-        found = self._driver.compiled(t)
+        found = self._driver.compiled(t) if isinstance(self._driver, CompiledDriver) else None
         if found is None or isinstance(found, Tracking):
             return found
         return self._array("compiled", found, len(t), self._n_u)

@@ -15,11 +15,12 @@ from ..log import EXACT, SensorLevels
 from ..parameters import Array
 from ..structure.system import SecondOrderSystem
 from .base import ExpectedGramian, Identifier, IdentifierConfig
-from .efficient.law import efficient_identifier
+from .cone.law import ConeMetric
+from .efficient.law import EfficientIdentifier
 from .efficient.replay import EfficientConfig
-from .in_cone import cone_identifier, memory_identifier
+from .memory.implicit import ImplicitMemory
 from .memory.statistics import MemoryConfig
-from .nullspace_aid import paper_identifier
+from .nullspace_aid import NullspaceIdentifier, paper_identifier
 
 
 @config
@@ -85,12 +86,12 @@ class NullspaceAID(IdentifierConfig):
             return paper_identifier(system, K, Gamma, prior, dt, hermite)
         stiffness = 1 / Gamma if Gamma.ndim == 1 else np.diag(np.linalg.inv(Gamma))
         mu = self.barrier * float(np.median(stiffness * system.space.scale**2))
+        metric = ConeMetric(system.space, Gamma, prior, mu)
         if self.law == "cone":
-            return cone_identifier(system, K, Gamma, prior, dt, mu, hermite)
-        guard = memory_identifier(system, K, Gamma, prior, dt, mu, hermite, self.memory, noise)
-        if self.law == "memory":
-            return guard
-        return efficient_identifier(guard, dt, self.efficient)
+            return NullspaceIdentifier(system, K, metric, prior, dt, hermite)
+        memory = ImplicitMemory(system, metric, prior, dt, hermite, self.memory, noise)
+        guard = NullspaceIdentifier(system, K, metric, prior, dt, hermite, memory)
+        return guard if self.law == "memory" else EfficientIdentifier(guard, dt, self.efficient)
 
     @property
     def in_cone(self) -> bool:

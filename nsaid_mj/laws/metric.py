@@ -9,7 +9,7 @@ the cone. The type of the tuple selects the code that is compiled.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -99,15 +99,16 @@ class ConstantMetric(Metric):
         Gamma: (p,) or (p, p) positive definite adaptation gain. Zero rows and columns of a diagonal
             hold a parameter at its prior.
         held: (p,) mask of the parameters held at their prior; their Γ must be 0.
+        size: p; by default that of Γ.
 
     Raises:
-        InvalidInput: Γ is not positive definite on the parameters that move.
+        InvalidInput: Γ has another size, or is not positive definite on the parameters that move.
     """
 
     cancelling = 0.0
 
-    def __init__(self, Gamma: Array, held: np.ndarray | None = None):
-        size = len(Gamma)
+    def __init__(self, Gamma: Array, held: np.ndarray | None = None, size: int | None = None):
+        size = len(Gamma) if size is None else size
         self.moving = np.ones(size, dtype=bool) if held is None else ~np.asarray(held)
         self.Gamma = positive_gain("Gamma", Gamma, size, self.moving)
         self.conserves = bool(self.moving.all())
@@ -136,103 +137,16 @@ class ConstantMetric(Metric):
 # -- compiled functions, selected by the law's type -----------------------------------------------
 
 
-def chart(law):
-    """Allocates the chart's workspace, the argument `scratch` of the functions below."""
+def _by_law(flat: Any, curved: Any, options: Any = FAST) -> Any:
+    """A function of a law for compiled code: `flat` if the law is a `Flat`, else `curved`."""
 
+    def chosen(law, *given):
+        raise NotImplementedError  # called by compiled code only
 
-def enter(law, theta, eta, scratch):
-    """Writes η (p,) of θ̂ (p,)."""
-
-
-def leave(law, eta, theta, scratch):
-    """Writes θ̂ (p,) of η (p,)."""
-
-
-def adapt(law, eta, theta, gradient, rate, scratch):
-    """Writes η̇ (p,) of (45) from Wᵀ Δv (p,)."""
-
-
-def hold(law, start, eta):
-    """Shortens the step from `start` (p,) to η (p,), in place, where θ̂ would leave its domain."""
-
-
-def accurate(law, start, eta, before, theta, scratch):
-    """Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate.
-
-    It is not where θ̂ is outside the cone, as only rounding could bring about.
-    """
-
-
-CHARTS = chart_workspace, confine, from_chart_into, height, natural_rate_into, to_chart_into
-"""Callees of the functions above, for kernels that use them."""
-
-
-@overload(chart)
-def _chart(law):
-    def flat(law):
-        pass
-
-    def curved(law):
-        return chart_workspace(law.cone)
-
-    return flat if law.instance_class is Flat else curved
-
-
-@overload(enter, jit_options=FAST)
-def _enter(law, theta, eta, scratch):
-    def flat(law, theta, eta, scratch):
-        copy_into(theta, eta)
-
-    def curved(law, theta, eta, scratch):
-        to_chart_into(law.cone, theta, eta, scratch)
-
-    return flat if law.instance_class is Flat else curved
-
-
-@overload(leave, jit_options=FAST)
-def _leave(law, eta, theta, scratch):
-    def flat(law, eta, theta, scratch):
-        copy_into(eta, theta)
-
-    def curved(law, eta, theta, scratch):
-        from_chart_into(law.cone, eta, law.pairing, theta, scratch)
-
-    return flat if law.instance_class is Flat else curved
-
-
-@overload(adapt, jit_options=FAST)
-def _adapt(law, eta, theta, gradient, rate, scratch):
-    def flat(law, eta, theta, gradient, rate, scratch):
-        times_into(law.Gamma, gradient, rate)
-
-    def curved(law, eta, theta, gradient, rate, scratch):
-        natural_rate_into(law.cone, eta, theta, law.stiffness, law.mu, gradient, rate, scratch)
-
-    return flat if law.instance_class is Flat else curved
-
-
-@overload(hold, jit_options=FAST)
-def _hold(law, start, eta):
-    def flat(law, start, eta):
-        pass
-
-    def curved(law, start, eta):
-        confine(law.cone, start, eta)
-
-    return flat if law.instance_class is Flat else curved
-
-
-@overload(accurate, jit_options=FAST)
-def _accurate(law, start, eta, before, theta, scratch):
-    def flat(law, start, eta, before, theta, scratch):
-        return True
-
-    def curved(law, start, eta, before, theta, scratch):
-        change = stored(law.stiffness, theta) - stored(law.stiffness, before)
-        b = height(law.cone, eta, theta, scratch) - height(law.cone, start, before, scratch)
-        return abs(change - 2 * law.mu * b) <= ACCURACY * law.mu * law.cone.degree
-
-    return flat if law.instance_class is Flat else curved
+    overload(chosen, jit_options=options, strict=False)(
+        lambda law, *_: flat if law.instance_class is Flat else curved
+    )
+    return chosen
 
 
 @njit(**FAST)
@@ -247,6 +161,48 @@ def stored(stiffness, theta):
         for j in range(theta.shape[0]):
             total += theta[i] * stiffness[i, j] * theta[j]
     return total
+
+
+def _accurate(law, start, eta, before, theta, scratch):
+    change = stored(law.stiffness, theta) - stored(law.stiffness, before)
+    b = height(law.cone, eta, theta, scratch) - height(law.cone, start, before, scratch)
+    return abs(change - 2 * law.mu * b) <= ACCURACY * law.mu * law.cone.degree
+
+
+chart = _by_law(lambda law: None, lambda law: chart_workspace(law.cone), {})  # allocates
+"""Allocates the chart's workspace, the argument `scratch` of the functions below."""
+
+enter = _by_law(
+    lambda law, theta, eta, scratch: copy_into(theta, eta),
+    lambda law, theta, eta, scratch: to_chart_into(law.cone, theta, eta, scratch),
+)
+"""Writes η (p,) of θ̂ (p,)."""
+
+leave = _by_law(
+    lambda law, eta, theta, scratch: copy_into(eta, theta),
+    lambda law, eta, theta, scratch: from_chart_into(law.cone, eta, law.pairing, theta, scratch),
+)
+"""Writes θ̂ (p,) of η (p,)."""
+
+adapt = _by_law(
+    lambda law, eta, theta, gradient, rate, scratch: times_into(law.Gamma, gradient, rate),
+    lambda law, eta, theta, gradient, rate, scratch: natural_rate_into(
+        law.cone, eta, theta, law.stiffness, law.mu, gradient, rate, scratch
+    ),
+)
+"""Writes η̇ (p,) of (45) from Wᵀ Δv (p,)."""
+
+hold = _by_law(lambda law, start, eta: None, lambda law, start, eta: confine(law.cone, start, eta))
+"""Shortens the step from `start` (p,) to η (p,), in place, where θ̂ would leave its domain."""
+
+accurate = _by_law(lambda law, start, eta, before, theta, scratch: True, _accurate)
+"""Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate.
+
+It is not where θ̂ is outside the cone, as only rounding could bring about.
+"""
+
+CHARTS = chart_workspace, confine, from_chart_into, height, natural_rate_into, to_chart_into
+"""Callees of the functions above, for kernels that use them."""
 
 
 # -- gains ----------------------------------------------------------------------------------------

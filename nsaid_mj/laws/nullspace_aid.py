@@ -9,7 +9,8 @@ import numpy as np
 from ..errors import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array
-from ..structure.system import Motion, SecondOrderSystem, checked
+from ..structure.motion import Motion
+from ..structure.system import SecondOrderSystem, checked
 from .base import Confidence, Estimates, Identifier, State, Status
 from .memory.implicit import ImplicitMemory
 from .metric import ConstantMetric, Curved, Metric, positive_gain
@@ -30,29 +31,15 @@ def paper_identifier(
 ) -> NullspaceIdentifier:
     """The identifier of (44) and (45) as printed, with a constant Γ.
 
-    Args:
-        system: the structure.
-        K: (n,) or (n, n) positive definite gain of the identification plant [1/s].
-        Gamma: (p,) or (p, p) positive definite adaptation gain. Zero rows and columns of a diagonal
-            hold a parameter at its prior, for `ConventionalAID`.
-        prior: (p,) θ̂(0).
-        dt: time between measurements [s].
-        hermite: cubic Hermite interpolation between samples; else linear.
-        held: (p,) mask of the parameters held at their prior; their Γ must be 0.
+    Gamma, (p,) or (p, p), and held, a mask (p,), are those of `ConstantMetric`, the other arguments
+    those of `NullspaceIdentifier`.
 
     Raises:
         InvalidInput: a shape or value is wrong, a gain is not positive definite, or K is too
             fast for dt.
     """
-    Gamma = np.asarray(Gamma, dtype=np.float64)
-    if Gamma.shape not in ((system.p,), (system.p, system.p)):
-        raise InvalidInput(
-            "Gamma",
-            f"shape ({system.p},) or ({system.p}, {system.p})",
-            Gamma.shape,
-            "Pass the diagonal or the full matrix.",
-        )
-    return NullspaceIdentifier(system, K, ConstantMetric(Gamma, held), prior, dt, hermite)
+    metric = ConstantMetric(Gamma, held, system.p)
+    return NullspaceIdentifier(system, K, metric, prior, dt, hermite)
 
 
 class NullspaceIdentifier(Identifier):

@@ -1,4 +1,4 @@
-"""RK4 integration of (44) and (45), compiled: one loop for every kind of motion and metric."""
+"""RK4 integration of (44) and (45), compiled: one loop for every metric."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numba import njit
 from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, times_into
 from ..structure.compiled import FAST
-from ..structure.motion_types import STAGES, stage, stage_workspace
+from ..structure.motion import stage, stage_workspace
 from .metric import CHARTS, accurate, adapt, chart, enter, hold, leave
 
 # -- one step --------------------------------------------------------------------------------------
@@ -63,9 +63,9 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
 # -- along a log -----------------------------------------------------------------------------------
 
 
-@kernel(None, *STAGES, *CHARTS)
+@kernel(None, *CHARTS)
 def follow(law, motion, v_hats, theta_hats, pivots, first):
-    """Integrates (44, 45) along a motion, any of `structure.motion_types`, of N samples.
+    """Integrates (44, 45) along a motion of N samples.
 
     v_hats (N, n), theta_hats (N, p) and pivots (N,), M̂'s smallest in the step that ends at the
     row, are written from row `first` on; the row before holds the initial values.

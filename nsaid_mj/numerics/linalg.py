@@ -120,24 +120,6 @@ def times_into(gain, vector, product):
             product[i] += gain[j, i] * vector[j]
 
 
-@kernel()
-def evaluate(mass_tensor, W_C, F, theta):
-    """â (n,) of (29), W (n, p) of (10, 31) and M̂'s smallest pivot at one sample.
-
-    mass_tensor (n, n, p) gives M(x, θ) = mass_tensor · θ, W_C (n, p) is the regressor (9), F (n, p)
-    that of forces, theta (p,) the estimate. If the pivot is not > 0, â is NaN and W lacks W_M.
-    """
-    n, _, p = mass_tensor.shape
-    M_hat = np.dot(mass_tensor.reshape(n * n, p), theta).reshape(n, n)  # (8)
-    L = np.zeros((n, n))
-    W = W_C - F
-    a_hat = -np.dot(W, theta)
-    pivot = solve_positive(M_hat, L, a_hat)  # (29)
-    if not pivot > 0.0:
-        return np.full(n, np.nan), W, pivot
-    return a_hat, np.dot(a_hat, mass_tensor.reshape(n, n * p)).reshape(n, p) + W, pivot  # (10)
-
-
 @kernel(void(matrix, matrix, matrix), inner=True, _nrt=True)
 def multiply(A, B, C):
     """Writes A B (n, k) into C, for A (n, m) and B (m, k), by BLAS."""

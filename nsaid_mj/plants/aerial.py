@@ -12,9 +12,10 @@ from ..errors import InvalidInput
 from ..parameters import Array
 from ..structure.blocks import GRAVITY, inertial_block
 from ..structure.parts import Column
-from ..structure.single_body import Operation, Term, numbered, term
+from ..structure.single_body import Operation
+from ..structure.terms import Term, guessed, numbered, term
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
-from .world.body import Inertia, guessed, hidden
+from .world.body import Inertia, hidden
 from .world.sheet import NotNegative, Number, Positive, Table, check_inertia, one, several
 
 _AIR = Fluid(
@@ -124,19 +125,16 @@ class QuadrotorSheet(VehicleSheet):
                     "rotor_drag_z": "rotor drag along it",
                 },
                 drag,
-                guessed(drag),
             ),
             term(
                 [Column("speed_drag", i, body=0, axes=e) for i, e in enumerate(np.eye(6)[:3])],
                 {f"drag_{axis}": f"body drag along {axis}" for axis in "xyz"},
                 self.body_drag,
-                guessed(np.array(self.body_drag)),
             ),
             term(
                 [Column("rotor", i, input=i, **there) for i, there in enumerate(at)],
                 numbered("thrust", "thrust of rotor", 4),
                 thrust,
-                guessed(thrust),
             ),
             term(
                 [
@@ -145,7 +143,6 @@ class QuadrotorSheet(VehicleSheet):
                 ],
                 numbered("torque", "torque of rotor", 4),
                 torque,
-                guessed(torque),
                 spread=0.5,
             ),
         ]

@@ -20,7 +20,8 @@ from ..robot.tree import set_inertias, tree_spec
 from ..structure.joints import Actuator, JointScales, JointTree
 from ..structure.multibody import CompiledMultibody, Multibody
 from ..structure.optional import pin
-from .world.body import guessed, hidden
+from ..structure.terms import guessed
+from .world.body import hidden
 from .world.plant import ParametricPlantConfig, Plant
 from .world.quiet import quiet
 from .world.simulated import SimulatedRobot

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..bounds import Name, Share, config
 from ..errors import UnknownName
-from ..parameters import Array, Block
+from ..parameters import Array
 from ..resources import numbers
 from ..robot.loading import load_robot
 from ..robot.model import RobotModel
@@ -17,8 +17,9 @@ from ..structure.joints import Carrier, JointScales, JointTree, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Column, Inertia, columns_at
+from ..structure.terms import guessed, numbered, term
 from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
-from .world.body import command_inputs, guessed, hidden
+from .world.body import command_inputs, hidden
 from .world.plant import ParametricPlantConfig, Plant
 from .world.simulated import SimulatedRobot
 
@@ -119,27 +120,20 @@ def flying_arm(
         spins: (r,) ±1, the sense of the torque on the base about z.
     """
     count, up = len(positions), np.array([0.0, 0.0, 1.0])
-    blocks = [
-        Block(
-            f"rotor {letter} gain",
-            tuple(f"{letter}_{i + 1}" for i in range(count)),
-            (unit,) * count,
-            np.full(count, scale),
-            "positive",
-            actuator=True,
-            labels=tuple(f"{letter} of rotor {i + 1}" for i in range(count)),
-        )
-        for letter, unit, scale in zip(("thrust", "torque"), ("N", "N·m"), gains, strict=True)
-    ]
+    lifting = columns_at("rotor", positions, np.tile(up, (count, 1)))
     turning = [
-        Column("rotor_torque", count + i, body=0, input=i, direction=spin * up)
+        Column("rotor_torque", i, body=0, input=i, direction=spin * up)
         for i, spin in enumerate(spins)
+    ]
+    thrust, torque = gains
+    rotors = [
+        term(lifting, numbered("thrust", "thrust of rotor", count), thrust, thrust),
+        term(turning, numbered("torque", "torque of rotor", count), torque, torque),
     ]
     carrier = Carrier(
         [Inertia(b, 10 * b) for b in range(model.njoints - 1)],
         link_blocks(model, joints),
-        blocks,
-        [*columns_at("rotor", positions, np.tile(up, (count, 1))), *turning],
+        rotors,
         (np.full(count, 0.1), np.ones(count)),
         np.vstack([positions, np.full((count, 3), np.nan)]),  # a torque acts at no point
         speed,

@@ -10,9 +10,10 @@ import numpy as np
 from ..bounds import Name, Share, config
 from ..parameters import Array, Block
 from ..structure.parts import Column, tied
-from ..structure.single_body import Operation, Term, term
+from ..structure.single_body import Operation
+from ..structure.terms import Term, guessed, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
-from .world.body import guessed, hidden
+from .world.body import hidden
 from .world.sheet import Positive, Table, one, several
 
 CREEP = 0.1

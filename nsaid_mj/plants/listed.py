@@ -13,9 +13,10 @@ from ..parameters import Array, Block
 from ..structure.blocks import inertial_block, mass_block
 from ..structure.columns import KINDS, curve
 from ..structure.parts import Column, full
-from ..structure.single_body import LEVEL, Operation, Term, term
+from ..structure.single_body import LEVEL, Operation
+from ..structure.terms import Term, guessed, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
-from .world.body import Inertia, guessed
+from .world.body import Inertia
 from .world.sheet import LARGEST, NotNegative, Number, Positive, Table, check_inertia, one, several
 
 

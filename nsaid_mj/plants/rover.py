@@ -12,8 +12,9 @@ from ..parameters import Array
 from ..resources import asset, numbers
 from ..robot.tree import set_options
 from ..structure.single_body import SingleBody
+from ..structure.terms import guessed
 from .ground import operation, planar_mass, single_track
-from .world.body import BODY, guessed, hidden
+from .world.body import BODY, hidden
 from .world.coordinates import LevelMap
 from .world.mismatch import Mismatch
 from .world.plant import Plant, PlantConfig

@@ -12,7 +12,8 @@ from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..resources import VehicleFiles, asset
 from ..structure.parts import Column, tied
-from ..structure.single_body import Operation, Term
+from ..structure.single_body import Operation
+from ..structure.terms import Term
 from .world.blueprint import Blueprint, simulated
 from .world.body import hidden
 from .world.plant import ParametricPlantConfig, Plant

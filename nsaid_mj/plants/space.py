@@ -10,9 +10,10 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..structure.blocks import inertial_block
 from ..structure.parts import columns_at
-from ..structure.single_body import Operation, numbered, term
+from ..structure.single_body import Operation
+from ..structure.terms import numbered, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
-from .world.body import NED, Inertia, guessed
+from .world.body import NED, Inertia
 from .world.sheet import Number, Positive, Table, check_directions, check_inertia, one, several
 
 Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
@@ -80,7 +81,6 @@ class FreeFlyerSheet(VehicleSheet):
                     columns_at("nozzle", positions, directions),
                     numbered("nozzle", "thrust of nozzle", count),
                     thrust,
-                    guessed(thrust),
                 )
             ],
             Operation((-speed, speed), (np.zeros(count), np.ones(count)), reach=1.0),

@@ -11,10 +11,10 @@ from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..structure.parts import Column, columns_at, tied
-from ..structure.single_body import Operation, Term, numbered, term
+from ..structure.single_body import Operation
+from ..structure.terms import Term, guessed, numbered, term
 from .underwater import WATER
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
-from .world.body import guessed
 from .world.sheet import Negative, Number, Positive, Table, check_inertia, one, several
 
 _FLUID = WATER._replace(
@@ -183,26 +183,22 @@ class TorpedoSheet(VehicleSheet):
                     "dq_turn": "quadratic drag in pitch and yaw",
                 },
                 drag,
-                guessed(np.array(drag)),
                 geometry="positive",
             ),
             term(
                 [Column("lift", 0, body=0), Column("lift_moment", 1, body=0)],
                 {"lift_body": "body lift", "lift moment_body": "body lift moment"},
                 lift,
-                guessed(np.array(lift)),
             ),
             term(
                 [Column("weight", 0, body=0)],
                 {"net weight": "net weight"},
                 self.net_weight,
-                guessed(self.net_weight),
             ),
             term(
                 [Column("righting", 0, body=0, axis=[0, 0, 1])],
                 {"righting_z": "righting moment"},
                 righting,
-                guessed(righting),
             ),
         ]
 
@@ -227,19 +223,16 @@ class TorpedoSheet(VehicleSheet):
                 ],
                 {"thrust": "propeller thrust", "torque": "propeller torque"},
                 gains,
-                guessed(np.array(gains)),
             ),
             term(
                 columns_at("fin", positions, lifts),
                 numbered("fin lift", "lift of fin", 4),
                 lift,
-                guessed(lift),
             ),
             term(
                 columns_at("fin_drag", positions),
                 numbered("fin drag", "drag of fin", 4),
                 drag,
-                guessed(drag),
             ),
         ]
 

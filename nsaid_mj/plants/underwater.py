@@ -13,9 +13,10 @@ from ..parameters import Array
 from ..structure.blocks import AXES, mass_block
 from ..structure.columns.curve import odd
 from ..structure.parts import Column, columns_at, full
-from ..structure.single_body import Operation, numbered, term
+from ..structure.single_body import Operation
+from ..structure.terms import guessed, numbered, term
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
-from .world.body import NED, guessed
+from .world.body import NED
 from .world.sheet import (
     NotNegative,
     Number,
@@ -175,13 +176,11 @@ class UnderwaterSheet(VehicleSheet):
                     [Column("drag", i, body=0, axes=axis) for i, axis in each],
                     {f"dq_{axis}": f"quadratic drag in {axis}" for axis in AXES},
                     self.quadratic_drag,
-                    guessed(np.array(self.quadratic_drag)),
                 ),
                 term(
                     [Column("weight", 0, body=0)],
                     {"net weight": "net weight"},
                     self.net_weight,
-                    guessed(self.net_weight),
                 ),
                 term(
                     [Column("righting", i, body=0, axis=axis) for i, axis in enumerate(np.eye(3))],
@@ -193,7 +192,6 @@ class UnderwaterSheet(VehicleSheet):
                     columns_at("thruster", positions, directions, curve=curve),
                     numbered("thrust", "thrust of thruster", count),
                     full_thrust,
-                    guessed(full_thrust),
                 ),
             ],
             Operation((-speed, speed), (-np.ones(count), np.ones(count))),

@@ -16,10 +16,11 @@ from ..structure.joints import Carrier, JointScales, JointTree, body_names, link
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Column, Inertia, cylinder, full
+from ..structure.terms import guessed, term
 from .arm import extent, give_rotors
 from .underwater import UnderwaterSheet
 from .world.blueprint import Blueprint
-from .world.body import command_inputs, guessed, hidden, vehicle_spec
+from .world.body import command_inputs, hidden, vehicle_spec
 from .world.plant import ParametricPlantConfig, Plant
 from .world.simulated import SimulatedRobot
 
@@ -84,27 +85,56 @@ class UvmsPlant(ParametricPlantConfig):
 
 
 def uvms() -> tuple[JointTree, Blueprint, Array]:
-    """The structure of the vehicle with its arm, its base alone, and the published θ (p,)."""
+    """The structure of the vehicle with its arm, its base alone, and the published θ (p,).
+
+    θ = [base's M with its added mass (21), links (10 k), links' added mass (k), joints, linear drag
+    (6), quadratic drag (6), net weight, righting moments (3), links' drag (k), links' buoyancy (k),
+    thrust]. A link is a cylinder about its axis e. Its added mass m_A is distributed evenly along
+    the axis and resists transverse motion only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is
+    −c |v_⊥| v_⊥ ds; buoyancy acts at the middle.
+    """
     arm, base = numbers("uvms"), UnderwaterSheet.of("bluerov2").blueprint()
-    d, k = arm["joints"], len(arm["links"])
     model = uvms_model(base.rigid, arm)
-    joints, links = _joint_guesses(model, arm), published_links(arm)
-    system = underwater_manipulator(model, joints, base, links, d["friction_speed"])
-    bodies = [body.toDynamicParameters() for body in list(model.inertias)[2:]]
-    split = base.system.space["thruster gain"].start
-    theta = np.concatenate(
-        [
-            base.theta[:21],
-            *bodies,
-            links.added,
-            *(np.full(k, d[name]) for name in ("rotor", "viscous", "coulomb", "gain")),
-            base.theta[21:split],
-            links.drag,
-            links.buoyancy,
-            base.theta[split:],
-        ]
+    joints, links, names = _joint_guesses(model, arm), published_links(arm), body_names(model)[1:]
+    k, inertias = len(names), [Inertia(0, 0, full())]
+    for i in range(k):
+        added = cylinder(links.centres[i], links.axes[i], links.lengths[i])
+        inertias += [Inertia(1 + i, 21 + 10 * i), Inertia(1 + i, 21 + 10 * k + i, added)]
+    resisting = Block(
+        "added mass",
+        tuple(f"added_{i + 1}" for i in range(k)),
+        ("kg",) * k,
+        guessed(links.added),
+        "positive",
+        labels=tuple(f"added mass of {name}" for name in names),
     )
-    return system, base, theta
+    *forces, thrust = base.terms
+    drag = term(
+        [
+            Column("strip_drag", i, body=1 + i, axis=axis, strips=strips(centre, axis, length))
+            for i, (centre, axis, length) in enumerate(zip(*links[:3], strict=True))
+        ],
+        {f"link_drag_{i + 1}": f"drag of {name}" for i, name in enumerate(names)},
+        links.drag,
+    )
+    buoyancy = term(
+        [Column("buoyancy", i, body=1 + i, point=c) for i, c in enumerate(links.centres)],
+        {f"buoyancy_{i + 1}": f"buoyancy of {name}" for i, name in enumerate(names)},
+        links.buoyancy,
+        block="link buoyancy",
+    )
+    terms, ranges = [*forces, drag, buoyancy, thrust], base.operation
+    bodies = [base.body, *link_blocks(model, joints)[1:], resisting]
+    assert base.system.mounts is not None and joints.rotor is not None
+    carrier = Carrier(
+        inertias, bodies, terms, ranges.command, base.system.mounts, ranges.velocity[1]
+    )
+    speed = np.full(k, arm["joints"]["friction_speed"])
+    inertial = [body.toDynamicParameters() for body in list(model.inertias)[2:]]
+    on_joints = joints.rotor, joints.viscous, joints.coulomb, joints.gain
+    beyond = [each.nominal for each in terms]
+    theta = np.concatenate([base.theta[:21], *inertial, links.added, *on_joints, *beyond])
+    return CompiledMultibody(model, joints, speed, carrier), base, theta
 
 
 class Cylinders(NamedTuple):
@@ -137,63 +167,6 @@ def published_links(arm: dict[str, Any]) -> Cylinders:
     displaced = water * np.pi * radius**2 * lengths
     drag = 0.5 * water * arm["drag_coefficient"] * 2 * radius
     return Cylinders((start + end) / 2, axes, lengths, displaced, drag, GRAVITY * displaced)
-
-
-def underwater_manipulator(
-    model: pin.Model,
-    joints: JointScales,
-    base: Blueprint,
-    links: Cylinders,
-    friction_speed: float,
-) -> CompiledMultibody:
-    """An underwater vehicle with an arm in water.
-
-    θ = [base's M with its added mass (21), links (10 k), links' added mass (k), joints, linear drag
-    (6), quadratic drag (6), net weight, righting moments (3), links' drag (k), links' buoyancy (k),
-    thrust]. A link is a cylinder about its axis e. Its added mass m_A is distributed evenly along
-    the axis and resists transverse motion only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is
-    −c |v_⊥| v_⊥ ds; buoyancy acts at the middle.
-
-    The inertias of Pinocchio's model, whose root is a free flyer, are discarded. Guesses for the
-    links in water are of the order of `links`.
-    """
-    vehicle, names = base.system, body_names(model)[1:]
-    assert vehicle.mounts is not None
-    k, own = len(names), len(base.body)
-    mass, linear, quadratic, weight, righting, thrust = vehicle.space.blocks
-    added = _per_link("added mass", "added", "kg", links.added, names)
-    drag = _per_link("link drag", "link_drag", "N·s²/m³", links.drag, names)
-    buoyancy = _per_link("link buoyancy", "buoyancy", "N", links.buoyancy, names)
-    inertias, forces = [Inertia(0, 0, full())], vehicle.structure.columns
-    columns = [c.shifted(-own) for c in forces if c.kind != "thruster"]
-    for i, (centre, axis, length) in enumerate(zip(*links[:3], strict=True)):
-        inertias += [
-            Inertia(1 + i, 21 + 10 * i),
-            Inertia(1 + i, 21 + 10 * k + i, cylinder(centre, axis, length)),
-        ]
-        points = strips(centre, axis, length)
-        columns += [
-            Column("strip_drag", 16 + i, body=1 + i, axis=axis, strips=points),
-            Column("buoyancy", 16 + k + i, body=1 + i, point=centre),
-        ]
-    columns += [c.shifted(2 * k - own) for c in vehicle.columns("thruster")]
-    carrier = Carrier(
-        inertias,
-        [mass, *link_blocks(model, joints)[1:], added],
-        [linear, quadratic, weight, righting, drag, buoyancy, thrust],
-        columns,
-        vehicle.operation.command,
-        vehicle.mounts,
-        vehicle.operation.velocity[1],
-    )
-    return CompiledMultibody(model, joints, np.full(k, friction_speed), carrier)
-
-
-def _per_link(name: str, letter: str, unit: str, value: Array, links: list[str]) -> Block:
-    k = len(value)
-    names = tuple(f"{letter}_{i + 1}" for i in range(k))
-    labels = tuple(f"{name.removeprefix('link ')} of {link}" for link in links)
-    return Block(name, names, (unit,) * k, guessed(value), "positive", labels=labels)
 
 
 def strips(centre: Array, axis: Array, length: float) -> Array:

@@ -14,26 +14,24 @@ order: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ..parameters import Array, Block, Indices, ParameterSpace
+from ..parameters import Array, Block, ParameterSpace
 from .blocks import link_block
+from .columns import KINDS
 from .optional import pin
 from .parts import Body, Column, Inertia, Rotor
 from .structure import Structure
-from .structured import StructuredKinematics
+from .system import SecondOrderSystem
+from .terms import Term, placed, term
 
 Actuator = Literal["motor", "servo"]
 """A joint's command: a motor's torque over its gain, or a servo's target."""
-_GAINS = {
-    "motor": ("motor gain", "gain", ("N·m/unit", "N/unit")),
-    "servo": ("servo gain", "kp", ("N·m/rad", "N/m")),
-}
-"""Block of θ, letter and units of the gains of each kind of actuator."""
 _UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
 _PLACE, _TURN = 1.0, 1.8  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
 _BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]
@@ -77,25 +75,22 @@ class Carrier(NamedTuple):
     Attributes:
         inertias: inertias of all bodies.
         bodies: blocks of these inertias, which come first in θ.
-        blocks: fluid forces and thrusters' gains, which come last.
-        columns: columns of `blocks`; their parameters count from the first block's, and their
-            commands from the first thruster's.
+        terms: fluid forces and thrust, which come last; commands count from the first thruster's.
         commands: (t,), (t,) range of the thrusters' commands of operation.
-        mounts: (·, 3) point on the base where the force of every actuator parameter in `blocks`
+        mounts: (·, 3) point on the base where the force of every actuator parameter in `terms`
             acts [m], NaN if it exerts no force.
         speed: (6,) the base's velocities of operation [m/s, rad/s].
     """
 
     inertias: list[Inertia]
     bodies: list[Block]
-    blocks: list[Block]
-    columns: list[Column]
+    terms: list[Term]
     commands: tuple[Array, Array]
     mounts: Array
     speed: Array
 
 
-class JointTree(StructuredKinematics):
+class JointTree(SecondOrderSystem):
     """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5): motors on a tree's 1-DOF joints.
 
     With position servos, whose commands are targets, the last term is diag(k) (u − q). Friction is
@@ -137,19 +132,24 @@ class JointTree(StructuredKinematics):
             rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
             nothing, still = np.zeros(0), np.full(6 if floats(model) else 0, _BASE_SPEED)
             carrier = Carrier(
-                rigid, link_blocks(model, scales), [], [], (nothing, nothing), nothing, still
+                rigid, link_blocks(model, scales), [], (nothing, nothing), nothing, still
             )
             mounts = None
         else:
             nowhere = np.full((len(scales.gain), 3), np.nan)
             mounts = np.vstack([nowhere, carrier.mounts])
-        blocks, speed = joint_blocks(model, scales), np.array(friction_speed, dtype=np.float64)
-        space = ParameterSpace((*carrier.bodies, *blocks, *carrier.blocks))
-        start = sum(map(len, carrier.bodies))
-        first, rotating = start + sum(map(len, blocks)), scales.rotor is not None
+        speed = np.array(friction_speed, dtype=np.float64)
+        joints = joint_terms(model, scales, speed)
+        blocks = [term.block for term in (*joints, *carrier.terms)]
+        space = ParameterSpace((*carrier.bodies, *blocks))
         self.driven = np.array(range(len(speed)) if scales.driven is None else scales.driven, int)
-        rotors, columns = joint_parts(model, start, rotating, speed, self.driven, scales)
-        columns += [column.shifted(first, len(self.driven)) for column in carrier.columns]
+        columns = placed(space, joints)
+        # those of one body follow one another: kernels compute its surroundings once
+        carried = placed(space, carrier.terms, len(self.driven))
+        columns += sorted(carried, key=lambda column: (column.input >= 0, column.body))
+        first, start = model.nv - len(speed), sum(map(len, carrier.bodies))
+        turning = range(0 if scales.rotor is None else len(speed))
+        rotors = [Rotor(first + i, start + i) for i in turning]
         low, high = carrier.commands
         self.command_limits = np.r_[-scales.command, low], np.r_[scales.command, high]
         structure = Structure(
@@ -247,43 +247,6 @@ def bodies_of(model: pin.Model) -> list[Body]:
     return bodies
 
 
-def joint_parts(
-    model: pin.Model,
-    start: int,
-    rotors: bool,
-    friction_speed: Array,
-    driven: Indices,
-    scales: JointScales,
-) -> tuple[list[Rotor], list[Column]]:
-    """The terms that friction, and motors or servos, on joints add to a structure.
-
-    Args:
-        model: with k 1-DOF joints.
-        start: index in θ of the first of rotor inertias (k, if modelled), viscous friction (k),
-            Coulomb friction (k) and gains (d).
-        rotors: whether rotor inertias are modelled.
-        friction_speed: (k,) speeds at which Coulomb friction saturates [rad/s or m/s].
-        driven: (d,) numbers of the joints that have an actuator.
-        scales: has the kind of all actuators, and where servos saturate.
-    """
-    k = len(friction_speed)
-    first = model.nv - k
-    rotating = [Rotor(first + i, start + i) for i in range(k if rotors else 0)]
-    start += len(rotating)
-    columns = [Column("viscous", start + i, dof=first + i) for i in range(k)]
-    start += k
-    columns += [
-        Column("coulomb", start + i, dof=first + i, speed=speed)
-        for i, speed in enumerate(friction_speed)
-    ]
-    start += k
-    ends = None if scales.saturation is None else scales.saturation.tolist()
-    for i, joint in enumerate(driven):
-        limit = {} if ends is None else {"limit": ends[i]}
-        columns.append(Column(scales.actuator, start + i, dof=first + joint, input=i, **limit))
-    return rotating, columns
-
-
 def body_names(model: pin.Model) -> list[str]:
     """Names of the links that the joints move, the base's first where the root is a free flyer.
 
@@ -328,29 +291,45 @@ def bones(model: pin.Model, positions: Array) -> Array:
 # -- blocks of θ -----------------------------------------------------------------------------------
 
 
-def joint_blocks(model: pin.Model, s: JointScales) -> list[Block]:
-    """Blocks of the joints, if any: rotor inertia if modelled, friction, motor gain."""
+def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list[Term]:
+    """The terms of k joints, if any: rotor inertia if modelled, friction, gains of d actuators.
+
+    Coulomb friction saturates at the speeds (k,) [rad/s or m/s].
+    """
     sliding, names = [slides(joint) for joint in moving_joints(model)], joint_names(model)
-    every = range(len(names))
-    rows = [
-        ("rotor inertia", "rotor", ("kg·m²", "kg"), s.rotor, every),
-        ("viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), s.viscous, every),
-        ("Coulomb friction", "coulomb", ("N·m", "N"), s.coulomb, every),
-        (*_GAINS[s.actuator], s.gain, every if s.driven is None else s.driven),
+    if not names:
+        return []
+    first, every = model.nv - len(names), tuple(range(len(names)))
+
+    def of(kind: str, own: tuple[int, ...], scale: Array, **constants: Sequence[Any]) -> Term:
+        letter, part = KINDS[kind].letter, KINDS[kind].block.removeprefix("motor ")
+        columns = [
+            Column(kind, k, dof=first + i, **{key: row[k] for key, row in constants.items()})
+            for k, i in enumerate(own)
+        ]
+        labels = {f"{letter}_{i + 1}": f"{part} of {names[i]}" for i in own}
+        return term(columns, labels, scale, scale, sliding=[sliding[i] for i in own])
+
+    driven = every if s.driven is None else s.driven
+    acting: dict[str, Sequence[Any]] = {"input": range(len(driven))}
+    if s.saturation is not None:
+        acting["limit"] = s.saturation.tolist()
+    terms = [
+        of("viscous", every, s.viscous),
+        of("coulomb", every, s.coulomb, speed=friction_speed.tolist()),
+        *([of(s.actuator, driven, s.gain, **acting)] if driven else []),
     ]
-    return [
-        Block(
-            name,
-            tuple(f"{letter}_{i + 1}" for i in own),
-            tuple(units[sliding[i]] for i in own),
-            scale,
-            "positive",
-            actuator=name == _GAINS[s.actuator][0],
-            labels=tuple(f"{name.removeprefix('motor ')} of {names[i]}" for i in own),
-        )
-        for name, letter, units, scale, own in rows
-        if scale is not None and sliding
-    ]
+    if s.rotor is None:
+        return terms
+    rotor = Block(
+        "rotor inertia",
+        tuple(f"rotor_{i + 1}" for i in every),
+        tuple("kg" if slide else "kg·m²" for slide in sliding),
+        s.rotor,
+        "positive",
+        labels=tuple(f"rotor inertia of {name}" for name in names),
+    )
+    return [Term(rotor, [], s.rotor), *terms]
 
 
 def link_blocks(model: pin.Model, s: JointScales) -> list[Block]:

@@ -1,9 +1,23 @@
-"""The parts of a log's motion that no estimate changes: kinematics, forces, momentum balance."""
+"""The parts of a log's motion that no estimate changes: kinematics, forces, momentum balance.
+
+Any number of identifiers can share a `Motion`. A stage of RK4 computes â of (29) and Wᵀ Δv from it.
+"""
 
 from __future__ import annotations
 
-from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+from ..numerics.compiler import INLINE
+from ..numerics.linalg import copy_into
+from ..parameters import Array
+from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST, StructureArrays, workspace
 from .compiled import (
+    FAST,
     STRUCTURE,
     WORKSPACE,
     boolean,
@@ -22,8 +36,96 @@ from .kinematics import place, place_along
 from .poses import half_way
 from .spatial import into_body, unrotate
 from .stage import accelerate
+from .stage import stage as structure_stage
 
 _V, _G, _S, _RATE_S = 0, 12, 18, 24  # vectors in the body's axes
+
+
+class Outside(NamedTuple):
+    """The leading entries of Wᵀ Δv from outside compiled code.
+
+    Attributes:
+        address: address of a C function of two int64: 0, 1 or 2 for the step's start, middle or
+            end, and the index of the sample at its end; 0 if all entries are the structure's.
+        v_hat: (n,) v̂ of a stage, input of the function.
+        a_hat: (n,) â of a stage, likewise.
+        leading: (l,) first entries of Wᵀ Δv, which the function writes.
+    """
+
+    address: int
+    v_hat: Array
+    a_hat: Array
+    leading: Array
+
+
+NOTHING_OUTSIDE = Outside(0, *np.empty((3, 0)))
+
+
+class Motion(NamedTuple):
+    """All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
+
+    Attributes:
+        structure: the robot.
+        t: (N,) times [s].
+        v: (N, n) velocities.
+        vm: (N−1, n) velocities half-way between samples.
+        states: (N, s) states of `structure.kinematics`, at the samples.
+        middles: (N−1, s) states half-way between them.
+        F: (3, N−1, z) entries of F that can differ from 0, at start, middle and end of every step.
+        outside: entries of Wᵀ Δv that are not the structure's.
+    """
+
+    structure: StructureArrays
+    t: Array
+    v: Array
+    vm: Array
+    states: Array
+    middles: Array
+    F: Array
+    outside: Outside = NOTHING_OUTSIDE
+
+
+_workspace = njit(workspace)
+
+
+@kernel()
+def stage_workspace(motion):
+    """Allocates the workspace of `stage`."""
+    return _workspace(motion.structure.bodies.shape[0], motion.v.shape[1])
+
+
+def _call(_: Any, address: Any, at: Any, k: Any) -> Any:
+    """In compiled code, calls a C function of two int64 at an address."""
+
+    def made(context: Any, builder: Any, _: Any, given: Any) -> Any:
+        word = ir.IntType(64)
+        kind = ir.FunctionType(ir.VoidType(), [word, word]).as_pointer()
+        builder.call(builder.inttoptr(given[0], kind), given[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), made
+
+
+call: Any = intrinsic(_call)
+
+
+@njit(**FAST, **INLINE)
+def stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
+    """Writes â (n,) of (29) and Wᵀ Δv (p,) at one stage of the step from sample k − 1 to k.
+
+    `at` is 0, 1 or 2 for the step's start, middle or end; C multiplies v_hat (n,), theta (p,) is
+    the estimate, `work` is of `stage_workspace`. Returns M̂'s smallest pivot, > 0 on success.
+    """
+    state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
+    v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
+    F, structure, outside = motion.F[at, k - 1], motion.structure, motion.outside
+    pivot = structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient)
+    if outside.address != 0 and pivot > 0.0:
+        copy_into(v_hat, outside.v_hat)
+        copy_into(a_hat, outside.a_hat)
+        call(outside.address, at, k)
+        copy_into(outside.leading, gradient)
+    return pivot
 
 
 @kernel(void(STRUCTURE, boolean, vector, matrix, matrix, WORKSPACE, matrix, matrix))

@@ -11,14 +11,15 @@ from ..errors import EnginesDisagree
 from ..log import Log
 from ..numerics.spatial import bracket
 from ..parameters import Array
-from .general import SampledSystem
 from .joints import Carrier, JointScales, JointTree
-from .motion_types import RegressorMotion
+from .motion import Motion, Outside
 from .optional import pin
 from .structured import StructuredSystem
 
 AGREEMENT = 1e-10
 """Largest accepted difference from Pinocchio, relative to the largest entry."""
+DIFFERENCE = 1e-5
+"""Step of central differences along v [s·(1 + |v|)]."""
 _SAMPLES = 20  # random states at which both are compared
 _REGRESSOR = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
 
@@ -94,10 +95,11 @@ def check_consistency(system: JointTree) -> None:
                 )
 
 
-class Multibody(JointTree, SampledSystem):
-    """A `JointTree` with Pinocchio's regressors, without a vehicle: the reference, but slower.
+class Multibody(JointTree):
+    """A `JointTree` whose links have Pinocchio's regressors, without a vehicle: the reference.
 
-    Arguments are those of `JointTree`.
+    It is slower. Rotors and the forces on joints are the structure's. Arguments are those of
+    `JointTree`.
     """
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
@@ -105,42 +107,47 @@ class Multibody(JointTree, SampledSystem):
         light = pin.Model(self.model)
         light.gravity.setZero()
         self._heavy, self._weightless = ((own, own.createData()) for own in (self.model, light))
-        self._zero, self._links = np.zeros(self.n), 10 * self.bodies
+        self._links = 10 * self.bodies
 
-    def _torques(self, q: Array, v: Array, a: Array, heavy: bool = False) -> Array:
+    def _torques(self, q: Array, v: Array, a: Array, heavy: float = 0.0) -> Array:
         """(n, 10 b) Pinocchio's regressor, with gravity if `heavy`; the next call overwrites it."""
         model, data = self._heavy if heavy else self._weightless
         return np.atleast_2d(pin.computeJointTorqueRegressor(model, data, q, v, a))
 
-    def _links_only(self, links: Array) -> Array:
-        """(n, p) of the links' columns (n, 10 b)."""
-        return np.hstack([links, np.zeros((self.n, self.p - self._links))])
-
-    def _W_M(self, q: Array, a: Array) -> Array:
-        W = self._links_only(self._torques(q, self._zero, a))
-        for rotor in self.structure.rotors:
-            W[rotor.dof, rotor.parameter] = a[rotor.dof]
+    def _regressors(
+        self, q: Array, v: Array, u: Array, w: Array, a: Array, weight: float = 1.0
+    ) -> Array:
+        W = self._own_regressors(q, v, u, w, a, weight)
+        for k, rows in enumerate(W):
+            turning = 0.5 * bracket(self.group, v[k], w[k])
+            rows[:, : self._links] = self._torques(
+                q[k], 0.5 * (v[k] + w[k]), a[k] + turning, weight
+            )
+            rows[:, : self._links] -= self._torques(q[k], 0.5 * (v[k] - w[k]), self._still)
         return W
 
-    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        W = self._torques(q, 0.5 * (v + w), 0.5 * bracket(self.group, v, w)).copy()
-        return self._links_only(W - self._torques(q, 0.5 * (v - w), self._zero))
+    def _transport(self, q: Array, v: Array) -> Array:
+        step = DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))  # Ṁ v to about 1e-10
+        ahead, behind = self.integrate(q, step * v), self.integrate(q, -step * v)
+        return (self._W_M(ahead, v) - self._W_M(behind, v)) / (2 * step) - self._W_C(q, v, v)
 
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        F = self._links_only(-self._torques(q, self._zero, self._zero, heavy=True))
-        rate, joint = v[self.group :], np.arange(len(self.joints))
-        gain = self.p - self.n_u
-        viscous, coulomb = gain - len(joint) * np.array([2, 1])
-        F[self.group + joint, viscous + joint] = -rate
-        F[self.group + joint, coulomb + joint] = -np.tanh(rate / self.friction_speed)
-        servos = self.scales.actuator == "servo"
-        pushes = u - self.angles(q)[self.driven] if servos else u
-        if self.scales.saturation is not None:
-            pushes = np.clip(pushes, -self.scales.saturation, self.scales.saturation)
-        F[self.group + self.driven, gain + np.arange(self.n_u)] = pushes
-        return F
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Terms of the filtered momentum balance, sample by sample."""
+        t, held = log.t, log.u[:-1]
+        momenta = np.stack([self._W_M(*row) for row in zip(log.q, log.v, strict=True)])
+        drive = leak * momenta
+        drive += np.stack([self._transport(*row) for row in zip(log.q, log.v, strict=True)])
+        half = self.forces(t[:-1], q, v, held)
+        half += np.stack(
+            [leak * self._W_M(*row) + self._transport(*row) for row in zip(q, v, strict=True)]
+        )
+        start = drive[:-1] + self.forces(t[:-1], log.q[:-1], log.v[:-1], held)
+        end = drive[1:] + self.forces(t[1:], log.q[1:], log.v[1:], held)
+        return momenta, start, half, end
 
-    def motion(self, log: Log, hermite: bool) -> RegressorMotion:
+    def motion(self, log: Log, hermite: bool) -> Motion:
         """The robot's motion along a log, with the links' entries of Wᵀ Δv from Pinocchio.
 
         Only one thread at a time may follow it: its stages pass through the same three arrays.
@@ -158,11 +165,11 @@ class Multibody(JointTree, SampledSystem):
             a = a_hat + 0.5 * bracket(self.group, v, v_hat) if self.group else a_hat
             dv = v_hat - v  # (37)
             weighted = torques(self.model, own_data[0], q, 0.5 * (v + v_hat), a)
-            turning = torques(self._weightless[0], own_data[1], q, 0.5 * dv, self._zero)
+            turning = torques(self._weightless[0], own_data[1], q, 0.5 * dv, self._still)
             np.subtract(dv @ np.atleast_2d(weighted), dv @ np.atleast_2d(turning), out=leading)
 
         function = _REGRESSOR(write)
         weakref.finalize(own.states, bool, function)  # keeps it alive as long as the motion
         address = ctypes.cast(function, ctypes.c_void_p).value
         assert address is not None
-        return RegressorMotion(own.t, own.v, own.vm, own, v_hat, a_hat, leading, address)
+        return own._replace(outside=Outside(address, v_hat, a_hat, leading))

@@ -1,40 +1,22 @@
-"""Vehicles of one body: their inertia, and blocks of columns that act on it."""
+"""Vehicles of one body: their inertia, and the terms that act on it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
-from ..parameters import Array, Block, Geometry, ParameterSpace
-from .columns import KINDS
-from .parts import Body, Column, Inertia
+from ..parameters import Array, Block, ParameterSpace
+from .parts import Body, Inertia
 from .structure import Structure
 from .structured import StructuredSystem
 from .system import SecondOrderSystem
+from .terms import Term, placed
 
 LEVEL = (0, 1, 5)
 """The axes of a body in the plane, among the six of one in space."""
-
-
-class Term(NamedTuple):
-    """A block of θ, and the columns of F that it scales.
-
-    Attributes:
-        block: names, units and guesses of the parameters.
-        columns: their parameters count from the block's first.
-        nominal: (k,) published values of the parameters.
-        spread: relative deviation of true values, as a share of the vehicle's assumed spread.
-    """
-
-    block: Block
-    columns: Sequence[Column]
-    nominal: Array
-    spread: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +65,8 @@ class SingleBody(StructuredSystem):
         operation: Operation,
         gravity: float = 0.0,
     ):
-        space, columns = ParameterSpace((body, *(term.block for term in terms))), list[Column]()
-        for term in terms:
-            start = space[term.block.name].start
-            columns += [column.shifted(parameter=start) for column in term.columns]
+        space = ParameterSpace((body, *(term.block for term in terms)))
+        columns = placed(space, terms)
         n = len(operation.velocity[0])
         robot = Structure(
             [Body("free" if n == 6 else "planar" if n == 3 else "slide")],
@@ -133,54 +113,3 @@ def single_body(system: SecondOrderSystem, blocks: Sequence[str], wanted: str) -
         found = ", ".join(block.name for block in system.space.blocks)
         raise InvalidInput("excitation", wanted, f"a system with {found}", "Use MultisineCommand.")
     return system
-
-
-def term(
-    columns: Sequence[Column],
-    labels: Mapping[str, str],
-    nominal: ArrayLike,
-    scale: Array,
-    block: str = "",
-    geometry: Geometry | None = None,
-    spread: float = 1.0,
-) -> Term:
-    """A block of columns; the columns' kinds determine its parameters.
-
-    Args:
-        columns: their parameters count from 0.
-        labels: name of every parameter, with its readable description.
-        nominal: (k,) or a number, the published values.
-        scale: (k,) or a number, guesses of their magnitudes.
-        block: name of the block; that of the first column's kind if left out.
-        geometry: which values are physical; that of the first column's kind if left out.
-        spread: see `Term`.
-    """
-    first = [next(c for c in columns if c.parameter == k) for k in range(len(labels))]
-    kind = KINDS[first[0].kind]
-    return Term(
-        Block(
-            block or kind.block,
-            tuple(labels),
-            tuple(_unit(column) for column in first),
-            np.broadcast_to(scale, len(labels)),
-            geometry or kind.geometry,
-            kind.actuator,
-            labels=tuple(labels.values()),
-        ),
-        columns,
-        np.broadcast_to(np.asarray(nominal, dtype=np.float64), len(labels)),
-        spread,
-    )
-
-
-def _unit(column: Column) -> str:
-    """The unit of a column's parameter; of a moment if it acts about an axis."""
-    unit = KINDS[column.kind].unit
-    if isinstance(unit, str):
-        return unit
-    return unit[0 if np.any(np.ravel(column.constants["axes"])[3:]) else 1]
-
-
-def numbered(letter: str, label: str, count: int) -> dict[str, str]:
-    """Labels of like parameters: {"thrust_1": "thrust of rotor 1", …} from "thrust of rotor"."""
-    return {f"{letter}_{i}": f"{label} {i}" for i in range(1, count + 1)}

@@ -1,9 +1,9 @@
-"""The paper's class of systems: W(t, x, v, v̇) θ = 0.
+"""The paper's class of systems, W(t, x, v, v̇) θ = 0, with the kinematics of a `Structure`.
 
 A `SecondOrderSystem` is structure only: it defines the regressors' columns and holds no parameter
-values. System-specific methods are abstract; derived ones (the paper's W_M, W_C, F for batches, the
-mass matrix (8), the acceleration (29)) are final. A system that defines only W_M, W_C, F and its
-kinematics for one sample derives from `structure.general.GeneralSystem`.
+values. The regressors of N samples, their use along a log, and the range of operation are abstract;
+what follows from them (the paper's W_M, W_C, F, the mass matrix (8), the acceleration (29)) is
+final, as are the kinematics.
 
 Symbols: q (m,) position, v (n,) measured velocity, x = (q, v) (m+n,) the combined state (3),
 w (n,) the velocity that C multiplies (the identifier's v̂ or the measured v), a (n,)
@@ -15,36 +15,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
-from ..log import Log, Measurement, Middle
+from ..log import Log, Measurement
 from ..parameters import Array, Indices, ParameterSpace, finite
+from .configuration import StructuredKinematics, plain
+from .motion import Motion, accelerate_at
+from .structure import Structure
 
 _TOGETHER = 64  # samples whose mass matrices are computed together
-
-
-class Motion(Protocol):
-    """All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
-
-    Any number of identifiers can share it. The type of the motion selects the code that compiled
-    loops run at every stage; see `structure.motion_types`.
-
-    Attributes:
-        t: (N,) times [s].
-        v: (N, n) velocities at the samples.
-        vm: (N−1, n) velocities half-way between samples.
-    """
-
-    @property
-    def t(self) -> Array: ...  # noqa: D102 (attributes)
-    @property
-    def v(self) -> Array: ...  # noqa: D102
-    @property
-    def vm(self) -> Array: ...  # noqa: D102
 
 
 class Stage(NamedTuple):
@@ -61,96 +44,44 @@ class Stage(NamedTuple):
     pivot: float
 
 
-class SecondOrderSystem(ABC):
+class SecondOrderSystem(StructuredKinematics, ABC):
     """M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 
-    Attributes:
+    Args:
+        structure: the robot, whose kinematics are the system's.
         space: names, units and scale of θ.
+        mounts: (k, 3) point of application of every actuator parameter's force, in the body's
+            axes [m], NaN if it exerts no force; None if there is nothing to draw.
+
+    Attributes:
         n: number of velocities.
         m: number of positions.
         n_u: number of commands.
-        velocity_units: one SI unit for each velocity.
-        group: number of leading velocities that form a body twist: 6 in space, 3 in the plane, 0
-            if all velocities are rates of coordinates. See `numerics.spatial`.
-        mounts: (k, 3) point of application of every actuator parameter's force, in the body's
-            axes [m], NaN if it exerts no force; None if there is nothing to draw.
-        motion_steps: time steps whose motion is in memory at once.
-        forward: the structure, for compiled simulation; None where the regressors are not those
-            of one.
+        forward: the structure, for compiled simulation; None where the regressors are not its own.
     """
 
-    group: int = 0
-    mounts: Array | None = None
-    motion_steps: int = 500
     forward: Any = None
 
-    space: ParameterSpace
-    velocity_units: tuple[str, ...]
-    n: int
-    m: int
-    n_u: int
+    def __init__(self, structure: Structure, space: ParameterSpace, mounts: Array | None = None):
+        super().__init__(structure)
+        self.space, self.mounts = space, mounts
 
-    # -- regressors, unchecked -------------------------------------------------------------------
+    # -- what a kind of system defines -----------------------------------------------------------
 
     @abstractmethod
-    def _W_M(self, q: Array, a: Array) -> Array:
-        """(n, p) with W_M θ = M(q, θ) a (8), of one sample."""
+    def _regressors(
+        self, q: Array, v: Array, u: Array, w: Array, a: Array, weight: float = 1.0
+    ) -> Array:
+        """(N, n, p) combined regressor W = W_M + W_C − F (10) of N samples; unchecked.
 
-    @abstractmethod
-    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        """(n, p) with W_C θ = C(q, v, θ) w (9), Ṁ − 2C skew, of one sample."""
-
-    @abstractmethod
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        """(n, p) with F θ the sum of all forces: gravity, dissipation, actuation, of one sample."""
-
-    @abstractmethod
-    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-        """(n, p) combined regressor W = W_M + W_C − F (10), of one sample."""
-
-    @abstractmethod
-    def _moving(self, q: Array, v: Array, w: Array, a: Array) -> Array:
-        """(N, n, p) W_M + W_C of N samples."""
-
-    @abstractmethod
-    def _whole(self, t: Array, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-        """(N, n, p) W of N samples."""
-
-    @abstractmethod
-    def _mass_tensors(self, q: Array) -> Array:
-        """(N, n, n, p), entry [k, j] is W_M(q_k, e_j): M(q_k, θ) = tensor · θ for every θ."""
-
-    def _mass_tensor(self, q: Array) -> Array:
-        return self._mass_tensors(q[None])[0]
+        `weight` is 1, or 0 to omit F and the weight of rigid bodies: W_M θ = M(q, θ) a (8), and
+        W_C θ = C(q, v, θ) w (9) with Ṁ − 2C skew; F θ is the sum of all forces: gravity,
+        dissipation, actuation.
+        """
 
     @abstractmethod
     def _transport(self, q: Array, v: Array) -> Array:
         """(n, p) regressor of C(x)ᵀ v = Ṁ v − C v, so that d/dt(M v) = F θ + Cᵀ v."""
-
-    @abstractmethod
-    def stages(
-        self, t: Array, q: Array, v: Array, u: Array, w: Array, theta: Array
-    ) -> tuple[Array, Array, Array]:
-        """What `Stage` holds at N samples: (N, n), (N, n, p) and (N,).
-
-        t is (N,), q (N, m), v (N, n), u (N, n_u), w (N, n), theta (N, p).
-        """
-
-    # -- along a log -----------------------------------------------------------------------------
-
-    @abstractmethod
-    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
-        """(N, n, p) F for N samples t (N,), q (N, m), v (N, n), u (N, n_u); unchecked."""
-
-    @abstractmethod
-    def midpoints(self, log: Log, hermite: bool) -> Middle:
-        """The states half-way between a log's samples.
-
-        Args:
-            log: N samples.
-            hermite: cubic Hermite interpolation of positions and velocities; else the mean of both
-                velocities, for positions too noisy to differentiate.
-        """
 
     @abstractmethod
     def motion(self, log: Log, hermite: bool) -> Motion:
@@ -173,31 +104,61 @@ class SecondOrderSystem(ABC):
             regressor of Cᵀ v at start, middle and end of every step, with the command held.
         """
 
-    # -- kinematics ------------------------------------------------------------------------------
-
-    @abstractmethod
-    def integrate(self, q: Array, dq: Array) -> Array:
-        """(m,) the position reached from q by the tangent step dq (n,)."""
-
-    @abstractmethod
-    def difference(self, q0: Array, q1: Array) -> Array:
-        """(n,) the tangent step that leads from q0 to q1."""
-
-    @abstractmethod
-    def moves(self, q: Array) -> Array:
-        """(N−1, n) tangent steps between consecutive positions of (N, m)."""
-
-    @abstractmethod
-    def J(self, q: Array) -> Array:
-        """(m, n) matrix of the kinematics q̇ = J v (3)."""
-
-    @abstractmethod
-    def position(self, coordinates: Array) -> Array:
-        """(..., m) q of position coordinates (..., n), one per velocity, as sensors give them."""
-
     @abstractmethod
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Draws a state and command (q, v, u) from the range of operation, to probe structure."""
+
+    # -- regressors of samples, unchecked --------------------------------------------------------
+
+    def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+        """(n, p) W of one sample."""
+        return self._regressors(q[None], v[None], u[None], w[None], a[None])[0]
+
+    def _moving(self, q: Array, v: Array, w: Array, a: Array) -> Array:
+        """(N, n, p) W_M + W_C of N samples."""
+        return self._regressors(q, v, np.zeros((len(q), self.n_u)), w, a, 0.0)
+
+    def _W_M(self, q: Array, a: Array) -> Array:
+        """(n, p) of one sample."""
+        return self._moving(q[None], self._still[None], self._still[None], a[None])[0]
+
+    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
+        """(n, p) of one sample."""
+        return self._moving(q[None], v[None], w[None], self._still[None])[0]
+
+    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
+        """(n, p) of one sample."""
+        return self.forces(np.array([t]), q[None], v[None], u[None])[0]
+
+    def forces(self, t: Array, q: Array, v: Array, u: Array) -> Array:
+        """(N, n, p) F = −W without motion, of t (N,), q (N, m), v (N, n) and u (N, n_u)."""
+        still = np.zeros(v.shape)
+        return -self._regressors(q, v, u, still, still)
+
+    def _mass_tensors(self, q: Array) -> Array:
+        """(N, n, n, p), entry [k, j] is W_M(q_k, e_j): M(q_k, θ) = tensor · θ for every θ."""
+        N, n, still = len(q), self.n, np.zeros((len(q) * self.n, self.n))
+        W = self._moving(q.repeat(n, axis=0), still, still, np.tile(np.eye(n), (N, 1)))
+        return W.reshape(N, n, n, self.p)
+
+    def _mass_tensor(self, q: Array) -> Array:
+        return self._mass_tensors(q[None])[0]
+
+    def stages(
+        self, t: Array, q: Array, v: Array, u: Array, w: Array, theta: Array
+    ) -> tuple[Array, Array, Array]:
+        """What `Stage` holds at N samples: (N, n), (N, n, p) and (N,); â is the structure's.
+
+        t is (N,), q (N, m), v (N, n), u (N, n_u), w (N, n), theta (N, p).
+        """
+        a, pivots, own = np.empty((len(q), self.n)), np.empty(len(q)), self._memory
+        given = map(plain, (q, v, u, w, theta))
+        accelerate_at(self.structure.arrays, *given, own.state, own.F, own.work, a, pivots)
+        failed = ~(pivots > 0)
+        a[failed] = 0.0
+        W = self._regressors(q, v, u, w, a)
+        a[failed] = np.nan
+        return a, W, pivots
 
     # -- what follows, for one sample or batches -------------------------------------------------
 
@@ -247,7 +208,11 @@ class SecondOrderSystem(ABC):
     def regressor(self, t: Array | float, x: Array, w: Array, a: Array, u: Array) -> Array:
         """(..., n, p) combined regressor W = W_M + W_C − F (10)."""
         lengths = 0, self.m, self.n, self.n, self.n, self.n_u
-        return _batched(self._whole, lengths, t, *self.split(x), w, a, u)
+
+        def rows(_: Array, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
+            return self._regressors(q, v, u, w, a)
+
+        return _batched(rows, lengths, t, *self.split(x), w, a, u)
 
     def mass_matrix(self, x: Array, theta: Array) -> Array:
         """(..., n, n) M(x, θ), the matrix of (8)."""

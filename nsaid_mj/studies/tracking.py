@@ -170,9 +170,6 @@ class _StateRecorder(Driver):
         self.rows.append((np.array(numbers), np.array(true_v), self._tracker.theta_hat.copy()))
         return u
 
-    def compiled(self, t: Array) -> None:
-        return None
-
 
 # -- output ----------------------------------------------------------------------------------------
 

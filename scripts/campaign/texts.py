@@ -56,8 +56,6 @@ class Mine(Driver):
         return np.zeros(1), np.zeros(1)
     def command(self, t, q, v):
         return np.zeros(1)
-    def compiled(self, t):
-        return None
 @config
 class MyDriver(DriverConfig):
     strength: float = 1.0

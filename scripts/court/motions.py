@@ -130,10 +130,6 @@ class Planned(Driver):
         computed_torque(self._tracking, 0.0, plain(q), plain(v), self._workspace, u)
         return u
 
-    def compiled(self, t: Array) -> None:
-        """None: only `command` evaluates it."""
-        return None
-
 
 class Shaped(Driver):
     """A vehicle's driver, with its commands weaker, resting now and then, or held for a while.
@@ -164,7 +160,3 @@ class Shaped(Driver):
         if self._kind == "rest":
             return u * self._moves[int(t / 2.0)]
         return u
-
-    def compiled(self, t: Array) -> None:
-        """None: only `command` evaluates it."""
-        return None

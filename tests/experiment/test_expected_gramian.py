@@ -98,9 +98,6 @@ def test_the_rehearsed_motion_is_that_of_the_system(name):
             seen.append((t, q, v, driver.command(t, q, v)))
             return seen[-1][3]
 
-        def compiled(self, t: Array) -> None:
-            return None
-
     found = expected_gramian(system, Spy(), theta, dt, 20 * dt)
     assert [row[0] for row in seen] == pytest.approx(dt * np.arange(20))
     for (_, q, v, u), (_, later, faster, _) in pairwise(seen):

@@ -10,10 +10,10 @@ _SCRIPT = """
 import numpy as np
 from nsaid_mj import MultisineCommand, ScalarRovPlant, Scenario
 from nsaid_mj.bounds import config
-from nsaid_mj.control import Driver, DriverConfig
+from nsaid_mj.control import CompiledDriver, DriverConfig
 
 
-class Mine(Driver):
+class Mine(CompiledDriver):
     def start(self):
         return {start}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from nsaid_mj.structure.structure import Structure
 from nsaid_mj.structure.system import SecondOrderSystem
 from tests.support import poses
 from tests.support.bench import Motion, estimates, identify, lyapunov, order
-from tests.support.dense import Dense
+from tests.support.dense import half_way, rk4_step
 from tests.support.evaluation import Evaluation
 from tests.support.matrices import coupled
 from tests.support.plants import drive
@@ -51,17 +52,16 @@ def test_the_compiled_step_equals_the_generic_one(name, gains, hermite):
     if gains == "full":
         rng = np.random.default_rng(1)
         K, Gamma = coupled(K, rng), coupled(Gamma, rng)
-    fast, dense = (
-        identify(paper_identifier(s, K, Gamma, prior, dt, hermite), seen)
-        for s in (system, Dense(system))
-    )
-    scale = system.space.scale
-    for one, other in zip(fast[1:], dense[1:], strict=True):
-        assert np.abs((one.theta_hat - other.theta_hat) / scale).max() <= 1e-12
-        size = 1 + np.abs(other.v_hat).max()
-        assert np.abs(one.v_hat - other.v_hat).max() <= 1e-12 * size
-        assert one.pivot == pytest.approx(other.pivot, rel=1e-10)
-    assert np.abs((fast[-1].theta_hat - prior) / scale).max() > 1e-6  # it has moved
+    identifier = paper_identifier(system, K, Gamma, prior, dt, hermite)
+    states, scale = identify(identifier, seen), system.space.scale
+    v_hat, theta_hat = states[0].v_hat, prior
+    for one, pair in zip(states[1:], pairwise(seen), strict=True):
+        v_hat, theta_hat, pivot = rk4_step(identifier, v_hat, theta_hat, *pair)
+        assert np.abs((one.theta_hat - theta_hat) / scale).max() <= 1e-12
+        size = 1 + np.abs(v_hat).max()
+        assert np.abs(one.v_hat - v_hat).max() <= 1e-12 * size
+        assert one.pivot == pytest.approx(pivot, rel=1e-10)
+    assert np.abs((states[-1].theta_hat - prior) / scale).max() > 1e-6  # it has moved
 
 
 @bodies
@@ -73,15 +73,14 @@ def test_the_compiled_step_ends_as_the_generic_one_does(name):
         (prior, Status.completed),
         (-prior, Status.estimate_not_positive_definite),
     ):
-        ends = []
-        for s in (system, Dense(system)):
-            identifier = paper_identifier(s, *gains, start, dt)
-            state = identifier.step(identifier.init(seen[0]), *seen[:2])
-            assert state.status is status
-            broken = identifier.step(identifier.init(seen[0]), seen[0], lost)
-            assert broken.status is Status.measurement_not_finite
-            ends.append(state)
-        assert ends[0].pivot == pytest.approx(ends[1].pivot, rel=1e-10)
+        identifier = paper_identifier(system, *gains, start, dt)
+        first = identifier.init(seen[0])
+        state = identifier.step(first, *seen[:2])
+        assert state.status is status
+        broken = identifier.step(first, seen[0], lost)
+        assert broken.status is Status.measurement_not_finite
+        pivot = rk4_step(identifier, first.v_hat, start, *seen[:2])[2]
+        assert state.pivot == pytest.approx(pivot, rel=1e-10)
 
 
 # -- the state between two samples ---------------------------------------------------------------
@@ -161,8 +160,6 @@ def test_the_linear_midpoint_is_of_second_order_in_the_velocity(n):
 
 def test_without_the_bracket_the_midpoint_is_of_second_order(monkeypatch):
     """The test above can fail: steps added as if they commuted lose two orders."""
-    from nsaid_mj.numerics.interpolation import half_way
-
     steps, errors = np.array([0.2, 0.1, 0.05, 0.025]), []
     for dt in steps:
         dq = poses.pose_difference(pose(6, 1.0), pose(6, 1.0 + dt))

@@ -1,8 +1,6 @@
 """The cone of physical parameters: its barrier, its chart, and the law in its metric."""
 
-from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,16 +11,15 @@ from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.setup import Seeds
 from nsaid_mj.laws import NullspaceAID, Status
 from nsaid_mj.laws.cone import chart
+from nsaid_mj.laws.cone.law import ConeMetric
 from nsaid_mj.laws.cone.prior import drawn_inside
-from nsaid_mj.laws.in_cone import cone_identifier
 from nsaid_mj.laws.metric import ACCURACY
 from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
-from nsaid_mj.log import Log, Measurement
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.quotient import barrier
 from nsaid_mj.quotient import cone as geometry
-from nsaid_mj.structure.general import GeneralSystem, midpoints_by_sample
 from tests.support.bench import estimates, identify
+from tests.support.dense import from_chart, rk4_step, to_chart
 from tests.support.remembered import driven, scenario_plant
 from tests.support.strategies import seeds
 
@@ -40,29 +37,8 @@ def inside(name: str, seed: int, error: float = 0.3) -> np.ndarray:
 
 def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> NullspaceIdentifier:
     system, dt = scenario_plant(name).system, scenario_plant(name).dt
-    return cone_identifier(
-        system, np.full(system.n, 6.0), gain * system.space.scale**2, prior, dt, mu
-    )
-
-
-def generic_motion(law: NullspaceIdentifier) -> partial:
-    """The law's motion, computed by the generic system from sampled regressors."""
-    motion: Any = GeneralSystem.motion
-    return partial(motion, law.system, hermite=True)
-
-
-def to_chart(cone, theta):
-    """(p,) η of θ (p,)."""
-    eta = np.empty(len(theta))
-    chart.to_chart_into(cone, theta, eta, chart.chart_workspace(cone))
-    return eta
-
-
-def from_chart(cone, eta, pairing):
-    """(p,) θ of η (p,)."""
-    theta = np.empty(len(eta))
-    chart.from_chart_into(cone, eta, pairing, theta, chart.chart_workspace(cone))
-    return theta
+    metric = ConeMetric(system.space, gain * system.space.scale**2, prior, mu)
+    return NullspaceIdentifier(system, np.full(system.n, 6.0), metric, prior, dt)
 
 
 def natural_rate(cone, eta, theta, stiffness, mu, gradient):
@@ -443,48 +419,18 @@ def test_no_start_and_no_gain_leaves_the_cone():
     assert lost > 0
 
 
-def test_the_compiled_body_step_equals_the_general_one(monkeypatch):
+def test_sixty_steps_equal_those_in_numpy():
     measured, law = (
         driven("bluerov2", 5.0, seed=MOTION).rows[:60],
         build("bluerov2", inside("bluerov2", 2)),
     )
-    fast = identify(law, measured)[-1]
-    monkeypatch.setattr(law, "motion", generic_motion(law))
-    slow = identify(law, measured)[-1]
+    states = identify(law, measured)
+    v_hat, theta_hat = states[0].v_hat, states[0].theta_hat
+    for pair in pairwise(measured):
+        v_hat, theta_hat, _ = rk4_step(law, v_hat, theta_hat, *pair)
     scale = law.system.space.scale
-    np.testing.assert_allclose(fast.theta_hat / scale, slow.theta_hat / scale, rtol=0, atol=1e-11)
-    np.testing.assert_allclose(fast.v_hat, slow.v_hat, rtol=0, atol=1e-11)
-
-
-def reference_step(law: NullspaceIdentifier, state, previous, following):
-    """One RK4 step in numpy, with a dense metric."""
-    cone, n = law.metric.cone, law.system.n
-    stiffness = (
-        np.linalg.inv(law.metric.Gamma)
-        if law.metric.Gamma.ndim == 2
-        else np.diag(1 / law.metric.Gamma)
-    )
-    dt = following.t - previous.t
-    middle = midpoints_by_sample(law.system, Log.of([previous, following]), law.hermite)
-    first, last = previous, following._replace(u=previous.u)
-    half = Measurement(previous.t + 0.5 * dt, middle.q[0], middle.v[0], previous.u)
-    pairing = geometry.coordinates(cone)
-
-    def slope(sample, z):
-        theta = from_chart(cone, z[n:], pairing)
-        a_hat, W, _ = law.system.evaluate_at(sample.t, sample.q, sample.v, sample.u, z[:n], theta)
-        dv = z[:n] - sample.v
-        metric = stiffness + law.metric.mu * barrier.gradient_and_hessian(cone, theta)[1]
-        theta_rate = np.linalg.solve(metric, W.T @ dv)
-        return np.r_[a_hat - law.K * dv, chart.chart_rate(cone, z[n:], theta_rate)]
-
-    start = np.r_[state.v_hat, to_chart(cone, state.theta_hat)]
-    k1 = slope(first, start)
-    k2 = slope(half, start + 0.5 * dt * k1)
-    k3 = slope(half, start + 0.5 * dt * k2)
-    k4 = slope(last, start + dt * k3)
-    end = start + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return end[:n], from_chart(cone, end[n:], pairing)
+    np.testing.assert_allclose(states[-1].theta_hat / scale, theta_hat / scale, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(states[-1].v_hat, v_hat, rtol=0, atol=1e-11)
 
 
 @plants
@@ -495,10 +441,13 @@ def test_a_step_is_rk4_in_the_dense_metric(name, full):
     A = rng.standard_normal((p.system.p, p.system.p)) / p.system.p**0.5
     Gamma = (0.1 * np.eye(p.system.p) + A @ A.T) * np.outer(scale, scale) if full else scale**2
     K = np.full(p.system.n, 6.0)
-    law = cone_identifier(p.system, K, Gamma, inside(name, 5), p.dt, 1.0)
+    prior = inside(name, 5)
+    law = NullspaceIdentifier(
+        p.system, K, ConeMetric(p.system.space, Gamma, prior, 1.0), prior, p.dt
+    )
     state, moved = law.init(measured[0]), 0.0
     for before, after in pairwise(measured[:40]):
-        v_hat, theta_hat = reference_step(law, state, before, after)
+        v_hat, theta_hat, _ = rk4_step(law, state.v_hat, state.theta_hat, before, after)
         following = law.step(state, before, after)
         np.testing.assert_allclose(following.v_hat, v_hat, rtol=0, atol=1e-12)
         np.testing.assert_allclose(
@@ -509,8 +458,7 @@ def test_a_step_is_rk4_in_the_dense_metric(name, full):
     assert moved > 1e-6  # else there was nothing to compare
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
+def test_no_step_returns_an_estimate_outside_the_cone():
     """A law far too fast for dt ends with a status and the last good estimate, never in NaN."""
     cone, measured = (
         geometry.cone_of(scenario_plant("bluerov2").system.space),
@@ -520,8 +468,6 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
     for seed in range(8):
         gain = 10.0 ** (3 + seed)
         law = build("bluerov2", inside("bluerov2", seed), gain=gain, mu=1 / gain)
-        if not compiled:
-            monkeypatch.setattr(law, "motion", generic_motion(law))
         state = law.init(measured[0])
         for before, after in pairwise(measured):
             state = law.step(state, before, after)
@@ -533,16 +479,13 @@ def test_no_step_returns_an_estimate_outside_the_cone(monkeypatch, compiled):
     assert endings & {Status.estimate_not_positive_definite, Status.adaptation_too_fast}
 
 
-@pytest.mark.parametrize("compiled", [True, False])
-def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it(monkeypatch, compiled):
+def test_a_tied_mass_matrix_is_held_inside_by_a_law_too_fast_for_it():
     """Steps as long as the cone is wide are divided, also where a tied matrix cuts them."""
     measured, system = driven("remus100", 5.0, seed=MOTION).rows, scenario_plant("remus100").system
     cone, place = geometry.cone_of(system.space), system.space["mass matrix"]
     long = 0
     for seed in range(2):
         law = build("remus100", inside("remus100", seed, 1.0), gain=700.0, mu=1e-4)
-        if not compiled:
-            monkeypatch.setattr(law, "motion", generic_motion(law))
         state = law.init(measured[0])
         for before, after in pairwise(measured[:100]):
             following = law.step(state, before, after)

@@ -21,9 +21,8 @@ from nsaid_mj.laws.efficient.faults.evidence import (
     shift_jumps,
 )
 from nsaid_mj.laws.efficient.faults.hypotheses import hypotheses_of
-from nsaid_mj.laws.efficient.faults.onset import onset, started
 from nsaid_mj.laws.efficient.faults.signals import Signals
-from nsaid_mj.laws.efficient.faults.trial import Trial
+from nsaid_mj.laws.efficient.faults.trial import Trial, onset, started
 from nsaid_mj.laws.efficient.faults.trials import begin_trials, follow_trials
 from nsaid_mj.laws.efficient.faults.watch import with_jump
 from nsaid_mj.laws.faults import FaultEvent

@@ -278,9 +278,6 @@ class Heave(Driver):
         u = self.driver.command(t, q, v)
         return np.r_[0 * u[:4], np.full(4, u[0])]
 
-    def compiled(self, t):
-        return None
-
 
 class Surge(Heave):
     """The horizontal thrusters in one proportion."""

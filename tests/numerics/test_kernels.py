@@ -254,6 +254,6 @@ print(stopwatch.compile_seconds(), len(calls), *times)
 
 def test_code_from_the_cache_finds_every_kernel_that_it_calls():
     """A process that compiles nothing must know all addresses, of overloads' kernels too."""
-    assert not set(callees(named(follow.py_func)))  # its text names only what numba dispatches
-    found = {kernel.symbol.rpartition(".")[2] for kernel in callees(follow.calls)}
-    assert found == {"stage", "_differentiate", "solve_positive"}
+    named_ones, others = set(callees(named(follow.py_func))), set(callees(follow.calls))
+    symbols = [{k.symbol.rpartition(".")[2] for k in found} for found in (named_ones, others)]
+    assert symbols == [{"stage"}, {"_differentiate"}]  # the second by overloads alone

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.numerics.linalg import cholesky, evaluate, solve_positive, times_into
+from nsaid_mj.numerics.linalg import cholesky, solve_positive, times_into
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=40)
@@ -63,34 +63,6 @@ def test_times_into_takes_a_diagonal_or_a_matrix(seed, n):
         product = np.full(n, np.nan)
         times_into(gain, x, product)
         np.testing.assert_allclose(product, dense @ x, rtol=1e-13, atol=1e-13)
-
-
-def system(rng, n: int, p: int):
-    """A mass tensor that is PD at θ = (1, 0.1 …), and C, F rows."""
-    tensor = np.stack([spd(rng, n) if k == 0 else np.diag(rng.random(n)) for k in range(p)], -1)
-    theta = np.r_[1.0, 0.1 * rng.random(p - 1)]
-    return tensor, rng.standard_normal((n, p)), rng.standard_normal((n, p)), theta
-
-
-@FEW
-@given(seeds, st.integers(1, 6), st.integers(1, 9))
-def test_evaluate_is_29_10_and_30(seed, n, p):
-    tensor, W_C, F, theta = system(np.random.default_rng(seed), n, p)
-    a, W, pivot = evaluate(tensor, W_C, F, theta)
-    M = tensor @ theta
-    size = (np.abs(tensor) @ np.abs(theta)).max() * np.abs(a).max() + np.abs(F - W_C).sum()
-    np.testing.assert_allclose(M @ a, (F - W_C) @ theta, rtol=0, atol=1e-13 * size)  # (29)
-    expected = np.einsum("j,jip->ip", a, tensor) + W_C - F  # (10)
-    np.testing.assert_allclose(W, expected, rtol=0, atol=1e-13 * size)
-    np.testing.assert_allclose(W @ theta, 0, atol=1e-13 * size)  # (30)
-    assert pivot > 0
-
-
-def test_evaluate_gives_NaN_and_no_pivot_where_M_is_not_positive():
-    tensor, W_C, F, theta = system(np.random.default_rng(0), 3, 4)
-    a, W, pivot = evaluate(tensor, W_C, F, -theta)
-    assert np.isnan(a).all() and not pivot > 0
-    np.testing.assert_array_equal(W, W_C - F)
 
 
 @FEW

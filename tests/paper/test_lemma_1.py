@@ -11,7 +11,9 @@ from nsaid_mj.laws.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import level
 from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.structure.general import GeneralSystem
+from nsaid_mj.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.structure.structure import Structure
+from nsaid_mj.structure.structured import StructuredSystem
 from tests.support.bench import accelerations, columns
 
 
@@ -57,36 +59,16 @@ def test_71_73_both_terms_of_the_error_rate_vanish(converged):
             assert np.abs(vanishing[-tenth:]).max() < 1e-4 * np.abs(vanishing[:tenth]).max()
 
 
-class Cart(GeneralSystem):
+class Cart(StructuredSystem):
     """m v̇ = k u: the smallest system with an unknown gain, θ = [m, k], r = 1."""
 
-    n = m = n_u = 1
-
     def __init__(self):
-        self.space = ParameterSpace(
-            (
-                Block("mass", ("mass",), ("kg",), np.ones(1)),
-                Block("gain", ("gain",), ("N",), np.ones(1), actuator=True),
-            )
-        )
-
-    def _W_M(self, q: Array, a: Array) -> Array:
-        return np.array([[a[0], 0.0]])
-
-    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        return np.zeros((1, 2))
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return np.array([[0.0, u[0]]])
-
-    def integrate(self, q: Array, dq: Array) -> Array:
-        return q + dq
-
-    def difference(self, q0: Array, q1: Array) -> Array:
-        return q1 - q0
-
-    def J(self, q: Array) -> Array:
-        return np.eye(1)
+        mass = Block("mass", ("mass",), ("kg",), np.ones(1))
+        gain = Block("gain", ("gain",), ("N",), np.ones(1), actuator=True)
+        heavy = Inertia(0, 0, tied([(i, i, 0, 1.0) for i in range(3)]))
+        pushed = Column("motor", 1, dof=0, input=0)
+        structure = Structure([Body("slide")], [heavy], [pushed], 2, 1)
+        super().__init__(structure, ParameterSpace((mass, gain)))
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         return rng.uniform(-1, 1, 1), rng.uniform(-1, 1, 1), rng.uniform(-1, 1, 1)

@@ -102,9 +102,6 @@ def test_theorem_2_fails_at_rest():
         def command(self, t: float, q: Array, v: Array) -> Array:
             return hover
 
-        def compiled(self, t: Array) -> None:
-            return None
-
     with plant.running():
         samples = trajectory(plant, Hover(), 6000).rows
     t, x, v, u = columns(samples)

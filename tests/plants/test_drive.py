@@ -69,9 +69,6 @@ class Interpreted(Driver):
     def command(self, t, q, v):
         return self._driver.command(t, q, v)
 
-    def compiled(self, t):
-        return None
-
 
 def made(case: str) -> tuple[Plant, Driver]:
     config, excitation = CASES[case]

@@ -1,6 +1,7 @@
 """Vehicles with an arm satisfy (4)–(10) and (29, 30) and move as MuJoCo does."""
 
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,9 @@ from nsaid_mj.plants import BlueROV2Plant, FlyingArmPlant, Mismatch, UvmsPlant
 from nsaid_mj.plants.flying_arm import flying_arm
 from nsaid_mj.plants.uvms import published_links
 from nsaid_mj.resources import numbers
-from nsaid_mj.structure.general import balance_by_sample, midpoints_by_sample
 from nsaid_mj.structure.joints import JointScales
 from nsaid_mj.structure.multibody import CompiledMultibody
-from tests.support.dense import Dense
+from tests.support.dense import Dense, rk4_step
 from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near, coupled
 from tests.support.plants import assert_engines_agree, draw_state, drive, plant, wrong_prior
@@ -258,6 +258,18 @@ def driven(name: str) -> tuple[Any, Log]:
     return p, drive(p, driver, 0.75)
 
 
+def in_numpy(law: Any, log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(N−1, n) v̂, (N−1, p) θ̂ and (N−1,) pivots of a law along a log of N measurements."""
+    state, rows = law.init(log.at(0)), []
+    v_hat, theta_hat = state.v_hat, state.theta_hat
+    for pair in pairwise(log.rows):
+        rows.append(rk4_step(law, v_hat, theta_hat, *pair))
+        v_hat, theta_hat, _ = rows[-1]
+    n, p = len(v_hat), len(theta_hat)
+    parts = [np.array([row[i] for row in rows]) for i in range(3)]
+    return parts[0].reshape(-1, n), parts[1].reshape(-1, p), parts[2]
+
+
 @vehicles
 @pytest.mark.parametrize("law", ["paper", "cone"])
 @pytest.mark.parametrize("interpolation", ["hermite", "linear"])
@@ -268,16 +280,14 @@ def test_the_compiled_loop_equals_the_generic_one(name, law, interpolation):
     for i, (_, place) in enumerate(p.system.space):
         prior[place] *= 0.8 + 0.1 * (i % 4)  # every block on its own stays possible
     config = NullspaceAID(law=law, interpolation=interpolation)
-    fast, dense = (
-        identifier.follow(identifier.init(log.at(0)), log)
-        for identifier in (config.build(s, prior, 5e-3) for s in (p.system, Dense(p.system)))
-    )
-    for state, estimates in (fast, dense):
-        assert state.status is Status.completed and len(estimates.v_hat) == 151
-    assert_near(fast[1].v_hat, dense[1].v_hat, 1e-11)
-    assert_near(fast[1].theta_hat / scale, dense[1].theta_hat / scale, 1e-11)
-    assert_near(fast[1].pivot[1:], dense[1].pivot[1:], 1e-11)
-    assert np.abs((fast[0].theta_hat - prior) / scale).max() > 1e-6  # it has moved
+    identifier: Any = config.build(p.system, prior, 5e-3)
+    state, estimates = identifier.follow(identifier.init(log.at(0)), log)
+    assert state.status is Status.completed and len(estimates.v_hat) == 151
+    v_hats, theta_hats, pivots = in_numpy(identifier, log)
+    assert_near(estimates.v_hat[1:], v_hats, 1e-11)
+    assert_near(estimates.theta_hat[1:] / scale, theta_hats / scale, 1e-11)
+    assert_near(estimates.pivot[1:], pivots, 1e-11)
+    assert np.abs((state.theta_hat - prior) / scale).max() > 1e-6  # it has moved
 
 
 @vehicles
@@ -287,20 +297,18 @@ def test_full_gains_and_endings_equal_the_generic_ones(name):
     gains = coupled(np.full(p.system.n, 20.0), rng), coupled(0.1 * scale**2, rng)
     lost = np.where(np.arange(len(log.v))[:, None] == 20, np.nan, log.v)
     broken = Log.unchecked(log.t, log.q, lost, log.u)
-    for prior, measured, status in (
-        (p.truth, log, Status.completed),
-        (-p.truth, log, Status.estimate_not_positive_definite),
-        (p.truth, broken, Status.measurement_not_finite),
+    for prior, measured, status, end in (
+        (p.truth, log, Status.completed, 150),
+        (-p.truth, log, Status.estimate_not_positive_definite, 0),
+        (p.truth, broken, Status.measurement_not_finite, 19),
     ):
-        fast, dense = (
-            law.follow(law.init(log.at(0)), measured)
-            for law in (
-                paper_identifier(s, *gains, prior, 5e-3) for s in (p.system, Dense(p.system))
-            )
-        )
-        assert fast[0].status is dense[0].status is status
-        assert fast[0].t == dense[0].t
-        assert_near(fast[0].theta_hat / scale, dense[0].theta_hat / scale, 1e-11)
+        law = paper_identifier(p.system, *gains, prior, 5e-3)
+        state, estimates = law.follow(law.init(log.at(0)), measured)
+        assert state.status is status and state.t == log.t[end]
+        assert len(estimates.theta_hat) == end + 1
+        if end:
+            theta_hats = in_numpy(law, log.first(end + 1))[1]
+            assert_near(estimates.theta_hat[1:] / scale, theta_hats / scale, 1e-11)
 
 
 @systems
@@ -309,7 +317,7 @@ def test_transport_is_the_rate_of_momentum_along_the_motion(name):
     system = SYSTEMS[name]()
     for seed in range(3):
         q, v = system.split(draw_state(system, seed)[0])
-        assert_near(system._transport(q, v), Dense(system)._transport(q, v), 1e-8)
+        assert_near(system._transport(q, v), Dense(system).transport(q, v), 1e-8)
 
 
 @systems
@@ -322,7 +330,7 @@ def test_the_momentum_balance_equals_the_generic_one(name, leak):
     )
     log, qm, vm = Log(np.array([0.0, 0.1, 0.2, 0.3]), q[:4], v[:4], u[:4]), q[1:4], v[2:]
     fast = system.momentum_balance(leak, log, qm, vm)
-    for one, other in zip(fast, balance_by_sample(system, leak, log, qm, vm), strict=True):
+    for one, other in zip(fast, Dense(system).momentum_balance(leak, log, qm, vm), strict=True):
         assert one.shape == other.shape
         assert_near(one * system.space.scale, other * system.space.scale, 1e-12)
 
@@ -333,7 +341,7 @@ def test_interpolated_midpoints_equal_the_generic_ones(name):
     for hermite in (True, False):
         middle = p.system.midpoints(log, hermite)
         for k in (0, 70, 149):
-            one = midpoints_by_sample(p.system, log.part(k, k + 2), hermite)
+            one = Dense(p.system).midpoints(log.part(k, k + 2), hermite)
             q, v = one.q[0], one.v[0]
             assert_near(middle.q[k], q, 1e-12)
             assert_near(middle.v[k], v, 1e-11)

@@ -24,7 +24,7 @@ class Counter(event.Listener):
     def on_end(self, _): pass
 counter = Counter()
 event.register("numba:compile", counter)
-import nsaid_mj.structure.multibody, nsaid_mj.structure.motion_types
+import nsaid_mj.structure.multibody, nsaid_mj.structure.motion
 from nsaid_mj.laws.efficient.kalman import _follow
 from nsaid_mj.plants.world.stepping import track
 assert counter.count == 0, "importing compiles"

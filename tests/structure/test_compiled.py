@@ -276,7 +276,7 @@ def test_a_step_without_pinocchios_regressors_fails(monkeypatch):
 def test_a_motion_by_pinocchio_is_freed():
     robot = "kinova held"
     samples = Log.of(motion(robot, 3, 1e-3))
-    found = weakref.ref(pair(robot)[0].motion(samples, True).leading)
+    found = weakref.ref(pair(robot)[0].motion(samples, True).outside.leading)
     gc.collect()
     assert found() is None
 

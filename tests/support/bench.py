@@ -19,7 +19,9 @@ from nsaid_mj.nullspace import Nullspace, structural
 from nsaid_mj.parameters import Array, Block, ParameterSpace
 from nsaid_mj.plants import ArmPlant, AstrobeePlant, BlueROV2Plant, PlantConfig, ScalarRovPlant
 from nsaid_mj.plants.world.plant import Plant
-from nsaid_mj.structure.general import GeneralSystem
+from nsaid_mj.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.structure.structure import Structure
+from nsaid_mj.structure.structured import StructuredSystem
 from nsaid_mj.structure.system import SecondOrderSystem
 
 
@@ -243,43 +245,26 @@ def swing() -> tuple[Bench, Motion]:
     )
 
 
-class TwoVehicles(GeneralSystem):
+class TwoVehicles(StructuredSystem):
     """Two vehicles (16) that do not touch: θ = [m₁, d₁, g₁, a₁, m₂, d₂, g₂, a₂], r = 2."""
-
-    n = m = n_u = 2
 
     def __init__(self):
         names = [("mass", "drag", "net weight", "thruster gain"), ("kg", "N·s²/m²", "N", "N")]
-        self.space = ParameterSpace(
-            tuple(
-                Block(f"{name} {i}", (f"{name} {i}",), (unit,), np.ones(1), actuator="gain" in name)
-                for i in (1, 2)
-                for name, unit in zip(*names, strict=True)
-            )
-        )
-
-    def _rows(self, first: list[float], second: list[float]) -> Array:
-        rows = np.zeros((2, 8))
-        rows[0, :4], rows[1, 4:] = first, second
-        return rows
-
-    def _W_M(self, q: Array, a: Array) -> Array:
-        return self._rows(*([a[i], 0.0, 0.0, 0.0] for i in range(2)))
-
-    def _W_C(self, q: Array, v: Array, w: Array) -> Array:
-        return np.zeros((2, 8))
-
-    def _F(self, t: float, q: Array, v: Array, u: Array) -> Array:
-        return self._rows(*([0.0, -v[i] * abs(v[i]), -1.0, u[i]] for i in range(2)))
-
-    def integrate(self, q: Array, dq: Array) -> Array:
-        return q + dq
-
-    def difference(self, q0: Array, q1: Array) -> Array:
-        return q1 - q0
-
-    def J(self, q: Array) -> Array:
-        return np.eye(2)
+        blocks = [
+            Block(f"{name} {i}", (f"{name} {i}",), (unit,), np.ones(1), actuator="gain" in name)
+            for i in (1, 2)
+            for name, unit in zip(*names, strict=True)
+        ]
+        mass, columns = tied([(i, i, 0, 1.0) for i in range(3)]), []
+        for i in range(2):
+            columns += [
+                Column("quadratic", 4 * i + 1, dof=i),
+                Column("offset", 4 * i + 2, dof=i, force=-1.0),
+                Column("motor", 4 * i + 3, dof=i, input=i),
+            ]
+        inertias = [Inertia(i, 4 * i, mass) for i in range(2)]
+        structure = Structure([Body("slide"), Body("slide")], inertias, columns, 8, 2)
+        super().__init__(structure, ParameterSpace(tuple(blocks)))
 
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         return rng.uniform(-1, 1, 2), rng.uniform(-2, 2, 2), rng.uniform(-1, 1, 2)

@@ -93,9 +93,6 @@ class Tracker(InformedDriver):
         if self._law.informed:
             self._law.estimate.theta = np.array(theta_hat, dtype=np.float64)
 
-    def compiled(self, t: Array) -> None:
-        """None: only `command` evaluates the law."""
-
 
 Law = Literal["nullspace", "conventional", "computed_torque", "composite"]
 

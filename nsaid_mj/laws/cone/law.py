@@ -39,7 +39,7 @@ class ConeMetric(Metric):
     conserves = True
 
     def __init__(self, space: ParameterSpace, Gamma: Array, prior: Array, mu: float):
-        self._flat = ConstantMetric(Gamma)
+        self._flat = ConstantMetric(Gamma, size=len(space))
         self.Gamma = self._flat.Gamma
         if not (np.isfinite(mu) and mu > 0):
             raise InvalidInput("mu", "a weight > 0", mu, "0 is the paper's law: --law paper.")

@@ -32,8 +32,8 @@ from ..memory.statistics import Memory
 from ..nullspace_aid import NullspaceIdentifier
 from .drift import Rivals, going_on, walks
 from .faults.isolation import Isolation
-from .faults.onset import LEAD
 from .faults.signals import Signals
+from .faults.trial import LEAD
 from .faults.watch import Watch
 from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
 from .kalman import follow_filter, restart_state
@@ -52,21 +52,14 @@ _FOLLOWS_THE_MOTION = "trials", "rivals", "recent", "waiting"  # parts that a ga
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
 
 
-def efficient_identifier(
-    guard: NullspaceIdentifier, dt: float, config: EfficientConfig | None = None
-) -> EfficientIdentifier:
-    """The efficient law, for measurements dt [s] apart; `config` defaults to `EfficientConfig()`.
+class EfficientIdentifier(Identifier):
+    """A Kalman filter of (q, v, θ), for measurements dt [s] apart.
 
     `guard` is the law `memory`, whose system and prior are the filter's.
 
     Raises:
         InvalidInput: the system has no compiled forward dynamics.
     """
-    return EfficientIdentifier(guard, dt, config or EfficientConfig())
-
-
-class EfficientIdentifier(Identifier):
-    """A Kalman filter of (q, v, θ), guarded by the law `memory`; arguments as above."""
 
     conserves = proven = False
     cancelling = 0.0

@@ -16,7 +16,8 @@ from ...errors import InvalidInput
 from ...parameters import Array, Block
 from ...resources import VehicleFiles, vehicle_files
 from ...structure.blocks import of_a_body
-from ...structure.single_body import Operation, SingleBody, Term
+from ...structure.single_body import Operation, SingleBody
+from ...structure.terms import Term
 from .body import BODY, JOINTS, Inertia, command_inputs, hidden, vehicle_spec
 from .mismatch import Mismatch
 from .plant import ParametricPlantConfig, Plant

@@ -161,10 +161,3 @@ def hidden(nominal: Array | float, spread: Array | float, rng: np.random.Generat
     """Nominal values, each multiplied by its own random factor within 1 ± spread."""
     nominal = np.asarray(nominal, dtype=np.float64)
     return nominal * (1 + spread * rng.uniform(-1, 1, nominal.shape))
-
-
-def guessed(value: Array | float) -> Array:
-    """The nearest powers of two of |value|: a guess by order of magnitude."""
-    return np.exp2(np.round(np.log2(np.abs(np.asarray(value, dtype=np.float64))))).astype(
-        np.float64
-    )

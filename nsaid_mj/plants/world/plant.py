@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol, Self
 
 import mujoco
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
 from ...bounds import Config, config
+from ...control.driver import CompiledDriver, Driver
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array, Indices
@@ -31,9 +32,6 @@ from .mismatch import Mismatch
 from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
 from .stepping import World, drive, sound, warnings_of
-
-if TYPE_CHECKING:
-    from ...control import Driver
 
 
 @config
@@ -287,7 +285,7 @@ class Plant(ABC):
         faulty = self._held or self._biases is not None
         delayed = self.delay or self.late is not None or self.profile is not None
         steady = not delayed and not faulty and self.t + steps * self.dt < self._next_edge
-        law = driver.compiled(t) if steady else None
+        law = driver.compiled(t) if steady and isinstance(driver, CompiledDriver) else None
         if law is None or self.reading is None:
             return self._drive_stepwise(driver, last, t, sensors)
         log = Log.unchecked(t, *(np.empty((len(t), len(part))) for part in last[1:]))

@@ -11,7 +11,7 @@ import numpy as np
 from ...parameters import Array
 from ...robot.shapes import VisualMesh, of_geom
 from ...structure.joints import JointTree
-from ...structure.structured import StructuredKinematics
+from ...structure.system import SecondOrderSystem
 from .coordinates import JointMap
 from .forces import Forces, column_forces
 from .mismatch import Mismatch
@@ -66,11 +66,11 @@ class SimulatedRobot(Plant):
         InvalidInput: the mismatch does not suit the time step.
     """
 
-    system: StructuredKinematics
+    system: SecondOrderSystem
 
     def __init__(
         self,
-        system: StructuredKinematics,
+        system: SecondOrderSystem,
         truth: Array,
         acting: Array,
         spec: Any,

@@ -70,21 +70,6 @@ def payload(c, at, x):
 
 
 @helper(FLOW_OF)
-def drag_by_axis(c, at, x):
-    """−|v_i| v_i on every axis i, times the axis' constant."""
-    for i in range(6):
-        x[F + i] = -c[at + i] * abs(x[i]) * x[i]
-
-
-@helper(FLOW_OF)
-def drag_by_speed(c, at, x):
-    """−|v| v_i on every axis i, times the axis' constant."""
-    speed = np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    for i in range(6):
-        x[F + i] = -c[at + i] * speed * x[i]
-
-
-@helper(FLOW_OF)
 def strip_drag(c, at, x):
     """−|v_⊥| v_⊥ ds, summed over strips ds of a cylinder with a known axis.
 
@@ -123,9 +108,12 @@ def write_fluid(kind, c, at, x):
         for i in range(6):
             x[F + i] = -c[at + i] * x[i]
     elif kind == QUADRATIC_DRAG:
-        drag_by_axis(c, at, x)
+        for i in range(6):
+            x[F + i] = -c[at + i] * abs(x[i]) * x[i]
     elif kind == SPEED_DRAG:
-        drag_by_speed(c, at, x)
+        speed = np.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
+        for i in range(6):
+            x[F + i] = -c[at + i] * speed * x[i]
     elif kind == STRIP_DRAG:
         strip_drag(c, at, x)
     elif kind == LIFT:  # of a body of revolution about x

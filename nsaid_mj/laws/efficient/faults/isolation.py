@@ -31,7 +31,7 @@ from .hypotheses import (
     restored,
     unknown,
 )
-from .onset import LEAD, onset
+from .trial import LEAD, onset
 from .trials import Verdict, begin_trials, follow_trials, narrowed, verdict
 from .watch import PERIOD, Watch, slow_change
 

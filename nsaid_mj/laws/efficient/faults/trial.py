@@ -1,4 +1,19 @@
-"""A filter under one fault hypothesis."""
+"""A filter under one fault hypothesis, from the time at which the fault began.
+
+Before a fault, eᵀe of the normalised innovations e of a sample has mean 2n and variance 4n. The
+fault began at the sample from which on its average exceeds 2n + 3 √(4n): Page's likelihood ratio
+test for a change at an unknown time.
+
+For the bias of a sensor there are three filters. Each is nearly linear, so its innovations depend
+linearly on a constant b that is subtracted from the measurements since the fault:
+e = e₀ + g (b − b₀), with g the error's signature in the innovations. Filters at b₀ − h, b₀ and
+b₀ + h give
+
+    Σ eᵀe = N₀ + s (b − b₀) + ½ c (b − b₀)²,    c = 2 Σ gᵀg,
+
+and with it the estimate of b, its variance, and the likelihood averaged over the prior
+b ~ N(0, σ²). This is Friedland's separate estimation of a bias, with sensitivities by differences.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +26,53 @@ from ....parameters import Array, ParameterSpace
 from ....structure.system import SecondOrderSystem
 from ..covariance import keep_above_rounding
 from ..filter import COMPLETED, Along, Filter, Law
-from ..kalman import follow_filter
+from ..kalman import follow_filter, restart_state
+from ..noise import noise_variance
 from .evidence import jumped
 from .hypotheses import Hypothesis, command_of, loaded, most_changed
 from .signals import Signals
 
+LEAD = 4
+"""Samples before the earliest possible fault: `started` takes increments from them."""
+_EXCESS = 3.0  # standard deviations of eᵀe that a sample must exceed on average
 _LEAST = 0.2  # command at which a stuck actuator is tried, over a typical one
 _WALK = 0.012  # of δ per second, as a fault may still grow [1/√s]
+_WIDE = 100.0  # prior standard deviation of an error, relative to that of the sensor's noise
+_COARSE = 10.0  # step of the differences, relative to the same: several times the error of `_jumps`
+_FINE = 2.0  # once the error is known
+
+
+def increments(system: SecondOrderSystem, log: Log) -> Array:
+    """(N−1, 2n) changes of position and velocity from sample to sample."""
+    moved = [system.difference(a, b) for a, b in zip(log.q[:-1], log.q[1:], strict=True)]
+    return np.hstack([np.array(moved), np.diff(log.v, axis=0)])
+
+
+def started(kalman: Filter, system: SecondOrderSystem, log: Log, k: int) -> Filter:
+    """A copy of a filter with its state at sample k ≥ 3 of a log, as measured there."""
+    own = kalman.copied()
+    own.noise.increments[:] = increments(system, log.part(k - 3, k + 1))
+    restart_state(own, log.q[k], log.v[k], noise_variance(own.noise))
+    return own
+
+
+def onset(law: Law, kalman: Filter, system: SecondOrderSystem, log: Log) -> int:
+    """The last sample of a log before a fault, given a filter's θ̂ and P_θθ from before."""
+    own, patient = started(kalman, system, log, LEAD - 1), law._replace(window=10**9)
+    size, count, n = 2.0 * system.n, len(log.t), system.n
+    level = size + _EXCESS * np.sqrt(2.0 * size)
+    out = Along.empty(2, n, len(own.theta))
+    total, before = 0.0, count - 2
+    for k in range(LEAD, count):
+        squares = own.tally[2]
+        _, end = follow_filter(patient, own, *log.part(k - 1, k + 1), out)
+        excess = own.tally[2] - squares - level if end == COMPLETED else np.inf
+        if total <= 0.0:
+            total, before = 0.0, k - 1
+        total += excess
+        if total == np.inf:
+            break
+    return before if total > 0.0 else count - 2
 
 
 class Trial(NamedTuple):
@@ -132,3 +187,142 @@ class Trial(NamedTuple):
     ) -> tuple[Filter, Signals]:
         """The filter that continues after the log that ended the trials, and its signals."""
         return self.filter, self.signals
+
+
+# -- a sensor's bias -----------------------------------------------------------------------------
+
+
+class BiasTrial(NamedTuple):
+    """Three filters under evenly spaced errors of one sensor.
+
+    Attributes:
+        trials: under each error.
+        middle: error of the second one.
+        step: between two.
+        prior: standard deviation of the error.
+        coarse: whether this is the first trial, in which the filter is not quite linear.
+    """
+
+    trials: tuple[Trial, Trial, Trial]
+    middle: float
+    step: float
+    prior: float
+    coarse: bool = True
+
+    @staticmethod
+    def begin(
+        start: Filter,
+        signals: Signals,
+        hypothesis: Hypothesis,
+        system: SecondOrderSystem,
+        log: Log,
+        k: int,
+    ) -> BiasTrial:
+        """A trial from a filter at sample k of a log, after which the error begins."""
+        channel = hypothesis.channel
+        sigma = float(np.sqrt(noise_variance(start.noise)[channel]))
+        middle, step = float(_jumps(system, log, k)[channel]), _COARSE * sigma
+        trials = _three(start, signals, hypothesis, middle, step)
+        return BiasTrial(trials, middle, step, _WIDE * sigma)
+
+    def again(self, start: Filter) -> BiasTrial:
+        """A trial from the same start, close to this one's estimate."""
+        middle, step = self.middle + self._fit()[0], self.step * _FINE / _COARSE
+        signals = self.trials[1].signals.biased(self.hypothesis.channel, -self.middle)
+        trials = _three(start, signals, self.hypothesis, middle, step)
+        return self._replace(trials=trials, middle=middle, step=step, coarse=False)
+
+    @property
+    def hypothesis(self) -> Hypothesis:
+        """The hypothesis under trial."""
+        return self.trials[1].hypothesis
+
+    @property
+    def filter(self) -> Filter:
+        """The filter in the middle."""
+        return self.trials[1].filter
+
+    @property
+    def theta(self) -> Array:
+        """(p,) θ̂ at the start."""
+        return self.trials[1].theta
+
+    def _fit(self) -> tuple[float, float, float]:
+        """Estimate of b − b₀, its precision, and Σ eᵀe there."""
+        low, middle, high = (trial.squares for trial in self.trials)
+        if not np.isfinite([low, middle, high]).all():
+            return 0.0, self.prior**-2, np.inf
+        slope = (high - low) / (2 * self.step)
+        curvature = max(0.0, (low - 2 * middle + high) / self.step**2)
+        precision = 0.5 * curvature + self.prior**-2
+        change = -(0.5 * slope + self.middle * self.prior**-2) / precision
+        change = min(self.step, max(-self.step, change))  # within the range tried
+        return change, precision, middle + slope * change + 0.5 * curvature * change**2
+
+    @property
+    def squares(self) -> float:
+        """Sum of the squared normalised innovations at the estimate of b."""
+        return self._fit()[2]
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the likelihood of the innovations, averaged over b."""
+        change, precision, squares = self._fit()
+        own = ((self.middle + change) / self.prior) ** 2 + np.log(self.prior**2 * precision)
+        return float(-0.5 * (squares + self.filter.tally[3] + own))
+
+    def followed(
+        self, law: Law, system: SecondOrderSystem, log: Log, before: Signals | None = None
+    ) -> BiasTrial:
+        """The trials after a log; `before` are the signals at its first sample, if different."""
+        one, two, three = (trial.followed(law, system, log, before) for trial in self.trials)
+        return self._replace(trials=(one, two, three))
+
+    def freed(self, seconds: float) -> None:
+        """Does nothing: a bias is constant."""
+
+    def forgetting(self) -> BiasTrial:
+        """The trial, its evidence counted from here."""
+        one, two, three = (trial.forgetting() for trial in self.trials)
+        return self._replace(trials=(one, two, three))
+
+    def reported(
+        self,
+        space: ParameterSpace,  # as of any trial
+    ) -> tuple[Hypothesis, tuple[float, float, float]]:
+        """The sensor, and its error with the 95 % interval."""
+        change, precision, _ = self._fit()
+        b, wide = self.middle + change, 1.96 * precision**-0.5
+        return self.hypothesis, (b, b - wide, b + wide)
+
+    def settled(self, system: SecondOrderSystem, scale: Array, log: Log) -> tuple[Filter, Signals]:
+        """The filter at the estimate of b, its state as measured, and the signals without b."""
+        change, precision, _ = self._fit()
+        one, two, three = self.trials
+        slope = (three.filter.theta - one.filter.theta) / (2 * self.step)
+        own, signals = two.filter, two.signals.biased(self.hypothesis.channel, change)
+        own.theta[:] += change * slope
+        own.Ptt[:] += np.outer(slope / scale, slope / scale) / precision
+        here = signals.acting(system, log.part(len(log.t) - 1, len(log.t))).at(0)
+        restart_state(own, here.q, here.v, noise_variance(own.noise))
+        return own, signals
+
+
+def _three(
+    start: Filter, signals: Signals, hypothesis: Hypothesis, middle: float, step: float
+) -> tuple[Trial, Trial, Trial]:
+    """Trials at three errors, from a filter and the signals before."""
+    errors = [signals.biased(hypothesis.channel, middle + i * step) for i in (-1, 0, 1)]
+    scale = np.ones(len(start.theta))  # its θ does not jump
+    one, two, three = (Trial.begin(start, biased, hypothesis, scale) for biased in errors)
+    return one, two, three
+
+
+def _jumps(system: SecondOrderSystem, log: Log, k: int) -> Array:
+    """(2n,) jump of every sensor from sample k to the next, beyond what the motion explains."""
+    n, places = system.n, {6: 3, 3: 2}.get(system.group, 0)
+    earlier, now = increments(system, log.part(k - 1, k + 2))
+    jump = now - earlier
+    jump[:n] = now[:n] - (log.t[k + 1] - log.t[k]) * log.v[k]
+    jump[:places] = system.J(log.q[k])[:places, :places] @ jump[:places]  # in world axes
+    return jump

@@ -17,12 +17,10 @@ from ....parameters import Array
 from ....structure.system import SecondOrderSystem
 from ..filter import Filter, Law
 from ..kalman import acceptable
-from .bias import BiasTrial
 from .evidence import posterior
 from .hypotheses import Hypothesis, penalty
-from .onset import started
 from .signals import Signals
-from .trial import Trial
+from .trial import BiasTrial, Trial, started
 
 _DROPPED = 1e-9  # probability below which a hypothesis is dropped
 _HOPELESS = 1000.0  # evidence below that of the best single fault at which another one is dropped

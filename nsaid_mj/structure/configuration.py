@@ -1,0 +1,167 @@
+"""The configuration space of a `Structure`: positions, tangent steps, and motions along a log."""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from ..log import Log, Middle
+from ..numerics.spatial import pose_jacobian, quaternion_of
+from ..parameters import Array
+from .arrays import CIRCLE, FREE, PLANAR
+from .motion import Motion, along, between
+from .parts import Column
+from .poses import difference, integrate, write_moves
+from .regressor import write_regressors
+from .structure import Structure
+
+SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
+UNITS = {
+    "fixed": (),
+    "free": SPATIAL_UNITS,
+    "planar": ("m/s", "m/s", "rad/s"),
+    "hinge": ("rad/s",),
+    "slide": ("m/s",),
+    "circle": ("rad/s",),
+}
+"""Units of the velocities of each kind of joint."""
+
+_CACHED = 2**16  # numbers of the states of a motion that stay in a processor's cache
+
+
+class _Memory(threading.local):
+    """The workspaces of each thread."""
+
+    def __init__(self, structure: Structure):
+        self.structure, self.work = structure, structure.workspace()
+        self.state = np.zeros(structure.state_size)
+        self.F = np.zeros(len(structure.arrays.nonzeros))
+
+    def __reduce__(self) -> tuple[type[_Memory], tuple[Structure]]:
+        return _Memory, (self.structure,)  # another process has threads of its own
+
+
+class StructuredKinematics:
+    """The kinematics of a structure.
+
+    Position coordinates of a free flyer are [p, rotation vector] (6,), of any other joint its
+    position or angle.
+
+    Attributes:
+        velocity_units: one SI unit for each velocity.
+        group: number of leading velocities that form a body twist: 6 in space, 3 in the plane, 0
+            if all velocities are rates of coordinates. See `numerics.spatial`.
+        motion_steps: time steps whose motion is in memory at once.
+    """
+
+    def __init__(self, structure: Structure):
+        self.structure, self.group = structure, structure.group
+        self.n, self.m, self.n_u = structure.n, structure.m, structure.n_u
+        self.velocity_units: tuple[str, ...] = sum((UNITS[b.joint] for b in structure.bodies), ())
+        self.motion_steps = max(64, min(500, _CACHED // structure.state_size))
+        self._memory, self._still = _Memory(structure), np.zeros(structure.n)
+
+    def columns(self, kind: str) -> list[Column]:
+        """The columns of a kind, in order."""
+        return [column for column in self.structure.columns if column.kind == kind]
+
+    def midpoints(self, log: Log, hermite: bool) -> Middle:
+        """The states half-way between a log's samples.
+
+        Args:
+            log: N samples.
+            hermite: cubic Hermite interpolation of positions and velocities; else the mean of both
+                velocities, for positions too noisy to differentiate.
+        """
+        t, q, v = plain(log.t), plain(log.q), plain(log.v)
+        qm, vm = np.empty((len(t) - 1, self.m)), np.empty((len(t) - 1, self.n))
+        between(self.structure.arrays, hermite, t, q, v, self._memory.work, qm, vm)
+        return Middle(qm, vm)
+
+    def integrate(self, q: Array, dq: Array) -> Array:
+        """(m,) the position reached from q by the tangent step dq (n,)."""
+        out, x = np.empty(self.m), self._memory.work.scratch
+        integrate(self.structure.arrays.bodies, plain(q), plain(dq), out, x)
+        return out
+
+    def difference(self, q0: Array, q1: Array) -> Array:
+        """(n,) the tangent step that leads from q0 to q1; rotations are the shorter ones."""
+        step, x = np.empty(self.n), self._memory.work.scratch
+        difference(self.structure.arrays.bodies, plain(q0), plain(q1), step, x)
+        return step
+
+    def moves(self, q: Array) -> Array:
+        """(N−1, n) tangent steps between consecutive positions of (N, m)."""
+        steps, x = np.empty((len(q) - 1, self.n)), self._memory.work.scratch
+        write_moves(self.structure.arrays.bodies, plain(q), steps, x)
+        return steps
+
+    def J(self, q: Array) -> Array:
+        """(m, n) matrix of the kinematics q̇ = J v (3)."""
+        J, starts = np.zeros((self.m, self.n)), self.structure.starts
+        for kind, at, end in zip(self.structure.kinds, starts, starts[1:], strict=False):
+            block, own = J[at[0] : end[0], at[1] : end[1]], q[at[0] : end[0]]
+            if kind == FREE:
+                block[:] = pose_jacobian(plain(own))
+            elif kind == CIRCLE:
+                block[:, 0] = -own[1], own[0]
+            else:
+                np.fill_diagonal(block, 1.0)
+            if kind == PLANAR:
+                c, s = np.cos(own[2]), np.sin(own[2])
+                block[:2, :2] = [[c, -s], [s, c]]
+        return J
+
+    def position(self, coordinates: Array) -> Array:
+        """(..., m) q of position coordinates (..., n), one per velocity, as sensors give them."""
+        coordinates = np.asarray(coordinates, dtype=np.float64)
+        if self.m == self.n:
+            return coordinates.copy()
+        rows = coordinates.reshape(-1, self.n)
+        q, starts = np.empty((len(rows), self.m)), self.structure.starts
+        for kind, at, end in zip(self.structure.kinds, starts, starts[1:], strict=False):
+            block, given = q[:, at[0] : end[0]], rows[:, at[1] : end[1]]
+            if kind == FREE:
+                block[:, :3] = given[:, :3]
+                block[:, 3:] = [quaternion_of(plain(turn)) for turn in given[:, 3:]]
+            elif kind == CIRCLE:
+                block[:] = np.hstack([np.cos(given), np.sin(given)])
+            else:
+                block[:] = given
+        return q.reshape(*coordinates.shape[:-1], self.m)
+
+    def _along(
+        self, q: Array, v: Array, qm: Array, vm: Array, u: Array
+    ) -> tuple[Array, Array, Array]:
+        """States at N samples and half-way, and F; see `motion.along`."""
+        size, own = len(self._memory.state), self.structure.arrays
+        states, middles = np.empty((len(q), size)), np.empty((len(qm), size))
+        F = np.empty((3, len(qm), len(own.nonzeros)))
+        along(own, q, v, qm, vm, u, self._memory.work, states, middles, F)
+        return states, middles, F
+
+    def _own_motion(self, log: Log, hermite: bool) -> tuple[Motion, Array]:
+        """The structure's own motion along a log of N samples, and (N−1, m) positions half-way."""
+        t, q, v, u = (plain(x) for x in (log.t, log.q, log.v, log.u))
+        qm, vm = self.midpoints(log, hermite)
+        own = self._along(q, v, qm, vm, u)
+        return Motion(self.structure.arrays, t, v, vm, *own), qm
+
+    def _own_regressors(
+        self, q: Array, v: Array, u: Array, w: Array, a: Array, weight: float
+    ) -> Array:
+        """(N, n, p) W of N samples by the kernels; see `regressor.write_regressors`."""
+        W, own, given = np.empty((len(q), self.n, self.structure.p)), self._memory, (q, v, u, w, a)
+        if weight == 0.0:
+            own.F[:] = 0.0
+        write_regressors(
+            self.structure.arrays, *map(plain, given), weight, own.state, own.F, own.work, W
+        )  # fmt: skip
+        return W
+
+
+def plain(x: Array) -> Array:
+    """The numbers as kernels read them: float64, C-contiguous, writable; a copy only if needed."""
+    x = np.ascontiguousarray(x, dtype=np.float64)
+    return x if x.flags.writeable else x.copy()
