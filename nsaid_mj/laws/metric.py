@@ -9,7 +9,7 @@ the cone. The type of the tuple selects the code that is compiled.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,6 +23,7 @@ from ..structure.compiled import FAST
 from .cone.chart import (
     chart_workspace,
     confine,
+    dense_rate_into,
     from_chart_into,
     height,
     natural_rate_into,
@@ -163,8 +164,16 @@ def accurate(law, start, eta, before, theta, scratch):
     """
 
 
-CHARTS = chart_workspace, confine, from_chart_into, height, natural_rate_into, to_chart_into
-"""Callees of the functions above, for kernels that use them."""
+def charts(law: Any, *_: Any) -> tuple[Any, ...]:
+    """The kernels that the functions above call, given the type of a law."""
+    if law.instance_class is Flat:
+        return ()
+    rate = natural_rate_into if _diagonal(law) else dense_rate_into
+    return confine, from_chart_into, height, rate, to_chart_into
+
+
+def _diagonal(law: Any) -> bool:
+    return law.types[law.fields.index("stiffness")].ndim == 1
 
 
 @overload(chart)
@@ -208,7 +217,12 @@ def _adapt(law, eta, theta, gradient, rate, scratch):
     def curved(law, eta, theta, gradient, rate, scratch):
         natural_rate_into(law.cone, eta, theta, law.stiffness, law.mu, gradient, rate, scratch)
 
-    return flat if law.instance_class is Flat else curved
+    def dense(law, eta, theta, gradient, rate, scratch):
+        dense_rate_into(law.cone, eta, theta, law.stiffness, law.mu, gradient, rate)
+
+    if law.instance_class is Flat:
+        return flat
+    return curved if _diagonal(law) else dense
 
 
 @overload(hold, jit_options=FAST)

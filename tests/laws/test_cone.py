@@ -68,7 +68,10 @@ def from_chart(cone, eta, pairing):
 def natural_rate(cone, eta, theta, stiffness, mu, gradient):
     """(p,) η̇ of the cone's law."""
     rate, room = np.empty(len(eta)), chart.chart_workspace(cone)
-    chart.natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room)
+    if stiffness.ndim == 1:
+        chart.natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room)
+    else:
+        chart.dense_rate_into(cone, eta, theta, stiffness, mu, gradient, rate)
     return rate
 
 
