@@ -185,7 +185,7 @@ def _joints(
 
     The held-out error is NaN for velocities of a vehicle that hardly moves in them.
     """
-    held_out, plain = _held_out(problem, share)
+    held_out, plain = _held_out(problem, share, theta)
     if robot.system is not None:
         held_out[problem.hardly_moved(theta, robot.system.velocity_units)] = np.nan
     errors = [x.tolist() for x in (problem.nrmse(theta), held_out, plain)]
@@ -218,8 +218,8 @@ def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
     return minimise(problem, tempered(problem, share), fit.theta), share
 
 
-def _held_out(problem: Problem, share: Array) -> tuple[Array, Array]:
-    """(n,), (n,) NRMSE of held-out fifths: of the fit, and of weighted least squares.
+def _held_out(problem: Problem, share: Array, start: Array) -> tuple[Array, Array]:
+    """(n,), (n,) NRMSE of held-out fifths: of fits from `start` (p,), of weighted least squares.
 
     Squares are summed over all fifths and divided by those of the whole log's forces, because a
     joint may stand still in one of the fifths.
@@ -228,7 +228,7 @@ def _held_out(problem: Problem, share: Array) -> tuple[Array, Array]:
     for rest, own in folds(problem, _FOLDS):
         if not rest.usable.any():
             continue
-        theta = minimise(rest, tempered(rest, share)).theta
+        theta = minimise(rest, tempered(rest, share), start).theta
         rows = own.usable.sum(axis=0)
         errors = [own.nrmse(x, problem) for x in (theta, least_squares(rest, theta[at]))]
         total = total + rows * np.where(rows > 0, errors, 0.0) ** 2

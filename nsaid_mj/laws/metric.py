@@ -23,6 +23,7 @@ from ..structure.compiled import FAST
 from .cone.chart import (
     chart_workspace,
     confine,
+    dense_rate_into,
     from_chart_into,
     height,
     natural_rate_into,
@@ -137,16 +138,27 @@ class ConstantMetric(Metric):
 # -- compiled functions, selected by the law's type -----------------------------------------------
 
 
-def _by_law(flat: Any, curved: Any, options: Any = FAST) -> Any:
-    """A function of a law for compiled code: `flat` if the law is a `Flat`, else `curved`."""
+def _by_law(flat: Any, curved: Any, dense: Any = None, options: Any = FAST) -> Any:
+    """A function of a law for compiled code: `flat` if the law is a `Flat`, else `curved`.
+
+    `dense` is that for a Γ that is not diagonal, where it differs.
+    """
 
     def chosen(law, *given):
         raise NotImplementedError  # called by compiled code only
 
-    overload(chosen, jit_options=options, strict=False)(
-        lambda law, *_: flat if law.instance_class is Flat else curved
-    )
+    def function_of(law, *_):
+        if law.instance_class is Flat:
+            return flat
+        return curved if dense is None or _diagonal(law) else dense
+
+    overload(chosen, jit_options=options, strict=False)(function_of)
     return chosen
+
+
+def _diagonal(law: Any) -> bool:
+    """Whether Γ is diagonal, given the type of a `Curved`."""
+    return law.types[law.fields.index("stiffness")].ndim == 1
 
 
 @njit(**FAST)
@@ -169,7 +181,7 @@ def _accurate(law, start, eta, before, theta, scratch):
     return abs(change - 2 * law.mu * b) <= ACCURACY * law.mu * law.cone.degree
 
 
-chart = _by_law(lambda law: None, lambda law: chart_workspace(law.cone), {})  # allocates
+chart = _by_law(lambda law: None, lambda law: chart_workspace(law.cone), options={})  # allocates
 """Allocates the chart's workspace, the argument `scratch` of the functions below."""
 
 enter = _by_law(
@@ -189,6 +201,9 @@ adapt = _by_law(
     lambda law, eta, theta, gradient, rate, scratch: natural_rate_into(
         law.cone, eta, theta, law.stiffness, law.mu, gradient, rate, scratch
     ),
+    lambda law, eta, theta, gradient, rate, scratch: dense_rate_into(
+        law.cone, eta, theta, law.stiffness, law.mu, gradient, rate
+    ),
 )
 """Writes η̇ (p,) of (45) from Wᵀ Δv (p,)."""
 
@@ -201,8 +216,13 @@ accurate = _by_law(lambda law, start, eta, before, theta, scratch: True, _accura
 It is not where θ̂ is outside the cone, as only rounding could bring about.
 """
 
-CHARTS = chart_workspace, confine, from_chart_into, height, natural_rate_into, to_chart_into
-"""Callees of the functions above, for kernels that use them."""
+
+def charts(law: Any, *_: Any) -> tuple[Any, ...]:
+    """The kernels that the functions above call, given the type of a law."""
+    if law.instance_class is Flat:
+        return ()
+    rate = natural_rate_into if _diagonal(law) else dense_rate_into
+    return confine, from_chart_into, height, rate, to_chart_into
 
 
 # -- gains ----------------------------------------------------------------------------------------

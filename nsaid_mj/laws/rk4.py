@@ -9,7 +9,7 @@ from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, times_into
 from ..structure.compiled import FAST
 from ..structure.motion import stage, stage_workspace
-from .metric import CHARTS, accurate, adapt, chart, enter, hold, leave
+from .metric import accurate, adapt, chart, charts, enter, hold, leave
 
 # -- one step --------------------------------------------------------------------------------------
 
@@ -63,7 +63,7 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
 # -- along a log -----------------------------------------------------------------------------------
 
 
-@kernel(None, *CHARTS)
+@kernel(None, charts)
 def follow(law, motion, v_hats, theta_hats, pivots, first):
     """Integrates (44, 45) along a motion of N samples.
 

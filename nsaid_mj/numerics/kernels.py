@@ -56,7 +56,8 @@ class Kernel(Compiled):
         function: its text.
         signature: its types; then it is compiled with `FAST`. If None, it is compiled for the types
             that Python calls it with, and is part of every compiled function that calls it.
-        calls: compiled functions it calls that its text does not name, as overloads do.
+        calls: compiled functions it calls that its text does not name, as overloads do; or a
+            Python function that returns them, given the types of its arguments.
         inner: only compiled functions call it, and Python in tests.
         options: options of `numba.njit`.
     """
@@ -90,13 +91,18 @@ class Kernel(Compiled):
         self.load(*map(typeof, arguments))
         return self._called(*arguments)
 
+    def called(self, *given: Any) -> Iterator[Any]:
+        """Its `calls` for given types of its arguments."""
+        for each in self.calls:
+            yield from each(*given) if inspect.isfunction(each) else (each,)
+
     def load(self, *given: Any) -> None:
         """Compiles it after all that it calls, or loads it from the cache.
 
         Args:
             given: types of the arguments, if it has no signature.
         """
-        for callee in callees((*self.calls, *named(self.py_func))):
+        for callee in callees((*self.called(*given), *named(self.py_func))):
             assert callee.address  # by its name it is found from code that comes from the cache
         function, signature = self.function, self.signature or given
         with one_process(self.symbol):

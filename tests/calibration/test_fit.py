@@ -144,7 +144,7 @@ def test_every_part_has_its_share_of_a_joint_that_moves_only_once():
         np.testing.assert_array_equal((rest.usable.sum(axis=0) + own.usable.sum(axis=0)), [400, 60])
         assert (abs(own.usable.sum(axis=0) / [80, 12] - 1) < 0.5).all()
         assert (np.diff(own.t[own.usable[:, 1]]) < 0.06).all()
-    held_out, _ = _held_out(problem, np.ones(2))
+    held_out, _ = _held_out(problem, np.ones(2), problem.prior)
     assert (held_out < 0.2).all()
 
 

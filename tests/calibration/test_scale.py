@@ -260,7 +260,7 @@ def test_a_joint_that_idles_in_one_part_is_judged_by_all_of_the_log():
     Y[:200, 1, :22] *= 0.01  # at 1 % of its motion, the noise that is left is all of the command
     Y[:200, 1, 23] = -(Y[:200, 1, :22] @ np.append(file_links(two_joints().model), [2, 2])) / 2
     Y[:, 1, 23] += 0.01 * Y[200:, 1, 23].std() * rng.standard_normal(1000)
-    errors = _held_out(replace(problem, Y=Y), np.ones(2))
+    errors = _held_out(replace(problem, Y=Y), np.ones(2), problem.prior)
     for error in errors:
         assert error[1] == pytest.approx(0.011, rel=0.2)
 
@@ -268,7 +268,7 @@ def test_a_joint_that_idles_in_one_part_is_judged_by_all_of_the_log():
 def test_held_out_rows_take_no_part_in_their_prediction():
     """Few rows a column: least squares predicts new rows worse than its own."""
     problem = problem_of(40, noise=0.3)
-    errors, fit = _held_out(problem, np.ones(2)), minimise(problem)
+    errors, fit = _held_out(problem, np.ones(2), problem.prior), minimise(problem)
     assert (errors[0] > 1.05 * problem.nrmse(fit.theta)).all()
 
 

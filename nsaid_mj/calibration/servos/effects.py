@@ -130,25 +130,32 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     joints, none = np.flatnonzero(travel > TRAVEL), np.zeros(3)
     if len(pieces) < 2 or not len(joints):
         return none, ()
-    before = _errors(pieces, joints, none)
+    before = [_errors(pieces, joints, none, side) for side in (0, 1)]
 
-    def ratio(profile: Array) -> Array:
-        """(2,) mean over the joints of both halves' errors over those without a profile."""
-        return np.mean(_errors(pieces, joints, profile) / before, axis=1)
+    def ratio(profile: Array, side: int) -> float:
+        """Mean over the joints of a half's errors over those without a profile."""
+        return float(np.mean(_errors(pieces, joints, profile, side) / before[side]))
+
+    def worse(profile: Array) -> float:
+        """The larger ratio; the first one alone if it suffices to reject a profile."""
+        first = ratio(profile, 0)
+        return first if first >= _PROMISING else max(first, ratio(profile, 1))
 
     speeds = np.concatenate([np.abs(np.gradient(x.position, x.t, axis=0)).ravel() for x in pieces])
     fast = float(np.quantile(speeds[speeds > _SLOW], _FASTEST)) if (speeds > _SLOW).any() else 0.0
     tries = [np.array([fast, 0.0, 0.0]), *(np.array([0.0, 0.0, lag]) for lag in _SMOOTH)]
-    ratios = [ratio(profile).max() for profile in tries]
+    ratios = [worse(profile) for profile in tries]
     best = tries[int(np.argmin(ratios))]
     if not min(ratios) < _PROMISING:
         return none, ()
     spread, options = np.log(_NEAR), {"xatol": _EXACT}
     least = minimize_scalar(
-        lambda x: float(ratio(np.exp(x) * best).mean()), bounds=(-spread, spread), options=options
+        lambda x: np.mean([ratio(np.exp(x) * best, side) for side in (0, 1)]),
+        bounds=(-spread, spread),
+        options=options,
     )
     found = float(np.exp(least.x)) * best
-    after = ratio(found)
+    after = np.array([ratio(found, side) for side in (0, 1)])
     if not after.max() < _BETTER:
         return none, ()
     name, words = _PROFILES[int(best[0] == 0)]
@@ -161,15 +168,16 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     return found, (Finding("warning", "hidden_profile", "", text, remedy, {name: size}),)
 
 
-def _errors(pieces: Sequence[ServoLog], joints: Indices, profile: Array) -> Array:
-    """(2, k) mean absolute errors of k joints in every half of the logs, fitted to the other."""
+def _errors(pieces: Sequence[ServoLog], joints: Indices, profile: Array, side: int) -> Array:
+    """(k,) mean absolute errors of k joints in one half of the logs, fitted to the other."""
     every = np.tile(profile, (pieces[0].target.shape[1], 1))
     moved = [log._replace(target=followed(log.t, log.issued, every)) for log in pieces]
-    found = np.empty((2, len(joints)))
+    found = np.empty(len(joints))
     for k, j in enumerate(joints):
-        sides = [[log.joint(j) for log in moved[side::2]] for side in (0, 1)]
-        fits = [JointFit(own, np.ones(sum(len(log.t) for log in own))) for own in sides]
-        for side, own in enumerate(fits):
-            fit = minimise(fits[1 - side], *alone(fits[1 - side].logs))
-            found[side, k] = np.abs(own.residual(fit.x)).mean()
+        other, own = (
+            JointFit(logs, np.ones(sum(len(log.t) for log in logs)))
+            for logs in ([log.joint(j) for log in moved[half::2]] for half in (1 - side, side))
+        )
+        fit = minimise(other, *alone(other.logs))
+        found[k] = np.abs(own.residual(fit.x)).mean()
     return found

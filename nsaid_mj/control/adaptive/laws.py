@@ -13,11 +13,11 @@ import numpy as np
 
 from ...laws.cone.law import ConeMetric
 from ...laws.metric import (
-    CHARTS,
     ConstantMetric,
     Metric,
     adapt,
     chart,
+    charts,
     enter,
     hold,
     leave,
@@ -64,19 +64,19 @@ class Estimate:
                 self.theta = theta
 
 
-@kernel(None, *CHARTS)
+@kernel(None, charts)
 def workspace(law, p):
     """Allocates the workspace of `descend`: rates at both ends, η and θ̂ after a first step."""
     return np.empty(p), np.empty(p), np.empty(p), np.empty(p), chart(law)
 
 
-@kernel(None, *CHARTS)
+@kernel(None, charts)
 def begin(law, work, theta, eta):
     """Writes the chart's η (p,) of θ̂ (p,)."""
     enter(law, theta, eta, work[4])
 
 
-@kernel(None, *CHARTS)
+@kernel(None, charts)
 def descend(law, work, slope, step, eta, theta, moved):
     """A step of Heun's method in the chart, which θ̂ cannot leave; returns whether it is finite.
 

@@ -12,11 +12,14 @@ An arm's links are evaluated in one SIMD lane each, with the formulas of other b
 from __future__ import annotations
 
 import numpy as np
+from numba import types
 
+from ...numerics.kernels import cube, f8, kernel, vector, void
 from ...numerics.small_matrices import LANES, over_lanes
 from ...parameters import Block, ParameterSpace
 from ...quotient.barrier import hessian_into, metric_solve
 from ...quotient.cone import (
+    CONE,
     compiled,
     cone_of,
     coordinates,
@@ -30,6 +33,7 @@ from ...quotient.cone import (
 )
 
 _REACH = 0.9  # of a step of a tied block, in the metric ∇²b; a Dikin ellipsoid is inside up to 1
+_WORK = types.Tuple((cube, f8[:, ::1], vector, vector))
 
 
 @compiled
@@ -42,7 +46,7 @@ def chart_workspace(cone):
     return np.empty((4, k, k)), np.empty((c, c)), np.empty(c), np.ones(30 * LANES)
 
 
-@compiled
+@kernel(void(CONE, vector, vector), _nrt=True)
 def confine(cone, start, eta):
     """Shortens the step from `start` (p,) to η (p,), in place, where it would leave a tied block.
 
@@ -66,7 +70,7 @@ def confine(cone, start, eta):
                 eta[at] = start[at] + _REACH / length * (eta[at] - start[at])
 
 
-@compiled
+@kernel(void(CONE, vector, vector, _WORK), _nrt=True)
 def to_chart_into(cone, theta, eta, work):
     """Writes η (p,) of θ (p,), with NaN in every block that is outside the cone."""
     eta[:] = theta
@@ -151,7 +155,7 @@ def squared_into(L, P, k):
             P[i, j] = total
 
 
-@compiled
+@kernel(void(CONE, vector, vector, vector, _WORK), _nrt=True)
 def from_chart_into(cone, eta, pairing, theta, work):
     """Writes θ (p,) of η (p,); `pairing` is `coordinates(cone)`."""
     theta[:] = eta
@@ -172,7 +176,7 @@ def from_chart_into(cone, eta, pairing, theta, work):
         scatter(links, rows, theta)
 
 
-@compiled
+@kernel(f8(CONE, vector, vector, _WORK), _nrt=True)
 def height(cone, eta, theta, work):
     """The barrier b at η (p,) and its θ (p,), from the logarithms in η; NaN outside the cone."""
     total = 0.0
@@ -237,16 +241,19 @@ def pack(L, eta, k):
             at += 1
 
 
-@compiled
+@kernel(void(CONE, vector, vector, f8[:, ::1], f8, vector, vector), _nrt=True)
+def dense_rate_into(cone, eta, theta, stiffness, mu, gradient, rate):
+    """Writes what `natural_rate_into` does, for a dense Γ⁻¹ (p, p)."""
+    rate[:] = chart_rate(cone, eta, metric_solve(cone, theta, stiffness, mu, gradient))
+
+
+@kernel(void(CONE, vector, vector, vector, f8, vector, vector, _WORK), _nrt=True)
 def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, work):
     """Writes η̇ (p,) for θ̇ = (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
 
     No matrix with a chart needs factorising, since η contains its Cholesky factor. theta (p,) is θ
-    of eta (p,), stiffness (p,) or (p, p) is Γ⁻¹; `work` is made by `chart_workspace`.
+    of eta (p,), stiffness (p,) is the diagonal of Γ⁻¹; `work` is made by `chart_workspace`.
     """
-    if stiffness.ndim == 2:
-        rate[:] = chart_rate(cone, eta, metric_solve(cone, theta, stiffness, mu, gradient))
-        return
     for j in range(rate.shape[0]):
         rate[j] = gradient[j] / stiffness[j]
     for j in cone.positive:

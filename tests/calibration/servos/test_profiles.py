@@ -105,6 +105,7 @@ def test_a_joint_s_own_profile_replaces_that_of_all(tmp_path):
         map_of({"profile": {"speed": -1.0}})
 
 
+@pytest.mark.usefixtures("no_profile_search")
 def test_logs_with_other_stiffness_registers_are_fitted_together(tmp_path):
     """The second log was recorded with twice the register's P; kp is that of the first."""
     files = [write(tmp_path / f"p{p}.csv", *log(80 + p, 25.0, stiffer=p / 16)) for p in (16, 32)]

@@ -101,6 +101,7 @@ def test_a_joint_without_gravity_has_a_conventional_kp_and_says_so(result):
     assert "wrist_roll" in note.where and "shoulder_lift" not in note.where
 
 
+@pytest.mark.usefixtures("no_profile_search")
 def test_a_push_is_masked_and_nothing_else(result, files):
     assert 0.02 < result.masked < 0.08  # 4 of 120 s
     (finding,) = [f for f in result.findings if f.code == "foreign_force"]
@@ -110,6 +111,7 @@ def test_a_push_is_masked_and_nothing_else(result, files):
     assert identify_servos(quiet).masked == 0
 
 
+@pytest.mark.usefixtures("no_profile_search")
 def test_the_file_s_own_kp_does_not_matter(result, files, tmp_path):
     other = tmp_path / "arm.xml"
     other.write_text(MODEL.read_text().replace('kp="998.22"', 'kp="5"'))

@@ -85,6 +85,7 @@ def test_the_exported_file_has_the_true_masses(result, tmp_path):
     assert "by a weighed load" in (tmp_path / "identified.xml").read_text()
 
 
+@pytest.mark.usefixtures("no_profile_search")
 def test_without_a_load_the_file_s_masses_are_the_scale(files):
     given = servo_logs(MODEL, files[:2])
     assert given is not None
@@ -100,6 +101,7 @@ def test_two_different_loads_are_refused(files):
         servo_logs(MODEL, files, loads=loads)
 
 
+@pytest.mark.usefixtures("no_profile_search")
 def test_joints_of_a_heavy_arm_that_shake_each_other_are_weighed(tmp_path):
     """250 g on soft servos: simulated one by one, the joints drive each other apart."""
     spec = mujoco.MjSpec.from_file(str(HEAVY_ARM.path))
