@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 from ..evaluation.result import EXPLAINS, Mark
-from ..evaluation.words import estimate
+from ..evaluation.words import estimate, figure
 from ..parameters import ABSENT, number
 from ..structure.joints import slides
 from .result import AlongLog, Identification, JointFit
 
 
 def nrmse(value: float | None) -> str:
-    """An NRMSE with three decimals; – if there is none."""
-    return ABSENT if value is None or not math.isfinite(value) else f"{value:.3f}"
+    """An NRMSE in percent; – if there is none."""
+    return figure(None if value is None or not math.isfinite(value) else value, "%")
 
 
 def quality(held_out: float) -> Mark:

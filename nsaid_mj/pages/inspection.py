@@ -38,10 +38,7 @@ def print_inspection(found: Inspection, console: Console) -> None:
         if more > 0:
             own.sort(key=lambda channel: not channel.role)
         lines = [_cells(channel) for channel in own[:_LISTED]]
-        shown = [k for k in range(len(heads)) if any(line[k] not in ("–", "") for line in lines)]
-        lines = [[line[k] for k in shown] for line in lines]
-        words = (0, len(shown) - 1) if shown[-1] == len(heads) - 1 else (0,)
-        table = Table([heads[k] for k in shown], lines, words, most=len(lines))
+        table = Table(heads, lines, (0, len(heads) - 1), most=len(lines)).without_empty_columns()
         rest = [Text(f"… and {more} more, which --json lists")] if more > 0 else []
         print_panels([Text(clock), table, *rest], console)
         console.print()

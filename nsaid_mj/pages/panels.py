@@ -48,8 +48,8 @@ MEASURED, PREDICTED, INTERVAL = "measured", "predicted", "95 % interval"
 DIFFERENCE = "error, rms over short intervals"
 UNSURE = "not identified by itself"
 _INTERVALS = 150  # number of intervals over which errors are averaged
-BAND = "band"
-"""Instead of a dash pattern: the legend's entry is a shaded area."""
+BAND, PALE = "band", "pale"
+"""Instead of a dash pattern: the legend's entry is a shaded area, or a wide pale line."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +237,7 @@ class Comparison:
     def legend(self) -> list[tuple[str, str, str]]:
         """(name, colour, dash) of the curves."""
         entries = [
-            (MEASURED, COLOURS[1], "-"),
+            (MEASURED, COLOURS[1], PALE),
             (PREDICTED, COLOURS[0], "-"),
             (DIFFERENCE, COLOURS[2], "-"),
         ]
