@@ -87,6 +87,7 @@ class Panel:
         level_name: entry of that line in the legend; empty for none.
         band_name: entry of the curves' bands in the legend.
         events: times of vertical lines [s].
+        event_name: entry of those lines in the legend.
         curves: added by `add`.
     """
 
@@ -97,6 +98,7 @@ class Panel:
     level_name: str = ""
     band_name: str = INTERVAL
     events: Sequence[float] = ()
+    event_name: str = "fault"
     curves: list[Curve] = field(default_factory=list)
     wide: bool = False
 
@@ -127,7 +129,7 @@ class Panel:
             named.append((self.band_name, self.curves[0].colour, BAND))
         if self.level is not None and self.level_name:
             named.append((self.level_name, INK, "--"))
-        return named
+        return named + [(self.event_name, COLOURS[8], ":")] * bool(len(self.events))
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def folds(
     few = len(result.parameters) <= _OPEN
     return [
         Fold(
-            members[0].part if name in result.bodies else name,
+            members[0].part if name in result.bodies else members[0].kind,
             [table(members, numbers)], counts(members), str(len(members)),
             few or members[0].is_gain,
         )
@@ -103,7 +103,7 @@ def forests(parameters: Sequence[Parameter]) -> list[Forest]:
     """Estimates with intervals, priors and true values, a figure for each kind and unit."""
     groups: dict[tuple[str, str], list[Parameter]] = {}
     for p in parameters:
-        kind = p.label.partition(" of ")[0] if p.block.startswith("coupling") else p.block
+        kind = p.label.partition(" of ")[0] if p.block.startswith("coupling") else p.kind
         groups.setdefault((kind, p.unit), []).append(p)
     found = []
     for (kind, unit), members in groups.items():

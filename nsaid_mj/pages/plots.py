@@ -188,7 +188,7 @@ def logarithmic(axis: Any, which: str = "y", most: int = 8) -> None:
     elif decades > 0.8 and most > 4:
         ruler.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=most))
     else:
-        ticks = MaxNLocator(min(5, most - 1)).tick_values(low, high)
+        ticks = MaxNLocator(min(6, most - 1), steps=[1, 2, 5, 10]).tick_values(low, high)
         ruler.set_major_locator(FixedLocator(ticks))
     (axis.set_xlim if which == "x" else axis.set_ylim)(low, high)
     ruler.set_minor_locator(NullLocator())
