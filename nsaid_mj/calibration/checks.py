@@ -66,7 +66,7 @@ def _swapped(
     better = {names[j]: names[best[j]] for j in moved}
     words = ", ".join(f"{joint} the command of {other}" for joint, other in better.items())
     before, after = (
-        ", ".join(f"{value:.2f}" for value in values)
+        ", ".join(f"{100 * value:.0f} %" for value in values)
         for values in (own[moved], errors[moved, best[moved]])
     )
     text = (
@@ -147,8 +147,8 @@ def unit_checks(torque: Array, force: Array, units: tuple[str, ...]) -> list[Fin
 def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
     """Joints whose motion the structure does not explain."""
     text = (
-        "the structure does not explain this motion: held-out NRMSE {:.2f}, where predicting the "
-        "mean gives 1"
+        "the structure does not explain this motion: held-out NRMSE {:.0f} %, where predicting the "
+        "mean gives 100 %"
     )
     remedy = (
         "Do not trust its parameters. Check the model's axis, the joint's columns in the map, "
@@ -156,7 +156,7 @@ def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
     )
     pairs = zip(names, held_out.tolist(), strict=True)
     return [
-        Finding("warning", "unexplained", name, text.format(x), remedy, {"nrmse": x})
+        Finding("warning", "unexplained", name, text.format(100 * x), remedy, {"nrmse": x})
         for name, x in pairs
         if x >= _POOR
     ]

@@ -15,6 +15,7 @@ from ..logs.tables import Channel, Table
 from ..logs.unusable import UnmatchedChannels, UnusableLog
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
+from ..structure.sensing import position_labels, velocity_labels
 
 
 @dataclass(frozen=True)
@@ -143,14 +144,27 @@ def figures_of(source: str, name: str, channel: Channel, role: str = "") -> Chan
 def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
     """The role of each channel in use."""
     found: dict[str, str] = {}
-    joints = robot.joints if robot.system is None else ()
-    for word, group in (("q", made.positions), ("v", made.velocities), ("u", made.commands)):
-        names = robot.joints if word == "u" else joints
-        for k, source in enumerate(group):
+    groups = made.positions, made.velocities, made.commands
+    for (word, names), group in zip(signal_names(robot).items(), groups, strict=True):
+        for (name, _), source in zip(names, group, strict=False):
             if source is not None:
-                of = names[k] if k < len(names) else f"coordinate {k}"
-                found[source.column.column] = f"{word} of {of}"
+                found[source.column.column] = f"{word} of {name}"
     return found
+
+
+def signal_names(robot: RobotModel) -> dict[str, list[tuple[str, str]]]:
+    """Name and unit of every position q, velocity v and command u; "" for an unknown unit."""
+    system, rates = robot.system, [f"{unit}/s" for unit in robot.units]
+    q, v, units = robot.joints, robot.joints, list(robot.units)
+    if system is not None:
+        q, v = position_labels(system), velocity_labels(system)
+        if system.group == 6:  # its attitude is a quaternion
+            units[3:6] = [""] * 4
+    return {
+        "q": list(zip(q, units, strict=False)),
+        "v": list(zip(v, rates, strict=False)),
+        "u": [(joint, "") for joint in robot.joints],
+    }
 
 
 def _unmapped(figures: Sequence[ChannelFigures]) -> list[Finding]:
@@ -158,6 +172,6 @@ def _unmapped(figures: Sequence[ChannelFigures]) -> list[Finding]:
     dead = [f.name for f in figures if f.dead and not f.role]
     if not dead:
         return []
-    text = f"{len(dead)} unused channels are constant: "
-    text += ", ".join(dead[:12]) + (" …" if len(dead) > 12 else "")
+    text = f"unused and constant: {', '.join(dead[:12])}"
+    text += f" and {len(dead) - 12} more" if len(dead) > 12 else ""
     return [Finding("note", "dead_channel", "", text, data={"channels": dead})]

@@ -146,9 +146,9 @@ def doubts(
         if not beyond and explained <= _EXPLAINED and share.max() < _NOTED:
             continue
         amount = f", {suspect.size(coefficients[0])}" if suspect.size else ""
-        words = f", which would move {label} by {moved:.0%}" if moved > 0.01 else ""
+        words = f", which would move {label} by {100 * moved:.0f} %" if moved > 0.01 else ""
         level = "warning" if beyond or explained > _EXPLAINED else "note"
-        part = f"{share.max():.0%} of their variance"
+        part = f"{100 * share.max():.0f} % of their variance"
         text = f"the residuals correlate with {suspect.words}{amount} ({part}{words})"
         data = {"share": float(share.max()), "moved": moved, "parameter": label}
         findings.append(Finding(level, "residuals", suspect.where, text, suspect.remedy, data))

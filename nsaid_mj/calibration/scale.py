@@ -151,7 +151,9 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
             why = f"the log shows it only in combination ({seen})"
         effect = "it changes no other parameter"
         if share > 0.005:
-            effect = f"it determines {share:.0%} of the weight on which the overall scale rests"
+            effect = (
+                f"it determines {100 * share:.0f} % of the weight on which the overall scale rests"
+            )
         label = problem.space.labels[index]
         text = (
             f"the known value {value:g} does not fix the overall scale: {why}; {effect}, and "

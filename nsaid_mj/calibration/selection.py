@@ -92,8 +92,8 @@ def _choose_joint(
         speeds()
     used, speed = sorted(choice.columns[joint]), SPEEDS[choice.speed[joint]]
     text = (
-        f"friction columns {', '.join(used)} with s = {speed:g}; held-out NRMSE {first:.3f} → "
-        f"{rms(best):.3f}, the best of {len(tried) + 1} choices"
+        f"friction columns {', '.join(used)} with s = {speed:g}; held-out NRMSE "
+        f"{100 * first:.3g} % → {100 * rms(best):.3g} %, the best of {len(tried) + 1} choices"
     )
     data = {"columns": used, "speed": speed, "held_out": rms(best), "tried": tried}
     return choice, Finding("note", "columns", rows.robot.joints[joint], text, data=data), best
@@ -194,7 +194,9 @@ def with_constants(
             errors, found = _shared_errors(rows.problem(trial), fitted)
             if found.get(f"stiffness_{j + 1}", 0.0) >= 0 and worthwhile(best, errors, _WORTH):
                 fall = 1 - np.exp(np.log(errors / best).mean())
-                text = f"{words}; held-out errors, all joints multiplied, fall by {fall:.0%}"
+                text = (
+                    f"{words}; held-out errors, all joints multiplied, fall by {100 * fall:.0f} %"
+                )
                 findings.append(Finding("note", "columns", name, text, data={"columns": [column]}))
                 choice, best, fitted = trial, errors, found
     return choice, findings

@@ -204,7 +204,7 @@ def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...
         words = (
             f"One known number would help most: {parameters[best].label} "
             f"(`--known {parameters[best].name}=…`) narrows the other gains from about "
-            f"±{before:.0%} to ±{after:.0%}."
+            f"±{100 * before:.2g} % to ±{100 * after:.2g} %."
         )
     if weak:
         words += (

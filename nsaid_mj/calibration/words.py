@@ -3,15 +3,18 @@
 import math
 
 from ..evaluation.result import EXPLAINS, Mark
-from ..evaluation.words import estimate
+from ..evaluation.words import estimate, figure
 from ..parameters import ABSENT, number
 from ..structure.joints import slides
 from .result import AlongLog, Identification, JointFit
 
+UNKNOWN = math.log(30.0)
+"""Half of a gain's interval that says nothing, of its logarithm."""
+
 
 def nrmse(value: float | None) -> str:
-    """An NRMSE with three decimals; – if there is none."""
-    return ABSENT if value is None or not math.isfinite(value) else f"{value:.3f}"
+    """An NRMSE in percent; – if there is none."""
+    return figure(None if value is None or not math.isfinite(value) else value, "%")
 
 
 def quality(held_out: float) -> Mark:
@@ -26,11 +29,10 @@ def law_gains(along: AlongLog) -> list[list[str]]:
     for gain in along.gains:
         line = [gain.label.removeprefix("gain of ")]
         for value, half in ((gain.law, gain.half), (gain.batch, gain.batch_half)):
-            factor = math.exp(min(half, 20.0))
-            known = math.isfinite(half)
+            factor = math.exp(min(half, UNKNOWN))
             own = estimate(value, value / factor, value * factor)
-            line += own if known else (number(value), ABSENT)
-        lines.append([*line, "no" if gain.apart else "yes" if math.isfinite(gain.half) else ABSENT])
+            line += own if half < UNKNOWN else (number(value), ABSENT)
+        lines.append([*line, "no" if gain.apart else "yes" if gain.half < UNKNOWN else ABSENT])
     return lines
 
 

@@ -246,7 +246,7 @@ def _followed(
     what, unit = ", ".join(dict.fromkeys(log.source for log in logs)), result.robot.small_unit
     text = (
         f"driven by the targets of {what} alone, MuJoCo's mean absolute error is {own.mean():.1f} "
-        f"{unit} with the exported file and its delays, and {before.mean():.1f} with yours"
+        f"{unit} with the exported file and its delays, and {before.mean():.1f} {unit} with yours"
     )
     data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
     level = "note" if own.mean() < before.mean() else "warning"

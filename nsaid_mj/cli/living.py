@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..bounds import without_nonfinite
+from ..evaluation.words import estimate as written
+from ..parameters import number
 from .folders import folder_for
 from .grammar import Live, names_in
 from .process import code_of
@@ -77,7 +79,8 @@ def _send(estimate: Estimate) -> None:
 
 def _print(estimate: Estimate) -> None:
     gains = "  ".join(
-        f"{gain.name} {gain.value:.4g} ± {0.5 * (gain.high - gain.low):.2g}"
+        f"{gain.name} {written(gain.value, gain.low, gain.high)[0]} ± "
+        f"{number(0.5 * (gain.high - gain.low), significant=2)}"
         for gain in estimate.gains
     )
     doubt = f"  misfit: {estimate.misfit}" if estimate.misfit not in ("", "none") else ""

@@ -9,7 +9,7 @@ import numpy as np
 from ..experiment.loop import Run
 from ..log import Log
 from ..nullspace import regressor_stack, split
-from ..parameters import Array
+from ..parameters import Array, Indices
 from ..structure.system import SecondOrderSystem
 from .confidence import INTERVAL, known
 from .truth import Truth, nullspace_of
@@ -239,11 +239,27 @@ class Forces(NamedTuple):
         return error / np.where(rms > 0, rms, np.nan)
 
 
+def common_factor(theta: Array, true: Array, scale: Array, actuators: Indices) -> Array:
+    """(…) factors that bring estimates (…, p) to the common scale of truths (…, p).
+
+    That scale is unobservable. The factors make the mean of the actuators' gains exact; without an
+    actuator, or with one of the wrong sign, they minimise the distance in θ/scale.
+    """
+    theta_s, true_s = theta / scale, true / scale
+    found = np.sum(theta_s * true_s, axis=-1) / np.sum(theta_s**2, axis=-1)
+    own, gains = theta_s[..., actuators], true_s[..., actuators]
+    working = gains != 0
+    ratio = own / np.where(working, gains, 1.0)
+    count = working.sum(axis=-1)
+    usual = (count > 0) & ((ratio > 0) | ~working).all(axis=-1)
+    mean = np.sum(np.where(working, ratio, 0.0), axis=-1) / np.maximum(count, 1)
+    return np.where(usual, 1 / np.where(usual, mean, 1.0), found)
+
+
 def forces_of(run: Run, truth: Truth | None) -> Forces | None:
     """The forces on the held-out trajectory or, without a truth, over the run's last tenth.
 
-    With a truth, θ̂ is multiplied by the factor that brings it closest to it in θ/scale: the
-    common scale of θ is unobservable.
+    With a truth, θ̂ is multiplied by the `common_factor`.
 
     Returns:
         None if there is no such trajectory, or if commands are missing in the record.
@@ -260,8 +276,7 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
     scale, k = system.space.scale, system.space.actuators
     factor = 1.0
     if truth is not None:
-        theta_s = theta / scale
-        factor = float(theta_s @ (truth.theta / scale) / (theta_s @ theta_s))
+        factor = float(common_factor(theta, truth.theta, scale, k))
     given = W[..., k] @ theta[k]
     half = None
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None

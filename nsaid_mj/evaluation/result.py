@@ -9,9 +9,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ..parameters import Indices, ParameterSpace
+from ..parameters import ParameterSpace
 from ..robot.findings import Finding, Level
 from .confidence import INTERVAL
+from .figures import common_factor
 from .words import FIGURES, OWN
 
 Explains = Literal["yes", "partly", "no"]
@@ -116,6 +117,12 @@ class Parameter:
         return self.label.partition(" of ")[2] or self.label
 
     @property
+    def kind(self) -> str:
+        """What it is, for a title: its block, or "fin lift" of "fin lift of rudder" in "fin"."""
+        what = self.label.partition(" of ")[0]
+        return what if self.block in what else self.block
+
+    @property
     def firm(self) -> bool:
         """Whether its own value is known."""
         return self.status in {"identified", "known"}
@@ -210,7 +217,11 @@ def figures_of(summary: dict[str, Any]) -> list[Figure]:
     """The figures of all identifiers of a run; those that none of them has are left out."""
     identifiers = {OWN: summary, **summary["rivals"]}
     return [
-        Figure(label, unit, {name: found.get(key) for name, found in identifiers.items()})
+        Figure(
+            label if unit else f"{label} [{', '.join(summary['velocity_units'])}]",
+            unit,
+            {name: found.get(key) for name, found in identifiers.items()},
+        )
         for label, key, unit in FIGURES
         if any(key in found for found in identifiers.values())
     ]
@@ -227,7 +238,11 @@ def _parameters(summary: dict[str, Any], space: ParameterSpace | None) -> tuple[
     factor = 1.0
     if rows and all("true" in row for row in rows):
         at = [k for k, row in enumerate(rows) if row["name"] in gains]
-        factor = _common_factor(rows, np.array(at) if space is None else space.actuators)
+        estimate, true, scale = np.array(
+            [[row[key] for key in ("estimate", "true", "scale")] for row in rows]
+        ).T
+        actuators = np.array(at, dtype=np.intp) if space is None else space.actuators
+        factor = float(common_factor(estimate, true, scale, actuators))
     found = []
     for k, row in enumerate(rows):
         value, own = factor * row["estimate"], known.get(row["name"])
@@ -245,21 +260,6 @@ def _parameters(summary: dict[str, Any], space: ParameterSpace | None) -> tuple[
             )
         )  # fmt: skip
     return tuple(found)
-
-
-def _common_factor(rows: list[dict[str, Any]], actuators: Indices) -> float:
-    """The factor that makes the mean of the actuators' gains exact.
-
-    Without an actuator, or with one of the wrong sign, that which brings the estimate closest to
-    the truth in θ/scale.
-    """
-    true, estimate = (
-        np.array([row[key] / row["scale"] for row in rows]) for key in ("true", "estimate")
-    )
-    working = [k for k in actuators if true[k] != 0]
-    if working and (estimate[working] / true[working] > 0).all():
-        return float(1 / np.mean(estimate[working] / true[working]))
-    return float(true @ estimate / (estimate @ estimate))
 
 
 def _findings(summary: dict[str, Any]) -> tuple[Finding, ...]:

@@ -14,14 +14,14 @@ from ..experiment.loop import Run
 from ..laws import ConventionalAID, IdentifierConfig
 from ..nullspace import directions
 from ..numerics.threads import single_threaded
-from ..parameters import Array, ParameterSpace
+from ..parameters import Array, ParameterSpace, rounded
 from .confidence import Determined, determined, known
 from .excitation import motion_figures, persistence_figures
 from .figures import held_out_rows, judge, residual_floor
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
 from .misfit import misfit_of, widened
 from .truth import Truth, nullspace_of
-from .words import scientific, verdict
+from .words import verdict
 
 _CORRELATED = 40  # parameters whose correlations are kept, at most
 _PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
@@ -79,6 +79,7 @@ def _summary(run: Run, truth: Truth | None) -> dict[str, Any]:
         "status_signal": ending.signal,
         "status_remedy": ending.status.remedy,
         "n": system.n,
+        "velocity_units": list(dict.fromkeys(system.velocity_units)),
         "p": system.p,
         "r": nullspace.r,
         "rank_tolerance": nullspace.tolerance,
@@ -172,11 +173,9 @@ def sensor_noise(run: Run) -> str:
         return ""
     rates = dict.fromkeys(run.system.velocity_units)
     velocity, position = " and ".join(rates), " and ".join(u.removesuffix("/s") for u in rates)
-    words = (
-        f"noise of {scientific(noise.position)} {position}, {scientific(noise.velocity)} {velocity}"
-    )
+    words = f"noise of {rounded(noise.position)} {position}, {rounded(noise.velocity)} {velocity}"
     if noise.encoder_step:
-        words += f"; positions quantised to {scientific(noise.encoder_step)} {position}"
+        words += f"; positions quantised to {rounded(noise.encoder_step)} {position}"
     return words
 
 

@@ -22,7 +22,7 @@ from ..experiment.record import Record
 from ..laws import ConventionalAID
 from ..laws import Status as Ended
 from ..numerics.threads import single_threaded
-from ..parameters import rounded
+from ..parameters import number, rounded
 from ..resources import write_json
 from .summary import summarize
 from .truth import Truth, truth_of
@@ -137,7 +137,7 @@ def _conserved(summary: dict[str, Any]) -> _Outcome:
     drift = summary["conserved_drift"]
     if drift is None:
         return _no("this law conserves nothing")
-    words = f"relative drift {rounded(drift, 2)}, bound {DRIFT:g}"
+    words = f"relative drift {rounded(drift, 2)}, bound {number(DRIFT)}"
     return "holds" if drift <= DRIFT else "fails", drift, DRIFT, words
 
 
@@ -168,7 +168,7 @@ def _excitation(run: Run, summary: dict[str, Any], premises: str) -> _Outcome:
         return _no(f"no window of {window:g} s has enough rows; see pe_window")
     words = (
         f"ε₀ = {rounded(level, 2)} N·m·s in the least excited window of {window:g} s, "
-        f"{rounded(share, 2)} of its total excitation, bound {UNEXCITED:g}"
+        f"{rounded(share, 2)} of its total excitation, bound {number(UNEXCITED)}"
     )
     return "holds" if share > UNEXCITED else "fails", share, UNEXCITED, words
 

@@ -21,9 +21,9 @@ FIGURES = (
     ("direction error of the plant's own parameters", "plant_direction_error", "%"),
     ("error of gain ratios", "actuator_ratio_error", "%"),
     ("force residual on a held-out trajectory", "force_residual_ratio", "%"),
-    ("rms Δv over the last tenth of the run [rad/s, m/s]", "velocity_error_rms", ""),
+    ("rms Δv over the last tenth of the run", "velocity_error_rms", ""),
 )
-"""The figures shown for every identifier: label, key of the summary, unit."""
+"""The figures shown for every identifier: label, key of the summary, and % for ratios."""
 
 
 def force_units(system: SecondOrderSystem) -> list[str]:
@@ -60,14 +60,6 @@ def observable_line(summary: dict[str, Any]) -> str:
     )
 
 
-def scientific(value: float) -> str:
-    """A level with up to three digits; in scientific notation below 0.01: 1e-4, 5e-3, 0.02."""
-    if value == 0 or abs(value) >= 0.01:
-        return f"{value:.3g}"
-    mantissa, _, exponent = f"{value:.2e}".partition("e")
-    return f"{float(mantissa):g}e{int(exponent)}"
-
-
 def confidence_lines(summary: dict[str, Any]) -> list[str]:
     """The confidence that the law states, in words; empty if the law states none."""
     stated = summary["confidence"]
@@ -77,9 +69,10 @@ def confidence_lines(summary: dict[str, Any]) -> list[str]:
     worst = phrase(label[name] for name in stated["worst_known"][0]["parameters"])
     low = stated["below_noise"]
     lines = [
-        f"of {stated['directions']} observable directions, half are known to within "
-        f"±{_share(stated['deviation_median'])} of ‖θ̂‖, the least known ({worst}) to within "
-        f"±{_share(stated['deviation_largest'])}" + (f"; {low} below the noise" if low else "")
+        f"{stated['directions']} observable directions, known with a standard deviation of "
+        f"{_share(stated['deviation_median'])} of ‖θ̂‖ in the median, of "
+        f"{_share(stated['deviation_largest'])} at worst ({worst})"
+        + (f"; {low} below the noise" if low else "")
     ]
     if (covered := stated.get("covered")) is not None:
         lines.append(f"the 95 % intervals contain the truth in {100 * covered:.0f} % of them")
@@ -171,7 +164,7 @@ def _without_truth(
     worst = None if stated is None else stated["deviation_largest"]
     explained = summary.get("misfit") == "none" and worst is not None
     small = residual is not None and residual <= max(PREDICTS, _MARGIN * floor)
-    known = "" if worst is None else f"least known direction to ±{_share(worst)}"
+    known = "" if worst is None else f"least known direction: deviation {_share(worst)}"
     predicts = "" if residual is None else f"force residual {_share(residual)}"
     if explained and residual is not None and not small:
         predicts += " by noise of the measured accelerations"

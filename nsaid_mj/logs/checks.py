@@ -106,11 +106,11 @@ def _resting(recordings: Recordings, robot: RobotModel) -> tuple[set[int], list[
     """Joints that hardly move, and a warning for each."""
     usable = np.concatenate([segment.usable for segment in recordings.segments]).mean(axis=0)
     resting = {j for j, share in enumerate(usable) if share < _MOVES}
-    text = "the joint moves faster than its noise in only {:.1%} of the rows"
+    text = "the joint moves faster than its noise in only {:.1f} % of the rows"
     remedy = "Record a motion of this joint, or leave it out with --lock."
     shares = [(robot.joints[j], float(usable[j])) for j in sorted(resting)]
     return resting, [
-        Finding("warning", "at_rest", joint, text.format(share), remedy, {"share": share})
+        Finding("warning", "at_rest", joint, text.format(100 * share), remedy, {"share": share})
         for joint, share in shares
     ]
 

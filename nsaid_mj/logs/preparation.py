@@ -297,7 +297,9 @@ def _saturated(
         if share == 0:
             continue
         if share > _MOST:
-            text = f"{share:.0%} of the rows are at an extreme, as of a command that switches "
+            text = (
+                f"{100 * share:.0f} % of the rows are at an extreme, as of a command that switches "
+            )
             text += "between levels or saturates; the rows are used"
             findings.append(Finding("warning", "saturated", where, text, data={"share": share}))
             continue

@@ -124,7 +124,7 @@ def limits_stated(
     """Reports the speeds below which rows are not used, and the share of rows above."""
     usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)
     each = ", ".join(
-        f"{joint} {number(limit, significant=2)} ({share:.0%})"
+        f"{joint} {number(limit, significant=2)} ({100 * share:.0f} %)"
         for joint, limit, share in zip(joints, limits, usable, strict=True)
     )
     text = "rows below these speeds [rad/s or m/s] are not used "

@@ -94,7 +94,8 @@ def _helping(document: dict[str, Any]) -> list[str]:
         helped = f"{after} after {remedy}" if after != _NONE else "no remedy helps"
         lines.append(f"Weak: {words}: {left} of its deviation remains; {helped}.")
     return lines + [
-        f"{words}: {share} times the deviation, {count(int(weak), 'weak direction')}."
+        f"{words}: {share} times the deviation"
+        + ("." if weak == "0" else f", {count(int(weak), 'weak direction')}.")
         for words, share, weak in _remedy_rows(document)
     ]
 
@@ -148,7 +149,7 @@ def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder
     page = Page(
         heading=robot,
         verdict=verdict_of(document),
-        eyebrow=f"design of an experiment {folder.name}",
+        eyebrow=f"design of an experiment · {folder.name}",
         lead=f"{document['duration']:g} s of motion, before anything moves.",
         carrying=_figures(document, trial),
         sections=[

@@ -29,9 +29,20 @@ from .panels import (
     HeatMap,
     local_rms,
 )
-from .plots import CURVE, NAMES, band, line, logarithmic, over_time, store_values, style, svg
+from .plots import (
+    CURVE,
+    NAMES,
+    WIDE,
+    WIDTH,
+    band,
+    line,
+    logarithmic,
+    over_time,
+    store_values,
+    style,
+    svg,
+)
 
-WIDTH = 4.3  # of a panel of ordinary width [inch]
 _FAINT = 0.05  # correlations below are not drawn
 _WRITTEN = 0.5  # correlations from here on are also written as numbers
 _BROAD = 30.0  # intervals are drawn up to this factor
@@ -109,7 +120,7 @@ def forest(panel: Forest) -> str:
 
 def _named_lines(names: Sequence[str], wide: bool) -> tuple[Figure, Axes]:
     """A figure with one line for each name, the first on top."""
-    size = (WIDTH * (1 + wide), max(1.3, 0.24 * len(names) + 0.75))
+    size = (WIDE if wide else WIDTH, max(1.3, 0.24 * len(names) + 0.75))
     figure = Figure(figsize=size, layout="constrained")
     axis = figure.add_subplot()
     short = [name if len(name) <= _LONG else name[: _LONG - 1] + "…" for name in names]
@@ -160,7 +171,8 @@ def comparison(panel: Comparison) -> str:
     parts = np.split(np.arange(len(t)), np.flatnonzero(np.diff(segment)) + 1)
     unit = f" [{panel.unit}]" if panel.unit else ""
     with style():
-        figure, left = Figure(figsize=(WIDTH * (1 + panel.wide), 3.0)), 0.16 / (1 + panel.wide)
+        width = WIDE if panel.wide else WIDTH
+        figure, left = Figure(figsize=(width, 3.0)), 0.16 * WIDTH / width
         upper = figure.add_axes((left, 0.42, 0.97 - left, 0.54))
         lower = figure.add_axes((left, 0.14, 0.97 - left, 0.22), sharex=upper)
         if panel.half is not None:

@@ -10,15 +10,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from rich.console import Console
 
-from ..calibration.inspection import ChannelFigures, Inspection
-from ..evaluation.result import Mark, gravest_first
+from ..calibration.inspection import ChannelFigures, Inspection, signal_names
+from ..evaluation.result import Mark, gravest_first, judged
 from ..logs.recordings import Recordings
 from ..parameters import Array, number
+from ..robot.model import RobotModel
 from .drawings import extremes
-from .page import Cell, Table, Text
+from .page import Cell, Page, Table, Text, count
 from .panels import BAD, COLOURS
 from .plots import png_of
-from .terminal import print_findings, print_panels
+from .terminal import print_findings, print_page, print_panels
 
 _POINTS = 4000  # of a curve; more are thinned to the extremes of equal parts
 _LISTED = 1000  # channels that are printed, those in use first
@@ -26,11 +27,14 @@ _MOST = 40  # largest number of drawn channels of a log without a map
 
 
 def print_inspection(found: Inspection, console: Console) -> None:
-    """Prints a line for each channel, then the findings, the gravest first.
+    """Prints whether the log can be identified, a line for each channel, then the findings.
 
     "flat" is the share of rows at a flat extreme, "same" of those that repeat the value before; a
     column without any entry is left out.
     """
+    if (verdict := verdict_of(found)) is not None:
+        print_page(Page("", verdict), console)
+        console.print()
     heads = ("channel", "from", "to", "noise", "step", "flat", "same", "used as")
     for clock in dict.fromkeys(map(_clock, found.channels)):
         own = [channel for channel in found.channels if _clock(channel) == clock]
@@ -38,22 +42,33 @@ def print_inspection(found: Inspection, console: Console) -> None:
         if more > 0:
             own.sort(key=lambda channel: not channel.role)
         lines = [_cells(channel) for channel in own[:_LISTED]]
-        shown = [k for k in range(len(heads)) if any(line[k] not in ("–", "") for line in lines)]
-        lines = [[line[k] for k in shown] for line in lines]
-        words = (0, len(shown) - 1) if shown[-1] == len(heads) - 1 else (0,)
-        table = Table([heads[k] for k in shown], lines, words, most=len(lines))
+        table = Table(heads, lines, (0, len(heads) - 1), most=len(lines)).without_empty_columns()
         rest = [Text(f"… and {more} more, which --json lists")] if more > 0 else []
         print_panels([Text(clock), table, *rest], console)
         console.print()
     print_findings(gravest_first(found.findings), console, codes=True)
 
 
+def verdict_of(found: Inspection) -> Mark | None:
+    """Whether `nsaid identify` would take the log; None without a model."""
+    refusals = sum(finding.level == "refusal" for finding in found.findings)
+    if refusals:
+        return judged("no", f"nsaid identify refuses this log: {count(refusals, 'refusal')} below.")
+    if any(finding.code == "unmatched" for finding in found.findings):
+        return judged("no", "Columns could not be matched with the model: complete the map.")
+    if found.robot is None:
+        return None
+    return judged("yes", "nsaid identify can use this log.")
+
+
 def _clock(channel: ChannelFigures) -> str:
     """The properties that channels of one clock share: file, rows, rate, jitter, gaps."""
-    said = f"{channel.source}: {channel.rows} rows"
+    said = f"{channel.source}: {count(channel.rows, 'row')}"
     if np.isfinite(channel.rate):
-        said += f" at {channel.rate:.4g} Hz, jitter {channel.jitter:.0%}"
-        said += f", {channel.gaps} gaps up to {channel.longest:.3g} s" if channel.gaps else ""
+        said += f" at {channel.rate:.4g} Hz, jitter {100 * channel.jitter:.0f} %"
+        said += (
+            f", {count(channel.gaps, 'gap')} up to {channel.longest:.3g} s" if channel.gaps else ""
+        )
     return said + (f", {channel.missing} without a number" if channel.missing else "")
 
 
@@ -64,8 +79,8 @@ def _cells(channel: ChannelFigures) -> list[Cell]:
         number(channel.high),
         Mark("", "poor", "constant") if channel.dead else number(channel.noise, significant=1),
         number(channel.quantum, significant=3) if channel.quantum else "–",
-        f"{channel.saturated:.1%}" if channel.saturated else "–",
-        f"{channel.unchanged:.0%}" if channel.unchanged > 0.005 else "–",
+        f"{100 * channel.saturated:.1f} %" if channel.saturated else "–",
+        f"{100 * channel.unchanged:.0f} %" if channel.unchanged > 0.005 else "–",
         channel.role,
     ]
 
@@ -75,8 +90,8 @@ def draw(found: Inspection, path: Path) -> Path:
 
     Rows that are not used for a joint are marked on its velocity. Returns the path.
     """
-    if found.recordings is not None:
-        lines = _joints(found.recordings, found.robot.joints if found.robot else ())
+    if found.recordings is not None and found.robot is not None:
+        lines = _signals(found.recordings, found.robot)
     else:
         lines = _channels(found)
     return png_of(lines, (11.0, 1.8 * len(lines) + 0.4), path)
@@ -85,25 +100,26 @@ def draw(found: Inspection, path: Path) -> Path:
 Line = Mapping[str, Callable[[Axes], None]]
 
 
-def _joints(recordings: Recordings, names: Sequence[str]) -> list[Line]:
+def _signals(recordings: Recordings, robot: RobotModel) -> list[Line]:
+    """A line for each joint, or for each position, velocity and command of a vehicle."""
     logs = [segment.log for segment in recordings.segments]
     starts = np.cumsum([0.0, *(log.t[-1] - log.t[0] for log in logs)])
     times = [log.t - log.t[0] + start for log, start in zip(logs, starts, strict=False)]
-    units = [f" [{unit}]" if unit else "" for unit in recordings.command_units]
+    names = signal_names(robot)
+    own = zip(names["u"], recordings.command_units, strict=False)
+    names["u"] = [(name, unit) for (name, _), unit in own] or names["u"]
+    titles = ("position", "velocity (red: rows that are not used)", "command")
     lines: list[Line] = []
-    for j in range(max(len(names), logs[0].q.shape[1])):
-        used = [segment.usable[:, j] for segment in recordings.segments if j < logs[0].v.shape[1]]
-        name = names[j] if j < len(names) else ""
-        unit = units[j] if j < len(units) else ""
-        lines.append(
-            {
-                "position [rad or m]": partial(_curves, times, _part(logs, 1, j), f"q {name}", []),
-                "velocity [rad/s or m/s]": partial(
-                    _curves, times, _part(logs, 2, j), f"v {name}", used
-                ),
-                "command": partial(_curves, times, _part(logs, 3, j), f"u {name}{unit}", []),
-            }
-        )
+    for j in range(max(map(len, names.values()))):
+        line: dict[str, Callable[[Axes], None]] = dict.fromkeys(titles, Axes.set_axis_off)
+        for part, (title, columns) in enumerate(zip(titles, names.values(), strict=True), 1):
+            if j < len(columns):
+                name, unit = columns[j]
+                label = f"{name} [{unit}]" if unit else name
+                segments = recordings.segments if part == 2 else ()
+                used = [segment.usable[:, j] for segment in segments]
+                line[title] = partial(_curves, times, _part(logs, part, j), label, used)
+        lines.append(line)
     return lines
 
 
@@ -118,10 +134,10 @@ def _channels(found: Inspection) -> list[Line]:
     for start in range(0, len(channels), 3):
         row = channels[start : start + 3]
         panels = {
-            f"{k}": partial(_curves, [channel.t], [channel.values], name, [])
+            " " * k: partial(_curves, [channel.t], [channel.values], name, [])
             for k, (name, channel) in enumerate(row)
         }
-        lines.append(panels | {f"{k}": Axes.set_axis_off for k in range(len(row), 3)})
+        lines.append(panels | {" " * k: Axes.set_axis_off for k in range(len(row), 3)})
     return lines
 
 

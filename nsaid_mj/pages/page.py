@@ -10,18 +10,20 @@ from __future__ import annotations
 import base64
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..evaluation.result import LEVELS, Mark
+from ..parameters import ABSENT
 from ..resources import write_text
 from ..robot.findings import Finding
-from .panels import BAND, COLOURS, DARK, DASHES, MARKERS, VARIABLES
+from .panels import BAND, COLOURS, DARK, DASHES, MARKERS, PALE, VARIABLES
 
 FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
+_EMPTY: set[object] = {"", ABSENT}
 
 
 class Link(NamedTuple):
@@ -78,6 +80,18 @@ class Table:
     ids: str = ""
     spare: Sequence[int] = ()
     most: int = 40
+
+    def without_empty_columns(self) -> Table:
+        """The table without the columns that have no entry in any line."""
+        kept = [k for k, cells in enumerate(zip(*self.lines, strict=True)) if {*cells} - _EMPTY]
+        at = {k: place for place, k in enumerate(kept)}
+        return replace(
+            self,
+            heads=[self.heads[k] for k in kept],
+            lines=[[line[k] for k in kept] for line in self.lines],
+            text=[at[k] for k in self.text if k in at],
+            spare=[at[k] for k in self.spare if k in at],
+        )
 
 
 @dataclass(frozen=True)
@@ -207,8 +221,11 @@ def _environment() -> Any:
     import jinja2  # imported late: needed only after a run
     from markupsafe import Markup, escape
 
+    def unbroken(value: Any) -> Any:
+        return value.replace(" %", "\N{NO-BREAK SPACE}%") if type(value) is str else value
+
     def spoken(text: object) -> Markup:
-        parts = enumerate(map(escape, str(text).split("`")))
+        parts = enumerate(map(escape, unbroken(str(text)).split("`")))
         code = Markup("<code>{}</code>")
         return Markup("").join(code.format(part) if k % 2 else part for k, part in parts)
 
@@ -219,6 +236,7 @@ def _environment() -> Any:
         loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
+        finalize=unbroken,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -227,7 +245,7 @@ def _environment() -> Any:
     environment.filters.update(spoken=spoken, kind=kind, plain=Markup)
     environment.globals.update(
         light=COLOURS, dark=DARK, variables=VARIABLES, dashes=DASHES, band=BAND,
-        markers=MARKERS, script=Markup(script), digest=digest, levels=LEVELS,
+        pale=PALE, markers=MARKERS, script=Markup(script), digest=digest, levels=LEVELS,
         shared_legend=shared_legend,
     )  # fmt: skip
     return environment

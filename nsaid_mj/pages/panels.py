@@ -48,8 +48,8 @@ MEASURED, PREDICTED, INTERVAL = "measured", "predicted", "95 % interval"
 DIFFERENCE = "error, rms over short intervals"
 UNSURE = "not identified by itself"
 _INTERVALS = 150  # number of intervals over which errors are averaged
-BAND = "band"
-"""Instead of a dash pattern: the legend's entry is a shaded area."""
+BAND, PALE = "band", "pale"
+"""Instead of a dash pattern: the legend's entry is a shaded area, or a wide pale line."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +87,7 @@ class Panel:
         level_name: entry of that line in the legend; empty for none.
         band_name: entry of the curves' bands in the legend.
         events: times of vertical lines [s].
+        event_name: entry of those lines in the legend.
         curves: added by `add`.
     """
 
@@ -97,6 +98,7 @@ class Panel:
     level_name: str = ""
     band_name: str = INTERVAL
     events: Sequence[float] = ()
+    event_name: str = "fault"
     curves: list[Curve] = field(default_factory=list)
     wide: bool = False
 
@@ -127,7 +129,7 @@ class Panel:
             named.append((self.band_name, self.curves[0].colour, BAND))
         if self.level is not None and self.level_name:
             named.append((self.level_name, INK, "--"))
-        return named
+        return named + [(self.event_name, COLOURS[8], ":")] * bool(len(self.events))
 
 
 @dataclass(frozen=True)
@@ -237,7 +239,7 @@ class Comparison:
     def legend(self) -> list[tuple[str, str, str]]:
         """(name, colour, dash) of the curves."""
         entries = [
-            (MEASURED, COLOURS[1], "-"),
+            (MEASURED, COLOURS[1], PALE),
             (PREDICTED, COLOURS[0], "-"),
             (DIFFERENCE, COLOURS[2], "-"),
         ]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ..evaluation.result import STATUSES, Mark, Parameter, Result, counts
+from ..evaluation.result import STATUSES, Parameter, Result, counts
 from ..evaluation.words import estimate
 from ..parameters import ABSENT, Array, number
 from .page import Cell, Fold, Link, Table
@@ -31,43 +33,55 @@ def relative(parameter: Parameter) -> str:
 def table(parameters: Sequence[Parameter], numbers: Mapping[str, int] | None = None) -> Table:
     """Parameters, at least one, with intervals, prior and true values where known.
 
-    `numbers` are those of the page's list of combinations, for parameters that are part of one.
+    `numbers` are those of the page's list of combinations, for parameters that are part of one. A
+    narrow terminal omits the prior, then what the other columns tell, too.
     """
-    judged = any(p.status for p in parameters)
-    known = any(p.true is not None for p in parameters)
-    before = np.isfinite([p.prior for p in parameters]).any()
-    lines: list[list[Cell]] = []
-    for p in parameters:
-        value, interval = estimate(p.value, p.low, p.high)
-        line: list[Cell] = [p.label, value, p.unit]
-        line += [ABSENT if p.status == "known" else interval] if judged else []
-        line += [number(p.prior)] if before else []
-        line += [ABSENT if p.true is None else number(p.true)] if known else []
-        lines.append([*line, _status(p, (numbers or {}).get(p.combination, 0))] if judged else line)
-    heads = ["parameter", "estimate", "unit", *["95 % interval"] * judged]
-    heads += [*["prior"] * bool(before), *["true"] * known, *["status"] * judged]
-    return Table(heads, lines, (0, 2, len(heads) - 1) if judged else (0, 2))
+    judged, known = any(p.status for p in parameters), any(p.true is not None for p in parameters)
+    related = any(p.relative is not None for p in parameters)
+    heads = ["parameter", "estimate", *["95 % interval"] * judged, *["relative"] * related]
+    heads += ["prior"] * any(math.isfinite(p.prior) for p in parameters) + ["true"] * known
+    heads += ["unit", *["status"] * judged]
+    cells = [_cells(p, (numbers or {}).get(p.combination, 0)) for p in parameters]
+    words = [k for k, head in enumerate(heads) if head in {"parameter", "unit", "status"}]
+    spare = ["prior", "95 % interval" if known and related else "relative"]
+    return Table(
+        heads, [[line[head] for head in heads] for line in cells], words,
+        spare=[heads.index(head) for head in spare if head in heads],
+    )  # fmt: skip
 
 
-def _status(p: Parameter, combination: int) -> Cell:
-    found: list[Mark | Link | str] = [STATUSES[p.status]]
-    if combination:
-        found.append(Link(f"C{combination}", f"combination-{combination}"))
-    apart = f"{relative(p)} of the other gains" if p.relative else ""
-    more = "; ".join(filter(None, ("" if combination else p.combination, apart)))
-    return (*found, more) if more else tuple(found)
+def _cells(p: Parameter, combination: int) -> dict[str, Cell]:
+    """The cells of a parameter's line, by column; `combination` is its number, 0 for none."""
+    value, interval = estimate(p.value, p.low, p.high)
+    half, status = (p.high - p.low) / 2, STATUSES[p.status]
+    link: str | Link = Link(f"C{combination}", f"combination-{combination}")
+    link = link if combination else p.combination
+    return {
+        "parameter": p.label,
+        "estimate": value,
+        "95 % interval": ABSENT if p.status == "known" else interval,
+        "relative": relative(p),
+        "prior": number(p.prior),
+        # with as many digits as the estimate
+        "true": ABSENT if p.true is None else estimate(p.true, p.true - half, p.true + half)[0],
+        "unit": p.unit,
+        "status": (status, link) if link else status,
+    }
 
 
-def folds(result: Result, numbers: Mapping[str, int] | None = None) -> list[Fold]:
+def folds(
+    result: Result, numbers: Mapping[str, int] | None = None, gains: bool = True
+) -> list[Fold]:
     """A table for each block of θ, with the number of parameters of each status."""
     few = len(result.parameters) <= _OPEN
     return [
         Fold(
-            members[0].part if name in result.bodies else name,
+            members[0].part if name in result.bodies else members[0].kind,
             [table(members, numbers)], counts(members), str(len(members)),
             few or members[0].is_gain,
         )
         for name, members in result.blocks.items()
+        if gains or not members[0].is_gain
     ]  # fmt: skip
 
 
@@ -76,28 +90,20 @@ def brief_gains(result: Result) -> list[Table]:
     gains = [p for p in result.gains if p.status]
     if not gains:
         return []
-    names = [p.part for p in gains]
-    known = gains[0].true is not None
-    lines: list[list[Cell]] = []
-    for name, p in zip(names, gains, strict=True):
-        value, interval = estimate(p.value, p.low, p.high)
-        line: list[Cell] = [name if names.count(name) == 1 else p.label, value]
-        line += [ABSENT if p.status == "known" else interval, relative(p), number(p.prior)]
-        if p.true is not None:  # with as many digits as the estimate
-            half = (p.high - p.low) / 2
-            line.append(estimate(p.true, p.true - half, p.true + half)[0])
-        lines.append([*line, p.unit, STATUSES[p.status]])
-    heads = ["gains", "estimate", "95 % interval", "relative", "prior", *["true"] * known]
-    heads += ["unit", "status"]
-    spare = (4, 2) if known and gains[0].relative is not None else (4, 3)
-    return [Table(heads, lines, (0, len(heads) - 2, len(heads) - 1), spare=spare, most=_LINES)]
+    parts = [p.part for p in gains]
+    short = [
+        replace(p, label=p.part if parts.count(p.part) == 1 else p.label, combination="")
+        for p in gains
+    ]
+    whole = table(short)
+    return [replace(whole, heads=["gains", *whole.heads[1:]], most=_LINES)]
 
 
 def forests(parameters: Sequence[Parameter]) -> list[Forest]:
     """Estimates with intervals, priors and true values, a figure for each kind and unit."""
     groups: dict[tuple[str, str], list[Parameter]] = {}
     for p in parameters:
-        kind = p.label.partition(" of ")[0] if p.block.startswith("coupling") else p.block
+        kind = p.label.partition(" of ")[0] if p.block.startswith("coupling") else p.kind
         groups.setdefault((kind, p.unit), []).append(p)
     found = []
     for (kind, unit), members in groups.items():

@@ -13,6 +13,7 @@ from ..parameters import Array
 from .page import Figure
 
 _WIDTH, _HEIGHT, _DPI = 760, 540, 100.0  # of the picture [pixels], at most; pixels per inch
+_SHARP = 1.6  # pixels of the picture per pixel of the page
 _AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(22.0)  # of the eye
 _LIGHT = np.array([0.35, -0.55, 0.76])
 _DARKEST = 0.35  # share of the colour in the shadow
@@ -27,9 +28,9 @@ def picture(looks: Looks | None, q: Array, name: str) -> Figure | None:
     faces, colours = _faces(looks, q)
     if not len(faces):
         return None
-    code = base64.b64encode(_render(faces, colours)).decode()
-    image = Markup('<img src="data:image/png;base64,{}" alt="{}">').format(
-        Markup(code), f"{name} at the start of the run"
+    rendered, width = _render(faces, colours)
+    image = Markup('<img src="data:image/png;base64,{}" width="{:.0f}" alt="{}">').format(
+        Markup(base64.b64encode(rendered).decode()), width, f"{name} at the start of the run"
     )
     return Figure("Robot at the start of the run", image)
 
@@ -47,8 +48,8 @@ def _faces(looks: Looks, q: Array) -> tuple[Array, Array]:
     return np.concatenate(faces), np.concatenate(colours)
 
 
-def _render(faces: Array, colours: Array) -> bytes:
-    """A PNG of faces (f, 3, 3) with colours (f, 4), the farthest drawn first."""
+def _render(faces: Array, colours: Array) -> tuple[bytes, float]:
+    """A PNG of faces (f, 3, 3) with colours (f, 4), the farthest drawn first; its width [px]."""
     from matplotlib.collections import PolyCollection  # imported late: it takes half a second
     from matplotlib.figure import Figure as Canvas
 
@@ -80,4 +81,4 @@ def _render(faces: Array, colours: Array) -> bytes:
     axis.set_ylim(low[1], high[1])
     stream = io.BytesIO()
     canvas.savefig(stream, format="png", transparent=True, metadata={"Software": None})
-    return stream.getvalue()
+    return stream.getvalue(), canvas.bbox.width / _SHARP

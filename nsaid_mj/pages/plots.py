@@ -34,7 +34,7 @@ CURVE, NAMES = "curve:", "names"
 COLUMNS = 8
 """Largest number of categories in a panel of ordinary width."""
 
-_WIDTH, _HEIGHT = 4.3, 2.6  # of one panel on a page [inch]
+WIDTH, WIDE, _HEIGHT = 4.3, 6.2, 2.6  # of a panel on a page, and of a wide one [inch]
 _HUGE = 1e200  # larger values are not drawn: matplotlib's margins overflow
 _DPI = 110  # of a PNG
 _MAKER = "nsaid-mj"  # in a PNG file
@@ -88,7 +88,8 @@ def style() -> Iterator[None]:
 def over_time(panel: Panel) -> str:
     """Draws a panel's curves as an SVG element; title and legend are left to the page."""
     with style():
-        figure, left = Figure(figsize=(_WIDTH * (1 + panel.wide), _HEIGHT)), 0.15 / (1 + panel.wide)
+        width = WIDE if panel.wide else WIDTH
+        figure, left = Figure(figsize=(width, _HEIGHT)), 0.15 * WIDTH / width
         curves(panel, figure.add_axes((left, 0.165, 0.96 - left, 0.79)))
         return svg(figure, panel.title)
 
@@ -146,7 +147,7 @@ def page_figure(title: str, draw: Callable[[Axes], None], wide: bool = False) ->
         wide: whether the panel takes the whole width of the page.
     """
     with style():
-        size = (2 * _WIDTH if wide else _WIDTH, _HEIGHT)
+        size = (WIDE if wide else WIDTH, _HEIGHT)
         figure = Figure(figsize=size, layout="constrained")
         axis = figure.add_subplot()
         draw(axis)
@@ -187,7 +188,7 @@ def logarithmic(axis: Any, which: str = "y", most: int = 8) -> None:
     elif decades > 0.8 and most > 4:
         ruler.set_major_locator(LogLocator(subs=(1, 2, 5), numticks=most))
     else:
-        ticks = MaxNLocator(min(5, most - 1)).tick_values(low, high)
+        ticks = MaxNLocator(min(6, most - 1), steps=[1, 2, 5, 10]).tick_values(low, high)
         ruler.set_major_locator(FixedLocator(ticks))
     (axis.set_xlim if which == "x" else axis.set_ylim)(low, high)
     ruler.set_minor_locator(NullLocator())
@@ -250,7 +251,8 @@ def svg(figure: Figure, title: str) -> str:
         element.attrib.update(attributes)
     view = drawing.attrib["viewBox"]
     drawing.attrib.clear()
-    drawing.attrib.update(viewBox=view, role="img")
+    size = f"--size: {float(view.split()[2]):.0f}px"  # at which its text is readable
+    drawing.attrib.update(viewBox=view, role="img", style=size)
     drawing.set("aria-label", title)
     data = ElementTree.SubElement(drawing, "metadata")
     data.text = json.dumps(_curves(figure), separators=(",", ":"), ensure_ascii=False)

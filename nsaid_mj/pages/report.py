@@ -196,7 +196,10 @@ def _confidence(summary: dict[str, Any], gains: Sequence[Figure]) -> list[Panel]
     label = {row["name"]: row["label"] for row in summary["parameters"]}
     worst = [
         [
-            ", ".join(f"{weight:+.2f} {label[name]}" for name, weight in row["parameters"].items()),
+            ", ".join(
+                f"{weight:+.2f} {label[name]}".replace("-", "−", 1)
+                for name, weight in row["parameters"].items()
+            ),
             f"±{rounded(100 * row['deviation'], 2)} %",
             "below the noise" if row["below_noise"] else "",
         ]
@@ -239,17 +242,21 @@ def _checks(summary: dict[str, Any]) -> str:
     return " ".join(said)
 
 
-def statements(verdicts: Sequence[Verdict]) -> list[Table]:
-    """The paper's statements with their verdicts; empty if there are none."""
-    kinds = {
-        "holds": ("✔", "good"),
-        "not yet": ("◐", "fair"),
-        "fails": ("✘", "poor"),
-        "not applicable": ("○", "weak"),
-    }
-    lines = [[v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words] for v in verdicts]
+def statements(verdicts: Sequence[Verdict]) -> list[Panel]:
+    """The paper's statements with their verdicts, then those that do not apply, by reason."""
+    kinds = {"holds": ("✔", "good"), "not yet": ("◐", "fair"), "fails": ("✘", "poor")}
+    lines, apart = [], dict[str, list[str]]()
+    for v in verdicts:
+        if v.verdict in kinds:
+            lines.append([v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words])
+        else:
+            apart.setdefault(v.words, []).append(f"{v.statement}: {v.claim}")
     heads = ["statement", "claim", "verdict", "figure"]
-    return [Table(heads, lines, (0, 1, 2, 3))] if lines else []
+    reasons = [(f"Not applicable: {why}", f"{'; '.join(said)}.") for why, said in apart.items()]
+    return [
+        *([Table(heads, lines, (0, 1, 2, 3))] if lines else []),
+        *([Items(reasons)] if reasons else []),
+    ]
 
 
 def unobservable(summary: dict[str, Any]) -> list[Panel]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -60,13 +61,13 @@ def _over_time(run: Run, summary: dict[str, Any], truth: Truth | None, rows: Any
         dv = record[f"v_hat{suffix}"][later] - record["v"][later]
         if len(later):
             error.add(*local_rms(record["t"][later], dv), label, colour=colour)
-    true = None if truth is None else truth.theta_at(t)
-    gains = _gains(run, summary, rows, true)
-    if truth is None:
-        return [error, gains]
+    gains = _gains(run, summary, rows, None if truth is None else truth.theta_at(t))
     energy = Panel("Lyapunov function", "V [J]", True)
-    energy.add(t, evaluation.energy(run, truth, rows))
-    return [distance, gains, error, energy]
+    if truth is not None:
+        energy.add(t, evaluation.energy(run, truth, rows))
+    panels = [distance, gains, error, energy] if truth is not None else [error, gains]
+    found = [fault.found for fault in run.faults]
+    return [replace(panel, events=found, event_name="fault found") for panel in panels]
 
 
 def _gains(run: Run, summary: dict[str, Any], rows: Any, true: Array | None) -> Panel:

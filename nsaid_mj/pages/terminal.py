@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 from rich import markup
 from rich.console import Console
@@ -47,12 +49,17 @@ def print_page(page: Page, console: Console) -> None:
 def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
     """Prints a line for each finding, notes dimmed; of many of one level it counts the rest.
 
-    The gravest come first. With `codes`, levels and codes precede the words, and all are printed.
+    The gravest come first. A remedy that several in a row share is printed after the last. With
+    `codes`, levels and codes precede the words, and all are printed.
     """
     for level, mark in LEVELS.items():
         some = [finding for finding in findings if finding.level == level]
         most = len(some) if codes else _NOTES if level == "note" else _GRAVE
-        lines = [f"{f.level} {f.code}: {f}" if codes else str(f) for f in some[:most]]
+        shown = [
+            replace(f, remedy="") if f.remedy == after.remedy else f
+            for f, after in pairwise([*some[:most], Finding(level, "", "", "")])
+        ]
+        lines = [f"{f.level} {f.code}: {f}" if codes else str(f) for f in shown]
         lines += [f"and {count(len(some) - most, f'more {level}')}"] if len(some) > most else []
         for line in lines:
             words = f"[dim]{escape(line)}[/]" if level == "note" else escape(line)

@@ -11,11 +11,10 @@ import rerun.blueprint as rrb
 from ..design.designing import Design
 from ..design.prediction import Trial
 from ..evaluation.confidence import INTERVAL
-from ..structure.sensing import velocity_labels
-from .layout import beside, robot, whole
-from .plots import plot
+from .layout import RIGHT, beside, robot, whole
+from .plots import Plots
 from .scene import Scene
-from .series import Curves, path
+from .series import Curves, command_names, path, velocity_names
 from .stream import write
 
 FILE = "design.rrd"
@@ -33,17 +32,18 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
     t, q, v = (part[::every] for part in log[:3])
     scene = Scene(system, found.experiment.plant(0))
     camera = None if scene.empty else scene.camera(q, v)
-    names = velocity_labels(system)
     motion = [
-        Curves("motion/velocity", names, v),
-        Curves("motion/command", [f"u {k + 1}" for k in range(system.n_u)], log.u[::every]),
+        Curves("motion/velocity", velocity_names(system, ""), v),
+        Curves("motion/command", command_names(system), log.u[::every]),
     ]
+    moved = Plots(motion, float(t[-1]))
     left = [robot(camera, "Motion, under a draw of θ")] if camera else []
 
     def page(name: str, *plots: rrb.View) -> rrb.Container:
         return beside(left, rrb.Grid(*plots, grid_columns=1 if len(plots) < 4 else 2), name, [1])
 
-    pages = [page("Motion", plot("motion/velocity", "velocities"), plot("motion/command", "u"))]
+    entities = {"motion/velocity": "Velocities", "motion/command": "Commands"}
+    pages = [page("Motion", *(moved(entity, name, RIGHT) for entity, name in entities.items()))]
     series = [(t, motion)]
     if trial is not None:
         pages.insert(0, page("Predicted and reached intervals", *_interval_views(trial, found)))
@@ -64,10 +64,11 @@ def _chosen(trial: Trial) -> list[int]:
 
 def _interval_views(trial: Trial, found: Design) -> list[rrb.View]:
     space, names = found.experiment.system.space, found.asked.names
-    until = float(trial.t[-1])
+    plots = Plots(_intervals(trial, found), float(trial.t[-1]))
     labels = dict(zip(space.names, space.labels, strict=True))
+    title, width = "{}: relative error as a power of ten, −2 is 1 %", RIGHT / 2
     return [
-        plot(path("interval", names[k]), labels[names[k]], k == _chosen(trial)[0], until)
+        plots(path("interval", names[k]), title.format(labels[names[k]]), width)
         for k in _chosen(trial)
     ]
 
@@ -75,7 +76,7 @@ def _interval_views(trial: Trial, found: Design) -> list[rrb.View]:
 def _intervals(trial: Trial, found: Design) -> list[Curves]:
     """Half widths of 95 % intervals, as powers of ten, and the trial's own errors."""
     sides = INTERVAL * trial.predicted, INTERVAL * trial.stated, trial.error
-    labels = [f"log₁₀ {name}" for name in ("predicted ±", "stated ±", "error")]
+    labels = ["predicted 95 %", "stated by the law, 95 %", "error in the trial"]  # as on the page
     return [
         Curves(
             path("interval", found.asked.names[k]),

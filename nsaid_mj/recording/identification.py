@@ -181,11 +181,10 @@ def _history(result: Identification) -> list[tuple[str, Curves]]:
                 (block, Curves(f"{entity}/value", [name], theta[:, k : k + 1], color=color))
             )
             if k in gains and np.isfinite(half).any():
-                own = half[:, gains[k], None] * np.abs(theta[:, k : k + 1])
-                ends = theta[:, k : k + 1] + np.hstack([-own, own])
-                ends[~np.isfinite(ends)] = np.nan
-                limits = ["lower end of the interval", "upper end"]
-                interval = Curves(f"{entity}/interval", limits, ends, pale=True, color=8)
+                own = np.where(half[:, gains[k]] < words.UNKNOWN, half[:, gains[k]], np.nan)
+                ends = theta[:, k, None] * np.exp(np.stack([-own, own], axis=1))
+                names = ["95 % interval"] * 2
+                interval = Curves(f"{entity}/interval", names, ends, True, color=8, alike=True)
                 found.append((block, interval))
     return found
 

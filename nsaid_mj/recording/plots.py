@@ -60,9 +60,29 @@ class Plots:
             share = (_LETTER * longest + _MARGIN) / (_WINDOW * width - _AXIS)
             until = self._end / (1 - min(share, _WIDEST))
         decades = self._decades(entity) if entity.startswith(LOGARITHM) else None
-        view = plot(entity, title, legend, until, decades, self._window)
+        view = rrb.TimeSeriesView(
+            origin=f"/{entity}",
+            name=drawable(title),
+            plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
+            axis_x=rr.blueprint.archetypes.TimeAxis(view_range=self._span(until)),
+            axis_y=None if decades is None else rrb.ScalarAxis(range=decades),
+        )
         self._entries[view.id] = len(set(names)) if legend else 0
         return view
+
+    def _span(self, until: float | None) -> rr.TimeRange:
+        """The times that a plot shows: a window, the time to `until` [s], or the whole run."""
+        if self._window is not None:
+            return rr.TimeRange(
+                start=rr.TimeRangeBoundary.cursor_relative(seconds=-0.2 * self._window),
+                end=rr.TimeRangeBoundary.cursor_relative(seconds=0.8 * self._window),
+            )
+        if until is None:
+            return _WHOLE_RUN
+        return rr.TimeRange(
+            start=rr.TimeRangeBoundary.absolute(seconds=0.0),
+            end=rr.TimeRangeBoundary.absolute(seconds=until),
+        )
 
     def shows(self, entity: str, least: int = 1) -> bool:
         """Whether there are curves below an entity, as many as `least`."""
@@ -102,32 +122,3 @@ class Plots:
     def _legend(self, view: rrb.View) -> float:
         """Height of a view that its legend needs [pixels]."""
         return _HEAD + (_LINE * self._entries.get(view.id, 0) + _PADDING) / _TALLEST
-
-
-def plot(
-    entity: str,
-    title: str,
-    legend: bool = True,
-    until: float | None = None,
-    between: tuple[float, float] | None = None,
-    window: float | None = None,
-) -> rrb.TimeSeriesView:
-    """One plot over the whole run, to `until` [s] if that is given, or over a `window` [s]."""
-    span = _WHOLE_RUN
-    if window is not None:
-        span = rr.TimeRange(
-            start=rr.TimeRangeBoundary.cursor_relative(seconds=-0.2 * window),
-            end=rr.TimeRangeBoundary.cursor_relative(seconds=0.8 * window),
-        )
-    elif until is not None:
-        span = rr.TimeRange(
-            start=rr.TimeRangeBoundary.absolute(seconds=0.0),
-            end=rr.TimeRangeBoundary.absolute(seconds=until),
-        )
-    return rrb.TimeSeriesView(
-        origin=f"/{entity}",
-        name=drawable(title),
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop, visible=legend),
-        axis_x=rr.blueprint.archetypes.TimeAxis(view_range=span),
-        axis_y=None if between is None else rrb.ScalarAxis(range=between),
-    )

@@ -10,7 +10,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ..evaluation import Truth, nullspace_of
+from ..evaluation import Truth, common_factor, nullspace_of
 from ..evaluation.verify import Verdict
 from ..experiment.loop import Run
 from ..experiment.record import Record
@@ -25,7 +25,7 @@ from .forces import Arrows
 from .layout import blueprint, words
 from .plots import Plots
 from .scene import BODY, Scene
-from .series import along, curves, intervals, shared, spread
+from .series import curves, intervals, shared, spread
 from .stream import write as write_file
 from .text import drawable
 
@@ -185,20 +185,20 @@ def _log_efforts(
 ) -> None:
     """Logs forces or torques under θ̂ and, if the truth is known, the commanded ones next to them.
 
-    For the comparison θ̂ is divided by the common factor that brings it closest to the truth, since
-    that factor is unobservable. `paths` are those of commanded and estimated ones.
+    For the comparison θ̂ is multiplied by the `common_factor`. `paths` are those of commanded and
+    estimated ones.
     """
     commanded, estimated = paths
     if truth is None:
         drawn.log_style(rec, estimated)
         drawn.log(rec, estimated, rows, theta_hat, np.zeros(theta_hat.shape, bool))
         return
-    true, scale = truth.theta_at(rows.t), truth.system.space.scale
-    factor = along(theta_hat / scale, true / scale)
+    true, space = truth.theta_at(rows.t), truth.system.space
+    factor = common_factor(theta_hat, true, space.scale, space.actuators)
     drawn.log_style(rec, commanded, estimated)
     failed = changed(truth, rows.t)
     drawn.log(rec, commanded, rows, true, failed)
-    drawn.log(rec, estimated, rows, theta_hat / factor[:, None], failed)
+    drawn.log(rec, estimated, rows, theta_hat * factor[:, None], failed)
 
 
 def changed(truth: Truth, t: Array) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from ..evaluation import OWN, Truth, energy, force_units, velocity_labels
+from ..evaluation import OWN, Truth, common_factor, energy, force_units, velocity_labels
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.figures import midpoints
 from ..evaluation.summary import law_of
@@ -41,6 +41,7 @@ class Curves:
         pale: drawn as a reference, in paler versions of the colours.
         steps: drawn as a zero-order hold instead of linear interpolation.
         color: index in `PALETTE` of the first curve's colour.
+        alike: whether all curves have that colour.
     """
 
     path: str
@@ -49,10 +50,12 @@ class Curves:
     pale: bool = False
     steps: bool = False
     color: int = 0
+    alike: bool = False
 
     def log_style(self, rec: rr.RecordingStream) -> None:
         """Logs the curves' names, colours and widths."""
-        colors = [PALETTE[(self.color + i) % len(PALETTE)] for i in range(len(self.names))]
+        places = [0 if self.alike else k for k in range(len(self.names))]
+        colors = [PALETTE[(self.color + place) % len(PALETTE)] for place in places]
         if self.pale:
             grey = (1 - _PALE) * _GREY
             colors = [tuple(round(_PALE * c + grey) for c in color) for color in colors]
@@ -152,11 +155,6 @@ def shares(theta_hat: Array, truth: Array) -> Array:
     return ratio / ratio.mean(axis=1, keepdims=True)
 
 
-def along(theta_s: Array, true_s: Array) -> Array:
-    """(N,) factors that bring the truth (N, p) closest to the estimate (N, p), in θ/scale."""
-    return np.sum(theta_s * true_s, axis=1) / np.sum(true_s**2, axis=1)
-
-
 def shared(space: ParameterSpace, r: int, truth: Array) -> Indices:
     """Indices of the parameters whose ratios to the truth are shown relative to their mean.
 
@@ -216,12 +214,12 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
 
 
 def _estimates(run: Run, rows: Indices, truth: Truth | None) -> list[Curves]:
-    """θ̂ by block and unit and, if the truth is known, the true θ scaled as close as possible."""
+    """θ̂ by block and unit and, if the truth is known, the true θ at the same common scale."""
     space, theta_hat = run.system.space, run.record.rows("theta_hat", rows)
     true = None
     if truth is not None:
         true = truth.theta_at(run.record["t"][rows])
-        true = along(theta_hat / space.scale, true / space.scale)[:, None] * true
+        true = true / common_factor(theta_hat, true, space.scale, space.actuators)[:, None]
     found = []
     for group in groups(space):
         k = group.indices
@@ -250,7 +248,8 @@ def intervals(run: Run, summary: dict[str, Any], rows: Indices) -> list[Curves]:
         ends = theta[group.indices] * (1 + np.outer([-1, 1], halves))
         values = np.where(last[:, None], ends.T.reshape(-1), np.nan)
         names = ["95 % interval"] * values.shape[1]
-        found.append(Curves(f"{group.path}/interval", names, values, pale=True, color=8))
+        entity = f"{group.path}/interval"
+        found.append(Curves(entity, names, values, pale=True, color=8, alike=True))
     return found
 
 

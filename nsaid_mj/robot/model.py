@@ -87,8 +87,15 @@ class RobotModel:
     @property
     def small_unit(self) -> str:
         """Unit of a thousandth of the joints' positions."""
-        kinds = {slides(joint) for joint in moving_joints(self.model)}
-        return " or ".join(("mrad", "mm")[kind] for kind in sorted(kinds))
+        return " or ".join(sorted({f"m{unit}" for unit in self.units}, reverse=True))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of the position along each velocity, rad or m."""
+        if self.system is not None:
+            return tuple(unit.removesuffix("/s") for unit in self.system.velocity_units)
+        joints = [] if self.model is None else moving_joints(self.model)
+        return tuple("m" if slides(joint) else "rad" for joint in joints)
 
 
 LOCK = "Lock it, if it stood still in the log: `--lock {}`."

@@ -31,6 +31,16 @@ def velocity_labels(system: SecondOrderSystem) -> list[str]:
     return twist + names
 
 
+def position_labels(system: SecondOrderSystem) -> list[str]:
+    """A name for each position: x, y, z and the quaternion's parts of a pose in space, then joints.
+
+    In the plane x, y and yaw.
+    """
+    pose = list(_POSE.get(system.group, ()))
+    pose = [*pose[:3], "qx", "qy", "qz", "qw"] if len(pose) == 6 else pose
+    return pose + velocity_labels(system)[system.group :]
+
+
 def rate_labels(system: SecondOrderSystem) -> list[str]:
     """A name for each velocity, a body's angular ones as rates: surge, … yaw rate, joints."""
     turning = [k < system.group and u == "rad/s" for k, u in enumerate(system.velocity_units)]

@@ -13,14 +13,13 @@ import numpy as np
 from rich.console import Console
 
 from ..baselines import BATCH
-from ..evaluation import figure
 from ..evaluation.result import Mark, judged
 from ..laws import NullspaceAID
 from ..pages import plots
 from ..pages.page import Cell as Written
 from ..pages.page import Figure, Figures, Page, Section, Table, Text, count, write_html
 from ..pages.panels import BAD, COLOURS, INK, LAWS
-from ..pages.terminal import print_panels
+from ..pages.terminal import print_page
 from ..robot.findings import Finding
 from .study import repeated
 from .sweep_results import digits
@@ -118,7 +117,7 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
 
 
 _DECIDES = "theta_perp_ratio"
-_HEADS = ("‖θ̄_P⊥‖/‖θ̂‖", "gain ratios", "force residual", "time [s]")
+_HEADS = ("distance", "gain ratios", "force residual", "time [s]")
 _WORST = "Medians over the seeds, worst in brackets; – stands for a failed seed."
 _MULTIPLES = "Multiples (×) are of the Cramér–Rao bound of the same logs."
 _BARS = "Markers are medians over the seeds, bars reach from the best to the worst seed."
@@ -166,7 +165,7 @@ def write(
 
 
 def print_table(cells: Sequence[Cell], console: Console) -> None:
-    """Prints medians over the seeds, with the worst in brackets, and the failures."""
+    """Prints the verdict, medians over the seeds with the worst in brackets, and the failures."""
     several = len({cell.seed for cell in cells}) > 1
     found = rows(cells)
     lines: list[list[Written]] = []
@@ -176,7 +175,6 @@ def print_table(cells: Sequence[Cell], console: Console) -> None:
             lines.append([log])
         lines.append([row.method, *_figures(row, several), "; ".join(row.notes)])
     table = Table(["", *_HEADS, ""], lines, (0, 5), spare=(5,), most=len(lines))
-    print_panels([table], console)
     notes = [_WORST] * several + [_MULTIPLES] * any(row.method == BOUND for row in found)
     failures = [
         f"{row.method}, {_log(row)}, failed on {count(len(row.failures), 'seed')}: "
@@ -184,7 +182,8 @@ def print_table(cells: Sequence[Cell], console: Console) -> None:
         for row in found
         if row.failures
     ]
-    print_panels([Text(line) for line in [*notes, *failures]], console)
+    texts = [Text(line) for line in [*notes, *failures]]
+    print_page(Page("", verdict_of(cells), sections=[Section("", [table, *texts])]), console)
 
 
 def _command(manifest: dict[str, Any]) -> str:
@@ -209,9 +208,9 @@ def verdict_of(cells: Sequence[Cell]) -> Mark:
     hardest = max(able, key=lambda row: (row.noise, row.duration))
     same = [r for r in able if (r.noise, r.duration) == (hardest.noise, hardest.duration)]
     best = min(same, key=lambda row: row.median[_DECIDES])
-    text = f"{best.method} comes closest to the true set: {figure(best.median[_DECIDES], '%')}"
+    text = f"{best.method} comes closest to the true set: within {digits(best.median[_DECIDES])}"
     if len({cell.seed for cell in cells}) > 1:
-        text += f" in the median, {figure(best.worst[_DECIDES], '%')} at worst"
+        text += f" in the median, {digits(best.worst[_DECIDES])} at worst"
     text += f" ({_log(best)})."
     return judged("yes" if len(able) == len(own) else "partly", text)
 
@@ -293,8 +292,16 @@ def write_pictures(folder: Path, drawn: Mapping[str, Mapping[str, Panels]]) -> l
 
 def figures(drawn: Mapping[str, Mapping[str, Panels]]) -> list[Figure]:
     """The plots of the page, the noisiest logs and distances first."""
+
+    def labelled(label: str, draw: Callable[[Any], None], axis: Any) -> None:
+        draw(axis)
+        axis.set_ylabel(f"{label} [–]")
+
     return [
-        plots.page_figure(f"{label.capitalize()} over {_TITLES[stem]}: {logs}", panels[label])
+        plots.page_figure(
+            f"{label.capitalize()} over {_TITLES[stem]}: {logs}",
+            partial(labelled, label, panels[label]),
+        )
         for label, _ in _SHOWN
         for stem, of in drawn.items()
         for logs, panels in reversed(list(of.items()))

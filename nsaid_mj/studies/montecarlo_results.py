@@ -18,12 +18,12 @@ from ..robot.findings import Finding
 from .montecarlo import JOBS, Plan, rows_of
 from .study import MOST_JOBS, check_count
 from .sweep import opened
-from .sweep_results import MANIFEST, Group, Row, Sweep, digits, files_of, read
+from .sweep_results import MANIFEST, Group, Row, Sweep, digits, factor, files_of, read, verdict_of
 
 FIGURES = {
-    "theta_perp_ratio": "distance at end",
-    "actuator_ratio_error": "error of gain ratios",
-    "conserved_drift": "conserved drift",
+    "theta_perp_ratio": "distance at end [%]",
+    "actuator_ratio_error": "error of gain ratios [%]",
+    "conserved_drift": "drift of the conserved quantity [–]",
     "time_to_converge": "converged after [s]",
 }
 """Columns of the printed table, and their labels."""
@@ -108,7 +108,7 @@ def print_summary(sweep: Sweep) -> None:
     """Prints the quantiles of the figures, the lost runs, and the paths of the files."""
     gone = lost(sweep)
     lines = [
-        [FIGURES[key], *(digits(value) for value in each.values())]
+        [FIGURES[key], *(digits(factor(key) * value) for value in each.values())]
         for key, each in quantiles(sweep).items()
     ]
     shared = sweep.manifest["montecarlo"]["shared"]
@@ -125,7 +125,7 @@ def print_summary(sweep: Sweep) -> None:
     spent = f"identifier {rounded(cost(sweep), 2)} µs of thread time per run and time step"
     page = Page(
         heading=sweep.folder.name,
-        verdict=None,
+        verdict=verdict_of(sweep),
         lead=f"{many} {kind}, {len(gone)} lost",
         findings=failures,
         sections=[Section("", [Table(["", *QUANTILES], lines)])],

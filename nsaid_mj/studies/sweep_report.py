@@ -21,7 +21,7 @@ _NONE = "no result"
 _NOTE = (
     "Each dot is a run with a result{thinned}. Boxes span the quartiles, whiskers the 5 % to 95 % "
     "quantiles; the line is the median. If several fields vary, a column includes all values of "
-    "the others. A run has converged when its distance to the true set stays within 0.01; times "
+    "the others. A run has converged when its distance to the true set stays within 1 %; times "
     "are those of converged runs, which are counted below each column."
 )
 

@@ -31,7 +31,7 @@ SPREADS = (
     "Medians, with 5 % and 95 % quantiles in brackets; – means never. Early: ended before the "
     "scenario's duration. Lost: no result."
 )
-HEADS = ("distance at end", "converged after [s]", "converged", "early", "lost")
+HEADS = ("distance at end [%]", "converged after [s]", "converged", "early", "lost")
 COSTS = (
     "wall_s",
     "compile_s",
@@ -303,11 +303,18 @@ def cells(group: Group) -> list[str]:
     """A group's cells in a table, in the order of `HEADS`."""
     spreads = []
     for key in FIGURES:
-        low, median, high = (digits(group.quantile(key, share)) for share in QUANTILES.values())
+        low, median, high = (
+            digits(factor(key) * group.quantile(key, share)) for share in QUANTILES.values()
+        )
         spreads.append("–" if median == low == high == "–" else f"{median} ({low}…{high})")
     converged = int(np.isfinite(group.column("time_to_converge")).sum())
     lost = len(group.rows) - len(group.results)
     return [*spreads, f"{converged}/{len(group.results)}", str(len(group.early)), str(lost)]
+
+
+def factor(key: str) -> float:
+    """100 for a figure that is printed in percent, else 1."""
+    return 100.0 if key.endswith(("_ratio", "_ratio_error")) else 1.0
 
 
 def digits(value: float) -> str:

@@ -17,6 +17,7 @@ from ..control.adaptive.tracker import Law
 from ..control.driver import Driver
 from ..errors import InvalidInput, UnknownName
 from ..evaluation import Truth
+from ..evaluation.result import Mark, judged
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.following import Following
 from ..experiment.setup import Setup
@@ -24,8 +25,8 @@ from ..experiment.source import informing_steps
 from ..laws import Status
 from ..laws.cone.law import ConeMetric
 from ..log import Log
-from ..pages.page import Table, Text
-from ..pages.terminal import print_panels
+from ..pages.page import Page, Section, Table, Text
+from ..pages.terminal import print_page
 from ..parameters import Array
 from ..plants import Plant
 from ..resources import write_json
@@ -205,7 +206,7 @@ def table_of(plan: Plan, done: list[Course]) -> Table:
     units = [u for u in ("rad", "m") if any(f"rms_{u}" in c.figures for c in done)]
     heads = ["law"]
     for unit in units:
-        heads += [f"rms [m{unit}]", "better by", f"peak [m{unit}]"]
+        heads += [f"rms [m{unit}]", "error", f"peak [m{unit}]"]
     heads += ["effort", "at limit", "V rises"]
     rows, worst = [], " ({})" if len(plan.seeds) > 1 else ""
     for law in plan.laws:
@@ -220,7 +221,7 @@ def table_of(plan: Plan, done: list[Course]) -> Table:
             ratio = np.median([a / b for a, b in pairs]) if known else np.nan
             row += [
                 _digits(1e3 * np.median(values)) + worst.format(_digits(1e3 * values.max())),
-                f"{_digits(float(ratio))}×" if law != "conventional" and known else "",
+                _compared(float(ratio)) if law != "conventional" and known else "",
                 _digits(1e3 * float(np.median([float(f[f"peak_{unit}"]) for f in own]))),
             ]
         row += [
@@ -231,6 +232,22 @@ def table_of(plan: Plan, done: list[Course]) -> Table:
         rows.append(row)
     spare = [k for k, h in enumerate(heads) if h.startswith(("peak", "effort", "at limit"))]
     return Table(heads, rows, spare=spare)
+
+
+def verdict_of(table: Table) -> Mark | None:
+    """The verdict: how much better each adaptive law tracks than the conventional law."""
+    column = table.heads.index("error")
+    words = {
+        str(line[0]): str(line[column])
+        for line in table.lines
+        if line[0] in ("nullspace", "composite") and line[column]
+    }
+    if not words:
+        return None
+    better = all(word.endswith("smaller") for word in words.values())
+    said = ", ".join(f"{law} {word}" for law, word in words.items())
+    sentence = f"Tracking error (rms) compared with the conventional law's: {said}."
+    return judged("yes" if better else "partly", sentence)
 
 
 def medians_in_words(plan: Plan) -> str:
@@ -244,13 +261,23 @@ def medians_in_words(plan: Plan) -> str:
 
 
 def print_table(plan: Plan, done: list[Course], console: Console) -> None:
-    """Prints the table, and the runs that ended early."""
+    """Prints the verdict, the table, and the runs that ended early."""
     early = [
         Text(f"seed {c.seed}, {c.law}: {c.figures['status']}")
         for c in done
         if c.figures["status"] != "completed"
     ]
-    print_panels([table_of(plan, done), Text(medians_in_words(plan)), *early], console)
+    table = table_of(plan, done)
+    panels = [table, Text(medians_in_words(plan)), *early]
+    page = Page(plan.script, verdict_of(table), sections=[Section("", panels)])
+    print_page(page, console)
+
+
+def _compared(ratio: float) -> str:
+    """The conventional law's error over another's, in words."""
+    if ratio >= 1:
+        return f"{_digits(ratio)} × smaller"
+    return f"{_digits(1 / ratio if ratio > 0 else np.inf)} × larger"
 
 
 def _digits(value: float) -> str:

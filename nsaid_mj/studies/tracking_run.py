@@ -8,18 +8,27 @@ from pathlib import Path
 
 import numpy as np
 
-from ..evaluation.result import Mark, judged
 from ..numerics.threads import single_threaded
 from ..pages import plots
 from ..pages.drawings import figures_of
 from ..pages.page import Figure, Figures, Page, Section, Table, Text, count, write_html
 from ..pages.panels import COLOURS, LAWS, Panel, local_rms
 from ..pages.picture import picture
-from ..parameters import Array, rounded
+from ..parameters import Array
 from ..recording.tracking import record
 from ..robot.findings import Finding
 from .study import carried_out, repeated
-from .tracking import FILES, Course, Plan, courses, medians_in_words, print_table, table_of, write
+from .tracking import (
+    FILES,
+    Course,
+    Plan,
+    courses,
+    medians_in_words,
+    print_table,
+    table_of,
+    verdict_of,
+    write,
+)
 
 
 @single_threaded
@@ -51,8 +60,8 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     plot = plots.png_of(lines, (1.0 + 6.0 * len(panels), 3.4), folder / PICTURE)
     figures = figures_of(panels, 1)
     sections = [Section("Tracking errors", [table, Text(
-        f"{medians_in_words(plan)} “Better by” is the median over the seeds of the conventional "
-        "law's rms error over this law's. “V rises” counts the steps in which the Lyapunov "
+        f"{medians_in_words(plan)} “Error” compares the rms error with the conventional law's, in "
+        "the median over the seeds. “V rises” counts the steps in which the Lyapunov "
         "function rose by more than its discretisation explains.", note=True,
     )])]  # fmt: skip
     averaged = "Root mean square over the coordinates and over short intervals"
@@ -62,7 +71,7 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     page = Page(
         heading=plan.script,
         verdict=verdict_of(table),
-        eyebrow=f"tracking laws {folder.name}",
+        eyebrow=f"tracking laws · {folder.name}",
         lead=f"{count(len(plan.laws), 'law')} on {count(len(plan.seeds), 'plant')}, {length:g} s, "
         f"{plan.scenario.sensors} sensors. All laws get the same prior, reference, K_d, Λ and "
         "bandwidth of adaptation.",
@@ -89,27 +98,6 @@ def _markdown(plan: Plan, shown: list[Course], table: Table) -> str:
     ]
     curves = f"Curves and robot: seed {shown[0].seed}."
     return "\n".join([f"# {plan.script}", "", *rows, "", f"{medians_in_words(plan)} {curves}"])
-
-
-def verdict_of(table: Table) -> Mark | None:
-    """The verdict: how much better each adaptive law tracks than the conventional law."""
-    column = table.heads.index("better by")
-    ratios = {
-        str(line[0]): str(line[column]).removesuffix("×")
-        for line in table.lines
-        if line[0] in ("nullspace", "composite") and line[column]
-    }
-    if not ratios:
-        return None
-    better = {law: float(ratio) > 1 for law, ratio in ratios.items()}
-    factors = ", ".join(
-        f"{law} {ratio} times smaller"
-        if better[law]
-        else f"{law} {rounded(1 / float(ratio))} times larger"
-        for law, ratio in ratios.items()
-    )
-    words = f"Tracking error compared with the conventional law's: {factors} (rms)."
-    return judged("yes" if all(better.values()) else "partly", words)
 
 
 def _missing(plan: Plan, done: list[Course]) -> list[Finding]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.inspection import Inspection, figures_of, inspect
+from nsaid_mj.calibration.inspection import Inspection, figures_of, inspect, signal_names
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.cli.commands import command
 from nsaid_mj.logs import checked, map_of, prepare, read_map, read_tables
@@ -116,12 +116,21 @@ def test_a_picture_is_drawn_with_and_without_a_match(tmp_path, extra):
     assert path.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize(("name", "position"), [("bluerov2", "qw"), ("f1tenth", "yaw")])
+def test_channels_of_a_vehicle_have_the_names_of_its_signals(name: str, position: str):
+    """Its positions and velocities are not named after its actuators."""
+    robot = load_robot_model(name)
+    names, system = signal_names(robot), robot.system
+    assert [len(columns) for columns in names.values()] == [system.m, system.n, system.n_u]
+    assert names["q"][-1][0] == position and names["v"][0] == ("surge", "m/s")
+
+
 def test_the_command_writes_a_map_and_a_picture(tmp_path, capsys):
     log = write_csv(tmp_path / "log.csv", {"t": columns()["t"], "x": columns()["q1"]})
     arguments = ["inspect", str(log), "--model", "tx40", "--out", str(tmp_path)]
     assert command(arguments) == 2
     printed = capsys.readouterr().out
-    assert "unmatched" in printed and "map.toml" in printed
+    assert printed.startswith("✘ ") and "unmatched" in printed and "map.toml" in printed
     (tmp_path / "map.toml").write_text("edited", encoding="utf-8")
     (tmp_path / "inspection.png").write_bytes(b"the user's")
     assert command(arguments) == command(arguments) == 2

@@ -285,7 +285,7 @@ def test_the_summary_lists_every_mismatch_and_the_sensors_noise_by_itself(tmp_pa
         ("ideal", ""),
         (
             "noisy",
-            "noise of 1e-3 m and rad, 2e-3 m/s and rad/s; positions quantised to 0.01 m and rad",
+            "noise of 0.001 m and rad, 0.002 m/s and rad/s; positions quantised to 0.01 m and rad",
         ),
     ):
         done = run(replace(scenario, sensors=sensors, noise=noise), tmp_path / sensors)

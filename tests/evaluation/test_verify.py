@@ -111,7 +111,7 @@ def test_without_excitation_75_fails_and_theorem_2_does_not_apply(tmp_path):
 @pytest.mark.parametrize(
     ("scenario", "why"),
     [
-        (replace(LONG, sensors="noisy"), "sensor noise of 1e-4 m, "),
+        (replace(LONG, sensors="noisy"), "sensor noise of 0.0001 m, "),
         (
             replace(
                 LONG, plant=replace(LONG.plant, mismatch=replace(LONG.plant.mismatch, lag=0.1))

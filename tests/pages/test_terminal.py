@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import io
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
+import nsaid_mj
 from nsaid_mj import recording
 from nsaid_mj.evaluation import FIGURES, observable_line
 from nsaid_mj.pages.report import print_summary
+from nsaid_mj.pages.terminal import print_findings
+from nsaid_mj.robot.findings import Finding
 
 
 def summary(**changes: Any) -> dict[str, Any]:
@@ -82,8 +88,8 @@ def test_a_long_list_is_cut_after_a_comma_and_a_short_one_is_not(capsys) -> None
 
 
 def test_sensor_noise_is_not_listed_as_unknown_to_the_structure(capsys) -> None:
-    out = printed(capsys, sensor_noise="noise of 1e-4 rad, 5e-3 rad/s")
-    assert "  · sensors: noise of 1e-4 rad, 5e-3 rad/s.\n" in out
+    out = printed(capsys, sensor_noise="noise of 0.0001 rad, 0.005 rad/s")
+    assert "  · sensors: noise of 0.0001 rad, 0.005 rad/s.\n" in out
     assert "not in the structure" not in out
     assert "sensors:" not in printed(capsys)
 
@@ -96,6 +102,23 @@ def test_the_view_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypat
         file.parent.mkdir(parents=True)
         file.touch()
         assert f"(nsaid view {words})" in printed(capsys, f"runs/{name}")
+
+
+def test_a_remedy_that_findings_share_is_printed_once() -> None:
+    some = [Finding("refusal", "degrees", f"joint_{k}", "too far", "Say deg.") for k in (1, 2)]
+    stream = io.StringIO()
+    print_findings([*some, Finding("refusal", "x", "", "no", "Other.")], Console(file=stream))
+    assert [line.split(": ")[-1] for line in stream.getvalue().splitlines()] == [
+        "too far.",
+        "too far. Say deg.",
+        "  ✘ no. Other.",
+    ]
+
+
+def test_a_percentage_is_written_in_one_way() -> None:
+    """With a space; `{:.0%}` has none."""
+    for file in Path(nsaid_mj.__file__).parent.rglob("*.py"):
+        assert not re.search(r":\.\d%\}", file.read_text(encoding="utf-8")), file
 
 
 def test_every_figure_has_a_label_of_its_own() -> None:

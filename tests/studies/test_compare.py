@@ -237,7 +237,9 @@ def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
                 "arguments": ["--dt", "0.01"]}  # fmt: skip
     text = compare_report.write(tmp_path, cells, lines(cells), manifest).read_text("utf-8")
     page = Page.of(text)
-    assert "memory comes closest to the true set: 0.3 % in the median, 0.4 % at worst" in text
+    assert (
+        "memory comes closest to the true set: within 0.003 in the median, 0.004 at worst" in text
+    )
     assert [row[1] for row in page.tables[0].rows] == [PRIOR, "memory", "ols", "tls"]
     assert "<b>it" not in text and "&lt;b&gt;it failed" in text
     assert text.count('role="img"') == 3  # one panel for each figure, over wall time
@@ -272,6 +274,7 @@ def test_the_command_writes_all_and_prints_the_table(tmp_path, capsys):
     )
     assert code == 0
     printed = capsys.readouterr().out
+    assert printed.lstrip().startswith("✔ ") and "closest to the true set" in printed  # first
     assert "exact sensors, 4 s" in printed and "2 × noise, 2 s" in printed
     found = json.loads((tmp_path / "out" / "compare.json").read_text())
     assert found["noises"] == [0.0, 0.5, 2.0] and found["seeds"] == [0, 1]

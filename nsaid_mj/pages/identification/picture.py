@@ -12,9 +12,8 @@ from ...parameters import Array
 from ...structure.joints import bones, positions
 from ..page import Figure as PageFigure
 from ..panels import BAD, COLOURS, GRID, INK
-from ..plots import style, svg
+from ..plots import WIDTH, style, svg
 
-_WIDTH = 4.3  # [inch]
 _AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(24.0)
 _RIGHT = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
 _UP = np.array(
@@ -41,7 +40,7 @@ def picture(result: Identification) -> PageFigure | None:
     names = list(model.names)[1:]
     marks = {j.name: words.quality(j.held_out).kind for j in result.joints}
     with style():
-        figure = Figure(figsize=(_WIDTH, max(3.0, 0.09 * len(names) + 1)))
+        figure = Figure(figsize=(WIDTH, max(3.0, 0.09 * len(names) + 1)))
         axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axis.set_aspect("equal")
         axis.set_axis_off()
@@ -62,8 +61,8 @@ def picture(result: Identification) -> PageFigure | None:
         legend = [
             (words_, colour, "-")
             for kind, words_, colour in (
-                ("good", "held-out NRMSE < 0.2", _COLOURS["good"]),
-                ("fair", "< 0.5", _COLOURS["fair"]),
+                ("good", "held-out NRMSE < 20 %", _COLOURS["good"]),
+                ("fair", "< 50 %", _COLOURS["fair"]),
                 ("poor", "worse", _COLOURS["poor"]),
             )
             if kind in marks.values()

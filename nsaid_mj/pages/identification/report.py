@@ -30,9 +30,14 @@ _SILENT = {
 }
 _NRMSE = (
     "NRMSE: rms error of the predicted command over the standard deviation of the measured one; "
-    "predicting the mean gives 1; without an actuator, rms force over that of inertia and weight. "
+    "predicting the mean gives 100 %; without an actuator, rms force over that of inertia and "
+    "weight. "
     "Held out: fifths of the log, each predicted from the others. "
     "Least squares: weighted least squares on the same rows and columns, held out too. "
+)
+_COLUMNS = (
+    "Columns are kinds of friction; Coulomb friction is proportional to tanh(velocity / friction "
+    "speed)."
 )
 _FILTERED = (
     "Both are low-pass filtered at {} Hz like the rows of the fit. Shaded: not used, since the {} "
@@ -60,8 +65,7 @@ def page(result: Identification, command: str = "") -> Page:
     sections = [
         Section("Does the model explain the log?", [
             _quality(result),
-            Text(_NRMSE + ("Columns are kinds of friction; Coulomb friction is tanh(v/s)." * arm),
-                 note=True),
+            Text(f"{_NRMSE}{_COLUMNS if arm else ''}", note=True),
         ]),
         Section(f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted", [
             Figures(figures_of(_commands(result)), rows),
@@ -73,16 +77,17 @@ def page(result: Identification, command: str = "") -> Page:
         ] if result.validation is not None and len(result.validation.t) else []),
         Section("Actuator gains", [
             Figures(figures_of(forests(gains))), table(gains, numbers),
-            Text("Lines are 95 % intervals; ◇ is the prior, the value before the log.", note=True),
+            Text("Lines are 95 % intervals; ◇ is the prior, the value before the log; relative: of "
+                 "the ratio to the other gains.", note=True),
         ] if gains else []),
         Section("Friction, rotors and other forces of the joints" if arm
                 else "Drag, damping and other forces",
                 _frictions(figures_of(forests(others)))),
         Section("What this log does not determine", _unknown(result)),
         Section("Combinations that the log determines", _combinations(result)),
-        Section("All parameters", [
-            Badges(counts(result.parameters)), *folds(result, numbers),
-            Text(_FRAMES, note=True),
+        Section("All other parameters" if gains else "All parameters", [
+            Badges(counts(p for p in result.parameters if not p.is_gain)),
+            *folds(result, numbers, gains=False), Text(_FRAMES, note=True),
         ]),
         Section(f"Law {result.law.name} along the log" if result.law else "",
                 _law(result, figures_of(_histories(result)))),
@@ -135,7 +140,8 @@ def _quality(result: Identification, brief: bool = False) -> Table:
     checked = any(j.validation is not None for j in result.joints)
     heads = ["NRMSE of the command" if brief else words.rows_of(result)[0], "fit", "held out"]
     heads += ["least squares", *["validation", "least squares"] * checked]
-    heads += ["delay", "s [rad/s, m/s]", "columns"]
+    units = ", ".join(f"{unit}/s" for unit in dict.fromkeys(result.robot.units))
+    heads += ["delay", f"friction speed [{units}]", "columns"]
     lines: list[list[Cell]] = []
     kept = list(result.joints)
     if brief and len(kept) > _LINES:
@@ -149,7 +155,7 @@ def _quality(result: Identification, brief: bool = False) -> Table:
         lines.append(line)
     last = len(heads) - 1
     spare = [last, last - 1, *[5] * checked]
-    return Table(heads, lines, (0, last), spare=spare, most=_LINES)
+    return Table(heads, lines, (0, last), spare=spare, most=_LINES).without_empty_columns()
 
 
 def _kinds(result: Identification) -> list[Panel]:
@@ -274,7 +280,7 @@ def _commands(result: Identification, validation: bool = False) -> list[AnyPanel
 def _errors(result: Identification) -> Forest:
     """NRMSE of every joint on a logarithmic axis, beside least squares and the mean."""
     held_out, least_squares, validation = (
-        np.array([getattr(j, key) for j in result.joints], dtype=float)
+        100 * np.array([getattr(j, key) for j in result.joints], dtype=float)
         for key in ("held_out", "least_squares", "validation")
     )
     others = [Points("weighted least squares, held out", least_squares, "|", COLOURS[1])]
@@ -283,8 +289,8 @@ def _errors(result: Identification) -> Forest:
     empty = np.full(len(held_out), np.nan)
     return Forest(
         f"Prediction error per {words.rows_of(result)[0]}",
-        "NRMSE of the command (1: predicting the mean) [–]", [j.name for j in result.joints],
-        held_out, empty, empty, np.ones(len(held_out), bool), others, "held out", 1.0,
+        "NRMSE of the command (100: predicting the mean) [%]", [j.name for j in result.joints],
+        held_out, empty, empty, np.ones(len(held_out), bool), others, "held out", 100.0,
     )  # fmt: skip
 
 
