@@ -164,6 +164,14 @@ class Log(_Columns):
 _REMEDY = "A log is t (N,), q (N, m), v (N, n) and u (N, n_u), one row for each sample."
 
 
+def extended(parts: tuple[Log, ...], log: Log) -> tuple[Log, ...]:
+    """Consecutive logs and another one; short ones are joined, so that there are log₂ N at most."""
+    parts = (*parts, log)
+    while len(parts) > 1 and len(parts[-2].t) <= len(parts[-1].t):
+        parts = (*parts[:-2], parts[-2].joined(parts[-1]))
+    return parts
+
+
 def _numbers(name: str, part: ArrayLike) -> Array:
     """The part as a C-contiguous float64 array."""
     try:

@@ -10,7 +10,7 @@ from ..experiment.scenario import Scenario
 from ..experiment.source import LONGEST_STEP
 from ..laws import Confidence, Identifier, State
 from ..laws.efficient.faults.signals import Signals
-from ..log import Log
+from ..log import Log, extended
 from ..parameters import Array
 from .misfit import (
     CONTRADICTS,
@@ -74,7 +74,7 @@ class RunningMisfit:
 
     def _begin(self, faults: int) -> None:
         """Begins another log, after so many faults."""
-        self._faults, self._parts = faults, list[Log]()
+        self._faults, self._parts = faults, tuple[Log, ...]()
         self._start, self._judged = np.nan, max(_FIRST, FEWEST * self._dt)
         self._found: Future[Misfit] | None = None
 
@@ -87,7 +87,9 @@ class RunningMisfit:
         if gap or len(known) > self._faults:
             self._begin(len(known))
         self._start = float(log.t[0]) if not self._parts else self._start
-        self._parts.append(log)
+        self._parts = extended(self._parts, log)
+        while len(self._parts) > 1 and self._parts[1].t[0] < log.t[-1] - LONGEST:
+            self._parts = self._parts[1:]
         duration = float(log.t[-1]) - self._start
         if self._found is not None and duration >= _LATER * self._judged:
             self._stated, self._found = self._found.result(), None
@@ -96,7 +98,7 @@ class RunningMisfit:
         if self._found is None and duration >= self._judged and not drifts:
             whole = Log.unchecked(*map(np.concatenate, zip(*self._parts, strict=True)))
             whole = whole.part(int(np.searchsorted(whole.t, whole.t[-1] - LONGEST)), len(whole.t))
-            stated, self._parts = self._identifier.confidence(state), [whole]
+            stated = self._identifier.confidence(state)
             acting = Signals.after(self._system, known).acting(self._system, whole)
             given = self._filter, self._system, state.theta_hat, stated, self._prior, acting
             self._found = self._pool.submit(judged_estimate, *given)

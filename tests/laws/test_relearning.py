@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws.efficient.relearning import _with_scales_of, extended, learned
+from nsaid_mj.laws.efficient.relearning import _with_scales_of, learned
 from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone
-from nsaid_mj.log import Log
+from nsaid_mj.log import Log, extended
 from nsaid_mj.parameters import Array
 from tests.support.plants import plant
 

@@ -23,7 +23,7 @@ import functools
 
 import numpy as np
 
-from ...log import Log, Measurement
+from ...log import Log, Measurement, extended
 from ...parameters import Array
 from ...quotient.cost import Remembered
 from ...structure.system import checked
@@ -38,7 +38,7 @@ from .faults.watch import Watch
 from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
 from .kalman import follow_filter, restart_state
 from .noise import noise_variance
-from .relearning import LATER, LONGEST, extended, learned
+from .relearning import LATER, LONGEST, learned
 from .replay import EfficientConfig, FilterAlone, repair
 from .state import EfficientState
 

@@ -54,11 +54,3 @@ def _with_scales_of(theta: Array, found: Array, law: Law) -> Array:
     own, given = law.parts * found / law.scale, law.parts * theta / law.scale
     size = np.sum(given * given, axis=1) / np.sum(own * own, axis=1)
     return found * np.where(law.parts.any(axis=0), np.sqrt(size) @ law.parts, 1.0)
-
-
-def extended(parts: tuple[Log, ...], log: Log) -> tuple[Log, ...]:
-    """Consecutive logs and another one; short ones are joined, so that there are log₂ N at most."""
-    parts = (*parts, log)
-    while len(parts) > 1 and len(parts[-2].t) <= len(parts[-1].t):
-        parts = (*parts[:-2], parts[-2].joined(parts[-1]))
-    return parts
