@@ -61,15 +61,10 @@ def path_of(text: str | os.PathLike[str]) -> Path:
 
 
 class VehicleFiles(NamedTuple):
-    """The files that describe a vehicle.
+    """The files that describe a vehicle."""
 
-    Attributes:
-        sheet: vehicle.toml, its physical parameters; the file exists.
-        model: model.xml, its appearance in MuJoCo; the file may be missing.
-    """
-
-    sheet: Path
-    model: Path
+    sheet: Path  # vehicle.toml, its physical parameters; the file exists
+    model: Path  # model.xml, its appearance in MuJoCo; the file may be missing
 
 
 def vehicle_files(vehicle: str) -> VehicleFiles:

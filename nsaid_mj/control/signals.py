@@ -16,17 +16,11 @@ _NONE = np.zeros(0)
 
 
 class Series(NamedTuple):
-    """A finite Fourier series for every joint.
+    """A finite Fourier series for every joint."""
 
-    Attributes:
-        omega: (h,) angular frequencies of the harmonics [rad/s].
-        coefficients: (n, 2 h) coefficients of the sines, then of the cosines [rad or m].
-        centre: (n,) centre of the motion [rad or m].
-    """
-
-    omega: Array
-    coefficients: Array
-    centre: Array
+    omega: Array  # (h,) angular frequencies of the harmonics [rad/s]
+    coefficients: Array  # (n, 2 h) coefficients of the sines, then of the cosines [rad or m]
+    centre: Array  # (n,) centre of the motion [rad or m]
 
 
 SERIES = types.NamedTuple((vector, matrix, vector), Series)

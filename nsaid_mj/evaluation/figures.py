@@ -215,20 +215,15 @@ def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
 
 
 class Forces(NamedTuple):
-    """The two sides of W θ̂ = 0 along k samples of a trajectory.
+    """The two sides of W θ̂ = 0 along k samples of a trajectory."""
 
-    Attributes:
-        t: (k,) times [s].
-        measured: (k, n) forces of the actuators under their estimated gains, in the units of
-            `evaluation.force_units`.
-        predicted: (k, n) forces that the motion requires under the estimated plant.
-        half: (k, n) half width of the prediction's 95 % interval; None if the law states none, or
-            if the run was read from its record.
-    """
-
-    t: Array
+    t: Array  # (k,) times [s]
+    # (k, n) forces of the actuators under their estimated gains, in the units of
+    # `evaluation.force_units`
     measured: Array
-    predicted: Array
+    predicted: Array  # (k, n) forces that the motion requires under the estimated plant
+    # (k, n) half width of the prediction's 95 % interval; None if the law states none, or if the
+    # run was read from its record
     half: Array | None
 
     @property

@@ -19,25 +19,15 @@ _ROUNDING = 64 * np.finfo(float).eps
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A controlled motion of N samples, with the plant's true state.
+    """A controlled motion of N samples, with the plant's true state."""
 
-    Attributes:
-        t: (N,) times [s].
-        q: (N, m) true positions.
-        v: (N, n) true velocities.
-        u: (N, n_u) commands.
-        theta_hat: (N, p) the controller's estimate.
-        error: (N, n) from the true to the desired position, as tangent steps [m or rad].
-        status: how it ended; empty if completed.
-    """
-
-    t: Array
-    q: Array
-    v: Array
-    u: Array
-    theta_hat: Array
-    error: Array
-    status: str = ""
+    t: Array  # (N,) times [s]
+    q: Array  # (N, m) true positions
+    v: Array  # (N, n) true velocities
+    u: Array  # (N, n_u) commands
+    theta_hat: Array  # (N, p) the controller's estimate
+    error: Array  # (N, n) from the true to the desired position, as tangent steps [m or rad]
+    status: str = ""  # how it ended; empty if completed
 
 
 def figures(

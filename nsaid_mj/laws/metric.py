@@ -34,50 +34,31 @@ ACCURACY = 1e-7
 
 
 class Flat(NamedTuple):
-    """The paper's law, for compiled loops.
+    """The paper's law, for compiled loops."""
 
-    Attributes:
-        K: (n,) or (n, n) gain of the identification plant [1/s].
-        Gamma: (p,) or (p, p) adaptation gain.
-    """
-
-    K: Array
-    Gamma: Array
+    K: Array  # (n,) or (n, n) gain of the identification plant [1/s]
+    Gamma: Array  # (p,) or (p, p) adaptation gain
 
 
 class Curved(NamedTuple):
-    """The law in the cone's metric Γ⁻¹ + μ ∇²b(θ̂), for compiled loops.
+    """The law in the cone's metric Γ⁻¹ + μ ∇²b(θ̂), for compiled loops."""
 
-    Attributes:
-        K: (n,) or (n, n) gain of the identification plant [1/s].
-        cone: the cone.
-        pairing: (e,) `barrier.coordinates` of the cone.
-        stiffness: (p,) or (p, p) Γ⁻¹.
-        mu: weight μ of the barrier [J].
-    """
-
-    K: Array
+    K: Array  # (n,) or (n, n) gain of the identification plant [1/s]
     cone: Cone
-    pairing: Array
-    stiffness: Array
-    mu: float
+    pairing: Array  # (e,) `barrier.coordinates` of the cone
+    stiffness: Array  # (p,) or (p, p) Γ⁻¹
+    mu: float  # weight μ of the barrier [J]
 
 
 Law = Flat | Curved
 
 
 class Metric(ABC):
-    """The map from Wᵀ Δv to θ̂̇.
+    """The map from Wᵀ Δv to θ̂̇."""
 
-    Attributes:
-        Gamma: (p,) or (p, p) adaptation gain of (45), or of the metric's quadratic part.
-        conserves: whether there is a conserved quantity.
-        cancelling: size of the terms that cancel in `divergence`, besides its value [J].
-    """
-
-    Gamma: Array
-    conserves: bool
-    cancelling: float
+    Gamma: Array  # (p,) or (p, p) adaptation gain of (45), or of the metric's quadratic part
+    conserves: bool  # whether there is a conserved quantity
+    cancelling: float  # size of the terms that cancel in `divergence`, besides its value [J]
 
     @abstractmethod
     def law(self, K: Array) -> Law:

@@ -49,17 +49,11 @@ class EfficientConfig(Config):
 
 
 class Replay(NamedTuple):
-    """A log followed by the filter alone.
+    """A log followed by the filter alone."""
 
-    Attributes:
-        contradictions: times of significantly large innovations [s].
-        along: the filter's outputs.
-        filter: at the end.
-    """
-
-    contradictions: tuple[float, ...]
-    along: Along
-    filter: Filter
+    contradictions: tuple[float, ...]  # times of significantly large innovations [s]
+    along: Along  # the filter's outputs
+    filter: Filter  # at the end
 
 
 class FilterAlone:

@@ -28,23 +28,14 @@ _PIECE = 64  # steps whose regressors are in memory at once: they fit the cache
 
 
 class Balance(NamedTuple):
-    """The momentum balance at a sample, and the block that is being filled.
+    """The momentum balance at a sample, and the block that is being filled."""
 
-    Attributes:
-        lag: (n, p) filter state z.
-        ahead: (n,) measured position relative to that estimated from positions and velocities.
-        pending: (n,) correction of the latter not yet added to the velocities [rad or m].
-        total: (n, p) sum of Y over the current block.
-        filled: number of samples in the current block.
-        fed: the sensor noise fed back into the commands.
-    """
-
-    lag: Array
-    ahead: Array
-    pending: Array
-    total: Array
-    filled: int
-    fed: FedBack
+    lag: Array  # (n, p) filter state z
+    ahead: Array  # (n,) measured position relative to that estimated from positions and velocities
+    pending: Array  # (n,) correction of the latter not yet added to the velocities [rad or m]
+    total: Array  # (n, p) sum of Y over the current block
+    filled: int  # number of samples in the current block
+    fed: FedBack  # the sensor noise fed back into the commands
 
 
 class Rows:

@@ -24,17 +24,11 @@ NED = np.array([1.0, -1.0, -1.0])
 
 
 class Inertia(NamedTuple):
-    """Inertia of a rigid body.
+    """Inertia of a rigid body."""
 
-    Attributes:
-        mass: [kg].
-        lever: (3,) centre of mass [m].
-        inertia: (3, 3) about the centre of mass [kg·m²].
-    """
-
-    mass: float
-    lever: Array
-    inertia: Array
+    mass: float  # [kg]
+    lever: Array  # (3,) centre of mass [m]
+    inertia: Array  # (3, 3) about the centre of mass [kg·m²]
 
     @staticmethod
     def of_matrix(M: Array) -> Inertia:

@@ -32,25 +32,15 @@ _mj_step = c_function("mj_step", types.uintp, types.uintp)
 
 
 class World(NamedTuple):
-    """MuJoCo's model and data for compiled code; the arrays are views of mjData.
+    """MuJoCo's model and data for compiled code; the arrays are views of mjData."""
 
-    Attributes:
-        model: address of mjModel.
-        data: address of mjData.
-        qpos: (nq,).
-        qvel: (nv,).
-        ctrl: (n_u,).
-        warnings: (4,) counts of bad positions, velocities, accelerations and controls.
-        substeps: calls of mj_step in a time step.
-    """
-
-    model: np.uintp
-    data: np.uintp
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    warnings: Any
-    substeps: int
+    model: np.uintp  # address of mjModel
+    data: np.uintp  # address of mjData
+    qpos: Array  # (nq,)
+    qvel: Array  # (nv,)
+    ctrl: Array  # (n_u,)
+    warnings: Any  # (4,) counts of bad positions, velocities, accelerations and controls
+    substeps: int  # calls of mj_step in a time step
 
     @staticmethod
     def of(model: Any, data: Any, substeps: int) -> World:

@@ -24,17 +24,11 @@ _EVIDENT = 9.0  # mean squared deviation of δ that is more than chance
 
 
 class Jump(NamedTuple):
-    """A jump of θ under one hypothesis.
+    """A jump of θ under one hypothesis."""
 
-    Attributes:
-        evidence: logarithm of the averaged likelihood ratio against no jump.
-        delta: (d,) the most probable δ.
-        covariance: (d, d) covariance of δ.
-    """
-
-    evidence: float
-    delta: Array
-    covariance: Array
+    evidence: float  # logarithm of the averaged likelihood ratio against no jump
+    delta: Array  # (d,) the most probable δ
+    covariance: Array  # (d, d) covariance of δ
 
     @property
     def evident(self) -> bool:
