@@ -103,9 +103,8 @@ class CompiledDriver(Driver):
     def compiled(self, t: Array) -> Array | Tracking | None:
         """The control law in a form that compiled code evaluates, bit for bit as `command` does.
 
-        Returns:
-            (k, n_u) the commands at times t (k,) [s], if the driver is open loop; the parameters of
-            `computed_torque`, if that is its law; None if only `command` can evaluate it.
+        It is the commands (k, n_u) at times t (k,) [s], if the driver is open loop; the parameters
+        of `computed_torque`, if that is its law; None if only `command` can evaluate it.
         """
 
 

@@ -55,11 +55,7 @@ CONVERGED = 0.01
 
 
 class Judge:
-    """Computes the figures of estimates of one plant, from any method.
-
-    Args:
-        truth: true parameters of the plant.
-    """
+    """Computes the figures of estimates of one plant, from any method."""
 
     def __init__(self, truth: Truth):
         self._truth = truth
@@ -142,8 +138,7 @@ def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Ar
 def converged_at(t: Array, distance: Array) -> float | None:
     """The first of the times t (N,) from which on the distances (N,) stay within `CONVERGED` [s].
 
-    Returns:
-        None if the last distance exceeds `CONVERGED` or is NaN.
+    It is None if the last distance exceeds `CONVERGED` or is NaN.
     """
     far = np.flatnonzero(~(distance <= CONVERGED))
     first = far[-1] + 1 if len(far) else 0
@@ -237,11 +232,9 @@ class Forces(NamedTuple):
 def forces_of(run: Run, truth: Truth | None) -> Forces | None:
     """The forces on the held-out trajectory or, without a truth, over the run's last tenth.
 
-    With a truth, θ̂ is multiplied by the factor that brings it closest to it in θ/scale: the
-    common scale of θ is unobservable.
-
-    Returns:
-        None if there is no such trajectory, or if commands are missing in the record.
+    With a truth, θ̂ is multiplied by the factor that brings it closest to it in θ/scale: the common
+    scale of θ is unobservable. None if there is no such trajectory, or if commands are missing in
+    the record.
     """
     system, theta = run.system, np.array(run.record.rows("theta_hat", -1))
     later = None if truth is None else truth.held_out

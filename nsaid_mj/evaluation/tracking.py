@@ -35,10 +35,9 @@ def figures(
 ) -> dict[str, float | str]:
     """Errors by unit over the last seconds, and efforts, of a motion.
 
-    Returns:
-        `rms_rad`, `rms_m`, `peak_rad`, `peak_m` where there are such coordinates, infinite if the
-        motion ended early; `effort`, the largest command as a share of its limit; `saturated`, the
-        share of samples with a command at its limit; `status`.
+    They are `rms_rad`, `rms_m`, `peak_rad`, `peak_m` where there are such coordinates, infinite if
+    the motion ended early; `effort`, the largest command as a share of its limit; `saturated`, the
+    share of samples with a command at its limit; `status`.
     """
     late = motion.t > motion.t[-1] - last
     found: dict[str, float | str] = {}

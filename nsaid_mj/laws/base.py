@@ -157,11 +157,9 @@ class Identifier(ABC):
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """Steps along a log of N measurements.
 
-        A state whose status is not `completed` is returned unchanged.
-
-        Returns:
-            The state at the last measurement, or before the first step that failed; and the
-            estimates from the first measurement up to there.
+        Returns the state at the last measurement, or before the first step that failed, and the
+        estimates from the first measurement up to there. A state whose status is not `completed` is
+        returned unchanged.
         """
 
     @abstractmethod
@@ -219,14 +217,10 @@ class IdentifierConfig(Config, ABC):
         noise: SensorLevels = EXACT,
         gramian: ExpectedGramian | None = None,
     ) -> Identifier:
-        """Makes the identifier.
+        """Makes the identifier of a system, of measurements every `dt` [s].
 
-        Args:
-            system: the structure it knows.
-            prior: (p,) θ̂(0).
-            dt: time between measurements [s].
-            noise: assumed standard deviations of the sensors' noise.
-            gramian: computes (p, p), the expected mean of S Wᵀ M⁻¹ W S under the prior with
-                S = diag(scale), for laws whose gain is designed from it. It is called only if
-                needed, as it is costly.
+        prior (p,) is θ̂(0), `noise` the assumed standard deviations of the sensors' noise.
+        `gramian` computes (p, p), the expected mean of S Wᵀ M⁻¹ W S under the prior with S =
+        diag(scale), for laws whose gain is designed from it. It is called only if needed, as it is
+        costly.
         """

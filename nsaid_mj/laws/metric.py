@@ -76,11 +76,8 @@ class Metric(ABC):
 class ConstantMetric(Metric):
     """The paper's metric: θ̂̇ = Γ Wᵀ Δv with a constant Γ.
 
-    Args:
-        Gamma: (p,) or (p, p) positive definite adaptation gain. Zero rows and columns of a diagonal
-            hold a parameter at its prior.
-        held: (p,) mask of the parameters held at their prior; their Γ must be 0.
-        size: p; by default that of Γ.
+    Gamma, (p,) or (p, p), is positive definite, but for zero rows and columns of a diagonal, which
+    hold a parameter at its prior; held (p,) masks these. `size` is p, by default that of Γ.
 
     Raises:
         InvalidInput: Γ has another size, or is not positive definite on the parameters that move.

@@ -59,11 +59,8 @@ class Compiled(ABC):
     """A function that compiled functions call.
 
     The types of its calls follow from its signature alone: numba infers no types through it.
-
-    Args:
-        function: its text.
-        signature: its types; if None, compiled functions cannot call it before it is compiled.
-        options: options of `numba.njit`; with a signature, on top of `FAST`.
+    Without a signature, compiled functions cannot call it before it is compiled. `options` are
+    those of `numba.njit`, with a signature on top of `FAST`.
     """
 
     def __init__(self, function: Callable[..., Any], signature: Any, options: Any):

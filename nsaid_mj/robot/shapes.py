@@ -66,8 +66,7 @@ class Shapes:
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m).
 
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        They are translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
         """
         data = self._tree.createData()
         translations = np.zeros((len(q), len(self.parts), 3))

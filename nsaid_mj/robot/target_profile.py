@@ -45,10 +45,8 @@ def advance(profile, target, h, state):
 def followed(t: Array, target: Array, profile: Array) -> Array:
     """(N, k) what servos follow of targets, as means over the time to the next row.
 
-    Args:
-        t: (N,) times [s].
-        target: (N, k) held from row to row; the profile has reached the first.
-        profile: (k, 3).
+    target (N, k) is held from row to row, at times t (N,) [s]; profile (k, 3) has reached the
+    first.
     """
     if not profile.any():
         return target

@@ -102,11 +102,8 @@ def columns_at(
 ) -> list[Column]:
     """Columns of the first body's actuators, one for each parameter and command, from 0.
 
-    Args:
-        kind: kind of the columns.
-        points: (k, 3) where they act, in the body's axes [m].
-        directions: (k, 3) unit vectors along which they push, if the kind has a direction.
-        constants: shared by all.
+    points (k, 3) are where they act [m], directions (k, 3) unit vectors along which they push, if
+    the kind has a direction, both in the body's axes. All share the constants.
     """
     columns = []
     for i, point in enumerate(np.asarray(points, dtype=float)):

@@ -19,13 +19,10 @@ def carrier(space: ParameterSpace) -> str:
 
 
 def point_mass(space: ParameterSpace, mass: float, place: Array, link: str = "") -> Array:
-    """(p,) change of θ by a point mass.
+    """(p,) change of θ by a point mass [kg].
 
-    Args:
-        space: names, units and scale of θ.
-        mass: [kg].
-        place: (3,) its position in the body's axes; for a link, those of its joint [m].
-        link: name of the body's block; "" for `carrier`.
+    place (3,) is in the axes of the body, for a link in those of its joint [m]; `link` is the name
+    of the body's block, "" for `carrier`.
 
     Raises:
         UnknownName: there is no such body.

@@ -59,14 +59,8 @@ class Replay(NamedTuple):
 class FilterAlone:
     """The filter alone, for a structure with compiled forward dynamics.
 
-    Args:
-        system: the structure.
-        dt: time between measurements [s].
-        config: configuration of the filter.
-
-    Attributes:
-        law: the filter's prior knowledge, near θ.
-        space: of θ.
+    `dt` is the time between measurements [s]; the attribute `law` the filter's prior knowledge,
+    near θ.
 
     Raises:
         InvalidInput: the system has no compiled forward dynamics.

@@ -41,12 +41,9 @@ class Balance(NamedTuple):
 class Rows:
     """Computes block means of Y along a log, by pure functions of a `Balance`.
 
-    Args:
-        system: the structure.
-        window: time constant 1/a of the leak [s].
-        block: samples in a block.
-        dt: time between measurements [s].
-        levels: standard deviations of the sensors' noise.
+    `window` is the time constant 1/a of the leak [s], `block` the number of samples in a block,
+    `dt` the time between measurements [s], and `levels` are standard deviations of the sensors'
+    noise.
     """
 
     def __init__(
@@ -67,9 +64,7 @@ class Rows:
     def follow(self, balance: Balance, log: Log, middle: Middle) -> tuple[Balance, Array]:
         """Advances the balance along a log of N measurements, with the states half-way between.
 
-        Returns:
-            The balance at the last measurement; and (k, n, p) the means of Y over the k blocks
-            completed on the way.
+        Also returns (k, n, p) the means of Y over the k blocks completed on the way.
         """
         if not self.levels.exact:
             moves = self.system.moves(log.q)

@@ -115,19 +115,11 @@ class Memory(NamedTuple):
 
 
 class Recorder:
-    """Updates a `Memory` from measurements, by pure functions.
+    """Updates a `Memory` from measurements, `dt` [s] apart, by pure functions.
 
-    Args:
-        system: the structure.
-        config: window, block, interval and horizon.
-        dt: time between measurements [s].
-        levels: standard deviations of the sensors' noise.
-        hermite: cubic Hermite interpolation between samples; else linear.
-
-    Attributes:
-        every: samples between two implicit steps.
-        block: samples in a block.
-        fade: factor by which a block's weight decreases per block.
+    `levels` are standard deviations of the sensors' noise; interpolation between samples is cubic
+    if `hermite`, else linear. There are `every` samples between two implicit steps, `block` in a
+    block, whose weight decreases by the factor `fade` per block.
     """
 
     def __init__(

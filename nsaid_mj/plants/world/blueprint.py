@@ -88,14 +88,11 @@ class Blueprint:
         return theta
 
     def split(self, theta: Array) -> tuple[Inertia, Array]:
-        """Divides M of θ (p,) into that of a rigid body and added mass.
+        """Divides θ (p,) into a rigid body and (p,) θ of forces on it, added mass among them.
 
-        Only their sum can be identified. The rigid-body part is the nominal one times the largest
-        factor for which the added mass is at least the nominal one times this factor, so that both
-        are physical.
-
-        Returns:
-            the rigid body, and (p,) θ of the forces that act on it.
+        Only the sum of both parts of M can be identified. The rigid-body part is the nominal one
+        times the largest factor for which the added mass is at least the nominal one times this
+        factor, so that both are physical.
         """
         acting, size = theta.copy(), len(self.body)
         M = self._tensor @ theta[:size]

@@ -59,11 +59,8 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
     """Simulates in closed loop and fills a log of N samples whose times and first row are given.
 
     The law is the commands (N, n_u) at all times, or the parameters of `computed_torque`; MuJoCo's
-    data are in the state of the log's first row.
-
-    Returns:
-        Number of rows written: N, or up to and including the first row that is not finite or at
-        which MuJoCo diverged.
+    data are in the state of the log's first row. Returns the number of rows written: N, or up to
+    and including the first row that is not finite or at which MuJoCo diverged.
     """
     numbers = np.empty(log.v.shape[1])
     if isinstance(law, Tracking):

@@ -40,10 +40,8 @@ class Kind:
     drawn: Drawn = ""  # how its force is drawn, at `point` if it has one
 
     def scale(self, force: float, value: float) -> float:
-        """A guess of the parameter.
+        """A guess of the parameter, where the strongest actuator exerts `force` [N or N·m].
 
-        Args:
-            force: force of the strongest actuator there [N or N·m].
-            value: the column's value in operation, per unit of its parameter.
+        `value` is the column's value in operation, per unit of its parameter.
         """
         return self.share * force / max(abs(value), 1e-9)
