@@ -3,8 +3,6 @@
 Scenarios and assets are beside the package in a checkout, inside it in a wheel.
 """
 
-from __future__ import annotations
-
 import ast
 import errno
 import json

@@ -3,8 +3,6 @@
 Computed torque along a Fourier series, the law of `FourierTracking`, is compiled.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ controlled separately from heading (Brescianini, D'Andrea, IEEE TCST 28(2), 2020
 rotors have little authority about z.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, NamedTuple
 
 import numpy as np

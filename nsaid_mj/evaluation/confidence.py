@@ -4,8 +4,6 @@ The directions span P_⊥(θ̂), the observable part of θ. Standard deviations 
 ‖θ̂/scale‖, like `theta_perp_ratio`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

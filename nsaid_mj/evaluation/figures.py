@@ -1,7 +1,5 @@
 """Figures of merit of an estimate from any method, and the forces that it predicts."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

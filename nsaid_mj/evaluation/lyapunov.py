@@ -1,7 +1,5 @@
 """The Lyapunov function V (66) along a run, bounds on integration error, and assumption (46)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -26,8 +26,6 @@ whose mean, or 1 if that is larger, is the level of the others; and so has each 
 motions.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """The misfit of a motion that still goes on."""
 
-from __future__ import annotations
-
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tracking errors, effort and the Lyapunov function of a controller along a simulated motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 Every function in this package that needs the truth takes a `Truth | None`: a robot's log has none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import overload

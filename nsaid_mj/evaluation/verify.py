@@ -6,8 +6,6 @@ first tenth, *fails* if it has not decayed at all, and is *not yet* settled in b
 about every time step either hold or fail.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path

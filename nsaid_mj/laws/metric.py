@@ -6,8 +6,6 @@ paper's law, with η = θ̂ and θ̂̇ = Γ Wᵀ Δv; `Curved` is the cone's, wi
 the cone. The type of the tuple selects the code that is compiled.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 

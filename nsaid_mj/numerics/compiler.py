@@ -6,8 +6,6 @@ operator. Without these steps a robot's first run compiles in three quarters of 
 overridden methods are not in numba's manual; pyproject.toml names the tested versions.
 """
 
-from __future__ import annotations
-
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable

@@ -4,8 +4,6 @@ A function called from Python is a `kernel`. Those called only from compiled cod
 kernel, called by its address, or a `helper` or `routine`, compiled into its callers.
 """
 
-from __future__ import annotations
-
 import inspect
 import warnings
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """Cars in the plane: exact linear tyres, drive, rolling resistance and air drag in MuJoCo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import ClassVar
 

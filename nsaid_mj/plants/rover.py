@@ -1,7 +1,5 @@
 """A four-wheeled rover with simulated ground contact, which a linear tyre only approximates."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import mujoco

@@ -1,7 +1,5 @@
 """Findings about a model, a log or a fit, in words and as data."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

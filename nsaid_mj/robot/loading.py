@@ -1,7 +1,5 @@
 """Loads a tree of joints from a URDF or MJCF file, or by name; the only entry point."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -6,8 +6,6 @@ and smooth it. A profile (k, 3) has the largest speed [rad/s or m/s], the larges
 none.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

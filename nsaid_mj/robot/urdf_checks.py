@@ -4,8 +4,6 @@ Pinocchio treats a link with an unreadable `<inertial>` as massless, and merges 
 welded together, which hides the loss.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from pathlib import Path

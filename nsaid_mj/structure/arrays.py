@@ -6,8 +6,6 @@ free flyer or a vehicle in the plane the one that coincides with the base at the
 Spatial vectors are [linear, angular], about the common frame's origin and in its axes.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Blocks of θ that many robots have: a body's inertial parameters, and a full mass matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

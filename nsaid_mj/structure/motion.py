@@ -3,8 +3,6 @@
 Any number of identifiers can share a `Motion`. A stage of RK4 computes â of (29) and Wᵀ Δv from it.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The change of θ by a point mass fixed to a body."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import InvalidInput, UnknownName

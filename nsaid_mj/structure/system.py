@@ -10,8 +10,6 @@ w (n,) the velocity that C multiplies (the identifier's v̂ or the measured v), 
 acceleration, u command, θ (p,) parameters. F is always evaluated at the measured x.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property

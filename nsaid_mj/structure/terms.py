@@ -1,7 +1,5 @@
 """Blocks of θ with the columns that they scale, of which a family's forces consist."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ F(u) θ̂ − F(0) θ̂ = B(θ̂) f(u), with B the force per unit of effort, lin
 actuators' known command curves. Over-actuated groups take a weighted right inverse of B.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ The adaptive ones solve W(t, x, v_r, v̇_r, u) θ̂ = K_d s: Slotine and Li (IJR
 cone's metric and with constant Γ, and certainty equivalence with an identifier's estimate.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -14,8 +14,6 @@ fastest natural frequency ω is limited by sampling and unmodelled dynamics: a d
 from the loop's damping K_d/M. γ gives it a chosen value at the prior, for every law.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The prior: random parameters about given ones, inside the cone, and their spread."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...errors import InvalidInput

@@ -25,8 +25,6 @@ as in (44): compared with such forces its noise is negligible, while a step in w
 reverses is neither linear nor stable.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import types
 

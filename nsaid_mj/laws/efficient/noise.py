@@ -4,8 +4,6 @@ If the fourth difference of a signal at a constant rate is negligible, that of i
 C(8, 4) = 70 times the variance of the noise.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ motion contradicts it. Restarted at the end of one pass along the same log, with
 prior, it is linearised closer to the truth in each pass.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...log import Log

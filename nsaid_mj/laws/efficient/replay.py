@@ -1,7 +1,5 @@
 """The filter alone: its configuration, its prior, and its contradictions by a log."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

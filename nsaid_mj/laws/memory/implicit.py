@@ -10,8 +10,6 @@ with D_ψ the Bregman divergence of ψ(θ) = ½ θᵀΓ⁻¹θ + μ b(θ), and �
 (w = 0) V decreases for any step size, by the three-point identity (docs/theory.md).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...errors import InvalidInput

@@ -10,8 +10,6 @@ over a window with exponential weights e^{−a t} (docs/theory.md). Sensor noise
 W_M(q, v) almost undifferentiated; averaging over short blocks reduces it further.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ in most poses, for which the hulls are too coarse. The ground is the plane z = 0
 for bodies mounted on it.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from threading import Lock
 from typing import Any

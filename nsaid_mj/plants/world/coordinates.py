@@ -1,7 +1,5 @@
 """All conversion between MuJoCo's coordinates and a system's."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -12,8 +12,6 @@ MuJoCo's; M_A, C_A and F are the structure's at a θ without the parameters of M
 command acts through F only: MuJoCo's actuators have zero gain.
 """
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import dataclass
 from functools import cache

@@ -1,7 +1,5 @@
 """Sensor models: seeded noise and quantisation."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The description of a kind of column, beside its compiled value."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal

@@ -4,8 +4,6 @@ A small loss may be the beginning of a slow one. For some time afterwards the ga
 random walk, and the event is updated with the loss.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -11,8 +11,6 @@ The average equals the maximum times a penalty for the number and prior range of
 also includes variations of a healthy robot's parameters, and the filter's nonlinearity.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -6,8 +6,6 @@ reversed, 0 if broken, and a typical constant command if stuck, whose effort is 
 gain.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ the estimate, see `watch`. If no fault explains the motion, or the filter has ju
 restarts at the memory's estimate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ marginalised over the prior of these: Σ −½ (eᵀe + log det S). The trials c
 hypothesis is probable enough or the time limit is reached; improbable ones are dropped.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple, TypeVar
 
 import numpy as np
