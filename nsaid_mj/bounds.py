@@ -5,8 +5,6 @@ Pydantic checks every field against its annotation whenever an object is made; i
 as `InvalidInput`. In JSON each configuration has the name of its class under `$type`.
 """
 
-from __future__ import annotations
-
 import functools
 import inspect
 import math

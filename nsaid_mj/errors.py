@@ -4,8 +4,6 @@ Every error that this package raises on purpose derives from `NsaidError` and ha
 attributes, so that a script can act on it without parsing the message.
 """
 
-from __future__ import annotations
-
 import difflib
 import unicodedata
 from collections.abc import Iterable

@@ -205,15 +205,10 @@ def _finite(name: str, part: Array) -> None:
 
 
 class Middle(NamedTuple):
-    """The states half-way between consecutive samples of a log of N, for RK4's middle stages.
+    """The states half-way between consecutive samples of a log of N, for RK4's middle stages."""
 
-    Attributes:
-        q: (N−1, m) positions.
-        v: (N−1, n) velocities.
-    """
-
-    q: Array
-    v: Array
+    q: Array  # (N−1, m) positions
+    v: Array  # (N−1, n) velocities
 
     def part(self, start: int, end: int) -> Middle:
         """The states start … end − 1."""

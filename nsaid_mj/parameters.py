@@ -5,8 +5,6 @@ magnitude before any measurement; every norm, rank and projection in this packag
 θ_s = θ/scale, so that kilograms and newton-metres are comparable.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

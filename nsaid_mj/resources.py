@@ -3,8 +3,6 @@
 Scenarios and assets are beside the package in a checkout, inside it in a wheel.
 """
 
-from __future__ import annotations
-
 import ast
 import errno
 import json
@@ -61,15 +59,10 @@ def path_of(text: str | os.PathLike[str]) -> Path:
 
 
 class VehicleFiles(NamedTuple):
-    """The files that describe a vehicle.
+    """The files that describe a vehicle."""
 
-    Attributes:
-        sheet: vehicle.toml, its physical parameters; the file exists.
-        model: model.xml, its appearance in MuJoCo; the file may be missing.
-    """
-
-    sheet: Path
-    model: Path
+    sheet: Path  # vehicle.toml, its physical parameters; the file exists
+    model: Path  # model.xml, its appearance in MuJoCo; the file may be missing
 
 
 def vehicle_files(vehicle: str) -> VehicleFiles:

@@ -1,7 +1,5 @@
 """Depth and heading autopilots for torpedo-shaped vehicles, with dither on every fin."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

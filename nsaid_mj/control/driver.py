@@ -3,8 +3,6 @@
 Computed torque along a Fourier series, the law of `FourierTracking`, is compiled.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import NamedTuple
 
@@ -23,43 +21,25 @@ from .signals import SERIES, Series, fourier
 
 
 class Tracking(NamedTuple):
-    """Parameters of a computed-torque controller for an arm on a fixed base.
+    """Parameters of a computed-torque controller for an arm on a fixed base."""
 
-    Attributes:
-        structure: structure of the arm.
-        driven: (d,) numbers of the joints that have a motor.
-        theta: (p,) the controller's model θ̂₀; the gains of the motors come last.
-        series: the reference trajectory of the joints.
-        omega: bandwidth of the tracking loop [rad/s].
-        limit: (d,) largest commands, > 0.
-    """
-
-    structure: StructureArrays
-    driven: Indices
-    theta: Array
-    series: Series
-    omega: float
-    limit: Array
+    structure: StructureArrays  # structure of the arm
+    driven: Indices  # (d,) numbers of the joints that have a motor
+    theta: Array  # (p,) the controller's model θ̂₀; the gains of the motors come last
+    series: Series  # the reference trajectory of the joints
+    omega: float  # bandwidth of the tracking loop [rad/s]
+    limit: Array  # (d,) largest commands, > 0
 
 
 class TrackingMemory(NamedTuple):
-    """Workspace of `computed_torque`.
+    """Workspace of `computed_torque`."""
 
-    Attributes:
-        desired: (n, 3) position, velocity and acceleration.
-        a: (n,) requested acceleration, 0 of passive joints.
-        force: (n,) that it requires.
-        still: (n,) zeros.
-        stage: workspace of a stage.
-        slopes: workspace of derivatives.
-    """
-
-    desired: Array
-    a: Array
-    force: Array
-    still: Array
-    stage: Workspace
-    slopes: Slopes
+    desired: Array  # (n, 3) position, velocity and acceleration
+    a: Array  # (n,) requested acceleration, 0 of passive joints
+    force: Array  # (n,) that it requires
+    still: Array  # (n,) zeros
+    stage: Workspace  # workspace of a stage
+    slopes: Slopes  # workspace of derivatives
 
 
 def tracking_workspace(tracking: Tracking) -> TrackingMemory:
@@ -121,20 +101,15 @@ class CompiledDriver(Driver):
     def compiled(self, t: Array) -> Array | Tracking | None:
         """The control law in a form that compiled code evaluates, bit for bit as `command` does.
 
-        Returns:
-            (k, n_u) the commands at times t (k,) [s], if the driver is open loop; the parameters of
-            `computed_torque`, if that is its law; None if only `command` can evaluate it.
+        It is the commands (k, n_u) at times t (k,) [s], if the driver is open loop; the parameters
+        of `computed_torque`, if that is its law; None if only `command` can evaluate it.
         """
 
 
 class InformedDriver(Driver):
-    """A driver that can use an identifier's estimate while it drives.
+    """A driver that can use an identifier's estimate while it drives."""
 
-    Attributes:
-        period: interval at which it is informed [s]; infinite if it never is.
-    """
-
-    period: float
+    period: float  # interval at which it is informed [s]; infinite if it never is
 
     @abstractmethod
     def inform(self, theta_hat: Array) -> None:

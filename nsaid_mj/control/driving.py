@@ -1,7 +1,5 @@
 """Cars drive around a test ground with continuously varying speed and steering."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Open-loop multisine commands."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Literal, get_args
 

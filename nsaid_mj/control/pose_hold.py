@@ -1,7 +1,5 @@
 """Holds a body at a slowly moving pose with a controller based on the prior, plus dither."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..bounds import Flag, NonNegative, Positive, Tones, config

@@ -6,8 +6,6 @@ controlled separately from heading (Brescianini, D'Andrea, IEEE TCST 28(2), 2020
 rotors have little authority about z.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -81,36 +79,23 @@ class QuadrotorFlight(DriverConfig):
 
 
 class _BodyModel(NamedTuple):
-    """The controller's model of the quadrotor.
+    """The controller's model of the quadrotor."""
 
-    Attributes:
-        mass: [kg].
-        inertia: (3, 3) about the centre of mass [kg·m²].
-        mixer: (4, 4) maps thrust [N] and torques [N·m] to squared rotor speeds.
-        trim: (3,) bounds on the attitude integrators [rad/s²].
-        yaw: bound on the torque about z [N·m].
-    """
-
-    mass: float
-    inertia: Array
-    mixer: Array
-    trim: Array
-    yaw: float
+    mass: float  # [kg]
+    inertia: Array  # (3, 3) about the centre of mass [kg·m²]
+    mixer: Array  # (4, 4) maps thrust [N] and torques [N·m] to squared rotor speeds
+    trim: Array  # (3,) bounds on the attitude integrators [rad/s²]
+    yaw: float  # bound on the torque about z [N·m]
 
 
 class _Loops(NamedTuple):
-    """The controller's bandwidths [rad/s] and bounds.
-
-    Attributes:
-        slope: tangent of the largest tilt.
-        least, most: bounds on the squared rotor speeds, before dither.
-    """
+    """The controller's bandwidths [rad/s] and bounds."""
 
     place: float
     attitude: Array
-    slope: float
-    least: float
-    most: float
+    slope: float  # tangent of the largest tilt
+    least: float  # lower bound on the squared rotor speeds, before dither
+    most: float  # upper bound
 
 
 class _Flight(Driver):

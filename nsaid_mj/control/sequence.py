@@ -1,7 +1,5 @@
 """Several drivers in succession, each for a given time."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import field
 from typing import Annotated, Self

@@ -16,17 +16,11 @@ _NONE = np.zeros(0)
 
 
 class Series(NamedTuple):
-    """A finite Fourier series for every joint.
+    """A finite Fourier series for every joint."""
 
-    Attributes:
-        omega: (h,) angular frequencies of the harmonics [rad/s].
-        coefficients: (n, 2 h) coefficients of the sines, then of the cosines [rad or m].
-        centre: (n,) centre of the motion [rad or m].
-    """
-
-    omega: Array
-    coefficients: Array
-    centre: Array
+    omega: Array  # (h,) angular frequencies of the harmonics [rad/s]
+    coefficients: Array  # (n, 2 h) coefficients of the sines, then of the cosines [rad or m]
+    centre: Array  # (n,) centre of the motion [rad or m]
 
 
 SERIES = types.NamedTuple((vector, matrix, vector), Series)
@@ -55,18 +49,8 @@ def fourier(series, t, motion):
 class FourierTrajectory:
     """A random finite Fourier series for every joint, within position and speed limits.
 
-    Each joint follows centre + Σ_k (a_k sin(k ω t) + b_k cos(k ω t)), with period 1/fundamental.
-
-    Args:
-        low: (n,) lower end of the range [rad or m].
-        high: (n,) upper end of the range.
-        speed: (n,) largest speed [rad/s or m/s].
-        fundamental: frequency of the first harmonic [Hz].
-        harmonics: number of harmonics.
-        rng: generator of the coefficients.
-
-    Attributes:
-        series: the scaled series of all joints.
+    Each joint follows centre + Σ_k (a_k sin(k ω t) + b_k cos(k ω t)), with period 1/fundamental
+    [s], between low and high (n,) [rad or m], and no faster than speed (n,) [rad/s or m/s].
 
     Raises:
         InvalidInput: a frequency or count is not positive.

@@ -93,14 +93,10 @@ def fixed_arm(system: SecondOrderSystem, wanted: str, remedy: str) -> JointTree:
 def follow(
     system: JointTree, prior: Array, series: Series, bandwidth: float, limit: float
 ) -> Driver:
-    """The driver of a series, with a tracking loop for motors.
+    """The driver of a series, with a tracking loop for motors, of an arm on a fixed base.
 
-    Args:
-        system: an arm on a fixed base.
-        prior: (p,) θ̂₀.
-        series: the desired motion.
-        bandwidth: bandwidth of the loop [Hz].
-        limit: largest commands of motors over those of operation.
+    prior (p,) is θ̂₀, `bandwidth` that of the loop [Hz], `limit` the largest commands of motors
+    over those of operation.
     """
     if system.scales.actuator == "servo":
         return Targets(series, system.driven)
@@ -145,12 +141,8 @@ class Targets(Follower):
 class ComputedTorque(Follower):
     """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e, limited.
 
-    Args:
-        system: an arm on a fixed base.
-        prior: (p,) θ̂₀.
-        series: the desired motion.
-        omega: bandwidth ω of the tracking loop [rad/s].
-        limit: (d,) largest commands, > 0.
+    It is for an arm on a fixed base. prior (p,) is θ̂₀, `series` the desired motion, `omega` the
+    bandwidth ω of the tracking loop [rad/s], limit (d,) the largest commands, > 0.
     """
 
     def __init__(self, system: JointTree, prior: Array, series: Series, omega: float, limit: Array):

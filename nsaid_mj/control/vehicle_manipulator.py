@@ -1,7 +1,5 @@
 """Vehicles with an arm: the base swims or hovers while the arm tracks a trajectory."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..bounds import Positive, PositiveShare, Tones, config

@@ -9,8 +9,6 @@ Modulation Theory, part I, 1968). The system is linearised at the measured state
 changes the bound in the second order only.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import scipy.linalg
 

@@ -4,8 +4,6 @@ The directions span P_⊥(θ̂), the observable part of θ. Standard deviations 
 ‖θ̂/scale‖, like `theta_perp_ratio`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,21 +22,13 @@ _FIXED = 1e-6  # share of a combination along P_s(θ̂) below which the motion d
 
 @dataclass(frozen=True)
 class Known:
-    """The observable directions, the most accurately known first.
+    """The observable directions, the most accurately known first."""
 
-    Attributes:
-        directions: (k, p) orthonormal basis of P_⊥, in θ/scale.
-        deviation: (k,) standard deviation along each, relative to ‖θ̂/scale‖.
-        below_noise: (k,) whether the data are uninformative along it.
-        actuators: (a,) relative standard deviation of each actuator's k_i/mean(k).
-        blocks: (n,) number of independent samples in each row of the momentum balance.
-    """
-
-    directions: Array
-    deviation: Array
-    below_noise: np.ndarray
-    actuators: Array
-    blocks: Array
+    directions: Array  # (k, p) orthonormal basis of P_⊥, in θ/scale
+    deviation: Array  # (k,) standard deviation along each, relative to ‖θ̂/scale‖
+    below_noise: np.ndarray  # (k,) whether the data are uninformative along it
+    actuators: Array  # (a,) relative standard deviation of each actuator's k_i/mean(k)
+    blocks: Array  # (n,) number of independent samples in each row of the momentum balance
 
     def covered(self, theta_hat_s: Array, theta_s: Array) -> float:
         """Share of the directions whose 95 % interval contains θ; θ̂ and θ (p,) are over scale."""
@@ -61,18 +51,12 @@ class Determined(NamedTuple):
     """The parameters that the motion determines one by one, once the common scale is fixed.
 
     The scale is fixed such that the mean of the actuators' gains is exact.
-
-    Attributes:
-        indices: (k,) in θ.
-        deviation: (k,) standard deviation of each, in its unit.
-        below_noise: (k,) whether the data are uninformative about it.
-        correlation: (k, k) correlation of their errors.
     """
 
-    indices: Indices
-    deviation: Array
-    below_noise: np.ndarray
-    correlation: Array
+    indices: Indices  # (k,) in θ
+    deviation: Array  # (k,) standard deviation of each, in its unit
+    below_noise: np.ndarray  # (k,) whether the data are uninformative about it
+    correlation: Array  # (k, k) correlation of their errors
 
 
 def determined(

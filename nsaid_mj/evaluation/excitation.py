@@ -1,7 +1,5 @@
 """Persistence of excitation of a run's motion, and the decay of the excited error."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..experiment.loop import Run

@@ -1,7 +1,5 @@
 """Figures of merit of an estimate from any method, and the forces that it predicts."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -55,11 +53,7 @@ CONVERGED = 0.01
 
 
 class Judge:
-    """Computes the figures of estimates of one plant, from any method.
-
-    Args:
-        truth: true parameters of the plant.
-    """
+    """Computes the figures of estimates of one plant, from any method."""
 
     def __init__(self, truth: Truth):
         self._truth = truth
@@ -142,8 +136,7 @@ def plant_direction_error(system: SecondOrderSystem, theta_hat: Array, truth: Ar
 def converged_at(t: Array, distance: Array) -> float | None:
     """The first of the times t (N,) from which on the distances (N,) stay within `CONVERGED` [s].
 
-    Returns:
-        None if the last distance exceeds `CONVERGED` or is NaN.
+    It is None if the last distance exceeds `CONVERGED` or is NaN.
     """
     far = np.flatnonzero(~(distance <= CONVERGED))
     first = far[-1] + 1 if len(far) else 0
@@ -215,20 +208,15 @@ def residual_floor(system: SecondOrderSystem, W: Array | None) -> float | None:
 
 
 class Forces(NamedTuple):
-    """The two sides of W θ̂ = 0 along k samples of a trajectory.
+    """The two sides of W θ̂ = 0 along k samples of a trajectory."""
 
-    Attributes:
-        t: (k,) times [s].
-        measured: (k, n) forces of the actuators under their estimated gains, in the units of
-            `evaluation.force_units`.
-        predicted: (k, n) forces that the motion requires under the estimated plant.
-        half: (k, n) half width of the prediction's 95 % interval; None if the law states none, or
-            if the run was read from its record.
-    """
-
-    t: Array
+    t: Array  # (k,) times [s]
+    # (k, n) forces of the actuators under their estimated gains, in the units of
+    # `evaluation.force_units`
     measured: Array
-    predicted: Array
+    predicted: Array  # (k, n) forces that the motion requires under the estimated plant
+    # (k, n) half width of the prediction's 95 % interval; None if the law states none, or if the
+    # run was read from its record
     half: Array | None
 
     @property
@@ -259,10 +247,8 @@ def common_factor(theta: Array, true: Array, scale: Array, actuators: Indices) -
 def forces_of(run: Run, truth: Truth | None) -> Forces | None:
     """The forces on the held-out trajectory or, without a truth, over the run's last tenth.
 
-    With a truth, θ̂ is multiplied by the `common_factor`.
-
-    Returns:
-        None if there is no such trajectory, or if commands are missing in the record.
+    With a truth, θ̂ is multiplied by the `common_factor`. None if there is no such trajectory, or if
+    commands are missing in the record.
     """
     system, theta = run.system, np.array(run.record.rows("theta_hat", -1))
     later = None if truth is None else truth.held_out

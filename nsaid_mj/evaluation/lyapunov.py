@@ -1,7 +1,5 @@
 """The Lyapunov function V (66) along a run, bounds on integration error, and assumption (46)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -97,14 +95,11 @@ def _by_parts(function: Callable[[slice], Array], length: int, width: int) -> Ar
 
 
 def lyapunov_rises(V: Array, identifier: Identifier, record: Record) -> tuple[Array, Array]:
-    """Increments of V between rows, and bounds on the part that integration error explains.
+    """Increments of V between rows (N−1,), and bounds on the part that integration error explains.
 
     V̇ = −Δvᵀ M K Δv ≤ 0 (69) holds for the exact flow. The error of RK4 also appears in θ̂ᵀ Γ⁻¹ θ̂,
     which (30) conserves exactly and which has the form of V's second term with θ̂ for Δθ. The bound
-    is the largest defect of θ̂ᵀ Γ⁻¹ θ̂ in any step of the run, plus the rounding error of V.
-
-    Returns:
-        (N−1,) increments, ≤ 0 where V decreased; (N−1,) bounds.
+    (N−1,) is the largest defect of θ̂ᵀ Γ⁻¹ θ̂ in any step of the run, plus the rounding error of V.
     """
     conserved = kept(identifier, record)
     defect = np.max(np.abs(np.diff(conserved)), initial=0.0)
@@ -130,10 +125,8 @@ def assumption_46(run: Run, truth: Truth) -> tuple[float | None, float]:
 
     (46) requires √(λ_max(Γ) Δθ(t₀)ᵀ Γ⁻¹ Δθ(t₀)) + ε ≤ λ_min(M(x, θ)). It mixes units and is
     evaluated in SI units as it stands. If it is violated, M̂ may lose definiteness; it is
-    sufficient, not necessary, and most runs violate it.
-
-    Returns:
-        The margin, negative if (46) is violated, None if the law has no constant Γ; and λ_min.
+    sufficient, not necessary, and most runs violate it. The margin is negative if (46) is violated,
+    None if the law has no constant Γ.
     """
     identifier, theta = run.identifiers[""], truth.initial
     _, x, _, _ = states(run.record.log, max(1, len(run.record) // 200))

@@ -26,8 +26,6 @@ whose mean, or 1 if that is larger, is the level of the others; and so has each 
 motions.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -55,21 +53,13 @@ _SHORTEST = 32  # samples that have a spectrum
 
 
 class Whiteness(NamedTuple):
-    """Deviation of innovations from whiteness.
+    """Deviation of innovations from whiteness."""
 
-    Attributes:
-        chance: p-value of the largest cell, an octave or a line of one channel, times their number
-            (Bonferroni).
-        energy: squared normalised innovations in excess of their expectation, in the significant
-            cells.
-        channel: channel of the largest cell; −1 if there is none.
-        period: period of the largest cell [samples]; infinite for the mean.
-    """
-
+    # p-value of the largest cell, an octave or line of a channel, times their number (Bonferroni)
     chance: float
-    energy: float
-    channel: int
-    period: float
+    energy: float  # squared normalised innovations beyond expectation, in the significant cells
+    channel: int  # channel of the largest cell; −1 if there is none
+    period: float  # period of the largest cell [samples]; infinite for the mean
 
 
 def whiteness(e: Array) -> Whiteness:
@@ -134,25 +124,15 @@ _FAR = 3.0  # deviations by which no gain shifts by chance
 
 
 class Misfit(NamedTuple):
-    """Goodness of fit of a structure to a log.
+    """Goodness of fit of a structure to a log."""
 
-    Attributes:
-        level: `none`, `some` or `contradicts`.
-        contradictions: times at which the innovations exceeded chance [s].
-        innovations: mean squared normalised innovation; 1 where the structure explains the motion.
-        seconds: length of log that was judged [s].
-        chance: p-value of the whiteness test, for an exact structure.
-        widening: factor ≥ 1 on the stated standard deviations that accounts for the misfit.
-        drift: largest mean rate at which a gain drifts, relative to itself [1/min]; 0 if constant.
-    """
-
-    level: str
-    contradictions: tuple[float, ...]
-    innovations: float
-    seconds: float
-    chance: float
-    widening: float = 1.0
-    drift: float = 0.0
+    level: str  # `none`, `some` or `contradicts`
+    contradictions: tuple[float, ...]  # times at which the innovations exceeded chance [s]
+    innovations: float  # mean squared normalised innovation; 1 if the structure explains the motion
+    seconds: float  # length of log that was judged [s]
+    chance: float  # p-value of the whiteness test, for an exact structure
+    widening: float = 1.0  # factor ≥ 1 on stated standard deviations that accounts for the misfit
+    drift: float = 0.0  # largest mean relative rate at which a gain drifts [1/min]; 0 if constant
 
     def keys(self) -> dict[str, Any]:
         """The keys of summary.json."""

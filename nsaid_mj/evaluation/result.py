@@ -1,7 +1,5 @@
 """The `Result` that every command reports at its end; that of a run is read from its summary."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass

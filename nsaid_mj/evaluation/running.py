@@ -1,7 +1,5 @@
 """The misfit of a motion that still goes on."""
 
-from __future__ import annotations
-
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
@@ -58,10 +56,7 @@ class RunningMisfit:
     A thread judges while the motion goes on. Its misfit is stated once the motion is longer by a
     quarter, so that it does not depend on the speed of the machine.
 
-    Args:
-        scenario: of the run; laws other than `memory` and `efficient` are not judged.
-        identifier: the law.
-        prior: (p,) θ̂(0).
+    Laws other than `memory` and `efficient` are not judged; prior (p,) is θ̂(0).
     """
 
     def __init__(self, scenario: Scenario, identifier: Identifier, prior: Array):

@@ -1,7 +1,5 @@
 """Assembles a run's summary.json."""
 
-from __future__ import annotations
-
 import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version

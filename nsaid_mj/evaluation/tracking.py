@@ -1,7 +1,5 @@
 """Tracking errors, effort and the Lyapunov function of a controller along a simulated motion."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -19,25 +17,15 @@ _ROUNDING = 64 * np.finfo(float).eps
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A controlled motion of N samples, with the plant's true state.
+    """A controlled motion of N samples, with the plant's true state."""
 
-    Attributes:
-        t: (N,) times [s].
-        q: (N, m) true positions.
-        v: (N, n) true velocities.
-        u: (N, n_u) commands.
-        theta_hat: (N, p) the controller's estimate.
-        error: (N, n) from the true to the desired position, as tangent steps [m or rad].
-        status: how it ended; empty if completed.
-    """
-
-    t: Array
-    q: Array
-    v: Array
-    u: Array
-    theta_hat: Array
-    error: Array
-    status: str = ""
+    t: Array  # (N,) times [s]
+    q: Array  # (N, m) true positions
+    v: Array  # (N, n) true velocities
+    u: Array  # (N, n_u) commands
+    theta_hat: Array  # (N, p) the controller's estimate
+    error: Array  # (N, n) from the true to the desired position, as tangent steps [m or rad]
+    status: str = ""  # how it ended; empty if completed
 
 
 def figures(
@@ -45,10 +33,9 @@ def figures(
 ) -> dict[str, float | str]:
     """Errors by unit over the last seconds, and efforts, of a motion.
 
-    Returns:
-        `rms_rad`, `rms_m`, `peak_rad`, `peak_m` where there are such coordinates, infinite if the
-        motion ended early; `effort`, the largest command as a share of its limit; `saturated`, the
-        share of samples with a command at its limit; `status`.
+    They are `rms_rad`, `rms_m`, `peak_rad`, `peak_m` where there are such coordinates, infinite if
+    the motion ended early; `effort`, the largest command as a share of its limit; `saturated`, the
+    share of samples with a command at its limit; `status`.
     """
     late = motion.t > motion.t[-1] - last
     found: dict[str, float | str] = {}

@@ -3,8 +3,6 @@
 Every function in this package that needs the truth takes a `Truth | None`: a robot's log has none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cached_property
 from typing import overload
@@ -25,19 +23,15 @@ class Truth:
     """The true parameters of a simulated plant, and the true set.
 
     Faults change them during the run; members without a time argument refer to `end`.
-
-    Attributes:
-        system: the structure whose parameters these are.
-        end: time at which estimates are judged [s].
-        mismatches: effects in the plant that the structure does not model, in words.
-        fault: the faults in words; empty if there are none.
     """
 
     def __init__(self, setup: Setup, end: float):
         self._setup, self._plant = setup, setup.plant
         self._nullspaces: dict[int, Nullspace] = {}
-        self.system: SecondOrderSystem = setup.system
-        self.end = end
+        self.system: SecondOrderSystem = setup.system  # whose parameters these are
+        self.end = end  # time at which estimates are judged [s]
+        # effects in the plant that the structure does not model, and the faults, in words; empty if
+        # there are none
         self.mismatches: Sequence[str] = setup.plant.mismatches
         self.fault: str = "; ".join(fault.in_words(setup.system) for fault in setup.plant.faults)
 

@@ -6,8 +6,6 @@ first tenth, *fails* if it has not decayed at all, and is *not yet* settled in b
 about every time step either hold or fail.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -43,23 +41,14 @@ _COLOURS = {"holds": "green", "not yet": "yellow", "fails": "red", "not applicab
 
 @dataclass(frozen=True)
 class Verdict:
-    """The outcome of checking one statement.
+    """The outcome of checking one statement."""
 
-    Attributes:
-        statement: name and equation of the statement.
-        claim: the statement in words.
-        verdict: `holds`, `not yet`, `fails` or `not applicable`.
-        number: the figure that was compared with the bound; None if there is none.
-        bound: the largest or smallest admissible figure; None if there is none.
-        words: figure and bound in words, or why the statement does not apply.
-    """
-
-    statement: str
-    claim: str
-    verdict: Word
-    number: float | None
-    bound: float | None
-    words: str
+    statement: str  # name and equation of the statement
+    claim: str  # the statement in words
+    verdict: Word  # `holds`, `not yet`, `fails` or `not applicable`
+    number: float | None  # the figure that was compared with the bound; None if there is none
+    bound: float | None  # the largest or smallest admissible figure; None if there is none
+    words: str  # figure and bound in words, or why the statement does not apply
 
 
 _Outcome = tuple[Word, float | None, float | None, str]

@@ -1,7 +1,5 @@
 """A run's summary in words, shared by the terminal, the report and the recording."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

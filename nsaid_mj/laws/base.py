@@ -50,46 +50,27 @@ class Status(Enum):
 
 
 class State(NamedTuple):
-    """The complete state of an identifier.
+    """The complete state of an identifier."""
 
-    Attributes:
-        t: time [s].
-        v_hat: (n,) velocity of the identification plant.
-        theta_hat: (p,) estimate.
-        pivot: smallest pivot of M̂'s Cholesky factorisation in the last step; > 0 where M̂ is
-            positive definite.
-        status: `completed` as long as identification may continue.
-        memory: statistics of past data; None for laws without a memory.
-        spent: total decrease of the conserved quantity in the memory's implicit steps.
-        filter: filter and guard of the law `efficient`; None for other laws.
-        faults: those found so far; empty for laws other than `efficient`.
-    """
-
-    t: float
-    v_hat: Array
-    theta_hat: Array
+    t: float  # time [s]
+    v_hat: Array  # (n,) velocity of the identification plant
+    theta_hat: Array  # (p,) estimate
+    # smallest pivot of M̂'s Cholesky factorisation in the last step; > 0 if M̂ is positive definite
     pivot: float
-    status: Status
-    memory: Memory | None = None
-    spent: float = 0.0
-    filter: Any = None
-    faults: tuple[FaultEvent, ...] = ()
+    status: Status  # `completed` as long as identification may continue
+    memory: Memory | None = None  # statistics of past data; None for laws without a memory
+    spent: float = 0.0  # total decrease of the conserved quantity in the memory's implicit steps
+    filter: Any = None  # filter and guard of the law `efficient`; None for other laws
+    faults: tuple[FaultEvent, ...] = ()  # those found so far; empty for laws other than `efficient`
 
 
 class Estimates(NamedTuple):
-    """An identifier's outputs along a log, one row for each of N measurements.
+    """An identifier's outputs along a log, one row for each of N measurements."""
 
-    Attributes:
-        v_hat: (N, n) velocity of the identification plant.
-        theta_hat: (N, p) estimate.
-        pivot: (N,) smallest pivot of M̂ in the step that ends at the measurement.
-        spent: (N,) total decrease of the conserved quantity in the memory's implicit steps.
-    """
-
-    v_hat: Array
-    theta_hat: Array
-    pivot: Array
-    spent: Array
+    v_hat: Array  # (N, n) velocity of the identification plant
+    theta_hat: Array  # (N, p) estimate
+    pivot: Array  # (N,) smallest pivot of M̂ in the step that ends at the measurement
+    spent: Array  # (N,) total decrease of the conserved quantity in the memory's implicit steps
 
     @staticmethod
     def of(*states: State) -> Estimates:
@@ -114,33 +95,21 @@ class Estimates(NamedTuple):
 
 
 class Confidence(NamedTuple):
-    """Uncertainty of an estimate.
+    """Uncertainty of an estimate."""
 
-    Attributes:
-        covariance: (p, p) covariance of θ̂ at a fixed common scale.
-        prior: (p, p) covariance before any data.
-        blocks: (n,) effective number of independent samples in each row of the momentum balance.
-    """
-
-    covariance: Array
-    prior: Array
-    blocks: Array
+    covariance: Array  # (p, p) covariance of θ̂ at a fixed common scale
+    prior: Array  # (p, p) covariance before any data
+    blocks: Array  # (n,) effective number of independent samples per row of the momentum balance
 
 
 class Identifier(ABC):
-    """An adaptive identifier of a system's θ: pure, bitwise reproducible functions of a state.
+    """An adaptive identifier of a system's θ: pure, bitwise reproducible functions of a state."""
 
-    Attributes:
-        system: the structure it knows.
-        conserves: whether the law has a conserved quantity.
-        proven: whether V (66) is proven not to rise.
-        cancelling: size of the terms that cancel in V's second term, besides V itself [J]; their
-            rounding errors bound the accuracy of V.
-    """
-
-    system: SecondOrderSystem
-    conserves: bool
-    proven: bool = True
+    system: SecondOrderSystem  # the structure it knows
+    conserves: bool  # whether the law has a conserved quantity
+    proven: bool = True  # whether V (66) is proven not to rise
+    # size of the terms that cancel in V's second term, besides V itself [J]; their rounding errors
+    # bound the accuracy of V
     cancelling: float
 
     @abstractmethod
@@ -188,11 +157,9 @@ class Identifier(ABC):
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """Steps along a log of N measurements.
 
-        A state whose status is not `completed` is returned unchanged.
-
-        Returns:
-            The state at the last measurement, or before the first step that failed; and the
-            estimates from the first measurement up to there.
+        Returns the state at the last measurement, or before the first step that failed, and the
+        estimates from the first measurement up to there. A state whose status is not `completed` is
+        returned unchanged.
         """
 
     @abstractmethod
@@ -250,14 +217,10 @@ class IdentifierConfig(Config, ABC):
         noise: SensorLevels = EXACT,
         gramian: ExpectedGramian | None = None,
     ) -> Identifier:
-        """Makes the identifier.
+        """Makes the identifier of a system, of measurements every `dt` [s].
 
-        Args:
-            system: the structure it knows.
-            prior: (p,) θ̂(0).
-            dt: time between measurements [s].
-            noise: assumed standard deviations of the sensors' noise.
-            gramian: computes (p, p), the expected mean of S Wᵀ M⁻¹ W S under the prior with
-                S = diag(scale), for laws whose gain is designed from it. It is called only if
-                needed, as it is costly.
+        prior (p,) is θ̂(0), `noise` the assumed standard deviations of the sensors' noise.
+        `gramian` computes (p, p), the expected mean of S Wᵀ M⁻¹ W S under the prior with S =
+        diag(scale), for laws whose gain is designed from it. It is called only if needed, as it is
+        costly.
         """

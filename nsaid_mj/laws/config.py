@@ -1,7 +1,5 @@
 """Configuration of nullspace adaptive identification: the law, and the design of its gain."""
 
-from __future__ import annotations
-
 from dataclasses import field
 from typing import Literal, Self
 

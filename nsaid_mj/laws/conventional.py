@@ -5,8 +5,6 @@ on the held parameters is the textbook identifier with known forces τ(u). Holdi
 at 1 gives the identifier of the reduced form (17).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..bounds import Name, Positive, config

@@ -6,34 +6,20 @@ from typing import Any, NamedTuple
 
 
 class FaultEvent(NamedTuple):
-    """A fault that was detected and isolated.
+    """A fault that was detected and isolated."""
 
-    Attributes:
-        time: when the motion first contradicted the earlier estimate [s].
-        found: when the fault was isolated [s].
-        kind: `loss`, `reversed`, `broken`, `stuck`, `friction`, `payload`, `bias`,
-            `several` or `unknown`.
-        part: the affected part, in words, such as `thrust of thruster 3`.
-        names: the parameters of θ that it changed; of a sensor such as `position 2`.
-        size: size of the change.
-        low: lower end of its 95 % interval.
-        high: upper end of it.
-        unit: unit of these three; `1` for a share of an actuator's gain.
-        confidence: posterior probability of this hypothesis among all others.
-        slow: whether the change is gradual; `time` is then when it was noticed.
-    """
-
-    time: float
-    found: float
+    time: float  # when the motion first contradicted the earlier estimate [s]
+    found: float  # when the fault was isolated [s]
+    # `loss`, `reversed`, `broken`, `stuck`, `friction`, `payload`, `bias`, `several` or `unknown`
     kind: str
-    part: str
-    names: tuple[str, ...]
-    size: float
-    low: float
-    high: float
-    unit: str
-    confidence: float
-    slow: bool = False
+    part: str  # the affected part, in words, such as `thrust of thruster 3`
+    names: tuple[str, ...]  # the parameters of θ that it changed; of a sensor such as `position 2`
+    size: float  # size of the change
+    low: float  # lower end of its 95 % interval
+    high: float  # upper end of it
+    unit: str  # unit of these three; `1` for a share of an actuator's gain
+    confidence: float  # posterior probability of this hypothesis among all others
+    slow: bool = False  # whether the change is gradual; `time` is then when it was noticed
 
     @property
     def in_words(self) -> str:

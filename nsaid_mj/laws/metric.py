@@ -6,8 +6,6 @@ paper's law, with η = θ̂ and θ̂̇ = Γ Wᵀ Δv; `Curved` is the cone's, wi
 the cone. The type of the tuple selects the code that is compiled.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
@@ -35,50 +33,31 @@ ACCURACY = 1e-7
 
 
 class Flat(NamedTuple):
-    """The paper's law, for compiled loops.
+    """The paper's law, for compiled loops."""
 
-    Attributes:
-        K: (n,) or (n, n) gain of the identification plant [1/s].
-        Gamma: (p,) or (p, p) adaptation gain.
-    """
-
-    K: Array
-    Gamma: Array
+    K: Array  # (n,) or (n, n) gain of the identification plant [1/s]
+    Gamma: Array  # (p,) or (p, p) adaptation gain
 
 
 class Curved(NamedTuple):
-    """The law in the cone's metric Γ⁻¹ + μ ∇²b(θ̂), for compiled loops.
+    """The law in the cone's metric Γ⁻¹ + μ ∇²b(θ̂), for compiled loops."""
 
-    Attributes:
-        K: (n,) or (n, n) gain of the identification plant [1/s].
-        cone: the cone.
-        pairing: (e,) `barrier.coordinates` of the cone.
-        stiffness: (p,) or (p, p) Γ⁻¹.
-        mu: weight μ of the barrier [J].
-    """
-
-    K: Array
+    K: Array  # (n,) or (n, n) gain of the identification plant [1/s]
     cone: Cone
-    pairing: Array
-    stiffness: Array
-    mu: float
+    pairing: Array  # (e,) `barrier.coordinates` of the cone
+    stiffness: Array  # (p,) or (p, p) Γ⁻¹
+    mu: float  # weight μ of the barrier [J]
 
 
 Law = Flat | Curved
 
 
 class Metric(ABC):
-    """The map from Wᵀ Δv to θ̂̇.
+    """The map from Wᵀ Δv to θ̂̇."""
 
-    Attributes:
-        Gamma: (p,) or (p, p) adaptation gain of (45), or of the metric's quadratic part.
-        conserves: whether there is a conserved quantity.
-        cancelling: size of the terms that cancel in `divergence`, besides its value [J].
-    """
-
-    Gamma: Array
-    conserves: bool
-    cancelling: float
+    Gamma: Array  # (p,) or (p, p) adaptation gain of (45), or of the metric's quadratic part
+    conserves: bool  # whether there is a conserved quantity
+    cancelling: float  # size of the terms that cancel in `divergence`, besides its value [J]
 
     @abstractmethod
     def law(self, K: Array) -> Law:
@@ -96,11 +75,8 @@ class Metric(ABC):
 class ConstantMetric(Metric):
     """The paper's metric: θ̂̇ = Γ Wᵀ Δv with a constant Γ.
 
-    Args:
-        Gamma: (p,) or (p, p) positive definite adaptation gain. Zero rows and columns of a diagonal
-            hold a parameter at its prior.
-        held: (p,) mask of the parameters held at their prior; their Γ must be 0.
-        size: p; by default that of Γ.
+    Gamma, (p,) or (p, p), is positive definite, but for zero rows and columns of a diagonal, which
+    hold a parameter at its prior; held (p,) masks these. `size` is p, by default that of Γ.
 
     Raises:
         InvalidInput: Γ has another size, or is not positive definite on the parameters that move.

@@ -1,7 +1,5 @@
 """RK4 integration of (44) and (45), compiled: one loop for every metric."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -3,8 +3,6 @@
 Reversed or swapped commands and delays need a fit and are not checked here.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ modules that no longer exist. Here the cache is a folder in the user's cache dir
 digest of everything that kernels are compiled from, so that no stale kernel is ever loaded.
 """
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import os

@@ -6,8 +6,6 @@ operator. Without these steps a robot's first run compiles in three quarters of 
 overridden methods are not in numba's manual; pyproject.toml names the tested versions.
 """
 
-from __future__ import annotations
-
 import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -59,11 +57,8 @@ class Compiled(ABC):
     """A function that compiled functions call.
 
     The types of its calls follow from its signature alone: numba infers no types through it.
-
-    Args:
-        function: its text.
-        signature: its types; if None, compiled functions cannot call it before it is compiled.
-        options: options of `numba.njit`; with a signature, on top of `FAST`.
+    Without a signature, compiled functions cannot call it before it is compiled. `options` are
+    those of `numba.njit`, with a signature on top of `FAST`.
     """
 
     def __init__(self, function: Callable[..., Any], signature: Any, options: Any):

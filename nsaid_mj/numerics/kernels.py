@@ -4,8 +4,6 @@ A function called from Python is a `kernel`. Those called only from compiled cod
 kernel, called by its address, or a `helper` or `routine`, compiled into its callers.
 """
 
-from __future__ import annotations
-
 import inspect
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -50,16 +48,12 @@ def inlined(kernel: Any) -> Any:
 class Kernel(Compiled):
     """A function that Python calls, and that compiled functions call by its address.
 
-    Numba recompiles every other function with each of its direct and indirect callers.
-
-    Args:
-        function: its text.
-        signature: its types; then it is compiled with `FAST`. If None, it is compiled for the types
-            that Python calls it with, and is part of every compiled function that calls it.
-        calls: compiled functions it calls that its text does not name, as overloads do; or a
-            Python function that returns them, given the types of its arguments.
-        inner: only compiled functions call it, and Python in tests.
-        options: options of `numba.njit`.
+    Numba recompiles every other function with each of its direct and indirect callers. With a
+    signature, it is compiled with `FAST`; without, for the types that Python calls it with, and as
+    part of every compiled function that calls it. `calls` are compiled functions it calls that its
+    text does not name, as overloads do, or functions that return them, given the types of its
+    arguments; only compiled functions call an `inner` one, and Python in tests; `options` are those
+    of `numba.njit`.
     """
 
     def __init__(
@@ -99,8 +93,7 @@ class Kernel(Compiled):
     def load(self, *given: Any) -> None:
         """Compiles it after all that it calls, or loads it from the cache.
 
-        Args:
-            given: types of the arguments, if it has no signature.
+        If it has no signature, the types of the arguments are given.
         """
         for callee in callees((*self.called(*given), *named(self.py_func))):
             assert callee.address  # by its name it is found from code that comes from the cache

@@ -1,7 +1,5 @@
 """Compiled linear algebra for the small matrices of one stage. No fastmath, so NaN propagates."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -1,7 +1,5 @@
 """Low-pass filters without a phase."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

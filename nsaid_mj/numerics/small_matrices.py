@@ -62,14 +62,10 @@ def _is(x: Symbol | float, number: int) -> bool:
 def over_lanes(formula: Callable[[np.ndarray], Iterable[Symbol]], size: int) -> Any:
     """A function for compiled code that evaluates a formula in every lane.
 
-    Args:
-        formula: maps an array (size,) of symbols to symbols by + − × ÷ and np.sqrt, without any
-            decision that depends on them.
-        size: how many numbers it takes.
-
-    Returns:
-        f(rows), where number i of lane l is rows[LANES * i + l]; the array is flat because LLVM
-        must know all offsets when it compiles. The values overwrite the numbers from i = 0 on.
+    The formula maps an array (size,) of symbols to symbols by + − × ÷ and np.sqrt, without any
+    decision that depends on them. Number i of lane l is rows[LANES * i + l] of the function's
+    argument, which is flat because LLVM must know all offsets when it compiles. The values
+    overwrite the numbers from i = 0 on.
     """
 
     def evaluate(rows: np.ndarray) -> None:

@@ -6,8 +6,6 @@ twists, [v, ω] (6,) or [u, v, r] (3,). A tangent step is the twist that, held f
 from one pose to the other (the group's exponential map), as in Pinocchio's free flyer.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..parameters import Array

@@ -1,7 +1,5 @@
 """The time spent compiling."""
 
-from __future__ import annotations
-
 import gc
 import time
 from collections.abc import Callable, Iterator

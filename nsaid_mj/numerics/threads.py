@@ -4,8 +4,6 @@ With more threads they sum in another order and round differently. Our matrices 
 gain from threads.
 """
 
-from __future__ import annotations
-
 import scipy.linalg.blas  # noqa: F401 (SciPy's own BLAS must be loaded before it can be limited)
 from threadpoolctl import threadpool_limits
 

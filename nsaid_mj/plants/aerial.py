@@ -1,7 +1,5 @@
 """Quadrotors: four rotors of unknown gain; Hummingbird and Crazyflie are included."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np

@@ -264,13 +264,8 @@ def nominal_scales(
     """An engineer's guess: sizes to within a factor of two, and the data sheet's values.
 
     Masses and lengths are rounded to powers of two, so that the scale of θ does not reveal the true
-    inertias.
-
-    Args:
-        model: model of the robot.
-        config: the data sheet.
-        stated: (k,) `damping`, `friction` and `armature` that its file states, where `config` does
-            not.
+    inertias. `stated` are (k,) `damping`, `friction` and `armature` that the model's file states,
+    where the data sheet `config` does not.
     """
     inertias = list(model.inertias)[1:]
     mass, length = (
@@ -300,12 +295,9 @@ def nominal_scales(
 
 
 def joint_sizes(model: pin.Model) -> tuple[Array, Array]:
-    """Inertia and weight that each 1-DOF joint carries, rounded to powers of two.
+    """(k,) inertia [kg·m² or kg] and (k,) weight [N·m or N] that each 1-DOF joint carries.
 
-    The weight is the bound g·√(m I), as (m r)² ≤ m · m r².
-
-    Returns:
-        (k,) inertia [kg·m² or kg] and (k,) weight [N·m or N].
+    Both are rounded to powers of two. The weight is the bound g·√(m I), as (m r)² ≤ m · m r².
     """
     data = model.createData()
     joints = [joint for joint in list(model.joints)[1:] if joint.nv == 1]

@@ -1,7 +1,5 @@
 """Cars in the plane: exact linear tyres, drive, rolling resistance and air drag in MuJoCo."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import ClassVar
 
@@ -89,15 +87,11 @@ def single_track(
         front     −C_f α_f across the steered wheel,  α_f = atan2(v + l r, u) − δ
         rear      −C_r α_r along y,                   α_r = atan2(v − l r, u)
 
-    with l half the wheelbase. The model is for driving forwards: at standstill slip angles are
+    with l half the wheelbase [m]. The model is for driving forwards: at standstill slip angles are
     undefined (Rajamani, Vehicle Dynamics and Control, 2012, chapter 2).
 
-    Args:
-        rigid: (6, 6) from `planar_mass`.
-        forces: (6,) θ from C_f on.
-        scale: (9,) guesses of θ.
-        wheelbase: [m].
-        operating: see `operation`.
+    rigid (6, 6) is from `planar_mass`, `operating` from `operation`; forces (6,) are θ from C_f on,
+    scale (9,) guesses of θ.
     """
     half, place = wheelbase / 2, (-wheelbase / 2, 0.0, 0.0)
     mass = Block(

@@ -1,7 +1,5 @@
 """Vehicles whose data sheet lists their force columns: a new family needs no code."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, Self
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A four-wheeled rover with simulated ground contact, which a linear tyre only approximates."""
 
-from __future__ import annotations
-
 from typing import Any, ClassVar
 
 import mujoco
@@ -56,11 +54,8 @@ class Rover(Plant):
     of slip, at cruising speed. Estimates should be judged by their force predictions, not by this
     θ: in scenarios/rover.py those of NS-AID are better.
 
-    Args:
-        spread: largest relative deviation of the hidden parameters.
-        mismatch: active effects, in addition to the structural ones.
-        dt: time step [s].
-        rng: source of the hidden parameters.
+    `spread` is the largest relative deviation of the hidden parameters, which `rng` draws; the
+    effects of `mismatch` add to the structural ones; `dt` is the time step [s].
     """
 
     system: SingleBody

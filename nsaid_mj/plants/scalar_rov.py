@@ -1,7 +1,5 @@
 """The 1-DOF vehicle (16): the heave axis of an ROV."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Self
 
 import numpy as np

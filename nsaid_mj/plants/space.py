@@ -1,7 +1,5 @@
 """Free-flyers: nozzles of unknown gain turn and push a body in free fall; Astrobee is included."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Self
 
 import numpy as np

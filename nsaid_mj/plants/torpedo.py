@@ -1,7 +1,5 @@
 """Torpedo-shaped underwater vehicles with four fins and a propeller; a REMUS 100 is included."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Self
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Underwater vehicles with thrusters of unknown gain; a BlueROV2 Heavy is included."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Self
 
 import numpy as np

@@ -138,23 +138,14 @@ def uvms() -> tuple[JointTree, Blueprint, Array]:
 
 
 class Cylinders(NamedTuple):
-    """The k links in water as slender cylinders, in the links' own axes.
+    """The k links in water as slender cylinders, in the links' own axes."""
 
-    Attributes:
-        centres: (k, 3) [m].
-        axes: (k, 3) unit vectors.
-        lengths: (k,) [m].
-        added: (k,) added mass of a link that moves across its axis [kg].
-        drag: (k,) quadratic drag across the axis, per metre [N·s²/m³].
-        buoyancy: (k,) [N].
-    """
-
-    centres: Array
-    axes: Array
-    lengths: Array
-    added: Array
-    drag: Array
-    buoyancy: Array
+    centres: Array  # (k, 3) [m]
+    axes: Array  # (k, 3) unit vectors
+    lengths: Array  # (k,) [m]
+    added: Array  # (k,) added mass of a link that moves across its axis [kg]
+    drag: Array  # (k,) quadratic drag across the axis, per metre [N·s²/m³]
+    buoyancy: Array  # (k,) [N]
 
 
 def published_links(arm: dict[str, Any]) -> Cylinders:

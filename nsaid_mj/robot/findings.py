@@ -1,7 +1,5 @@
 """Findings about a model, a log or a fit, in words and as data."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,22 +12,14 @@ input could be trusted."""
 
 @dataclass(frozen=True)
 class Finding:
-    """A finding about the input, for the user.
+    """A finding about the input, for the user."""
 
-    Attributes:
-        level: how serious it is.
-        code: a short constant name for scripts, such as "reversed_sign" or "dead_channel".
-        where: the file, channel or joint concerned; "" if none.
-        text: the finding, with figures, units and row numbers.
-        remedy: what to do about it; "" if nothing needs to be done.
-        data: the figures of the text, for scripts; values are plain numbers, strings and lists.
-    """
-
-    level: Level
-    code: str
-    where: str
-    text: str
-    remedy: str = ""
+    level: Level  # how serious it is
+    code: str  # a short constant name for scripts, such as "reversed_sign" or "dead_channel"
+    where: str  # the file, channel or joint concerned; "" if none
+    text: str  # the finding, with figures, units and row numbers
+    remedy: str = ""  # what to do about it; "" if nothing needs to be done
+    # the figures of the text, for scripts; values are plain numbers, strings and lists
     data: Mapping[str, object] = field(default_factory=dict)
 
     def __str__(self) -> str:

@@ -14,35 +14,21 @@ from .tree import set_inertias
 
 
 class Coupling(NamedTuple):
-    """Shared parameters of two joints if the motor of one turns by v_i ± v_j.
+    """Shared parameters of two joints if the motor of one turns by v_i ± v_j."""
 
-    Attributes:
-        joints: their indices.
-        sign: sign of the second joint's rate in the motor's.
-        inertia: entry (i, j) of the mass matrix that the rotor adds [kg·m²].
-        damping: that of the viscous friction [N·m·s/rad].
-        friction: Coulomb friction against v_i ± v_j [N·m].
-    """
-
-    joints: tuple[int, int]
-    sign: int
-    inertia: float
-    damping: float
-    friction: float
+    joints: tuple[int, int]  # their indices
+    sign: int  # sign of the second joint's rate in the motor's
+    inertia: float  # entry (i, j) of the mass matrix that the rotor adds [kg·m²]
+    damping: float  # that of the viscous friction [N·m·s/rad]
+    friction: float  # Coulomb friction against v_i ± v_j [N·m]
 
 
 class Spring(NamedTuple):
-    """A spring, counterweight or cable that pulls at a joint.
+    """A spring, counterweight or cable that pulls at a joint."""
 
-    Attributes:
-        joint: its index.
-        stiffness: [N·m/rad or N/m]; negative where it pushes away from its rest.
-        rest: position at which it exerts nothing [rad or m].
-    """
-
-    joint: int
-    stiffness: float
-    rest: float
+    joint: int  # its index
+    stiffness: float  # [N·m/rad or N/m]; negative where it pushes away from its rest
+    rest: float  # position at which it exerts nothing [rad or m]
 
 
 @dataclass(frozen=True)
@@ -51,28 +37,19 @@ class Identified:
 
     Joint i moves by M v̇ + C v + g = gain·u − damping·v − friction·tanh(v/friction_speed)
     − stiffness·(q − rest), where M includes the rotor inertias.
-
-    Attributes:
-        model: Pinocchio's model with the identified inertias and, in `armature`, rotor inertias.
-        damping: (n,) viscous friction [N·m·s/rad or N·s/m].
-        friction: (n,) Coulomb friction [N·m or N].
-        friction_speed: (n,) speed at which Coulomb friction saturates [rad/s or m/s].
-        gain: (n,) force per unit of command [N·m or N]; 0 for joints without a motor.
-        anchor: what fixed the common scale of masses, frictions and gains, in words.
-        notes: further remarks for readers of the exported files.
-        couplings: couplings of joints that share a motor; a URDF cannot hold them. None keeps the
-            tendons in the model's own file.
-        springs: springs of joints; a URDF cannot hold them. Other joints keep those of an MJCF.
     """
 
-    model: Any
-    damping: Array
-    friction: Array
-    friction_speed: Array
-    gain: Array
-    anchor: str
-    notes: tuple[str, ...] = ()
+    model: Any  # Pinocchio's model with the identified inertias and, in `armature`, rotor inertias
+    damping: Array  # (n,) viscous friction [N·m·s/rad or N·s/m]
+    friction: Array  # (n,) Coulomb friction [N·m or N]
+    friction_speed: Array  # (n,) speed at which Coulomb friction saturates [rad/s or m/s]
+    gain: Array  # (n,) force per unit of command [N·m or N]; 0 for joints without a motor
+    anchor: str  # what fixed the common scale of masses, frictions and gains, in words
+    notes: tuple[str, ...] = ()  # further remarks for readers of the exported files
+    # couplings of joints that share a motor; a URDF cannot hold them. None keeps the tendons in the
+    # model's own file
     couplings: tuple[Coupling, ...] | None = ()
+    # springs of joints; a URDF cannot hold them. Other joints keep those of an MJCF
     springs: tuple[Spring, ...] = ()
 
     @property

@@ -43,13 +43,11 @@ def moved_inside(mass: float, inertia: Array, size: float) -> Array:
 
 
 def make_physical(model: pin.Model, names: list[str]) -> list[Finding]:
-    """Moves a model's unphysical inertias inside the cone, in place.
+    """Moves a model's unphysical inertias inside the cone, in place, with a warning for each.
 
     A massless link gets a thousandth of the robot's mass, at its joint; if no link has a mass, each
-    gets one that is spread over the length of the longest.
-
-    Returns:
-        A warning for each changed inertia, and one, `no_masses`, if no link has a mass.
+    gets one that is spread over the length of the longest, and there is a warning more,
+    `no_masses`.
     """
     findings, total = [], sum(max(inertia.mass, 0.0) for inertia in list(model.inertias)[1:])
     reach = max((_size(model, i) for i in range(1, model.njoints)), default=0.0)

@@ -1,7 +1,5 @@
 """Loads a tree of joints from a URDF or MJCF file, or by name; the only entry point."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -32,17 +30,11 @@ _CUT_IN_CODE = "talos_legs"  # the only one whose loader removes joints in its f
 
 
 class RobotFile(NamedTuple):
-    """The file that describes a robot.
+    """The file that describes a robot."""
 
-    Attributes:
-        path: path of its URDF or MJCF.
-        named: whether it was given by a name.
-        floats: whether its base floats although its file does not state it.
-    """
-
-    path: Path
-    named: bool = False
-    floats: bool = False
+    path: Path  # path of its URDF or MJCF
+    named: bool = False  # whether it was given by a name
+    floats: bool = False  # whether its base floats although its file does not state it
 
 
 def load_robot(name: str, base: Base = "held") -> RobotModel:

@@ -115,9 +115,8 @@ _TENDON, _OF_JOINTS = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtWrap.mjWRAP_JOINT
 def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str]) -> list[Finding]:
     """Checks that no equality constraint, and no tendon by a spring or actuator, couples joints.
 
-    Returns:
-        Warnings of tendons between moving joints that have inertia or friction only, as of a motor
-        that two joints share.
+    Returns warnings of tendons between moving joints that have inertia or friction only, as of a
+    motor that two joints share.
 
     Raises:
         BadRobot: names the tendon or constraint, and the joints to lock.

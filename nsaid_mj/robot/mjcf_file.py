@@ -37,10 +37,8 @@ def compile_file(path: Path) -> tuple[Any, Any, list[Finding]]:
     """Compiles an MJCF or .mjb file.
 
     Missing mesh and texture files are left out, and inertias that MuJoCo would reject are moved
-    inside the cone of physical ones.
-
-    Returns:
-        MuJoCo's specification (None for .mjb), the compiled model, and findings about changes.
+    inside the cone of physical ones. Returns MuJoCo's specification (None for .mjb), the compiled
+    model, and findings about changes.
 
     Raises:
         BadRobot: MuJoCo rejects the file, or accepts a number that no robot has.
@@ -148,11 +146,9 @@ def _exists(file: str, folder: Path, inside: str) -> bool:
 def own_file(path: Path, spec: Any, mj: Any, findings: list[Finding]) -> tuple[Node, bool]:
     """The content of an MJCF file for editing, with included files in their places.
 
-    Meshes and textures of files that `findings` name as missing are removed.
-
-    Returns:
-        The root, and whether it is the file's own. If elements stand for several bodies, as
-        `<replicate>` and `<attach>` do, it is MuJoCo's output, with six digits.
+    Meshes and textures of files that `findings` name as missing are removed. Returns the root, and
+    whether it is the file's own. If elements stand for several bodies, as `<replicate>` and
+    `<attach>` do, it is MuJoCo's output, with six digits.
     """
     root, _ = read_xml(path)
     while (include := next(root.iter("include"), None)) is not None:
@@ -275,10 +271,8 @@ def split_bodies(root: Node, mj: Any, held: Mapping[str, float]) -> dict[str, No
     """Removes locked joints, in place, and splits bodies of several joints into chains of bodies.
 
     The last body of a chain keeps name and content. All joints must have names. `held` has the
-    position of each locked joint [rad or m]; it has no meaning for balls and free joints.
-
-    Returns:
-        The body behind each joint that is left.
+    position of each locked joint [rad or m]; it has no meaning for balls and free joints. Returns
+    the body behind each joint that is left.
     """
     found, j = {}, 0
     for body in bodies_of_file(root):

@@ -17,21 +17,13 @@ from .findings import Finding
 
 
 class Servos(NamedTuple):
-    """Position servos on k joints: force = kp (u − q) − kv q̇.
+    """Position servos on k joints: force = kp (u − q) − kv q̇."""
 
-    Attributes:
-        kp: (k,) stiffness [N·m/rad or N/m].
-        kv: (k,) damping [N·m·s/rad or N·s/m].
-        range: (k, 2) least and largest target [rad or m]; ±inf without limit.
-        delay: (k,) from a target to the servo [s]; see `tree.target_delays`.
-        profile: (k, 3) profile of the targets; see `target_profile`.
-    """
-
-    kp: Array
-    kv: Array
-    range: Array
-    delay: Array
-    profile: Array
+    kp: Array  # (k,) stiffness [N·m/rad or N/m]
+    kv: Array  # (k,) damping [N·m·s/rad or N·s/m]
+    range: Array  # (k, 2) least and largest target [rad or m]; ±inf without limit
+    delay: Array  # (k,) from a target to the servo [s]; see `tree.target_delays`
+    profile: Array  # (k, 3) profile of the targets; see `target_profile`
 
 
 @dataclass(frozen=True)

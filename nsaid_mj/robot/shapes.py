@@ -32,19 +32,12 @@ DRAWN = tuple(
 
 
 class VisualMesh(NamedTuple):
-    """A triangle mesh fixed to a body.
+    """A triangle mesh fixed to a body."""
 
-    Attributes:
-        name: unique among a plant's meshes.
-        vertices: (k, 3) in the mesh's own frame [m].
-        triangles: (f, 3) indices into `vertices`.
-        color: (4,) RGBA in 0 … 1.
-    """
-
-    name: str
-    vertices: Array
-    triangles: np.ndarray
-    color: tuple[float, ...]
+    name: str  # unique among a plant's meshes
+    vertices: Array  # (k, 3) in the mesh's own frame [m]
+    triangles: np.ndarray  # (f, 3) indices into `vertices`
+    color: tuple[float, ...]  # (4,) RGBA in 0 … 1
 
 
 class Shape(NamedTuple):
@@ -73,8 +66,7 @@ class Shapes:
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m).
 
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        They are translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
         """
         data = self._tree.createData()
         translations = np.zeros((len(q), len(self.parts), 3))

@@ -1,7 +1,5 @@
 """Identified values as YAML for `mujoco.sysid`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -6,8 +6,6 @@ and smooth it. A profile (k, 3) has the largest speed [rad/s or m/s], the larges
 none.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 
@@ -45,10 +43,8 @@ def advance(profile, target, h, state):
 def followed(t: Array, target: Array, profile: Array) -> Array:
     """(N, k) what servos follow of targets, as means over the time to the next row.
 
-    Args:
-        t: (N,) times [s].
-        target: (N, k) held from row to row; the profile has reached the first.
-        profile: (k, 3).
+    target (N, k) is held from row to row, at times t (N,) [s]; profile (k, 3) has reached the
+    first.
     """
     if not profile.any():
         return target

@@ -175,9 +175,7 @@ def _add_joint(
     """Adds MuJoCo's joint j behind Pinocchio's joint `parent`.
 
     `place` is that of the body's frame in the frame of the parent, without this joint's motion.
-
-    Returns:
-        Index of the new joint, and the place of the body's frame in its frame.
+    Returns the index of the new joint, and the place of the body's frame in its frame.
     """
     kind = mujoco.mjtJoint(mj.jnt_type[j])
     axis, anchor = mj.jnt_axis[j].copy(), mj.jnt_pos[j].copy()

@@ -144,17 +144,11 @@ def _pinocchio(path: Path, xml: str, floats: bool) -> pin.Model:
 
 
 class Follower(NamedTuple):
-    """The law of a mimic joint: q = multiplier · q_leader + offset.
+    """The law of a mimic joint: q = multiplier · q_leader + offset."""
 
-    Attributes:
-        leader: name of the joint that it follows.
-        multiplier: ratio of the positions.
-        offset: its position where the leader is at 0 [rad or m].
-    """
-
-    leader: str
-    multiplier: float
-    offset: float
+    leader: str  # name of the joint that it follows
+    multiplier: float  # ratio of the positions
+    offset: float  # its position where the leader is at 0 [rad or m]
 
 
 def mimicking(path: Path, root: Element) -> dict[str, Follower]:

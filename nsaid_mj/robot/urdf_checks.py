@@ -4,8 +4,6 @@ Pinocchio treats a link with an unreadable `<inertial>` as massless, and merges 
 welded together, which hides the loss.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -233,10 +231,8 @@ def check_inertials(path: Path, root: Element) -> list[Finding]:
     """Moves the inertias of a URDF inside the cone of physical ones, in place.
 
     An `<inertial>` without mass is left out; a moving link without any mass is found later, when
-    welded links are merged.
-
-    Returns:
-        A warning for each inertial of a moving link that was changed or left out.
+    welded links are merged. Returns a warning for each inertial of a moving link that was changed
+    or left out.
 
     Raises:
         BadRobot: a mass is missing or not a number.

@@ -1,7 +1,5 @@
 """Model files as XML by lxml, with comments, order and namespaces."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 from pathlib import Path

@@ -6,8 +6,6 @@ free flyer or a vehicle in the plane the one that coincides with the base at the
 Spatial vectors are [linear, angular], about the common frame's origin and in its axes.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -54,33 +52,21 @@ FALL = 3
 
 
 class StructureArrays(NamedTuple):
-    """One robot's equations.
+    """One robot's equations."""
 
-    Attributes:
-        bodies: (b, BODY) see `PARENT` and following.
-        joints: (b · JOINT,) see `COSINE` and following.
-        gravity: (3,) in the world's axes [m/s²].
-        rotors: (r, 3) rows [velocity, velocity, parameter]: the entry of M of what turns with one
-            joint alone, or with two.
-        entries: (e, 3) rows [i, j, parameter], i ≤ j: entry of a body's 6×6 inertia in its axes.
-        values: (e,) the entry is value · θ.
-        terms: (k, 4) the entries of one parameter on a body that moves in the common frame, see
-            `OF`; the entries of a free base, constant there, belong to none.
-        columns: (c, COLUMN) the terms of F θ; see `SORT` and following.
-        constants: all columns' constants.
-        nonzeros: (z, 2) rows [velocity, parameter] of the entries of F that can differ from 0.
-    """
-
-    bodies: Integers
-    joints: Array
-    gravity: Array
+    bodies: Integers  # (b, BODY) see `PARENT` and following
+    joints: Array  # (b · JOINT,) see `COSINE` and following
+    gravity: Array  # (3,) in the world's axes [m/s²]
+    # (r, 3) rows [velocity, velocity, parameter]: entry of M of what turns with one joint, or two
     rotors: Integers
-    entries: Integers
-    values: Array
+    entries: Integers  # (e, 3) [i, j, parameter], i ≤ j: entry of a body's 6×6 inertia in its axes
+    values: Array  # (e,) the entry is value · θ
+    # (k, 4) the entries of one parameter on a body that moves in the common frame, see `OF`; the
+    # entries of a free base, constant there, belong to none
     terms: Integers
-    columns: Integers
-    constants: Array
-    nonzeros: Integers
+    columns: Integers  # (c, COLUMN) the terms of F θ; see `SORT` and following
+    constants: Array  # all columns' constants
+    nonzeros: Integers  # (z, 2) rows [velocity, parameter] of entries of F that can differ from 0
 
 
 VELOCITY, DRIFT, WRENCH, PUSH, FIELD, MOTION = 0, 6, 12, 18, 24, 36
@@ -94,23 +80,14 @@ SCRATCH, SPARE, ROWS = 96, 6, 7
 
 
 class Workspace(NamedTuple):
-    """Workspace of a stage. Kernels allocate nothing.
+    """Workspace of a stage. Kernels allocate nothing."""
 
-    Attributes:
-        motion: (b · MOTION,) motion of the bodies.
-        inertia: (b · INERTIA,) inertia of every body with all that it carries, in the common frame.
-        M: (n, n) mass matrix, lower triangle.
-        L: (n, n) its factor.
-        rows: (ROWS, n) vectors of velocities.
-        scratch: (SCRATCH,) vectors of one body.
-    """
-
-    motion: Array
-    inertia: Array
-    M: Array
-    L: Array
-    rows: Array
-    scratch: Array
+    motion: Array  # (b · MOTION,) motion of the bodies
+    inertia: Array  # (b · INERTIA,) of every body with all that it carries, in the common frame
+    M: Array  # (n, n) mass matrix, lower triangle
+    L: Array  # (n, n) its factor
+    rows: Array  # (ROWS, n) vectors of velocities
+    scratch: Array  # (SCRATCH,) vectors of one body
 
 
 SPEED_SLOPE, TURN_SLOPE, LOAD, IMPULSE, CHANGE, SLOPE = 36, 72, 108, 114, 120, 126
@@ -119,25 +96,17 @@ BENT, TWICE, MOVED = 0, 6, 12
 
 
 class Slopes(NamedTuple):
-    """Workspace for derivatives of the forward dynamics, see `slopes`.
+    """Workspace for derivatives of the forward dynamics, see `slopes`."""
 
-    Attributes:
-        state: state of a sample.
-        bodies: (b · SLOPE,) of every body with all that it carries: of entries and columns the
-            inertia (6, 6) and the derivatives of the wrench by twist (6, 6) and by a turn (6, 6);
-            the total wrench; of rigid-body parameters the momentum, and the rate of Ī (6,).
-        axes: (n · FRAME,) of every velocity.
-        F: (z,) entries of F.
-        by_state: (n, 2n) derivatives of v̇.
-        flow: (4n, 3n) workspace of a step's derivatives.
-    """
-
-    state: Array
+    state: Array  # state of a sample
+    # (b · SLOPE,) of every body with all that it carries: of entries and columns the inertia (6, 6)
+    # and the derivatives of the wrench by twist (6, 6) and by a turn (6, 6); the total wrench; of
+    # rigid-body parameters the momentum, and the rate of Ī (6,)
     bodies: Array
-    axes: Array
-    F: Array
-    by_state: Array
-    flow: Array
+    axes: Array  # (n · FRAME,) of every velocity
+    F: Array  # (z,) entries of F
+    by_state: Array  # (n, 2n) derivatives of v̇
+    flow: Array  # (4n, 3n) workspace of a step's derivatives
 
 
 def workspace(bodies: int, n: int) -> Workspace:

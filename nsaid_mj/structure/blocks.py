@@ -1,7 +1,5 @@
 """Blocks of θ that many robots have: a body's inertial parameters, and a full mass matrix."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,11 +34,8 @@ def of_a_body(start: int, p: int) -> Array:
 def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Block:
     """The ten inertial parameters of a body, in the order of `of_a_body`.
 
-    Args:
-        name: name of the block.
-        mass: guess [kg].
-        offset: guess of the largest distance of the centre of mass from the origin [m].
-        inertia: (3,) guess of the moments of inertia [kg·m²]; products are a quarter of them.
+    Guesses are the mass [kg], the largest distance `offset` of the centre of mass from the origin
+    [m], and moments of inertia (3,) [kg·m²], of which products are a quarter.
     """
     x, y, z = inertia
     products = 0.25 * np.sqrt([x * y, x * z, y * z])
@@ -74,9 +69,8 @@ def link_block(number: int, name: str, mass: float, length: float) -> Block:
 def mass_block(diagonal: Array, axes: Sequence[int] = range(6)) -> Block:
     """The entries of a symmetric M (n, n), upper triangle row by row.
 
-    Args:
-        diagonal: (n,) guess of M's diagonal [kg, kg·m²]; off it, a quarter of the geometric mean.
-        axes: along and about which the body moves, of the six.
+    diagonal (n,) is a guess of M's diagonal [kg, kg·m²], and off it a quarter of the geometric
+    mean; `axes` are those along and about which the body moves, of the six.
     """
     rows, columns = np.triu_indices(len(axes))
     share = np.where(rows == columns, 1.0, 0.25)

@@ -4,8 +4,6 @@ All arrays of numbers are C-contiguous float64, all arrays of indices C-contiguo
 every function has one signature, which its decorator states.
 """
 
-from __future__ import annotations
-
 from numba import types
 
 from ..numerics.compiler import FAST

@@ -69,10 +69,8 @@ class StructuredKinematics:
     def midpoints(self, log: Log, hermite: bool) -> Middle:
         """The states half-way between a log's samples.
 
-        Args:
-            log: N samples.
-            hermite: cubic Hermite interpolation of positions and velocities; else the mean of both
-                velocities, for positions too noisy to differentiate.
+        `hermite` interpolates positions and velocities by cubics; else velocities are the mean of
+        both, for positions too noisy to differentiate.
         """
         t, q, v = plain(log.t), plain(log.q), plain(log.v)
         qm, vm = np.empty((len(t) - 1, self.m)), np.empty((len(t) - 1, self.n))

@@ -1,7 +1,5 @@
 """The force regressor F at one sample, as its entries that can differ from 0."""
 
-from __future__ import annotations
-
 from .arrays import (
     AT,
     AT_V,

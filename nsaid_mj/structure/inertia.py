@@ -4,8 +4,6 @@ Ten rigid-body parameters m, h = m c and Ī (about the frame's origin, in the or
 xz, yz, zz) have formulas of their own. All other inertias are 6×6 matrices.
 """
 
-from __future__ import annotations
-
 from .arrays import (
     FIRST,
     FRAME,

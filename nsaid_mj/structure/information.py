@@ -11,8 +11,6 @@ where F_x, F_c and B are those of `transition.step` and θ_⊥ = Zᵀ θ/scale. 
 `arrays.memory_of`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..numerics.kernels import kernel

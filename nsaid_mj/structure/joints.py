@@ -70,24 +70,17 @@ class JointScales:
 
 
 class Carrier(NamedTuple):
-    """The vehicle's part of a robot whose joints it carries.
+    """The vehicle's part of a robot whose joints it carries."""
 
-    Attributes:
-        inertias: inertias of all bodies.
-        bodies: blocks of these inertias, which come first in θ.
-        terms: fluid forces and thrust, which come last; commands count from the first thruster's.
-        commands: (t,), (t,) range of the thrusters' commands of operation.
-        mounts: (·, 3) point on the base where the force of every actuator parameter in `terms`
-            acts [m], NaN if it exerts no force.
-        speed: (6,) the base's velocities of operation [m/s, rad/s].
-    """
-
-    inertias: list[Inertia]
-    bodies: list[Block]
+    inertias: list[Inertia]  # inertias of all bodies
+    bodies: list[Block]  # blocks of these inertias, which come first in θ
+    # fluid forces and thrust, which come last; commands count from the first thruster's
     terms: list[Term]
-    commands: tuple[Array, Array]
+    commands: tuple[Array, Array]  # (t,), (t,) range of the thrusters' commands of operation
+    # (·, 3) point on the base where the force of every actuator parameter in `terms` acts [m], NaN
+    # if it exerts no force
     mounts: Array
-    speed: Array
+    speed: Array  # (6,) the base's velocities of operation [m/s, rad/s]
 
 
 class JointTree(SecondOrderSystem):

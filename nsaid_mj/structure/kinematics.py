@@ -1,7 +1,5 @@
 """The state of a tree at one sample: kinematic quantities that do not depend on estimates."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from .arrays import (

@@ -3,8 +3,6 @@
 Any number of identifiers can share a `Motion`. A stage of RK4 computes â of (29) and Wᵀ Δv from it.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,47 +40,30 @@ _V, _G, _S, _RATE_S = 0, 12, 18, 24  # vectors in the body's axes
 
 
 class Outside(NamedTuple):
-    """The leading entries of Wᵀ Δv from outside compiled code.
+    """The leading entries of Wᵀ Δv from outside compiled code."""
 
-    Attributes:
-        address: address of a C function of two int64: 0, 1 or 2 for the step's start, middle or
-            end, and the index of the sample at its end; 0 if all entries are the structure's.
-        v_hat: (n,) v̂ of a stage, input of the function.
-        a_hat: (n,) â of a stage, likewise.
-        leading: (l,) first entries of Wᵀ Δv, which the function writes.
-    """
-
+    # address of a C function of two int64: 0, 1 or 2 for the step's start, middle or end, and the
+    # index of the sample at its end; 0 if all entries are the structure's
     address: int
-    v_hat: Array
-    a_hat: Array
-    leading: Array
+    v_hat: Array  # (n,) v̂ of a stage, input of the function
+    a_hat: Array  # (n,) â of a stage, likewise
+    leading: Array  # (l,) first entries of Wᵀ Δv, which the function writes
 
 
 NOTHING_OUTSIDE = Outside(0, *np.empty((3, 0)))
 
 
 class Motion(NamedTuple):
-    """All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
+    """All parts of the RK4 stages along a log of N samples that do not depend on the estimate."""
 
-    Attributes:
-        structure: the robot.
-        t: (N,) times [s].
-        v: (N, n) velocities.
-        vm: (N−1, n) velocities half-way between samples.
-        states: (N, s) states of `structure.kinematics`, at the samples.
-        middles: (N−1, s) states half-way between them.
-        F: (3, N−1, z) entries of F that can differ from 0, at start, middle and end of every step.
-        outside: entries of Wᵀ Δv that are not the structure's.
-    """
-
-    structure: StructureArrays
-    t: Array
-    v: Array
-    vm: Array
-    states: Array
-    middles: Array
-    F: Array
-    outside: Outside = NOTHING_OUTSIDE
+    structure: StructureArrays  # the robot
+    t: Array  # (N,) times [s]
+    v: Array  # (N, n) velocities
+    vm: Array  # (N−1, n) velocities half-way between samples
+    states: Array  # (N, s) states of `structure.kinematics`, at the samples
+    middles: Array  # (N−1, s) states half-way between them
+    F: Array  # (3, N−1, z) entries of F that can differ from 0, at start, middle and end of a step
+    outside: Outside = NOTHING_OUTSIDE  # entries of Wᵀ Δv that are not the structure's
 
 
 _workspace = njit(workspace)

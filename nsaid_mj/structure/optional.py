@@ -4,8 +4,6 @@ A vehicle needs no Pinocchio, and a computer without a screen no Rerun: each is 
 `pip install nsaid-mj`. Modules import `pin` and `coal` from here.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from importlib.util import find_spec
 from types import ModuleType

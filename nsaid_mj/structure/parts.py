@@ -25,54 +25,36 @@ KINDS_OF_JOINT: dict[str, int] = {
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A body and the joint that connects it to its parent.
+    """A body and the joint that connects it to its parent."""
 
-    Attributes:
-        joint: kind of joint.
-        parent: number of its parent, −1 for the ground; parents come first.
-        axis: (3,) unit vector of the joint in the body's axes, for a hinge or slide.
-        rotation: (3, 3) the body's axes in its parent's where the joint's position is 0.
-        position: (3,) position of the joint in the parent's frame [m].
-        name: name of the body.
-    """
-
-    joint: JointKind
-    parent: int = -1
-    axis: ArrayLike = (0.0, 0.0, 1.0)
+    joint: JointKind  # kind of joint
+    parent: int = -1  # number of its parent, −1 for the ground; parents come first
+    axis: ArrayLike = (0.0, 0.0, 1.0)  # (3,) unit vector of a hinge or slide in the body's axes
+    # (3, 3) the body's axes in its parent's where the joint's position is 0
     rotation: ArrayLike = field(default_factory=lambda: np.eye(3))
-    position: ArrayLike = (0.0, 0.0, 0.0)
-    name: str = ""
+    position: ArrayLike = (0.0, 0.0, 0.0)  # (3,) position of the joint in the parent's frame [m]
+    name: str = ""  # name of the body
 
 
 @dataclass(frozen=True, eq=False)
 class Inertia:
-    """A part of a body's 6×6 inertia about its origin, in its axes, linear in θ.
+    """A part of a body's 6×6 inertia about its origin, in its axes, linear in θ."""
 
-    Attributes:
-        body: number of the body.
-        start: index in θ of the first of its parameters.
-        tensor: (6, 6, s) with I = tensor · θ[start : start + s]; None for the ten parameters of a
-            rigid body, m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz, which alone have weight.
-    """
-
-    body: int
-    start: int
+    body: int  # number of the body
+    start: int  # index in θ of the first of its parameters
+    # (6, 6, s) with I = tensor · θ[start : start + s]; None for the ten parameters of a rigid body,
+    # m, m c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz, which alone have weight
     tensor: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Rotor:
-    """Inertia that turns or slides with a joint alone: a motor's rotor.
+    """Inertia that turns or slides with a joint alone: a motor's rotor."""
 
-    Attributes:
-        dof: number of the velocity.
-        parameter: index in θ [kg·m² or kg].
-        other: number of another velocity, if this is the entry of M by which both share a rotor;
-            −1 if the rotor turns with one joint alone.
-    """
-
-    dof: int
-    parameter: int
+    dof: int  # number of the velocity
+    parameter: int  # index in θ [kg·m² or kg]
+    # number of another velocity, if this is the entry of M by which both share a rotor; −1 if the
+    # rotor turns with one joint alone
     other: int = -1
 
 
@@ -81,22 +63,14 @@ class Column:
     """One term of F θ: a force of known direction and unknown size.
 
     Several columns may share a parameter.
-
-    Attributes:
-        kind: name of one of `columns.KINDS`.
-        parameter: index in θ.
-        body: number of the body on which it acts, or −1.
-        dof: number of the velocity, for a force of a joint, or −1.
-        input: number of the command it reads, or −1.
-        constants: the kind's other constants, by name.
     """
 
-    kind: str
-    parameter: int
-    body: int
-    dof: int
-    input: int
-    constants: Mapping[str, ArrayLike]
+    kind: str  # name of one of `columns.KINDS`
+    parameter: int  # index in θ
+    body: int  # number of the body on which it acts, or −1
+    dof: int  # number of the velocity, for a force of a joint, or −1
+    input: int  # number of the command it reads, or −1
+    constants: Mapping[str, ArrayLike]  # the kind's other constants, by name
 
     def __init__(
         self,
@@ -128,11 +102,8 @@ def columns_at(
 ) -> list[Column]:
     """Columns of the first body's actuators, one for each parameter and command, from 0.
 
-    Args:
-        kind: kind of the columns.
-        points: (k, 3) where they act, in the body's axes [m].
-        directions: (k, 3) unit vectors along which they push, if the kind has a direction.
-        constants: shared by all.
+    points (k, 3) are where they act [m], directions (k, 3) unit vectors along which they push, if
+    the kind has a direction, both in the body's axes. All share the constants.
     """
     columns = []
     for i, point in enumerate(np.asarray(points, dtype=float)):

@@ -1,7 +1,5 @@
 """The change of θ by a point mass fixed to a body."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..errors import InvalidInput, UnknownName
@@ -19,13 +17,10 @@ def carrier(space: ParameterSpace) -> str:
 
 
 def point_mass(space: ParameterSpace, mass: float, place: Array, link: str = "") -> Array:
-    """(p,) change of θ by a point mass.
+    """(p,) change of θ by a point mass [kg].
 
-    Args:
-        space: names, units and scale of θ.
-        mass: [kg].
-        place: (3,) its position in the body's axes; for a link, those of its joint [m].
-        link: name of the body's block; "" for `carrier`.
+    place (3,) is in the axes of the body, for a link in those of its joint [m]; `link` is the name
+    of the body's block, "" for `carrier`.
 
     Raises:
         UnknownName: there is no such body.

@@ -4,8 +4,6 @@ A tangent step (n,) is the velocity that, held for one second, leads from one po
 for a base, the twist of the group's exponential map in its own axes; for a joint, a difference.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from .arrays import AT_Q, AT_V, CIRCLE, COUNT, FIXED, FREE, KIND, PLANAR

@@ -1,7 +1,5 @@
 """The combined regressor W of (10) at one sample, column by column."""
 
-from __future__ import annotations
-
 from .arrays import (
     AT_V,
     COUNT,

@@ -1,7 +1,5 @@
 """Names of a system's sensors, and the effect of a bias on their measurements."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..parameters import Array

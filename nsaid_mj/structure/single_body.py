@@ -1,7 +1,5 @@
 """Vehicles of one body: their inertia, and the terms that act on it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -23,8 +23,6 @@ Spatial Vector Algebra, IEEE Robotics and Automation Letters 7 (2022), which hol
 6×6 inertia. Columns are differentiated by forward differences of one body or one joint.
 """
 
-from __future__ import annotations
-
 from ..numerics.linalg import solve_many
 from .arrays import (
     AT,

@@ -3,8 +3,6 @@
 Rows are never sliced: a view of an array costs two atomic operations in numba.
 """
 
-from __future__ import annotations
-
 from .compiled import f8, helper, index, vector, void
 
 _PRODUCT = void(vector, index, vector, index, f8, vector, index)

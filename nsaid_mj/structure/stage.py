@@ -16,8 +16,6 @@ with A = [A, α] without T. With h = ∫ r dm and Σ = ∫ r rᵀ dm, f = [m a +
 and the last integral is the vector of B Σ − (B Σ)ᵀ. Dᵀ f is linear in m, h and Σ alike.
 """
 
-from __future__ import annotations
-
 from ..numerics.linalg import solve_inline
 from .arrays import (
     AT_V,

@@ -1,7 +1,5 @@
 """A robot's equations as data: checked, and packed for the kernels."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Systems whose equations are those of a `Structure`, evaluated by its kernels."""
 
-from __future__ import annotations
-
 from functools import cached_property
 
 import numpy as np

@@ -10,8 +10,6 @@ w (n,) the velocity that C multiplies (the identifier's v̂ or the measured v), 
 acceleration, u command, θ (p,) parameters. F is always evaluated at the measured x.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property
@@ -31,17 +29,11 @@ _TOGETHER = 64  # samples whose mass matrices are computed together
 
 
 class Stage(NamedTuple):
-    """A system at one measured state and command, under an estimate θ̂.
+    """A system at one measured state and command, under an estimate θ̂."""
 
-    Attributes:
-        a: (n,) acceleration v̇(t, x, w, θ̂) of (29); NaN where M̂ is not positive definite.
-        W: (n, p) regressor W(t, x, w, θ̂) of (10, 31).
-        pivot: smallest pivot of M̂'s factorisation, > 0 where M̂ is positive definite.
-    """
-
-    a: Array
-    W: Array
-    pivot: float
+    a: Array  # (n,) acceleration v̇(t, x, w, θ̂) of (29); NaN where M̂ is not positive definite
+    W: Array  # (n, p) regressor W(t, x, w, θ̂) of (10, 31)
+    pivot: float  # smallest pivot of M̂'s factorisation, > 0 where M̂ is positive definite
 
 
 class SecondOrderSystem(StructuredKinematics, ABC):

@@ -1,7 +1,5 @@
 """Blocks of θ with the columns that they scale, of which a family's forces consist."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -14,19 +12,12 @@ from .parts import Column
 
 
 class Term(NamedTuple):
-    """A block of θ, and the columns of F that it scales.
+    """A block of θ, and the columns of F that it scales."""
 
-    Attributes:
-        block: names, units and guesses of the parameters.
-        columns: their parameters count from the block's first.
-        nominal: (k,) published values of the parameters.
-        spread: relative deviation of true values, as a share of the vehicle's assumed spread.
-    """
-
-    block: Block
-    columns: Sequence[Column]
-    nominal: Array
-    spread: float = 1.0
+    block: Block  # names, units and guesses of the parameters
+    columns: Sequence[Column]  # their parameters count from the block's first
+    nominal: Array  # (k,) published values of the parameters
+    spread: float = 1.0  # relative deviation of true values over the vehicle's assumed spread
 
 
 def placed(space: ParameterSpace, terms: Sequence[Term], command: int = 0) -> list[Column]:

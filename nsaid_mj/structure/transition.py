@@ -10,8 +10,6 @@ The derivatives are held in the step at their values in RK4's third stage, half-
 error is of third order in the step. θ acts through the n components of c alone.
 """
 
-from __future__ import annotations
-
 from .compiled import SLOPES, STRUCTURE, WORKSPACE, f8, index, kernel, matrix, routine, vector, void
 from .forces import ALL, write_forces
 from .kinematics import place

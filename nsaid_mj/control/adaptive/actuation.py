@@ -4,8 +4,6 @@ F(u) θ̂ − F(0) θ̂ = B(θ̂) f(u), with B the force per unit of effort, lin
 actuators' known command curves. Over-actuated groups take a weighted right inverse of B.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,17 +28,10 @@ class Group:
 class Actuation:
     """The actuators of a fully or over-actuated system.
 
-    Args:
-        system: the structure.
-        prior: (p,) gains under which the actuators must span all velocities.
-        low: (n_u,) smallest commands.
-        high: (n_u,) largest commands.
-        rest: (n_u,) preferred efforts of redundant actuators.
-
-    Attributes:
-        gains: indices in θ of the actuators' gains.
-        low: (n_u,) smallest commands.
-        high: (n_u,) largest commands; less where a command curve falls off before.
+    Under the gains of prior (p,) they must span all velocities; low and high (n_u,) are the
+    smallest and largest commands, the attribute high less where a command curve falls off before;
+    rest (n_u,) are preferred efforts of redundant actuators. The attribute `gains` has their
+    indices in θ.
 
     Raises:
         InvalidInput: the system is under-actuated, or its forces are not a sum over commands.

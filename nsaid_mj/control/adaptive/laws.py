@@ -4,8 +4,6 @@ The adaptive ones solve W(t, x, v_r, v̇_r, u) θ̂ = K_d s: Slotine and Li (IJR
 cone's metric and with constant Γ, and certainty equivalence with an identifier's estimate.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -103,34 +101,23 @@ def descend(law, work, slope, step, eta, theta, moved):
 
 
 class Demand(NamedTuple):
-    """The requirement on a command: W(t, x, w, a, u) θ̂ = pull.
+    """The requirement on a command: W(t, x, w, a, u) θ̂ = pull."""
 
-    Attributes:
-        w: (n,) velocity that C multiplies.
-        a: (n,) acceleration.
-        pull: (n,) generalised force.
-    """
-
-    w: Array
-    a: Array
-    pull: Array
+    w: Array  # (n,) velocity that C multiplies
+    a: Array  # (n,) acceleration
+    pull: Array  # (n,) generalised force
 
 
 @dataclass(frozen=True, eq=False)
 class TrackingLaw:
-    """A tracking law.
+    """A tracking law."""
 
-    Attributes:
-        estimate: θ̂ and its adaptation.
-        damping: (n,) K_d of W(t, x, v_r, v̇_r, u) θ̂ = K_d s; None for computed torque.
-        decay: κ of computed torque, W(t, x, v, v̇_r − κ s, u) θ̂₀ = 0: under θ̂₀, ṡ = −κ s [1/s].
-        informed: whether it uses an identifier's estimate.
-    """
-
-    estimate: Estimate
+    estimate: Estimate  # θ̂ and its adaptation
+    # (n,) K_d of W(t, x, v_r, v̇_r, u) θ̂ = K_d s; None for computed torque
     damping: Array | None = None
+    # κ of computed torque, W(t, x, v, v̇_r − κ s, u) θ̂₀ = 0: under θ̂₀, ṡ = −κ s [1/s]
     decay: float = 0.0
-    informed: bool = False
+    informed: bool = False  # whether it uses an identifier's estimate
 
     def demand(self, v: Array, v_r: Array, a_r: Array) -> Demand:
         """The demand at a measured velocity v (n,), for v_r (n,) and v̇_r (n,)."""

@@ -14,8 +14,6 @@ fastest natural frequency ω is limited by sampling and unmodelled dynamics: a d
 from the loop's damping K_d/M. γ gives it a chosen value at the prior, for every law.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -36,10 +34,8 @@ class Reference:
 
         v_r = [Rᵀ (ṗ_d + Λ (p_d − p)), Rᵀ R_d ω_d + 2 Λ q_e, q̇_d + Λ (q_d − q)].
 
-    Args:
-        system: an arm on a fixed base, or a body in space with or without joints.
-        trajectory: trajectory of x, y, z [m], roll, pitch, yaw [rad] and the joints.
-        rate: Λ [1/s].
+    The trajectory is that of x, y, z [m], roll, pitch, yaw [rad] and the joints; an arm alone is on
+    a fixed base. `rate` is Λ [1/s].
     """
 
     def __init__(self, system: SecondOrderSystem, trajectory: FourierTrajectory, rate: float):

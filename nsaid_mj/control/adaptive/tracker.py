@@ -6,8 +6,6 @@ error of second order in the sampling interval. The adaptation takes the state h
 samples as measured, and the command that was held.
 """
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

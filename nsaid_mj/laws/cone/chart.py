@@ -9,8 +9,6 @@ them not every η is inside; instead `confine` limits a step to a Dikin ellipsoi
 An arm's links are evaluated in one SIMD lane each, with the formulas of other blocks.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import types
 

@@ -7,8 +7,6 @@ logarithmically homogeneous, ∇²b θ = −∇b, and by (30) ½ θ̂ᵀ Γ⁻¹
 in docs/theory.md.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...errors import InvalidInput

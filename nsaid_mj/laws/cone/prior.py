@@ -1,7 +1,5 @@
 """The prior: random parameters about given ones, inside the cone, and their spread."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...errors import InvalidInput
@@ -24,14 +22,8 @@ def drawn_inside(
     scaling to unit diagonal, with e^{±error/2} on A's diagonal and ±error/4 off it; free blocks
     change by ±error of their size. In a tied matrix, diagonal parameters are drawn as positive
     numbers and the others as free ones; the latter are then reduced until the smallest eigenvalue
-    of the scaled matrix is at least e^{−error} of its former value. A θ on the cone's boundary is
-    first moved inside.
-
-    Args:
-        space: names, scale and geometry.
-        theta: (p,) parameters to draw about.
-        error: largest relative error.
-        rng: random generator.
+    of the scaled matrix is at least e^{−error} of its former value. A θ (p,) on the cone's boundary
+    is first moved inside.
     """
     cone, drawn = cone_of(space), np.array(theta, dtype=np.float64)
     pairing = coordinates(cone)

@@ -1,7 +1,5 @@
 """Time and measurement updates of the filter's covariance; equations are in `kalman`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...numerics.linalg import (

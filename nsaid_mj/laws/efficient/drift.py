@@ -39,17 +39,11 @@ _BETTER = 3.0  # at which another variance is
 
 
 class Rival(NamedTuple):
-    """A filter with one model of θ(t); its tally holds the evidence.
+    """A filter with one model of θ(t); its tally holds the evidence."""
 
-    Attributes:
-        filter: at the last sample.
-        all_of: variance per second of all of θ, relative to itself [1/s].
-        gains: that of the gains in addition [1/s].
-    """
-
-    filter: Filter
-    all_of: float
-    gains: float
+    filter: Filter  # at the last sample
+    all_of: float  # variance per second of all of θ, relative to itself [1/s]
+    gains: float  # that of the gains, in addition [1/s]
 
     @property
     def evidence(self) -> float:
@@ -86,15 +80,10 @@ class Rival(NamedTuple):
 
 
 class Rivals(NamedTuple):
-    """Rivals started at the same time.
+    """Rivals started at the same time."""
 
-    Attributes:
-        each: of every model and variance, the walks of the gains alone last.
-        begin: when they began [s].
-    """
-
-    each: tuple[Rival, ...]
-    begin: float
+    each: tuple[Rival, ...]  # of every model and variance, the walks of the gains alone last
+    begin: float  # when they began [s]
 
     @staticmethod
     def at(kalman: Filter, prior: Array, t: float) -> Rivals:

@@ -22,62 +22,37 @@ NEAR = 0.3
 
 
 class Law(NamedTuple):
-    """Constants of the filter, for compiled loops.
+    """Constants of the filter, for compiled loops."""
 
-    Attributes:
-        structure: structure of the system.
-        cone: cone of physical parameters.
-        scale: (p,) scale of θ.
-        margin: (p,) see `steps.margin_of`.
-        gamma: γ; after the first seconds `NEAR`, if that is less.
-        window: samples over which innovations are tested.
-        walk: (p,) variance that θ, relative to itself, gains per second [1/s]; 0 where constant.
-        unexplained: (n,) density of the noise of the force on every velocity, over the gain of the
-            last motor, the last parameter [units of its command, squared, times s]; (0,) if there
-            is none.
-        parts: (s, p) of `nullspace.parts_of`.
-    """
-
-    structure: StructureArrays
-    cone: Cone
-    scale: Array
-    margin: Array
-    gamma: float
-    window: int
-    walk: Array
+    structure: StructureArrays  # structure of the system
+    cone: Cone  # cone of physical parameters
+    scale: Array  # (p,) scale of θ
+    margin: Array  # (p,) see `steps.margin_of`
+    gamma: float  # γ; after the first seconds `NEAR`, if that is less
+    window: int  # samples over which innovations are tested
+    walk: Array  # (p,) variance that θ, relative to itself, gains per second [1/s]; 0 if constant
+    # (n,) density of the noise of the force on every velocity, over the gain of the last motor, the
+    # last parameter [units of its command, squared, times s]; (0,) if there is none
     unexplained: Array
-    parts: Array
+    parts: Array  # (s, p) of `nullspace.parts_of`
 
 
 class Filter(NamedTuple):
-    """State of the filter at a sample. All arrays are overwritten by `follow_filter`.
+    """State of the filter at a sample. All arrays are overwritten by `follow_filter`."""
 
-    Attributes:
-        q: (m,) estimated position.
-        v: (n,) estimated velocity.
-        theta: (p,) estimate.
-        Pxx: (2n, 2n) covariance of the tangent state.
-        Pxt: (2n, p) covariance of the state with θ/scale.
-        Ptt: (p, p) covariance of θ/scale.
-        noise: running estimate of the sensors' noise.
-        tally: (4,) whether the filter has begun; samples in the current window, and their sums of
-            squared normalised innovations and of log det S.
-        safe: (2, p) θ̂ at the start of the preceding window, and of the current one.
-        safe_P: (2, p, p) P_θθ there.
-        totals: (2,) sum of all squared normalised innovations, and their number.
-    """
-
-    q: Array
-    v: Array
-    theta: Array
-    Pxx: Array
-    Pxt: Array
-    Ptt: Array
-    noise: Noise
+    q: Array  # (m,) estimated position
+    v: Array  # (n,) estimated velocity
+    theta: Array  # (p,) estimate
+    Pxx: Array  # (2n, 2n) covariance of the tangent state
+    Pxt: Array  # (2n, p) covariance of the state with θ/scale
+    Ptt: Array  # (p, p) covariance of θ/scale
+    noise: Noise  # running estimate of the sensors' noise
+    # (4,) whether the filter has begun; samples in the current window, and their sums of squared
+    # normalised innovations and of log det S
     tally: Array
-    safe: Array
-    safe_P: Array
-    totals: Array
+    safe: Array  # (2, p) θ̂ at the start of the preceding window, and of the current one
+    safe_P: Array  # (2, p, p) P_θθ there
+    totals: Array  # (2,) sum of all squared normalised innovations, and their number
 
     def copied(self) -> Filter:
         """An independent copy."""
@@ -99,19 +74,12 @@ def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
 
 
 class Along(NamedTuple):
-    """Outputs of `follow_filter` along a log of N samples, from row 1 on.
+    """Outputs of `follow_filter` along a log of N samples, from row 1 on."""
 
-    Attributes:
-        theta: (N, p) θ̂.
-        v: (N, n) v̂.
-        pivot: (N,) M̂'s smallest pivot in the step that ends at the row.
-        innovation: (N, 2n) normalised ones, of position and velocity; NaN where there are none.
-    """
-
-    theta: Array
-    v: Array
-    pivot: Array
-    innovation: Array
+    theta: Array  # (N, p) θ̂
+    v: Array  # (N, n) v̂
+    pivot: Array  # (N,) M̂'s smallest pivot in the step that ends at the row
+    innovation: Array  # (N, 2n) normalised ones, of position and velocity; NaN where there are none
 
     @staticmethod
     def empty(count: int, n: int, p: int) -> Along:
@@ -125,57 +93,31 @@ class Along(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """Workspace of the filter's functions besides a `Filter`, for n velocities and p parameters.
+    """Workspace of the filter's functions besides a `Filter`, for n velocities and p parameters."""
 
-    Attributes:
-        stage: workspace of a stage.
-        slopes: workspace of derivatives.
-        at: (m,) a position.
-        q1: (m,) predicted position.
-        v1: (n,) predicted velocity.
-        F: (2n, 3n) derivatives of the prediction by the state and c.
-        B: (n, p) derivatives of c by θ/scale.
-        with_theta: (3n, p) covariance of (x, c) with θ/scale.
-        with_c: (3n, n) that with c.
-        both: (3n, 3n) that with itself.
-        moved: (2n, 3n) F times that.
-        S: (2n, 2n) covariance of the innovation.
-        L: (2n, 2n) its factor.
-        inverse: (2n, 2n) the factor's inverse.
-        whitened: (2n, p) L⁻¹ P̄_xθ.
-        e: (2n,) normalised innovation.
-        y: (2n,) innovation, then the step of the state.
-        R: (2n,) variances of the noise.
-        step: (p,) step of θ̂.
-        before: (p,) θ̂ before the step.
-        trial: (p,) scratch.
-        factor: (p, p) scratch.
-        seen: (3, n) velocities of joints' columns, see `transition.step`.
-    """
-
-    stage: Workspace
-    slopes: Slopes
-    at: Array
-    q1: Array
-    v1: Array
-    F: Array
-    B: Array
-    with_theta: Array
-    with_c: Array
-    both: Array
-    moved: Array
-    S: Array
-    L: Array
-    inverse: Array
-    whitened: Array
-    e: Array
-    y: Array
-    R: Array
-    step: Array
-    before: Array
-    trial: Array
-    factor: Array
-    seen: Array
+    stage: Workspace  # workspace of a stage
+    slopes: Slopes  # workspace of derivatives
+    at: Array  # (m,) a position
+    q1: Array  # (m,) predicted position
+    v1: Array  # (n,) predicted velocity
+    F: Array  # (2n, 3n) derivatives of the prediction by the state and c
+    B: Array  # (n, p) derivatives of c by θ/scale
+    with_theta: Array  # (3n, p) covariance of (x, c) with θ/scale
+    with_c: Array  # (3n, n) that with c
+    both: Array  # (3n, 3n) that with itself
+    moved: Array  # (2n, 3n) F times that
+    S: Array  # (2n, 2n) covariance of the innovation
+    L: Array  # (2n, 2n) its factor
+    inverse: Array  # (2n, 2n) the factor's inverse
+    whitened: Array  # (2n, p) L⁻¹ P̄_xθ
+    e: Array  # (2n,) normalised innovation
+    y: Array  # (2n,) innovation, then the step of the state
+    R: Array  # (2n,) variances of the noise
+    step: Array  # (p,) step of θ̂
+    before: Array  # (p,) θ̂ before the step
+    trial: Array  # (p,) scratch
+    factor: Array  # (p, p) scratch
+    seen: Array  # (3, n) velocities of joints' columns, see `transition.step`
 
     @staticmethod
     def of(structure: StructureArrays, n: int, m: int, p: int) -> Memory:

@@ -25,8 +25,6 @@ as in (44): compared with such forces its noise is negligible, while a step in w
 reverses is neither linear nor stable.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import types
 
@@ -224,10 +222,8 @@ def follow_filter(
 ) -> tuple[int, int]:
     """Runs the filter along a log of N samples, from its state at the first, which it overwrites.
 
-    t (N,) is in s, q is (N, m), v (N, n), u (N, n_u); rows of `along` are written.
-
-    Returns:
-        The last row processed, and how the loop ended.
+    t (N,) is in s, q is (N, m), v (N, n), u (N, n_u); rows of `along` are written. Returns the last
+    row processed, and how the loop ended.
     """
     memory = memory_for(law.structure, v.shape[1], q.shape[1], len(law.scale))
     return _follow(law, filter, t, q, v, u, along, memory)
@@ -256,11 +252,8 @@ def covariance_along(
     """Overwrites P of a filter with that after a log, along given states and at a given θ.
 
     The law's γ adds to the covariance as in the filter, whose θ̂ is the θ at which the system is
-    linearised, at q (N, m) and v (N, n). R (2n,) are variances of the noise, t (N,) is in s, u
-    (N, n_u).
-
-    Returns:
-        The last row processed: N − 1, or that where M or S was not positive definite.
+    linearised, at q (N, m) and v (N, n). u is (N, n_u), t (N,) in s; R (2n,) are variances of the
+    noise. Returns the last row processed: N − 1, or that where M or S was not positive definite.
     """
     memory = memory_for(law.structure, v.shape[1], q.shape[1], len(law.scale))
     return _cover(law, filter, R, t, q, v, u, memory)

@@ -17,8 +17,6 @@ After a restart at the memory's estimate, this estimate is returned until the fi
 continues from that.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

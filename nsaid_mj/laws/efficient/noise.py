@@ -4,8 +4,6 @@ If the fourth difference of a signal at a constant rate is negligible, that of i
 C(8, 4) = 70 times the variance of the noise.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -20,19 +18,12 @@ _SMALLEST = 1e-6  # least standard deviation of the noise [rad or m, rad/s or m/
 
 
 class Noise(NamedTuple):
-    """Running estimate of the sensors' noise.
+    """Running estimate of the sensors' noise."""
 
-    Attributes:
-        increments: (3, 2n) the last increments of position and velocity.
-        variance: (2n,) variance of the noise [rad² or m², (rad/s)² or (m/s)²].
-        count: (2n,) fourth differences used; those of a constant signal are not.
-        seen: (1,) number of increments so far.
-    """
-
-    increments: Array
-    variance: Array
-    count: Array
-    seen: Array
+    increments: Array  # (3, 2n) the last increments of position and velocity
+    variance: Array  # (2n,) variance of the noise [rad² or m², (rad/s)² or (m/s)²]
+    count: Array  # (2n,) fourth differences used; those of a constant signal are not
+    seen: Array  # (1,) number of increments so far
 
 
 NOISE = types.NamedTuple((matrix, vector, vector, vector), Noise)

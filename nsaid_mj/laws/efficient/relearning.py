@@ -6,8 +6,6 @@ motion contradicts it. Restarted at the end of one pass along the same log, with
 prior, it is linearised closer to the truth in each pass.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...log import Log
@@ -24,13 +22,7 @@ _PASSES = 6  # along the log, at most
 def learned(alone: FilterAlone, theta: Array, log: Log) -> Filter | None:
     """The filter at the end of a log, from a θ̂ with which no innovation contradicts it.
 
-    Args:
-        alone: the filter.
-        theta: (p,) θ̂ to begin with.
-        log: N measurements.
-
-    Returns:
-        None if all passes are contradicted.
+    It begins with theta (p,); None if all passes are contradicted.
     """
     before: tuple[float, ...] = ()
     for _ in range(_PASSES):

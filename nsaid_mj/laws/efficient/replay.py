@@ -1,7 +1,5 @@
 """The filter alone: its configuration, its prior, and its contradictions by a log."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -49,30 +47,18 @@ class EfficientConfig(Config):
 
 
 class Replay(NamedTuple):
-    """A log followed by the filter alone.
+    """A log followed by the filter alone."""
 
-    Attributes:
-        contradictions: times of significantly large innovations [s].
-        along: the filter's outputs.
-        filter: at the end.
-    """
-
-    contradictions: tuple[float, ...]
-    along: Along
-    filter: Filter
+    contradictions: tuple[float, ...]  # times of significantly large innovations [s]
+    along: Along  # the filter's outputs
+    filter: Filter  # at the end
 
 
 class FilterAlone:
     """The filter alone, for a structure with compiled forward dynamics.
 
-    Args:
-        system: the structure.
-        dt: time between measurements [s].
-        config: configuration of the filter.
-
-    Attributes:
-        law: the filter's prior knowledge, near θ.
-        space: of θ.
+    `dt` is the time between measurements [s]; the attribute `law` the filter's prior knowledge,
+    near θ.
 
     Raises:
         InvalidInput: the system has no compiled forward dynamics.

@@ -18,66 +18,42 @@ from .filter import Filter
 
 
 class EfficientState(NamedTuple):
-    """State of the efficient law.
-
-    Attributes:
-        filter: the filter.
-        guard: the memory and its estimate.
-        step: index of the sample.
-        pause: intervals for which the memory still pauses.
-        calm: time since the filter began, or was last contradicted [s].
-        handed: whether the law returns the filter's θ̂.
-        restarts: how often the filter restarted at the memory's estimate.
-        returns: how often it returned to an earlier estimate with parameters to re-estimate.
-        signals: signals of failed actuators and sensors.
-        recent: the last samples, as recorded; None before the first.
-        factors: (p,) factors of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator
-            is reversed, 0 if it is stuck.
-        watch: snapshots, for slow changes.
-        trials: filters under hypotheses, of which one will be chosen; None where there are none.
-        events: the faults found so far.
-        loose: a gain that may keep falling; None if there is none.
-        stale: whether the memory's data precede a fault.
-        intact: (p,) θ̂ in which gains of reversed, broken and stuck actuators are those from
-            before.
-        wander: relative errors of all of θ ascribed to an inexact structure: the sum of their
-            squares, and the largest square.
-        drift: variance that every gain, relative to itself, gains per second, as the gains drift; 0
-            if they are constant [1/s].
-        since: when the gains were found to drift [s].
-        unnamed: consecutive trials in which no hypothesis explained the motion.
-        waiting: samples not yet processed by the memory, with the acting signals; or None.
-        rivals: filters that test whether the gains drift; None where θ is constant.
-        beginning: all samples but the newest, until the motion has lasted long, or a fault is
-            found; see `relearning`.
-        learned: when the filter last learned again from them [s].
-    """
+    """State of the efficient law."""
 
     filter: Filter
-    guard: State
-    step: int
-    pause: int
-    calm: float
-    handed: bool
-    restarts: int
-    returns: int
-    signals: Signals
+    guard: State  # the memory and its estimate
+    step: int  # index of the sample
+    pause: int  # intervals for which the memory still pauses
+    calm: float  # time since the filter began, or was last contradicted [s]
+    handed: bool  # whether the law returns the filter's θ̂
+    restarts: int  # how often the filter restarted at the memory's estimate
+    returns: int  # how often it returned to an earlier estimate with parameters to re-estimate
+    signals: Signals  # signals of failed actuators and sensors
+    # (p,) factors of a gain's θ̂ by which the filter's is multiplied: −1 if its actuator is
+    # reversed, 0 if it is stuck
     factors: Array
-    intact: Array
-    recent: Log | None = None
-    watch: Watch = Watch()
+    intact: Array  # (p,) θ̂ with the gains of reversed, broken and stuck actuators from before
+    recent: Log | None = None  # the last samples, as recorded; None before the first
+    watch: Watch = Watch()  # snapshots, for slow changes
+    # filters under hypotheses, of which one will be chosen; None where there are none
     trials: Trials | None = None
-    events: tuple[FaultEvent, ...] = ()
-    loose: Loose | None = None
-    stale: bool = False
+    events: tuple[FaultEvent, ...] = ()  # the faults found so far
+    loose: Loose | None = None  # a gain that may keep falling; None if there is none
+    stale: bool = False  # whether the memory's data precede a fault
+    # relative errors of all of θ ascribed to an inexact structure: the sum of their squares, and
+    # the largest square
     wander: tuple[float, float] = (0.0, 0.0)
+    # variance that every gain, relative to itself, gains per second, as the gains drift; 0 if they
+    # are constant [1/s]
     drift: float = 0.0
-    since: float = 0.0
-    rivals: Rivals | None = None
-    unnamed: int = 0
-    waiting: Log | None = None
+    since: float = 0.0  # when the gains were found to drift [s]
+    rivals: Rivals | None = None  # filters that test whether gains drift; None where θ is constant
+    unnamed: int = 0  # consecutive trials in which no hypothesis explained the motion
+    waiting: Log | None = None  # samples not yet in the memory, with the acting signals; or None
+    # all samples but the newest, until the motion has lasted long, or a fault is found; see
+    # `relearning`
     beginning: tuple[Log, ...] = ()
-    learned: float = 0.0
+    learned: float = 0.0  # when the filter last learned again from them [s]
 
     @property
     def theta(self) -> Array:

@@ -1,7 +1,5 @@
 """Steps of θ̂ and its covariance inside the cone, consistent along the unknown scales."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...numerics.kernels import boolean, f8, i8, kernel, matrix, routine, vector, void

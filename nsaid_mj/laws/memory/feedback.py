@@ -20,22 +20,14 @@ _ORDER = 4  # of the differences
 
 
 class FedBack(NamedTuple):
-    """Running covariance of the noise of measurements and commands.
+    """Running covariance of the noise of measurements and commands."""
 
-    Attributes:
-        increments: (3, 2n + n_u) the last increments of position, velocity and command.
-        pending: (2n + n_u,) the increments of position and velocity into the last sample, and the
-            command before it.
-        together: (n_u, 2n) covariance of commands and measurements.
-        variance: (2n,) variance of the measurements.
-        seen: number of samples so far.
-    """
-
-    increments: Array
+    increments: Array  # (3, 2n + n_u) the last increments of position, velocity and command
+    # (2n + n_u,) position and velocity increments into the last sample, and the command before it
     pending: Array
-    together: Array
-    variance: Array
-    seen: int
+    together: Array  # (n_u, 2n) covariance of commands and measurements
+    variance: Array  # (2n,) variance of the measurements
+    seen: int  # number of samples so far
 
     @staticmethod
     def unknown(n: int, n_u: int) -> FedBack:

@@ -10,8 +10,6 @@ with D_ψ the Bregman divergence of ψ(θ) = ½ θᵀΓ⁻¹θ + μ b(θ), and �
 (w = 0) V decreases for any step size, by the three-point identity (docs/theory.md).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...errors import InvalidInput
@@ -238,12 +236,9 @@ class ImplicitMemory:
 class _Implicit:
     """The objective of one implicit step, over μ; see the module.
 
-    Args:
-        memory: the metric, the anchor and the prior.
-        cost: R, with the weights of this step.
-        hold: (p, p) curvature of the term that holds θ̂ at the prior.
-        start: (p,) θ̂.
-        pace: κh/μ.
+    The memory has the metric, the anchor and the prior, `cost` is R with the weights of this step,
+    hold (p, p) the curvature of the term that holds θ̂ at the prior, start (p,) θ̂, and `pace`
+    κh/μ.
     """
 
     def __init__(

@@ -10,8 +10,6 @@ over a window with exponential weights e^{−a t} (docs/theory.md). Sensor noise
 W_M(q, v) almost undifferentiated; averaging over short blocks reduces it further.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -28,34 +26,22 @@ _PIECE = 64  # steps whose regressors are in memory at once: they fit the cache
 
 
 class Balance(NamedTuple):
-    """The momentum balance at a sample, and the block that is being filled.
+    """The momentum balance at a sample, and the block that is being filled."""
 
-    Attributes:
-        lag: (n, p) filter state z.
-        ahead: (n,) measured position relative to that estimated from positions and velocities.
-        pending: (n,) correction of the latter not yet added to the velocities [rad or m].
-        total: (n, p) sum of Y over the current block.
-        filled: number of samples in the current block.
-        fed: the sensor noise fed back into the commands.
-    """
-
-    lag: Array
-    ahead: Array
-    pending: Array
-    total: Array
-    filled: int
-    fed: FedBack
+    lag: Array  # (n, p) filter state z
+    ahead: Array  # (n,) measured position relative to that estimated from positions and velocities
+    pending: Array  # (n,) correction of the latter not yet added to the velocities [rad or m]
+    total: Array  # (n, p) sum of Y over the current block
+    filled: int  # number of samples in the current block
+    fed: FedBack  # the sensor noise fed back into the commands
 
 
 class Rows:
     """Computes block means of Y along a log, by pure functions of a `Balance`.
 
-    Args:
-        system: the structure.
-        window: time constant 1/a of the leak [s].
-        block: samples in a block.
-        dt: time between measurements [s].
-        levels: standard deviations of the sensors' noise.
+    `window` is the time constant 1/a of the leak [s], `block` the number of samples in a block,
+    `dt` the time between measurements [s], and `levels` are standard deviations of the sensors'
+    noise.
     """
 
     def __init__(
@@ -76,9 +62,7 @@ class Rows:
     def follow(self, balance: Balance, log: Log, middle: Middle) -> tuple[Balance, Array]:
         """Advances the balance along a log of N measurements, with the states half-way between.
 
-        Returns:
-            The balance at the last measurement; and (k, n, p) the means of Y over the k blocks
-            completed on the way.
+        Also returns (k, n, p) the means of Y over the k blocks completed on the way.
         """
         if not self.levels.exact:
             moves = self.system.moves(log.q)

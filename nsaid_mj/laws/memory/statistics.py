@@ -57,34 +57,22 @@ class MemoryConfig(Config):
 
 
 class View(NamedTuple):
-    """An estimate, and the weights of the residuals that it leaves in later blocks.
+    """An estimate, and the weights of the residuals that it leaves in later blocks."""
 
-    Attributes:
-        theta: (p,) the estimate.
-        rho: (n,) correlation of its residuals between neighbouring blocks, for every row.
-        share: (n,) inverse variance of the residuals' innovations.
-    """
-
-    theta: Array
-    rho: Array
-    share: Array
+    theta: Array  # (p,) the estimate
+    rho: Array  # (n,) correlation of its residuals between neighbouring blocks, for every row
+    share: Array  # (n,) inverse variance of the residuals' innovations
 
 
 class Scores(NamedTuple):
-    """Scores of the blocks: gradients of ½ residual² under the estimate that preceded them.
+    """Scores of the blocks: gradients of ½ residual² under the estimate that preceded them."""
 
-    Attributes:
-        view: view of the last estimate; None before the first.
-        latest: (4, p) scores of the last blocks.
-        meat: (p, p) mean of the scores' outer products, summed over neighbouring blocks: the
-            middle of the sandwich covariance.
-        count: effective number of blocks in `meat`.
-    """
-
-    view: View | None
-    latest: Array
+    view: View | None  # view of the last estimate; None before the first
+    latest: Array  # (4, p) scores of the last blocks
+    # (p, p) mean of the scores' outer products, summed over neighbouring blocks: the middle of the
+    # sandwich covariance
     meat: Array
-    count: float
+    count: float  # effective number of blocks in `meat`
 
     @staticmethod
     def empty(p: int) -> Scores:
@@ -111,21 +99,13 @@ class Scores(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """The statistics of all data up to a sample.
+    """The statistics of all data up to a sample."""
 
-    Attributes:
-        step: index of the sample.
-        balance: the momentum balance at the sample.
-        fresh: (k, n, p) blocks not yet in the means.
-        means: over the blocks.
-        scores: scores of the blocks.
-    """
-
-    step: int
-    balance: Balance
-    fresh: Array
-    means: Means
-    scores: Scores
+    step: int  # index of the sample
+    balance: Balance  # the momentum balance at the sample
+    fresh: Array  # (k, n, p) blocks not yet in the means
+    means: Means  # over the blocks
+    scores: Scores  # scores of the blocks
 
     @property
     def sure(self) -> bool:
@@ -135,19 +115,11 @@ class Memory(NamedTuple):
 
 
 class Recorder:
-    """Updates a `Memory` from measurements, by pure functions.
+    """Updates a `Memory` from measurements, `dt` [s] apart, by pure functions.
 
-    Args:
-        system: the structure.
-        config: window, block, interval and horizon.
-        dt: time between measurements [s].
-        levels: standard deviations of the sensors' noise.
-        hermite: cubic Hermite interpolation between samples; else linear.
-
-    Attributes:
-        every: samples between two implicit steps.
-        block: samples in a block.
-        fade: factor by which a block's weight decreases per block.
+    `levels` are standard deviations of the sensors' noise; interpolation between samples is cubic
+    if `hermite`, else linear. There are `every` samples between two implicit steps, `block` in a
+    block, whose weight decreases by the factor `fade` per block.
     """
 
     def __init__(

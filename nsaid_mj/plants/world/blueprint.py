@@ -28,18 +28,13 @@ _NOTHING = np.zeros((6, 6))
 
 
 class Fluid(NamedTuple):
-    """MuJoCo's own fluid forces, for the mismatch `ellipsoid`.
+    """MuJoCo's own fluid forces, for the mismatch `ellipsoid`."""
 
-    Attributes:
-        density: density of the medium [kg/m³].
-        viscosity: viscosity of the medium [Pa·s].
-        solid: whether the geom of this name is an ellipsoid in the flow; no other feels it.
-        replaced: blocks of θ whose forces they replace; with the first block, M's, added mass.
-    """
-
-    density: float
-    viscosity: float
+    density: float  # density of the medium [kg/m³]
+    viscosity: float  # viscosity of the medium [Pa·s]
+    # whether the geom of this name is an ellipsoid in the flow; no other feels it
     solid: Callable[[str], bool]
+    # blocks of θ whose forces they replace; with the first block, M's, added mass
     replaced: tuple[str, ...]
 
     def apply(self, spec: Any, mismatch: Mismatch) -> None:
@@ -55,30 +50,20 @@ class Blueprint:
     """A vehicle of one body as published: its structure, and nominal values of θ.
 
     Matrices are about the body's origin; axes are x forward, y left, z up.
-
-    Attributes:
-        body: block of θ of the inertia.
-        rigid: (6, 6) nominal mass matrix of the rigid body [kg, kg·m, kg·m²].
-        terms: the forces, with their nominal parameters.
-        operation: ranges of velocities and commands.
-        tensor: (6, 6, k) tensor of M in `body`; None for the ten parameters of a rigid body.
-        added: (6, 6) nominal added mass, symmetric; None for a body without.
-        gravity: [m/s²], 0 where weight is a column, or borne.
-        fluid: MuJoCo's fluid forces.
-        size: (3,) size of the box drawn without a model.xml [m].
-        hidden_body: draws the true `rigid`, as a function of the plant's spread and a generator;
-            None if the published inertia is the true one.
     """
 
-    body: Block
-    rigid: Array
-    terms: Sequence[Term]
-    operation: Operation
+    body: Block  # block of θ of the inertia
+    rigid: Array  # (6, 6) nominal mass matrix of the rigid body [kg, kg·m, kg·m²]
+    terms: Sequence[Term]  # the forces, with their nominal parameters
+    operation: Operation  # ranges of velocities and commands
+    # (6, 6, k) tensor of M in `body`; None for the ten parameters of a rigid body
     tensor: Array | None = None
-    added: Array | None = None
-    gravity: float = 0.0
-    fluid: Fluid | None = None
-    size: Sequence[float] | None = None
+    added: Array | None = None  # (6, 6) nominal added mass, symmetric; None for a body without
+    gravity: float = 0.0  # [m/s²], 0 where weight is a column, or borne
+    fluid: Fluid | None = None  # MuJoCo's fluid forces
+    size: Sequence[float] | None = None  # (3,) size of the box drawn without a model.xml [m]
+    # draws the true `rigid`, as a function of the plant's spread and a generator; None if the
+    # published inertia is the true one
     hidden_body: Callable[[float, np.random.Generator], Array] | None = field(default=None)
 
     @cached_property
@@ -103,14 +88,11 @@ class Blueprint:
         return theta
 
     def split(self, theta: Array) -> tuple[Inertia, Array]:
-        """Divides M of θ (p,) into that of a rigid body and added mass.
+        """Divides θ (p,) into a rigid body and (p,) θ of forces on it, added mass among them.
 
-        Only their sum can be identified. The rigid-body part is the nominal one times the largest
-        factor for which the added mass is at least the nominal one times this factor, so that both
-        are physical.
-
-        Returns:
-            the rigid body, and (p,) θ of the forces that act on it.
+        Only the sum of both parts of M can be identified. The rigid-body part is the nominal one
+        times the largest factor for which the added mass is at least the nominal one times this
+        factor, so that both are physical.
         """
         acting, size = theta.copy(), len(self.body)
         M = self._tensor @ theta[:size]

@@ -24,17 +24,11 @@ NED = np.array([1.0, -1.0, -1.0])
 
 
 class Inertia(NamedTuple):
-    """Inertia of a rigid body.
+    """Inertia of a rigid body."""
 
-    Attributes:
-        mass: [kg].
-        lever: (3,) centre of mass [m].
-        inertia: (3, 3) about the centre of mass [kg·m²].
-    """
-
-    mass: float
-    lever: Array
-    inertia: Array
+    mass: float  # [kg]
+    lever: Array  # (3,) centre of mass [m]
+    inertia: Array  # (3, 3) about the centre of mass [kg·m²]
 
     @staticmethod
     def of_matrix(M: Array) -> Inertia:
@@ -78,16 +72,11 @@ def vehicle_spec(
 ) -> Any:
     """MuJoCo's specification of a vehicle's model.xml with a given inertia, without gravity.
 
-    Only the geometry of model.xml is used: its masses, damping and medium are overwritten.
-
-    Args:
-        files: the vehicle's.
-        dt: time step [s].
-        mass: mass of the body [kg].
-        centre: (3,) centre of mass in body axes [m].
-        inertia: (3, 3) about the centre of mass, in body axes [kg·m²].
-        size: (3,) of the box drawn without a model.xml [m]; None for a solid box of this inertia.
-        n: number of its velocities: 6 on a free joint, 3 on two slides and a hinge, 1 on a slide.
+    Only the geometry of model.xml is used: its masses, damping and medium are overwritten. `dt` is
+    the time step [s]. mass [kg], centre of mass (3,) [m] and inertia (3, 3) about it [kg·m²] are in
+    body axes; size (3,) is of the box drawn without a model.xml [m], None for a solid box of this
+    inertia. The body has `n` velocities: 6 on a free joint, 3 on two slides and a hinge, 1 on a
+    slide.
 
     Raises:
         InvalidInput: the model.xml is not of a single body with such joints and no actuators.

@@ -9,8 +9,6 @@ entries are addresses of arrays (`carray`). A C function is called by its name (
 Neither embeds an address in the compiled code, so it can be cached on disk for later processes.
 """
 
-from __future__ import annotations
-
 import ctypes
 import re
 from collections.abc import Iterator

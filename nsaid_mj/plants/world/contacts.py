@@ -5,8 +5,6 @@ in most poses, for which the hulls are too coarse. The ground is the plane z = 0
 for bodies mounted on it.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from threading import Lock
 from typing import Any
@@ -22,17 +20,13 @@ _POSES, _MOST = 50, 0.8  # random poses, and largest share of them in which a co
 
 
 class Contacts:
-    """Collision detection for a robot on a fixed base, within ranges (n,), (n,) of its coordinates.
-
-    Attributes:
-        known: whether the robot has any mesh; without, contacts are unknown.
-    """
+    """Collision detection for a robot on a fixed base, within ranges (n,), (n,) of coordinates."""
 
     def __init__(self, robot: RobotModel, limits: tuple[Array, Array]):
         spec = tree_spec(robot.model, 1e-3)
         spec.option.disableflags = 0
         bodies = [spec.worldbody, *(spec.body(name) for name in list(robot.model.names)[1:])]
-        self.known = False
+        self.known = False  # whether the robot has any mesh; without, contacts are unknown
         for number, (mesh, joint, place) in enumerate(robot.visuals.parts):
             self.known = True
             name = f"hull {number}"

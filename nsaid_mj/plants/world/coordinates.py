@@ -1,7 +1,5 @@
 """All conversion between MuJoCo's coordinates and a system's."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -15,18 +13,13 @@ from ...parameters import Array, Indices
 
 
 class Reading(NamedTuple):
-    """Index maps between MuJoCo's state and a system's coordinates, for compiled code.
+    """Index maps between MuJoCo's state and a system's coordinates, for compiled code."""
 
-    Attributes:
-        group: 6 if a free joint comes first, 3 if the joints are x, y and ψ of a body in the
-            plane, 0 if all are ordinary joints.
-        free: (2,) indices of the free joint in qpos and qvel; −1 if there is none.
-        joints: (k, 4) each 1-DOF joint's indices in qpos, qvel and q, and 1 if q holds its cosine
-            and sine.
-    """
-
+    # 6 if a free joint comes first, 3 if the joints are x, y and ψ of a body in the plane, 0 if all
+    # are ordinary joints
     group: int
-    free: Indices
+    free: Indices  # (2,) indices of the free joint in qpos and qvel; −1 if there is none
+    # (k, 4) each 1-DOF joint's indices in qpos, qvel and q, and 1 if q holds its cosine and sine
     joints: Indices
 
 

@@ -12,8 +12,6 @@ MuJoCo's; M_A, C_A and F are the structure's at a θ without the parameters of M
 command acts through F only: MuJoCo's actuators have zero gain.
 """
 
-from __future__ import annotations
-
 import ctypes
 from dataclasses import dataclass
 from functools import cache
@@ -86,17 +84,11 @@ _rne = c_function("mj_rne", types.uintp, types.uintp, types.intc, types.uintp)
 
 @dataclass(frozen=True)
 class Forces:
-    """The forces on a plant beyond MuJoCo's.
+    """The forces on a plant beyond MuJoCo's."""
 
-    Attributes:
-        structure: structure of the plant.
-        theta: (p,) the true θ, with 0 for parameters of MuJoCo's own bodies or actuators.
-        flow: (3,) velocity of the water or the air in the world [m/s].
-    """
-
-    structure: Structure
-    theta: Array
-    flow: Array
+    structure: Structure  # structure of the plant
+    theta: Array  # (p,) the true θ, with 0 for parameters of MuJoCo's own bodies or actuators
+    flow: Array  # (3,) velocity of the water or the air in the world [m/s]
 
     def numbers(self, reading: Reading, lagged: bool) -> Array:
         """The callback's input and output, for MuJoCo's userdata.
@@ -167,31 +159,18 @@ class Forces:
 
 
 class _Memory(NamedTuple):
-    """The callback's workspace.
+    """The callback's workspace."""
 
-    Attributes:
-        q: (m,) the structure's position.
-        v: (n,) v_r.
-        ground: (n,) the velocity on the ground.
-        R: (9,) the base's axes in the world.
-        force: (n,) force of all columns, then the total.
-        bias: (n,) MuJoCo's.
-        M: (n, n) MuJoCo's.
-        A: (n, n) M + Tᵀ M_A T.
-        state: (s,) state of `kinematics.place` at v_r, or at the velocity on the ground.
-        F: (z,) entries of F there.
-    """
-
-    q: Array
-    v: Array
-    ground: Array
-    R: Array
-    force: Array
-    bias: Array
-    M: Array
-    A: Array
-    state: Array
-    F: Array
+    q: Array  # (m,) the structure's position
+    v: Array  # (n,) v_r
+    ground: Array  # (n,) the velocity on the ground
+    R: Array  # (9,) the base's axes in the world
+    force: Array  # (n,) force of all columns, then the total
+    bias: Array  # (n,) MuJoCo's
+    M: Array  # (n, n) MuJoCo's
+    A: Array  # (n, n) M + Tᵀ M_A T
+    state: Array  # (s,) state of `kinematics.place` at v_r, or at the velocity on the ground
+    F: Array  # (z,) entries of F there
 
 
 _MEMORY = types.NamedTuple((vector,) * 6 + (matrix,) * 2 + (vector,) * 2, _Memory)

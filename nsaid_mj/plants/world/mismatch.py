@@ -1,7 +1,5 @@
 """Unmodelled effects of a real plant, each with a switch."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import mujoco

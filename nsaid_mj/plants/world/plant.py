@@ -82,8 +82,7 @@ class Looks(Protocol):
     def poses(self, q: Array) -> tuple[Array, Array]:
         """World poses of the meshes at positions q (k, m).
 
-        Returns:
-            translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        They are translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
         """
         ...
 

@@ -1,7 +1,5 @@
 """MuJoCo without its log file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

@@ -1,7 +1,5 @@
 """Sensor models: seeded noise and quantisation."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -49,19 +47,12 @@ class SensorNoise(Config):
 
 
 class Errors(NamedTuple):
-    """Sensor errors of k consecutive measurements, for compiled code.
+    """Sensor errors of k consecutive measurements, for compiled code."""
 
-    Attributes:
-        position: standard deviation of the position [rad or m].
-        velocity: standard deviation of the velocity [rad/s or m/s].
-        encoder_step: resolution of the encoder [rad or m]; 0 for no quantisation.
-        normal: (k, 2, n) standard normal draws for position and velocity; (0, 2, n) if the
-            sensors are exact.
-    """
-
-    position: float
-    velocity: float
-    encoder_step: float
+    position: float  # standard deviation of the position [rad or m]
+    velocity: float  # standard deviation of the velocity [rad/s or m/s]
+    encoder_step: float  # resolution of the encoder [rad or m]; 0 for no quantisation
+    # (k, 2, n) standard normal draws for position and velocity; (0, 2, n) if the sensors are exact
     normal: Array
 
 

@@ -1,7 +1,5 @@
 """Data sheets: a vehicle's parameters, read from its vehicle.toml and validated."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path

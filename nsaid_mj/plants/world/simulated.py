@@ -1,7 +1,5 @@
 """A robot of exact structure in MuJoCo: a true θ, and a callback for all other forces."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

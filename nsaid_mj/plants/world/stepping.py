@@ -32,25 +32,15 @@ _mj_step = c_function("mj_step", types.uintp, types.uintp)
 
 
 class World(NamedTuple):
-    """MuJoCo's model and data for compiled code; the arrays are views of mjData.
+    """MuJoCo's model and data for compiled code; the arrays are views of mjData."""
 
-    Attributes:
-        model: address of mjModel.
-        data: address of mjData.
-        qpos: (nq,).
-        qvel: (nv,).
-        ctrl: (n_u,).
-        warnings: (4,) counts of bad positions, velocities, accelerations and controls.
-        substeps: calls of mj_step in a time step.
-    """
-
-    model: np.uintp
-    data: np.uintp
-    qpos: Array
-    qvel: Array
-    ctrl: Array
-    warnings: Any
-    substeps: int
+    model: np.uintp  # address of mjModel
+    data: np.uintp  # address of mjData
+    qpos: Array  # (nq,)
+    qvel: Array  # (nv,)
+    ctrl: Array  # (n_u,)
+    warnings: Any  # (4,) counts of bad positions, velocities, accelerations and controls
+    substeps: int  # calls of mj_step in a time step
 
     @staticmethod
     def of(model: Any, data: Any, substeps: int) -> World:
@@ -69,11 +59,8 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
     """Simulates in closed loop and fills a log of N samples whose times and first row are given.
 
     The law is the commands (N, n_u) at all times, or the parameters of `computed_torque`; MuJoCo's
-    data are in the state of the log's first row.
-
-    Returns:
-        Number of rows written: N, or up to and including the first row that is not finite or at
-        which MuJoCo diverged.
+    data are in the state of the log's first row. Returns the number of rows written: N, or up to
+    and including the first row that is not finite or at which MuJoCo diverged.
     """
     numbers = np.empty(log.v.shape[1])
     if isinstance(law, Tracking):

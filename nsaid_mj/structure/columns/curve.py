@@ -1,7 +1,5 @@
 """Command curves of actuators: the share of its gain that a command gives."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ...parameters import Array

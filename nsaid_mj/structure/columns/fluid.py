@@ -5,8 +5,6 @@ A kind's function takes the constants c, the index at of its own, x = [twist V (
 unit of the parameter into zeros that follow in x.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..compiled import f8, helper, index, vector, void

@@ -1,7 +1,5 @@
 """Kinds of columns on a joint: one force or torque each, per unit of the parameter."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..arrays import AT_Q, AT_V, CIRCLE, FALL, FRAME, KIND, PARENT, POSITION

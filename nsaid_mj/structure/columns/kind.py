@@ -1,7 +1,5 @@
 """The description of a kind of column, beside its compiled value."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -17,44 +15,31 @@ the command; and of one that is a list of numbers, preceded by their count."""
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of column of F.
+    """A kind of column of F."""
 
-    Attributes:
-        number: its number in kernels; below `BODY_KINDS` it is a force of a joint, from there on a
-            wrench on a body.
-        name: its name in a sheet or a `Column`.
-        block: name of its block of θ.
-        letter: prefix of its parameters' names.
-        unit: unit of the parameter; for a joint, also on slides.
-        geometry: geometry of the block.
-        share: guessed share of the largest actuator's force that the column explains; with the
-            column's value in operation it gives the scale of the parameter.
-        actuator: whether the parameter scales a command.
-        commanded: whether it reads a command.
-        reads: the part of the state on which its value depends: the pose of its body or joint, the
-            velocity (load-dependent friction also the pose), or nothing.
-        constants: names and sizes of its constants, with their defaults, None if required.
-        drawn: how its force is drawn, at `point` if it has one.
-    """
-
+    # its number in kernels; below `BODY_KINDS` it is a force of a joint, from there on a wrench on
+    # a body
     number: int
-    name: str
-    block: str
-    letter: str
-    unit: str | tuple[str, str]
-    geometry: Geometry = "positive"
+    name: str  # its name in a sheet or a `Column`
+    block: str  # name of its block of θ
+    letter: str  # prefix of its parameters' names
+    unit: str | tuple[str, str]  # unit of the parameter; for a joint, also on slides
+    geometry: Geometry = "positive"  # geometry of the block
+    # guessed share of the largest actuator's force that the column explains; with the column's
+    # value in operation it gives the scale of the parameter
     share: float = 0.1
-    actuator: bool = False
-    commanded: bool = False
+    actuator: bool = False  # whether the parameter scales a command
+    commanded: bool = False  # whether it reads a command
+    # the part of the state on which its value depends: the pose of its body or joint, the velocity
+    # (load-dependent friction also the pose), or nothing
     reads: Reads = "velocity"
+    # names and sizes of its constants, with their defaults, None if required
     constants: Mapping[str, tuple[int, float | None]] = field(default_factory=dict)
-    drawn: Drawn = ""
+    drawn: Drawn = ""  # how its force is drawn, at `point` if it has one
 
     def scale(self, force: float, value: float) -> float:
-        """A guess of the parameter.
+        """A guess of the parameter, where the strongest actuator exerts `force` [N or N·m].
 
-        Args:
-            force: force of the strongest actuator there [N or N·m].
-            value: the column's value in operation, per unit of its parameter.
+        `value` is the column's value in operation, per unit of its parameter.
         """
         return self.share * force / max(abs(value), 1e-9)

@@ -1,7 +1,5 @@
 """Kinds of columns of thrusters, nozzles, rotors, propellers and fins; see `fluid`."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..compiled import f8, helper, index, vector, void

@@ -1,7 +1,5 @@
 """Kinds of columns of wheels: tyres, drive and rolling resistance; see `fluid` for arguments."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from ..compiled import f8, helper, index, vector, void

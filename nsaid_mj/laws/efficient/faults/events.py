@@ -4,8 +4,6 @@ A small loss may be the beginning of a slow one. For some time afterwards the ga
 random walk, and the event is updated with the loss.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -27,21 +25,13 @@ _MEASURED = ("loss", "payload", "bias")  # whose size is 0 where nothing has fai
 
 
 class Loose(NamedTuple):
-    """A gain that may keep falling.
+    """A gain that may keep falling."""
 
-    Attributes:
-        part: the actuator, in words.
-        gains: indices of its gains in θ.
-        others: indices of all other actuators' gains.
-        before: (p,) θ̂ before the loss.
-        until: when it counts as constant again [s].
-    """
-
-    part: str
-    gains: Indices
-    others: Indices
-    before: Array
-    until: float
+    part: str  # the actuator, in words
+    gains: Indices  # indices of its gains in θ
+    others: Indices  # indices of all other actuators' gains
+    before: Array  # (p,) θ̂ before the loss
+    until: float  # when it counts as constant again [s]
 
     def walked(self, kalman: Filter, scale: Array, seconds: float) -> None:
         """Adds the random walk of some seconds to the filter's P_θθ."""

@@ -11,8 +11,6 @@ The average equals the maximum times a penalty for the number and prior range of
 also includes variations of a healthy robot's parameters, and the filter's nonlinearity.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -24,17 +22,11 @@ _EVIDENT = 9.0  # mean squared deviation of δ that is more than chance
 
 
 class Jump(NamedTuple):
-    """A jump of θ under one hypothesis.
+    """A jump of θ under one hypothesis."""
 
-    Attributes:
-        evidence: logarithm of the averaged likelihood ratio against no jump.
-        delta: (d,) the most probable δ.
-        covariance: (d, d) covariance of δ.
-    """
-
-    evidence: float
-    delta: Array
-    covariance: Array
+    evidence: float  # logarithm of the averaged likelihood ratio against no jump
+    delta: Array  # (d,) the most probable δ
+    covariance: Array  # (d, d) covariance of δ
 
     @property
     def evident(self) -> bool:

@@ -6,8 +6,6 @@ reversed, 0 if broken, and a typical constant command if stuck, whose effort is 
 gain.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -37,37 +35,22 @@ _RESTORED = 0.1  # standard deviation of a gain's jump back to what it was, rela
 
 
 class Hypothesis(NamedTuple):
-    """A possible cause of a change.
+    """A possible cause of a change."""
 
-    Attributes:
-        kind: see `FaultEvent`; also `none`, and `sound` for a part that works again.
-        part: the affected part, in words.
-        names: names of the parameters that may have changed.
-        D: (p, d) directions of the jump of θ/scale, whose δ has standard deviation 1.
-        size: (d,) the reported size of the change is sizeᵀδ.
-        unit: unit of the size; `1` for a share.
-        command: index of the actuator whose acting command differs; −1 if none.
-        held: the constant command that acts instead; NaN if there is none.
-        mean: (p,) mean of the jump of θ/scale where it is not 0.
-        offset: part of the reported size that belongs to the mean.
-        curve: (2, N) sizes of an actuator's command, and the efforts relative to that at `held`.
-        channel: index of the sensor with a constant error, those of position first; −1 if none.
-        share: relative error of all of θ for an inexact structure; 0 for an exact one.
-    """
-
-    kind: str
-    part: str
-    names: tuple[str, ...]
-    D: Array
-    size: Array
-    unit: str
-    command: int = -1
-    held: float = np.nan
-    mean: Array | float = 0.0
-    offset: float = 0.0
+    kind: str  # see `FaultEvent`; also `none`, and `sound` for a part that works again
+    part: str  # the affected part, in words
+    names: tuple[str, ...]  # names of the parameters that may have changed
+    D: Array  # (p, d) directions of the jump of θ/scale, whose δ has standard deviation 1
+    size: Array  # (d,) the reported size of the change is sizeᵀδ
+    unit: str  # unit of the size; `1` for a share
+    command: int = -1  # index of the actuator whose acting command differs; −1 if none
+    held: float = np.nan  # the constant command that acts instead; NaN if there is none
+    mean: Array | float = 0.0  # (p,) mean of the jump of θ/scale where it is not 0
+    offset: float = 0.0  # part of the reported size that belongs to the mean
+    # (2, N) sizes of an actuator's command, and the efforts relative to that at `held`
     curve: Array | None = None
-    channel: int = -1
-    share: float = 0.0
+    channel: int = -1  # index of the sensor with a constant error, positions first; −1 if none
+    share: float = 0.0  # relative error of all of θ for an inexact structure; 0 for an exact one
 
 
 def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:

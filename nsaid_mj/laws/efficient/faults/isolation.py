@@ -8,8 +8,6 @@ the estimate, see `watch`. If no fault explains the motion, or the filter has ju
 restarts at the memory's estimate.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -43,21 +41,13 @@ _ISOLATED = 0.9  # least probability of a slow change among the hypotheses
 
 
 class Isolation(NamedTuple):
-    """Isolates faults.
+    """Isolates faults."""
 
-    Attributes:
-        law: law of the filter.
-        system: the structure.
-        covariance: covariance of a prior's θ̂/scale, given θ̂ (p,).
-        dt: time between measurements [s].
-        interval: time between two decisions [s].
-    """
-
-    law: Law
-    system: SecondOrderSystem
-    covariance: Callable[[Array], Array]
-    dt: float
-    interval: float
+    law: Law  # law of the filter
+    system: SecondOrderSystem  # the structure
+    covariance: Callable[[Array], Array]  # covariance of a prior's θ̂/scale, given θ̂ (p,)
+    dt: float  # time between measurements [s]
+    interval: float  # time between two decisions [s]
 
     def contradicted(self, inside: EfficientState, log: Log) -> EfficientState:
         """After a contradiction at a log's end: starts trials of possible faults, or restarts."""

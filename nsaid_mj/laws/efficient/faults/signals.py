@@ -16,17 +16,11 @@ from .hypotheses import Hypothesis
 
 
 class Signals(NamedTuple):
-    """Differences between the acting and the recorded signals of actuators and sensors.
+    """Differences between the acting and the recorded signals of actuators and sensors."""
 
-    Attributes:
-        sign: (n_u,) −1 for a reversed actuator, else 1.
-        held: (n_u,) the constant command of a stuck one, else NaN.
-        bias: (2n,) constant errors of the sensors of position and velocity.
-    """
-
-    sign: Array
-    held: Array
-    bias: Array
+    sign: Array  # (n_u,) −1 for a reversed actuator, else 1
+    held: Array  # (n_u,) the constant command of a stuck one, else NaN
+    bias: Array  # (2n,) constant errors of the sensors of position and velocity
 
     @staticmethod
     def sound(system: SecondOrderSystem) -> Signals:

@@ -76,23 +76,14 @@ def onset(law: Law, kalman: Filter, system: SecondOrderSystem, log: Log) -> int:
 
 
 class Trial(NamedTuple):
-    """A filter under one hypothesis; its tally counts from the start of the trial.
+    """A filter under one hypothesis; its tally counts from the start of the trial."""
 
-    Attributes:
-        hypothesis: under trial.
-        filter: at the last sample.
-        signals: that act under the hypothesis.
-        theta: (p,) θ̂ at the start.
-        P: (p, p) P_θθ at the start, with the hypothesis's D Dᵀ.
-        earlier: sum of the squared normalised innovations that no longer count as evidence.
-    """
-
-    hypothesis: Hypothesis
-    filter: Filter
-    signals: Signals
-    theta: Array
-    P: Array
-    earlier: float = 0.0
+    hypothesis: Hypothesis  # under trial
+    filter: Filter  # at the last sample
+    signals: Signals  # that act under the hypothesis
+    theta: Array  # (p,) θ̂ at the start
+    P: Array  # (p, p) P_θθ at the start, with the hypothesis's D Dᵀ
+    earlier: float = 0.0  # sum of squared normalised innovations that no longer count as evidence
 
     @staticmethod
     def begin(start: Filter, signals: Signals, hypothesis: Hypothesis, scale: Array) -> Trial:
@@ -193,21 +184,13 @@ class Trial(NamedTuple):
 
 
 class BiasTrial(NamedTuple):
-    """Three filters under evenly spaced errors of one sensor.
+    """Three filters under evenly spaced errors of one sensor."""
 
-    Attributes:
-        trials: under each error.
-        middle: error of the second one.
-        step: between two.
-        prior: standard deviation of the error.
-        coarse: whether this is the first trial, in which the filter is not quite linear.
-    """
-
-    trials: tuple[Trial, Trial, Trial]
-    middle: float
-    step: float
-    prior: float
-    coarse: bool = True
+    trials: tuple[Trial, Trial, Trial]  # under each error
+    middle: float  # error of the second one
+    step: float  # between two
+    prior: float  # standard deviation of the error
+    coarse: bool = True  # whether this is the first trial, in which the filter is not quite linear
 
     @staticmethod
     def begin(

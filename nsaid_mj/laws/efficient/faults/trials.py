@@ -6,8 +6,6 @@ marginalised over the prior of these: Σ −½ (eᵀe + log det S). The trials c
 hypothesis is probable enough or the time limit is reached; improbable ones are dropped.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -37,27 +35,16 @@ estimated."""
 
 
 class Trials(NamedTuple):
-    """Trials of several hypotheses.
+    """Trials of several hypotheses."""
 
-    Attributes:
-        each: those still running.
-        start: the filter at the last sample before the fault.
-        before: the signals known to act until then.
-        log: from that sample on, as recorded.
-        samples: in the current window.
-        counted: sample of the log from which on innovations count as evidence.
-        due: length of the log from which the trials are repeated, at a window's end.
-        reached: last processed sample of the log; later ones are buffered, see `_TOGETHER`.
-    """
-
-    each: tuple[Trial | BiasTrial, ...]
-    start: Filter
-    before: Signals
-    log: Log
-    samples: int
-    counted: int = 0
-    due: int = 0
-    reached: int = 0
+    each: tuple[Trial | BiasTrial, ...]  # those still running
+    start: Filter  # the filter at the last sample before the fault
+    before: Signals  # the signals known to act until then
+    log: Log  # from that sample on, as recorded
+    samples: int  # in the current window
+    counted: int = 0  # sample of the log from which on innovations count as evidence
+    due: int = 0  # length of the log from which the trials are repeated, at a window's end
+    reached: int = 0  # last processed sample of the log; later ones are buffered, see `_TOGETHER`
 
     @property
     def begin(self) -> float:
@@ -207,15 +194,10 @@ def posterior_of(trials: Trials) -> Array:
 
 
 class Verdict(NamedTuple):
-    """The outcome of trials.
+    """The outcome of trials."""
 
-    Attributes:
-        trial: the most probable one; None if not even that explains the data.
-        confidence: its probability, with that of other trials of the same fault.
-    """
-
-    trial: Trial | BiasTrial | None
-    confidence: float = 0.0
+    trial: Trial | BiasTrial | None  # the most probable; None if not even that explains the data
+    confidence: float = 0.0  # its probability, with that of other trials of the same fault
 
 
 def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:

@@ -25,19 +25,12 @@ _SURE = 25.0  # log likelihood ratio, averaged, at which a change counts: odds o
 
 
 class Watch(NamedTuple):
-    """Snapshots of a filter, the latest last.
+    """Snapshots of a filter, the latest last."""
 
-    Attributes:
-        times: when they were taken [s].
-        thetas: (p,) θ̂ of each.
-        covariances: (p, p) P_θθ of each.
-        noises: (2n,) variance of the sensors' noise of each.
-    """
-
-    times: tuple[float, ...] = ()
-    thetas: tuple[Array, ...] = ()
-    covariances: tuple[Array, ...] = ()
-    noises: tuple[Array, ...] = ()
+    times: tuple[float, ...] = ()  # when they were taken [s]
+    thetas: tuple[Array, ...] = ()  # (p,) θ̂ of each
+    covariances: tuple[Array, ...] = ()  # (p, p) P_θθ of each
+    noises: tuple[Array, ...] = ()  # (2n,) variance of the sensors' noise of each
 
     def rewind(self, t: float, kalman: Filter) -> None:
         """Sets θ̂, P_θθ and noise back to a while before time t [s].
@@ -64,23 +57,14 @@ class Watch(NamedTuple):
 
 
 class Found(NamedTuple):
-    """A slow change.
+    """A slow change."""
 
-    Attributes:
-        hypothesis: what changed.
-        confidence: its probability among the hypotheses.
-        size: size of the change, with lower and upper end, in the hypothesis's unit.
-        theta: (p,) θ̂ with the change taken into account.
-        P: (p, p) its P_θθ.
-        evidence: logarithm of the averaged likelihood ratio against no change.
-    """
-
-    hypothesis: Hypothesis
-    confidence: float
-    size: tuple[float, float, float]
-    theta: Array
-    P: Array
-    evidence: float
+    hypothesis: Hypothesis  # what changed
+    confidence: float  # its probability among the hypotheses
+    size: tuple[float, float, float]  # change, with lower and upper end, in the hypothesis's unit
+    theta: Array  # (p,) θ̂ with the change taken into account
+    P: Array  # (p, p) its P_θθ
+    evidence: float  # logarithm of the averaged likelihood ratio against no change
 
 
 def slow_change(

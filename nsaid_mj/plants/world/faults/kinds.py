@@ -5,8 +5,6 @@ adds to a sensor's reading. The structure continues to hold except under a held 
 is constant, and under a bias.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from dataclasses import field
 from typing import Annotated, Literal, Self

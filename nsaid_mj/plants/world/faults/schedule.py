@@ -20,9 +20,6 @@ _NOTCH = 0.02  # share of a gain, lost slowly, from which evaluation counts the 
 class Schedule:
     """Faults on the grid of time steps; each strikes between two steps, the nearest to its time.
 
-    Attributes:
-        edges: sorted times at which a fault begins or ends [s].
-
     Raises:
         InvalidInput: the system lacks a part that a fault names.
     """
@@ -37,6 +34,7 @@ class Schedule:
         self._begin = np.array([between(fault.time) for fault in faults])
         self._end = np.array([between(fault.until) for fault in faults])
         times = np.concatenate([self._begin, self._end])
+        # sorted times at which a fault begins or ends [s]
         self.edges: Array = np.unique(times[np.isfinite(times)])
         self._notches = np.unique(
             np.concatenate([self.edges, *map(self._slow_edges, range(len(faults)))])

@@ -11,8 +11,6 @@ A fault is its kind, one number if the kind has one, and keywords with their val
 and for all of them `at 5 s` and `until 9 s`. Units are optional; `%` divides by 100.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from typing import Annotated, Any
