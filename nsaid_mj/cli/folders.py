@@ -1,7 +1,5 @@
 """Chooses a run's folder, by robot and law; a completed run is never overwritten silently."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections.abc import Callable, Iterator, Sequence

@@ -3,8 +3,6 @@
 Nothing heavy is imported here, so that `nsaid --help` is fast.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

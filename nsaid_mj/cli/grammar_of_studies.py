@@ -1,7 +1,5 @@
 """The commands of `nsaid` that run a scenario many times, and their own options."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated

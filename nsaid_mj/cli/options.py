@@ -4,8 +4,6 @@ Every field of a scenario and of its parts is a flag by its dotted name, `--plan
 name, `--robot`, or any other end of the dotted name works if it is unambiguous.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import Field, field, fields, make_dataclass

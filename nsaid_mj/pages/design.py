@@ -1,7 +1,5 @@
 """Terminal output and page of a design."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Draws the panels of a page as SVG elements."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 

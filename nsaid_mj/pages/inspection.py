@@ -1,7 +1,5 @@
 """Terminal output and plot of an inspected log."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path

@@ -63,23 +63,16 @@ class Badges:
 
 @dataclass(frozen=True)
 class Table:
-    """A table.
+    """A table."""
 
-    Attributes:
-        heads: titles of the columns; the first names the table on the terminal.
-        lines: cells; on the terminal a line of one cell is the title of those below it.
-        text: indices of the columns that are not numbers.
-        ids: prefix of the lines' ids, the targets of `Link`; empty for none.
-        spare: indices of the columns that a narrow terminal omits, in the order of omission.
-        most: number of lines on the terminal; the others are counted.
-    """
-
-    heads: Sequence[str]
+    heads: Sequence[str]  # titles of the columns; the first names the table on the terminal
+    # cells; on the terminal a line of one cell is the title of those below it
     lines: Sequence[Sequence[Cell]]
-    text: Sequence[int] = (0,)
-    ids: str = ""
+    text: Sequence[int] = (0,)  # indices of the columns that are not numbers
+    ids: str = ""  # prefix of the lines' ids, the targets of `Link`; empty for none
+    # indices of the columns that a narrow terminal omits, in the order of omission
     spare: Sequence[int] = ()
-    most: int = 40
+    most: int = 40  # number of lines on the terminal; the others are counted
 
     def without_empty_columns(self) -> Table:
         """The table without the columns that have no entry in any line."""
@@ -96,19 +89,13 @@ class Table:
 
 @dataclass(frozen=True)
 class Figure:
-    """A drawing with its title and legend.
+    """A drawing with its title and legend."""
 
-    Attributes:
-        title: above the drawing.
-        drawing: an SVG element of `plots.svg`, or an image.
-        legend: (name, colour, dash) of each entry; a dash of `BAND` is a shaded area.
-        wide: whether it takes the whole width of the page.
-    """
-
-    title: str
-    drawing: str
+    title: str  # above the drawing
+    drawing: str  # an SVG element of `plots.svg`, or an image
+    # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area
     legend: Sequence[tuple[str, str, str]] = ()
-    wide: bool = False
+    wide: bool = False  # whether it takes the whole width of the page
 
 
 @dataclass(frozen=True)
@@ -122,21 +109,13 @@ class Figures:
 
 @dataclass(frozen=True)
 class Fold:
-    """Panels that are folded on a screen, and open on paper.
+    """Panels that are folded on a screen, and open on paper."""
 
-    Attributes:
-        title: that opens and closes them.
-        panels: what is folded.
-        counts: marks beside the title.
-        small: words beside the title.
-        open: whether they are open at first.
-    """
-
-    title: str
-    panels: Sequence[Panel]
-    counts: Sequence[Mark] = ()
-    small: str = ""
-    open: bool = False
+    title: str  # that opens and closes them
+    panels: Sequence[Panel]  # what is folded
+    counts: Sequence[Mark] = ()  # marks beside the title
+    small: str = ""  # words beside the title
+    open: bool = False  # whether they are open at first
 
 
 Panel = Text | Items | Badges | Table | Figures | Fold
@@ -144,47 +123,28 @@ Panel = Text | Items | Badges | Table | Figures | Fold
 
 @dataclass(frozen=True)
 class Section:
-    """Panels below a title; without a title they form a separate card.
+    """Panels below a title; without a title they form a separate card."""
 
-    Attributes:
-        title: above the panels.
-        panels: from top to bottom.
-        beside: on their right where the page is wide.
-    """
-
-    title: str
-    panels: Sequence[Panel]
-    beside: Figure | None = None
+    title: str  # above the panels
+    panels: Sequence[Panel]  # from top to bottom
+    beside: Figure | None = None  # on their right where the page is wide
 
 
 @dataclass(frozen=True)
 class Page:
-    """The results of a command.
+    """The results of a command."""
 
-    Attributes:
-        heading: the robot, or the name of the study.
-        verdict: in one sentence; None if there is none.
-        eyebrow: the command that made the page.
-        lead: one line below the heading.
-        tab: title of the browser's tab; the heading if empty.
-        findings: findings that qualify the verdict, the gravest first.
-        carrying: figures, the first of which supports the verdict.
-        sections: in order.
-        commands: command lines or code that reproduce the results, one block each.
-        notes: paragraphs below the commands.
-        versions: by name, of this package and of those that affect its results.
-    """
-
-    heading: str
-    verdict: Mark | None
-    eyebrow: str = ""
-    lead: str = ""
-    tab: str = ""
-    findings: Sequence[Finding] = ()
-    carrying: Sequence[Figure] = ()
-    sections: Sequence[Section] = ()
-    commands: Sequence[str] = ()
-    notes: Sequence[str] = ()
+    heading: str  # the robot, or the name of the study
+    verdict: Mark | None  # in one sentence; None if there is none
+    eyebrow: str = ""  # the command that made the page
+    lead: str = ""  # one line below the heading
+    tab: str = ""  # title of the browser's tab; the heading if empty
+    findings: Sequence[Finding] = ()  # findings that qualify the verdict, the gravest first
+    carrying: Sequence[Figure] = ()  # figures, the first of which supports the verdict
+    sections: Sequence[Section] = ()  # in order
+    commands: Sequence[str] = ()  # command lines or code that reproduce the results, one block each
+    notes: Sequence[str] = ()  # paragraphs below the commands
+    # by name, of this package and of those that affect its results
     versions: dict[str, str] = field(default_factory=dict)
 
 

@@ -54,52 +54,32 @@ BAND, PALE = "band", "pale"
 
 @dataclass(frozen=True)
 class Curve:
-    """One line of a panel.
+    """One line of a panel."""
 
-    Attributes:
-        t: (N,) times [s].
-        values: (N,) values; NaN interrupts the line.
-        name: entry in the legend.
-        colour: colour of the line.
-        dash: line style of matplotlib.
-        low: (N,) lower ends of a band around the line, NaN where there is none; None for no band.
-        high: (N,) upper ends of that band.
-    """
-
-    t: Array
-    values: Array
-    name: str
-    colour: str
-    dash: str = "-"
+    t: Array  # (N,) times [s]
+    values: Array  # (N,) values; NaN interrupts the line
+    name: str  # entry in the legend
+    colour: str  # colour of the line
+    dash: str = "-"  # line style of matplotlib
+    # (N,) lower ends of a band around the line, NaN where there is none; None for no band
     low: Array | None = None
-    high: Array | None = None
+    high: Array | None = None  # (N,) upper ends of that band
 
 
 @dataclass
 class Panel:
-    """Curves over time in one pair of axes.
+    """Curves over time in one pair of axes."""
 
-    Attributes:
-        title: above the panel.
-        label: label of the vertical axis, with its unit.
-        logarithmic: whether the vertical axis is logarithmic; values ≤ 0 are then left out.
-        level: value of a horizontal reference line; None for no line.
-        level_name: entry of that line in the legend; empty for none.
-        band_name: entry of the curves' bands in the legend.
-        events: times of vertical lines [s].
-        event_name: entry of those lines in the legend.
-        curves: added by `add`.
-    """
-
-    title: str
-    label: str
+    title: str  # above the panel
+    label: str  # label of the vertical axis, with its unit
+    # whether the vertical axis is logarithmic; values ≤ 0 are then left out
     logarithmic: bool = False
-    level: float | None = None
-    level_name: str = ""
-    band_name: str = INTERVAL
-    events: Sequence[float] = ()
-    event_name: str = "fault"
-    curves: list[Curve] = field(default_factory=list)
+    level: float | None = None  # value of a horizontal reference line; None for no line
+    level_name: str = ""  # entry of that line in the legend; empty for none
+    band_name: str = INTERVAL  # entry of the curves' bands in the legend
+    events: Sequence[float] = ()  # times of vertical lines [s]
+    event_name: str = "fault"  # entry of those lines in the legend
+    curves: list[Curve] = field(default_factory=list)  # added by `add`
     wide: bool = False
 
     def add(
@@ -134,48 +114,28 @@ class Panel:
 
 @dataclass(frozen=True)
 class Points:
-    """Further values of a forest's lines.
+    """Further values of a forest's lines."""
 
-    Attributes:
-        name: entry in the legend.
-        values: (k,) NaN for none.
-        marker: one of matplotlib's.
-        colour: colour of the markers.
-    """
-
-    name: str
-    values: Array
-    marker: str = "D"
-    colour: str = INK
+    name: str  # entry in the legend
+    values: Array  # (k,) NaN for none
+    marker: str = "D"  # one of matplotlib's
+    colour: str = INK  # colour of the markers
 
 
 @dataclass(frozen=True)
 class Forest:
-    """Values with intervals, one line for each name.
+    """Values with intervals, one line for each name."""
 
-    Attributes:
-        title: above the panel.
-        label: label of the horizontal axis, with its unit.
-        names: (k) names of the lines, from top to bottom.
-        values: (k,) values.
-        low: (k,) lower ends of the intervals, NaN for none.
-        high: (k,) upper ends.
-        firm: (k,) whether the value is drawn as certain, else pale and dashed.
-        others: values to compare with.
-        certain: entry of the certain values in the legend.
-        level: value of a vertical reference line; None for no line.
-    """
-
-    title: str
-    label: str
-    names: list[str]
-    values: Array
-    low: Array
-    high: Array
-    firm: NDArray[np.bool_]
-    others: list[Points] = field(default_factory=list)
-    certain: str = "identified"
-    level: float | None = None
+    title: str  # above the panel
+    label: str  # label of the horizontal axis, with its unit
+    names: list[str]  # (k) names of the lines, from top to bottom
+    values: Array  # (k,) values
+    low: Array  # (k,) lower ends of the intervals, NaN for none
+    high: Array  # (k,) upper ends
+    firm: NDArray[np.bool_]  # (k,) whether the value is drawn as certain, else pale and dashed
+    others: list[Points] = field(default_factory=list)  # values to compare with
+    certain: str = "identified"  # entry of the certain values in the legend
+    level: float | None = None  # value of a vertical reference line; None for no line
     wide: bool = False
 
     @property
@@ -189,17 +149,11 @@ class Forest:
 
 @dataclass(frozen=True)
 class HeatMap:
-    """Correlations as a heat map, below the diagonal.
+    """Correlations as a heat map, below the diagonal."""
 
-    Attributes:
-        title: above the panel.
-        names: (k) names of rows and columns.
-        correlation: (k, k), symmetric.
-    """
-
-    title: str
-    names: list[str]
-    correlation: Array
+    title: str  # above the panel
+    names: list[str]  # (k) names of rows and columns
+    correlation: Array  # (k, k), symmetric
     wide: bool = True
 
     @property
@@ -210,28 +164,18 @@ class HeatMap:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A measured and a predicted quantity over time, and below it their difference.
+    """A measured and a predicted quantity over time, and below it their difference."""
 
-    Attributes:
-        title: above the panel.
-        label: label of the vertical axis, without its unit.
-        unit: unit of all values; empty if unknown.
-        t: (k,) times [s].
-        measured: (k,) values.
-        predicted: (k,) values.
-        half: (k,) half width of the prediction's interval; None for none.
-        used: (k,) whether a row counts; others are shaded, and not in the error; None for all.
-        segment: (k,) number of a row's segment, with which lines end; None for one segment.
-    """
-
-    title: str
-    label: str
-    unit: str
-    t: Array
-    measured: Array
-    predicted: Array
-    half: Array | None = None
+    title: str  # above the panel
+    label: str  # label of the vertical axis, without its unit
+    unit: str  # unit of all values; empty if unknown
+    t: Array  # (k,) times [s]
+    measured: Array  # (k,) values
+    predicted: Array  # (k,) values
+    half: Array | None = None  # (k,) half width of the prediction's interval; None for none
+    # (k,) whether a row counts; others are shaded, and not in the error; None for all
     used: NDArray[np.bool_] | None = None
+    # (k,) number of a row's segment, with which lines end; None for one segment
     segment: Indices | None = None
     wide: bool = False
 

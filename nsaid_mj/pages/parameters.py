@@ -1,7 +1,5 @@
 """Parameters of any result: tables, intervals and correlations, for page and terminal."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

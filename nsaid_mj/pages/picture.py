@@ -1,7 +1,5 @@
 """A picture of a robot for its page: its meshes, shaded, as a PNG without background."""
 
-from __future__ import annotations
-
 import base64
 import io
 from typing import Any

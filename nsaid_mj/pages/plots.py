@@ -4,8 +4,6 @@ Figures are created without pyplot, so they share no state. Equal data give equa
 random ids, no settings from a user's matplotlibrc.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

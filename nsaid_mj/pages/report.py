@@ -1,7 +1,5 @@
 """report.html: the results of a run on one self-contained page."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Sequence
 from pathlib import Path

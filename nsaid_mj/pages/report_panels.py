@@ -1,7 +1,5 @@
 """The contents of the figures of a run's report."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A page on the terminal: verdict, findings, tables and lists, in brief."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise

@@ -1,7 +1,5 @@
 """The recording of a design: the motion with the robot, and predicted and reached intervals."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

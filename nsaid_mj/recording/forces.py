@@ -26,26 +26,19 @@ _LENGTH, _RADIUS = 0.8, 0.035  # of the longest arrow, over half the vehicle's s
 
 @dataclass(frozen=True)
 class Arrows:
-    """Arrows of a vehicle's actuators whose forces have a point of application.
+    """Arrows of a vehicle's actuators whose forces have a point of application."""
 
-    Attributes:
-        system: the vehicle's structure.
-        parts: for each arrow, the indices in θ of the parameters whose forces add up to it, such
-            as a fin's lift and drag.
-        mounts: (j, 3) points of application, in the body frame [m].
-        offsets: (j, 3) from the commanded force's arrow to the estimated one's, in the body frame
-            [m], so that neither hides the other.
-        radius: radius of an arrow [m].
-        lengths: (j, 1) scale of each arrow [m/N].
-        magnified: magnification of the arrows of some kinds of actuators, by name of the kind.
-    """
-
-    system: SecondOrderSystem
+    system: SecondOrderSystem  # the vehicle's structure
+    # for each arrow, the indices in θ of the parameters whose forces add up to it, such as a fin's
+    # lift and drag
     parts: Sequence[Indices]
-    mounts: Array
+    mounts: Array  # (j, 3) points of application, in the body frame [m]
+    # (j, 3) from the commanded force's arrow to the estimated one's, in the body frame [m], so that
+    # neither hides the other
     offsets: Array
-    radius: float
-    lengths: Array
+    radius: float  # radius of an arrow [m]
+    lengths: Array  # (j, 1) scale of each arrow [m/N]
+    # magnification of the arrows of some kinds of actuators, by name of the kind
     magnified: Mapping[str, float]
 
     @staticmethod

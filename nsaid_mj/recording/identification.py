@@ -1,7 +1,5 @@
 """Recordings of identifications: logs with the robot moving, commands or positions, estimates."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from functools import partial

@@ -21,17 +21,11 @@ _LARGEST = 0.2  # half axis of an ellipsoid, over the robot's size; larger ones 
 
 @dataclass(frozen=True)
 class Inertias:
-    """The links whose ten inertial parameters are in θ, and the entities that show them.
+    """The links whose ten inertial parameters are in θ, and the entities that show them."""
 
-    Attributes:
-        places: slice of θ of each link.
-        homes: entity of each link's frame.
-        system: the structure.
-    """
-
-    places: list[slice]
-    homes: list[str]
-    system: SecondOrderSystem
+    places: list[slice]  # slice of θ of each link
+    homes: list[str]  # entity of each link's frame
+    system: SecondOrderSystem  # the structure
 
     @staticmethod
     def of(system: SecondOrderSystem) -> Inertias | None:

@@ -1,7 +1,5 @@
 """Layout of the viewer: tabs of plots, the first of which is an overview of the run."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """Streams a run into the viewer while it runs: measurements and estimates, no true value."""
 
-from __future__ import annotations
-
 import socket
 import subprocess
 import sys

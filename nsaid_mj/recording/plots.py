@@ -1,7 +1,5 @@
 """Plots over time in the viewer, with space for their legends beside the curves."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

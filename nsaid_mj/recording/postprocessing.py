@@ -1,7 +1,5 @@
 """Post-processing of a run: writes summary, scenario, recording and report into its folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path

@@ -1,7 +1,5 @@
 """run.rrd: a finished run, and its robot with forces or torques, link inertias and faults."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The robot in 3D: its meshes, or a skeleton of its joints, and the path of a vehicle."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -29,27 +27,16 @@ _GHOST, _LIGHT = 0.6, 0.25  # opacity, and share of white, of meshes with arrows
 
 @dataclass(frozen=True)
 class Camera:
-    """The camera of a 3D view, in world coordinates.
+    """The camera of a 3D view, in world coordinates."""
 
-    Attributes:
-        position: (3,) position of the eye [m].
-        target: (3,) point that it looks at [m].
-        size: radius of the visible scene [m].
-        ground: height of the ground grid [m].
-        grid: spacing of the ground grid [m].
-        follows: entity that the camera tracks; empty if it is fixed.
-        centre: (3,) tracked point, in the body frame [m].
-        trail: duration of the bright part of a vehicle's path [s].
-    """
-
-    position: Array
-    target: Array
-    size: float
-    ground: float
-    grid: float
-    follows: str = ""
-    centre: tuple[float, ...] = (0.0, 0.0, 0.0)
-    trail: float = 0.0
+    position: Array  # (3,) position of the eye [m]
+    target: Array  # (3,) point that it looks at [m]
+    size: float  # radius of the visible scene [m]
+    ground: float  # height of the ground grid [m]
+    grid: float  # spacing of the ground grid [m]
+    follows: str = ""  # entity that the camera tracks; empty if it is fixed
+    centre: tuple[float, ...] = (0.0, 0.0, 0.0)  # (3,) tracked point, in the body frame [m]
+    trail: float = 0.0  # duration of the bright part of a vehicle's path [s]
 
 
 class Scene:

@@ -1,7 +1,5 @@
 """Time series of a recording: values, names with units, and colours."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -32,25 +30,15 @@ _GREY = 128
 
 @dataclass(frozen=True)
 class Curves:
-    """The curves of one Rerun entity.
+    """The curves of one Rerun entity."""
 
-    Attributes:
-        path: path of the entity.
-        names: one for each curve, with its unit.
-        values: (N, curves); (0, curves) if they are streamed later.
-        pale: drawn as a reference, in paler versions of the colours.
-        steps: drawn as a zero-order hold instead of linear interpolation.
-        color: index in `PALETTE` of the first curve's colour.
-        alike: whether all curves have that colour.
-    """
-
-    path: str
-    names: Sequence[str]
-    values: Array
-    pale: bool = False
-    steps: bool = False
-    color: int = 0
-    alike: bool = False
+    path: str  # path of the entity
+    names: Sequence[str]  # one for each curve, with its unit
+    values: Array  # (N, curves); (0, curves) if they are streamed later
+    pale: bool = False  # drawn as a reference, in paler versions of the colours
+    steps: bool = False  # drawn as a zero-order hold instead of linear interpolation
+    color: int = 0  # index in `PALETTE` of the first curve's colour
+    alike: bool = False  # whether all curves have that colour
 
     def log_style(self, rec: rr.RecordingStream) -> None:
         """Logs the curves' names, colours and widths."""
@@ -85,21 +73,13 @@ def path(*parts: str) -> str:
 
 @dataclass(frozen=True)
 class Group:
-    """Parameters of one block that have the same unit, and so share a plot.
+    """Parameters of one block that have the same unit, and so share a plot."""
 
-    Attributes:
-        block: name of the block.
-        path: path of the entity that their curves are below.
-        title: title of the group, without the unit.
-        names: labels with units: "gain of elbow_joint [N·m/A]".
-        indices: (k,) in θ.
-    """
-
-    block: str
-    path: str
-    title: str
-    names: list[str]
-    indices: Indices
+    block: str  # name of the block
+    path: str  # path of the entity that their curves are below
+    title: str  # title of the group, without the unit
+    names: list[str]  # labels with units: "gain of elbow_joint [N·m/A]"
+    indices: Indices  # (k,) in θ
 
 
 def groups(space: ParameterSpace) -> list[Group]:

@@ -3,8 +3,6 @@
 Rerun's own file sink hangs in its flush when the disk is full, and cannot be interrupted there.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Texts of a recording, in the characters that the viewer's font has."""
 
-from __future__ import annotations
-
 import re
 
 _WORDS = {

@@ -1,7 +1,5 @@
 """The recording of tracking laws on one plant: their errors together, one robot, the reference."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 

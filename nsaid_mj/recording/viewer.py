@@ -1,7 +1,5 @@
 """Finds Rerun's viewer program and makes the command lines that start it."""
 
-from __future__ import annotations
-
 import os
 import socket
 import sys

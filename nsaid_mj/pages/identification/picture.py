@@ -1,7 +1,5 @@
 """Sketch of a robot: its links as lines, joints labelled, in the first pose of its log."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure

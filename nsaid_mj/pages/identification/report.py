@@ -1,7 +1,5 @@
 """Page and terminal output of an identification: verdict, predictions, parameters, unknowns."""
 
-from __future__ import annotations
-
 import math
 import platform
 import shlex

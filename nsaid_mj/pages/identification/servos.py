@@ -1,7 +1,5 @@
 """Page and terminal output of identified servos."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
