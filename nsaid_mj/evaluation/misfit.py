@@ -347,17 +347,17 @@ def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[floa
 
 
 def widened(stated: Confidence, factor: float) -> Confidence:
-    """A confidence with standard deviations times a factor, up to the prior's, never below its own.
+    """A confidence with standard deviations times a factor; what is added is at most the prior's.
 
-    Each parameter has its own limit: jointly, a prior's many independent errors make the scale of a
-    limb seem better known than it is.
+    Never narrower: the scale of a limb, known no better than beforehand, is vaguer than the prior's
+    many independent errors make it seem along θ̂.
     """
     if factor == 1.0:
         return stated
-    own, prior = (np.sqrt(np.diag(part)) for part in (stated.covariance, stated.prior))
-    limit = np.divide(prior, own, out=np.ones_like(own), where=own > 0)
-    by = np.clip(limit, 1.0, factor)
-    return stated._replace(covariance=stated.covariance * np.outer(by, by))
+    size = np.sqrt(np.diag(stated.prior))
+    units = np.outer(size, size)
+    added = _no_wider((factor**2 - 1) * stated.covariance / units, stated.prior / units)
+    return stated._replace(covariance=stated.covariance + added * units)
 
 
 def _no_wider(P: Array, prior: Array) -> Array:

@@ -257,7 +257,9 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
 
 def test_recording_report_and_rebuild_include_the_fault(failed: SimulatedRun):
     summary = postprocessing.finish(failed)
-    assert "thrust_3 loses 40 % at 12 s" in (failed.folder / "report.html").read_text("utf-8")
+    assert "thrust_3 loses 40\N{NO-BREAK SPACE}% at 12 s" in (
+        failed.folder / "report.html"
+    ).read_text("utf-8")
     again = postprocessing.rebuild(failed.folder)
     rounded = {"identifier_us_per_step", "plant_us_per_step"}  # times over steps, times steps
     assert {k: again[k] for k in again.keys() - rounded} == {
