@@ -128,10 +128,10 @@ class Log(_Columns):
         """The last `count` measurements, or all if there are fewer."""
         return self.part(max(0, len(self.t) - count), len(self.t))
 
-    def joined(self, other: Log) -> Log:
-        """The measurements of this log and then those of another, without checks."""
-        pairs = zip(self, other, strict=True)
-        return Log.unchecked(*(np.concatenate(pair) for pair in pairs))
+    @staticmethod
+    def joined(*logs: Log) -> Log:
+        """The measurements of one or more logs, one after the other, without checks."""
+        return Log.unchecked(*map(np.concatenate, zip(*logs, strict=True)))
 
     def first(self, count: int) -> Log:
         """The first `count` measurements."""
@@ -168,7 +168,7 @@ def extended(parts: tuple[Log, ...], log: Log) -> tuple[Log, ...]:
     """Consecutive logs and another one; short ones are joined, so that there are log₂ N at most."""
     parts = (*parts, log)
     while len(parts) > 1 and len(parts[-2].t) <= len(parts[-1].t):
-        parts = (*parts[:-2], parts[-2].joined(parts[-1]))
+        parts = (*parts[:-2], Log.joined(*parts[-2:]))
     return parts
 
 

@@ -166,12 +166,12 @@ def misfit_of(run: Run) -> Misfit | None:
         if drift is None:
             theta = np.array(record.rows("theta_hat", rows.stop - 1))
             own = stated if last else None
-            found.append(judged_estimate(alone, system, theta, own, run.prior, acting))
+            found.append(judged_estimate(alone, theta, own, run.prior, acting))
         else:
             start, variance = drift
             along = record.rows("theta_hat", rows)[start:]
             acting = acting.part(start, len(acting.t))
-            found.append(_drifted(alone, system, along, variance, acting))
+            found.append(_drifted(alone, along, variance, acting))
     return _worst(found) if found else None
 
 
@@ -187,17 +187,15 @@ def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
     return (start, state.drift) if rows.stop - rows.start - start >= FEWEST else None
 
 
-def _drifted(
-    alone: FilterAlone, system: SecondOrderSystem, along: Array, variance: float, log: Log
-) -> Misfit:
+def _drifted(alone: FilterAlone, along: Array, variance: float, log: Log) -> Misfit:
     """The misfit of a log of N measurements with drifting gains and θ̂ (N, p).
 
     In one pass, as the gains change along the log.
     """
-    space = system.space
+    space = alone.space
     k, minutes = space.actuators, float(log.t[-1] - log.t[0]) / 60
     alone.law = alone.law._replace(walk=walks(len(space), k, 0.0, variance))
-    theta = _sound(system, np.array(along[0]), np.array(along[-1]))
+    theta = _sound(space, np.array(along[0]), np.array(along[-1]))
     replay = alone.replay(theta, _VAGUE**2 * alone.covariance(theta), log)
     one, energy = _judged_pass(replay, log)
     if one.level == NONE:
@@ -223,13 +221,13 @@ def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
                 yield log.part(start, stop), slice(start, stop), signals
 
 
-def _sound(system: SecondOrderSystem, theta: Array, prior: Array) -> Array:
+def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
     """(p,) θ̂ inside the cone: gains of reversed actuators positive, of failed ones as before."""
-    k, theta = system.space.actuators, theta.copy()
+    k, theta = space.actuators, theta.copy()
     theta[k] = np.where(theta[k] == 0, prior[k], np.copysign(theta[k], prior[k]))
-    if inside(cone_of(system.space), theta):
+    if inside(cone_of(space), theta):
         return theta
-    return drawn_inside(system.space, theta, 0.0, np.random.default_rng(0))
+    return drawn_inside(space, theta, 0.0, np.random.default_rng(0))
 
 
 def _worst(found: list[Misfit]) -> Misfit:
@@ -249,15 +247,10 @@ def _worst(found: list[Misfit]) -> Misfit:
 
 
 def judged_estimate(
-    alone: FilterAlone,
-    system: SecondOrderSystem,
-    theta: Array,
-    stated: Confidence | None,
-    prior: Array,
-    log: Log,
+    alone: FilterAlone, theta: Array, stated: Confidence | None, prior: Array, log: Log
 ) -> Misfit:
-    """The misfit of a log for an estimate (p,) with its covariance; prior is θ̂(0)."""
-    theta, scale = _sound(system, theta, prior), system.space.scale
+    """The misfit of a log for an estimate θ̂ (p,), with its covariance if any; prior is θ̂(0)."""
+    theta, scale = _sound(alone.space, theta, prior), alone.space.scale
     P = alone.covariance(theta)
     if stated is not None:
         P = _no_wider(stated.covariance / np.outer(scale, scale), P)

@@ -28,6 +28,7 @@ from .misfit import (
 
 _FIRST = 0.5  # duration that is judged first [s]
 _LATER = 1.25  # durations judged, after which the misfit is stated
+_REST = 5e-4  # of the thread between two pieces, so that on two cores the user's loop can run [s]
 
 
 def running_misfit(state: State) -> str:
@@ -63,7 +64,9 @@ class RunningMisfit:
         self._identifier, self._system = identifier, identifier.system
         self._prior, self._dt = prior, scenario.dt
         self._filter = filter_of(scenario, self._system)
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="misfit")
+        if self._filter is not None:
+            self._filter.rest = _REST
+        self._pool = ThreadPoolExecutor(1, "misfit")
         self._stated: Misfit | None = None
         self._begin(0)
 
@@ -91,11 +94,11 @@ class RunningMisfit:
             self._judged *= 2
         drifts = state.filter is not None and state.filter.drift
         if self._found is None and duration >= self._judged and not drifts:
-            whole = Log.unchecked(*map(np.concatenate, zip(*self._parts, strict=True)))
+            whole = Log.joined(*self._parts)
             whole = whole.part(int(np.searchsorted(whole.t, whole.t[-1] - LONGEST)), len(whole.t))
             stated = self._identifier.confidence(state)
             acting = Signals.after(self._system, known).acting(self._system, whole)
-            given = self._filter, self._system, state.theta_hat, stated, self._prior, acting
+            given = self._filter, state.theta_hat, stated, self._prior, acting
             self._found = self._pool.submit(judged_estimate, *given)
 
     def level(self, state: State) -> str:
@@ -113,5 +116,5 @@ class RunningMisfit:
         return widened(stated, self._stated.widening)
 
     def stop(self) -> None:
-        """Ends the thread."""
+        """Waits for the thread, so that no kernel that it compiles delays the next run."""
         self._pool.shutdown(wait=True, cancel_futures=True)

@@ -230,7 +230,7 @@ def test_the_motion_so_far_is_judged_each_time_its_duration_has_doubled(piece: i
     """As after the run; stated at 5/4 of the duration, whatever the samples' arrival."""
     live, noise = session(), np.random.default_rng(0)
     log = log._replace(u=log.u + 0.004 * noise.standard_normal(log.u.shape))
-    own, system, widenings = live.identifiers[""], live.robot.system, []
+    own, widenings = live.identifiers[""], []
     misfit = RunningMisfit(live.scenario, own, live.robot.prior)
     state, found = own.init(log.at(0)), {}
     misfit.see(log.first(1), state)
@@ -239,12 +239,12 @@ def test_the_motion_so_far_is_judged_each_time_its_duration_has_doubled(piece: i
         misfit.see(log.part(k + 1, k + piece + 1), state)
         found[round(state.t, 2)] = misfit.confidence(state), own.confidence(state)
     misfit.stop()
-    alone = filter_of(live.scenario, system)
+    alone = filter_of(live.scenario, live.robot.system)
     assert alone is not None
     for duration in (0.5, 1.0, 2.0):
         k = -(-round(duration * RATE) // piece) * piece
         at, _ = own.follow(own.init(log.at(0)), log.first(k + 1))
-        given = system, at.theta_hat, own.confidence(at), live.robot.prior, log.first(k + 1)
+        given = at.theta_hat, own.confidence(at), live.robot.prior, log.first(k + 1)
         expected = judged_estimate(alone, *given)
         widenings.append(expected.widening)
         late = 1.25 * duration + 1.5 / RATE
@@ -255,3 +255,30 @@ def test_the_motion_so_far_is_judged_each_time_its_duration_has_doubled(piece: i
             wider = widened(of_law, expected.widening)
             np.testing.assert_array_equal(stated.covariance, wider.covariance)
     assert found[min(found)][0] is None and max(widenings) > 1
+
+
+def test_after_a_gap_another_log_is_judged(log: Log):
+    """A log that spans the gap would contradict every structure."""
+    live = session()
+    own, (begin, end) = live.identifiers[""], (200, 300)
+    misfit = RunningMisfit(live.scenario, own, live.robot.prior)
+    state, _ = own.follow(own.init(log.at(0)), log.first(80))
+    misfit.see(log.first(80), state)
+    before, later = misfit.confidence(state), log.part(begin, end)
+    state = own.resume(state, later.at(0))
+    misfit.see(later.first(1), state)
+    for k in range(0, len(later.t) - 1, 10):
+        state, _ = own.follow(state, later.part(k, k + 11))
+        misfit.see(later.part(k + 1, k + 11), state)
+        if k + 10 == 50:
+            at = state
+    misfit.stop()
+    alone = filter_of(live.scenario, live.robot.system)
+    assert alone is not None and before is None
+    given = at.theta_hat, own.confidence(at), live.robot.prior, later.first(51)
+    expected, stated = judged_estimate(alone, *given), misfit.confidence(state)
+    assert stated is not None and expected.level != "contradicts"
+    of_law = own.confidence(state)
+    assert of_law is not None
+    wider = widened(of_law, expected.widening)
+    np.testing.assert_array_equal(stated.covariance, wider.covariance)

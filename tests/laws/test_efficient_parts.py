@@ -427,13 +427,13 @@ def test_an_estimate_is_judged_inside_the_cone_with_gains_that_are_sound() -> No
     theta = made.truth.copy()
     theta[gains[1]] *= -1
     theta[gains[2]] = 0.0
-    found = misfit._sound(made.system, theta, prior)
+    found = misfit._sound(space, theta, prior)
     expected = made.truth.copy()
     expected[gains[2]] = prior[gains[2]]
     np.testing.assert_array_equal(found, expected)
     bodies = [place for block, place in space if block.geometry not in {"free", "positive"}]
     theta[bodies[0]] *= -1
-    assert inside(cone_of(space), misfit._sound(made.system, theta, prior))
+    assert inside(cone_of(space), misfit._sound(space, theta, prior))
 
 
 @pytest.mark.parametrize("kept", [2, 1])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 from dataclasses import replace
 
@@ -56,6 +55,17 @@ def test_passes_along_a_log_converge_from_where_one_does_not(name: str, seed: in
     assert found is not None and error(setup, found.theta) < 1e-3
 
 
+def test_rests_change_no_bit_of_a_replay() -> None:
+    setup, log = far("bluerov2", 1)
+    alone, prior = cautious(setup), np.array(setup.prior)
+    whole = alone.replay(prior, alone.covariance(prior), log)
+    alone.rest = 1e-6
+    pieces = alone.replay(prior, alone.covariance(prior), log)
+    assert whole.contradictions and pieces.contradictions == whole.contradictions
+    for one, other in zip(pieces.along, whole.along, strict=True):
+        np.testing.assert_array_equal(one[1:], other[1:])
+
+
 def test_the_law_learns_again_after_a_contradiction() -> None:
     setup, log = far("bluerov2", 1)
     identifier = setup.identifiers()[""]
@@ -90,6 +100,6 @@ def test_few_logs_hold_all_samples_in_order(sizes: list[int]) -> None:
     whole, parts = Log(t, *(t[:, None],) * 3), tuple[Log, ...]()
     for start, end in itertools.pairwise(ends):
         parts = extended(parts, whole.part(start, end))
-    for one, other in zip(functools.reduce(Log.joined, parts), whole, strict=True):
+    for one, other in zip(Log.joined(*parts), whole, strict=True):
         np.testing.assert_array_equal(one, other)
     assert len(parts) <= 1 + np.log2(len(t))

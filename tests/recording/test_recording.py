@@ -1,12 +1,9 @@
-"""Rerun recordings hold what was recorded, and no viewer can end a run."""
+"""Rerun recordings hold what was recorded."""
 
 from __future__ import annotations
 
 import gc
-import os
 import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,10 +17,8 @@ from scipy.spatial.transform import Rotation
 from nsaid_mj import (
     ArmPlant,
     Block,
-    BlueROV2Plant,
     FourierTracking,
     Loss,
-    MultisineCommand,
     NullspaceAID,
     ParameterSpace,
     Scenario,
@@ -32,13 +27,12 @@ from nsaid_mj import (
 from nsaid_mj import (
     evaluation as metrics,
 )
-from nsaid_mj.errors import BadRun, InvalidInput, NotWritten
+from nsaid_mj.errors import NotWritten
 from nsaid_mj.evaluation import truth_of
-from nsaid_mj.experiment.loop import FAULTS, Robot, SimulatedRun, run
-from nsaid_mj.laws import Status
+from nsaid_mj.experiment.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.laws.faults import FaultEvent
-from nsaid_mj.log import Log, Measurement
-from nsaid_mj.recording import forces, inertia, layout, live, plots, scene, series, torques, viewer
+from nsaid_mj.log import Log
+from nsaid_mj.recording import forces, inertia, layout, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread
 from nsaid_mj.recording.stream import write as write_content
 from nsaid_mj.recording.text import drawable
@@ -51,7 +45,7 @@ from nsaid_mj.structure.structured import StructuredSystem
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.faulty import heard
 from tests.support.fossen import published
-from tests.support.recordings import entities_of
+from tests.support.recordings import VEHICLE, column, drawn_rows, entities_of, seconds
 
 ARM = Scenario(
     plant=ArmPlant(robot="ur5", damping=2.0, friction=1.0, armature=0.1),
@@ -60,15 +54,6 @@ ARM = Scenario(
     duration=0.3,
     pe_window=0.1,
     held_out=0.1,
-)
-VEHICLE = Scenario(
-    plant=BlueROV2Plant(),
-    excitation=MultisineCommand(low=0.2, high=2.0, tones=4, amplitude=0.9),
-    identifier=NullspaceAID(K=10.0, gain=0.3),
-    duration=2.0,
-    dt=0.01,
-    pe_window=0.5,
-    held_out=0.5,
 )
 
 
@@ -97,10 +82,6 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
 def read(result: SimulatedRun) -> dict[str, dict[str, list]]:
     """Column name to values, by entity, over all of a recording's chunks."""
     return entities_of(result.folder / recording.FILE)
-
-
-def seconds(time: object) -> float:
-    return time.total_seconds() if hasattr(time, "total_seconds") else float(time) * 1e-9  # type: ignore
 
 
 def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
@@ -383,21 +364,6 @@ def test_every_view_has_one_parent_only(which: str, request: pytest.FixtureReque
 # -- vehicles ------------------------------------------------------------------------------------
 
 
-def column(entities: dict[str, dict[str, list]], entity: str, name: str) -> np.ndarray:
-    """The values of an entity's column, where it has any."""
-    return np.array([value for value in entities[f"/{entity}"][name] if value is not None])
-
-
-def drawn_rows(
-    result: SimulatedRun, entities: dict[str, dict[str, list]], entity: str
-) -> np.ndarray:
-    """The record's rows that an entity's values are of, by their times."""
-    times = [seconds(t) for t in entities[f"/{entity}"]["sim_time"] if t is not None]
-    rows = np.round(np.array(times) / result.scenario.dt).astype(int)
-    np.testing.assert_allclose(result.record["t"][rows], times, atol=1e-9)
-    return rows
-
-
 def test_force_arrows_start_at_their_thrusters(vehicle: SimulatedRun) -> None:
     entities, record, space = read(vehicle), vehicle.record, vehicle.plant.system.space
     body = scene.BODY
@@ -550,126 +516,6 @@ def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: Simulat
 
     assert names(vehicle) == ["Estimate", "Mass matrix"]
     assert names(arm) == ["Estimate", "Link 1 – 3", "Link 4 – 6"]
-
-
-@pytest.mark.parametrize(("speed", "waits"), [(10.0, [0.05, 0.05]), (0.0, [])])
-def test_a_live_run_waits_until_its_time_is_due(
-    speed: float, waits: list[float], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now, slept = [100.0], []
-
-    def sleep(seconds: float) -> None:
-        slept.append(seconds)
-        now[0] += seconds
-
-    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
-    monkeypatch.setattr(time, "sleep", sleep)
-    observer = recording.Live("x", speed)
-    for t in (0.0, 0.5, 1.0):
-        observer._wait(t)
-    assert slept == pytest.approx(waits)
-
-
-@pytest.mark.parametrize("speed", [-1.0, np.inf, np.nan])
-def test_a_live_speed_that_is_none_is_told(speed: float) -> None:
-    with pytest.raises(InvalidInput, match="live_speed"):
-        recording.Live("x", speed)
-
-
-# -- live ----------------------------------------------------------------------------------------
-
-
-def no_connection(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
-    """Sends live data to a file; without a sink, Rerun would warn of them in a later test."""
-    file = folder / "live.rrd"
-    monkeypatch.setattr(recording.Live, "_serve", lambda self: "")
-    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda rec, *_, **__: rec.save(file))
-
-
-@pytest.mark.usefixtures("no_display")
-def test_live_without_a_display_serves_this_machine_and_ends_its_server(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    started: list[list[str]] = []
-    servers: list[subprocess.Popen[bytes]] = []
-
-    def launch(flags: list[str], **rest: bool) -> subprocess.Popen[bytes]:
-        started.append(flags)
-        servers.append(real(flags, **rest))
-        return servers[-1]
-
-    real = live._launch
-    monkeypatch.setattr(live, "_launch", launch)
-    result = run(ROV, tmp_path, recording.Live("rov"))
-    assert result.ending.status is Status.completed
-    assert "http://127.0.0.1:" in capfd.readouterr().err
-    assert started[0][:3] == ["--serve-web", "--bind", "127.0.0.1"]
-    assert servers[0].poll() is not None
-
-
-@pytest.mark.usefixtures("no_display")
-@pytest.mark.parametrize("where", ["start", "see"])
-def test_a_failing_viewer_does_not_end_the_run(
-    where: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(live, "program", lambda: [sys.executable, "-c", "raise SystemExit(3)"])
-    if where == "see":
-        no_connection(monkeypatch, tmp_path)
-        monkeypatch.setattr(recording.Live, "_see", lambda *_: 1 / 0)
-    result = run(ROV, tmp_path, recording.Live("rov"))
-    assert result.ending.status is Status.completed
-    told = [x for x in capfd.readouterr().err.splitlines() if x.startswith("nsaid:")]
-    assert len(told) == 1 and "continuing without the viewer" in told[0]
-
-
-@pytest.mark.usefixtures("no_display")
-def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    no_connection(monkeypatch, tmp_path)
-    plant = ROV.plant.build(ROV.dt, 0)
-    monkeypatch.setattr(type(plant), "truth", property(lambda self: 1 / 0))
-    observer = recording.Live("rov")
-    first = Measurement(0.0, *plant.system.random_state(np.random.default_rng(0)))
-    observer._start(Robot(plant.system, plant.system.space.scale, plant), first)
-    observer._rec = None
-    observer.stop()
-
-
-@pytest.mark.usefixtures("no_display")
-def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    no_connection(monkeypatch, tmp_path)
-    monkeypatch.setattr(live, "_PERIOD", 0.0)
-    monkeypatch.setattr(live, "_SHARE", 0)
-    result = run(VEHICLE, tmp_path / "run", recording.Live("vehicle"))
-    entities = entities_of(tmp_path / "live.rrd")
-    rows = drawn_rows(result, entities, forces.ESTIMATED)
-    assert len(rows) > 20 and f"/{forces.COMMANDED}" not in entities
-    assert column(entities, forces.ESTIMATED, "Arrows3D:vectors").shape == (len(rows), 8, 3)
-    steps = column(entities, scene.TRAIL, "LineStrips3D:strips")[:, 0]
-    places = result.record["q"][rows, :3]
-    np.testing.assert_allclose(steps, np.stack([places[:-1], places[1:]], axis=1), atol=1e-6)
-
-
-# -- viewer --------------------------------------------------------------------------------------
-
-
-@pytest.mark.usefixtures("no_display")
-def test_without_a_display_the_viewer_needs_web() -> None:
-    with pytest.raises(BadRun, match="--web"):
-        viewer.viewer_command(Path("run.rrd"), web=False)
-    command = viewer.viewer_command(Path("run.rrd"), web=True)
-    assert "--serve-web" in command
-    assert command[command.index("--bind") + 1] == "127.0.0.1"
-
-
-def test_with_a_display_the_viewer_opens_a_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DISPLAY", ":0")
-    command = viewer.viewer_command(Path("run.rrd"), web=False)
-    assert "--serve-web" not in command
-    assert command[command.index("--bind") + 1] == "127.0.0.1"
-    assert Path(command[0]).is_file() and os.access(command[0], os.X_OK)
-    assert Path(command[0]).parent.name != "bin"  # the program itself, not the console script
 
 
 def test_the_link_of_a_failed_joint_turns_red_when_that_is_found(tmp_path: Path) -> None:

@@ -17,8 +17,6 @@ After a restart at the memory's estimate, this estimate is returned until the fi
 continues from that.
 """
 
-import functools
-
 import numpy as np
 
 from ...log import Log, Measurement, extended
@@ -69,8 +67,8 @@ class EfficientIdentifier(Identifier):
         alone = FilterAlone(guard.system, dt, config)
         self._law, self._covariance = alone.law, alone.covariance
         self._gamma = config.linearisation
-        self._again = FilterAlone(guard.system, dt, config)
-        self._again.law = self._law._replace(gamma=self._gamma)
+        alone.law = self._law._replace(gamma=self._gamma)
+        self._again = alone
         self._faults = Isolation(self._law, self.system, self._covariance, dt, self._interval)
 
     def init(self, first: Measurement) -> State:
@@ -156,7 +154,7 @@ class EfficientIdentifier(Identifier):
         With single samples, the overhead of each call of the memory would equal that of many steps.
         """
         if inside.waiting is not None:
-            acting = inside.waiting.first(len(inside.waiting.t) - 1).joined(acting)
+            acting = Log.joined(inside.waiting.first(len(inside.waiting.t) - 1), acting)
         steps, memory = len(acting.t) - 1, inside.guard.memory
         assert memory is not None
         if steps < _TOGETHER and (memory.step + steps) % self._every:
@@ -202,7 +200,7 @@ class EfficientIdentifier(Identifier):
         along, past = Along.empty(count, self.system.n, self.system.p), log
         thetas, v_hats, pivots, _ = along
         if inside.recent is not None:  # its last sample is the log's first
-            past = inside.recent.first(len(inside.recent.t) - 1).joined(log)
+            past = Log.joined(inside.recent.first(len(inside.recent.t) - 1), log)
         while at < count - 1:
             handed = inside.handed
             if inside.trials:
@@ -247,7 +245,7 @@ class EfficientIdentifier(Identifier):
         now = self._seconds(inside) + float(log.t[-1] - log.t[0])
         if not inside.beginning or now < LATER * inside.learned:
             return inside, False
-        whole = functools.reduce(Log.joined, (*inside.beginning, log))
+        whole = Log.joined(*inside.beginning, log)
         kalman = learned(self._again, inside.guard.theta_hat, whole)
         inside = inside._replace(learned=now)
         if kalman is None:

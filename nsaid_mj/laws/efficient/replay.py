@@ -1,5 +1,6 @@
 """The filter alone: its configuration, its prior, and its contradictions by a log."""
 
+import time
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from .steps import margin_of
 
 USUAL = 0.3
 """Default of the largest relative error of a prior."""
+_PIECE = 25  # rows between two rests
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 
 
@@ -58,11 +60,14 @@ class FilterAlone:
     """The filter alone, for a structure with compiled forward dynamics.
 
     `dt` is the time between measurements [s]; the attribute `law` the filter's prior knowledge,
-    near θ.
+    near θ; `rest` a pause of a replay after every `_PIECE` rows, so that a thread of a live program
+    does not hold up its loop [s].
 
     Raises:
         InvalidInput: the system has no compiled forward dynamics.
     """
+
+    rest = 0.0
 
     def __init__(self, system: SecondOrderSystem, dt: float, config: EfficientConfig):
         if system.forward is None:
@@ -104,10 +109,11 @@ class FilterAlone:
         Where the innovations are significantly large, the filter restarts from both.
         """
         count = len(log.t)
+        piece = _PIECE if self.rest else count
         kalman, times, at = filter_at(log.q[0], log.v[0], theta, P), [], 0
         along = Along.empty(count, log.v.shape[1], self._p)
         while at < count - 1:
-            columns = (part[at:] for part in log)
+            columns = (part[at : at + piece + 1] for part in log)
             row, end = follow_filter(self.law, kalman, *columns, along.part(at))
             at += row
             if end == ROUNDED:
@@ -116,6 +122,8 @@ class FilterAlone:
                 times.append(float(log.t[at]))
                 kalman.theta[:], kalman.Ptt[:] = theta, P
                 restart_state(kalman, log.q[at], log.v[at], noise_variance(kalman.noise))
+            if self.rest:
+                time.sleep(self.rest)
         return Replay(tuple(times), along, kalman)
 
 

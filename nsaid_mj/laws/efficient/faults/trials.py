@@ -84,7 +84,7 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
     probability begins to suffice, so that all repetitions together cost no more than a few passes
     along the whole log.
     """
-    known = trials.log.first(len(trials.log.t) - 1).joined(log)
+    known = Log.joined(trials.log.first(len(trials.log.t) - 1), log)
     each, reached, last = trials.each, trials.reached, len(known.t) - 1
     samples = trials.samples + len(log.t) - 1
     while reached < last if samples >= law.window else reached + _TOGETHER <= last:
