@@ -42,9 +42,10 @@ def misses(found: Simulated) -> tuple[Array, Array, str]:
         own = None
         if running_misfit(state) != "contradicts":
             own = identifier.confidence(state)
-        for rows, stated in ((alone, own), (judged, misfit.confidence(state))):
-            half = INTERVAL * gain_deviations(stated, state.theta_hat, space)
-            rows.append(np.max(error / half) if np.isfinite(half).all() else np.nan)
+        own = gain_deviations(own, state.theta_hat, space)
+        for rows, deviation in ((alone, own), (judged, misfit.deviations(state))):
+            known = np.isfinite(deviation).all()
+            rows.append(np.max(error / (INTERVAL * deviation)) if known else np.nan)
     misfit.stop()
     return np.array(alone), np.array(judged), misfit.level(state)
 

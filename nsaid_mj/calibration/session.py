@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 import orjson
 
-from ..evaluation.confidence import INTERVAL, gain_deviations
+from ..evaluation.confidence import INTERVAL
 from ..evaluation.running import RunningMisfit
 from ..experiment.loop import Observer, Robot, Run, followed
 from ..experiment.scenario import Scenario
@@ -148,9 +148,7 @@ class Estimates(Observer):
             return
         self._next = t + self._every * (1 - 1e-9)
         if t >= self._stated + _INTERVALS:
-            stated = self._misfit.confidence(state)
-            self._deviation = gain_deviations(stated, state.theta_hat, self._space)
-            self._stated = t
+            self._deviation, self._stated = self._misfit.deviations(state), t
         used, level = self._counts.used, self._misfit.level(state)
         self._show(estimate_of(self._space, state, used, self._deviation, level))
 

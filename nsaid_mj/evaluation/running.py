@@ -6,10 +6,11 @@ import numpy as np
 
 from ..experiment.scenario import Scenario
 from ..experiment.source import LONGEST_STEP
-from ..laws import Confidence, Identifier, State
+from ..laws import Identifier, State
 from ..laws.efficient.faults.signals import Signals
 from ..log import Log, extended
 from ..parameters import Array
+from .confidence import gain_deviations
 from .misfit import (
     CONTRADICTS,
     FEWEST,
@@ -26,7 +27,7 @@ from .misfit import (
     widened,
 )
 
-_FIRST = 0.5  # duration that is judged first [s]
+_FIRST, _NEXT = 0.5, 1.5  # duration that is judged first [s], and the next one's ratio to it
 _LATER = 1.25  # durations judged, after which the misfit is stated
 _REST = 5e-4  # of the thread between two pieces, so that on two cores the user's loop can run [s]
 
@@ -48,7 +49,7 @@ def running_misfit(state: State) -> str:
 
 
 class RunningMisfit:
-    """Judges the motion so far whenever its duration has doubled, as `misfit_of` does at its end.
+    """Judges the motion so far whenever it is half as long again, as `misfit_of` does at its end.
 
     The filter runs along the log again, from the estimate and its covariance: while a law learns,
     its covariance counts errors of linearisation as information, and small effects that W lacks
@@ -67,14 +68,14 @@ class RunningMisfit:
         if self._filter is not None:
             self._filter.rest = _REST
         self._pool = ThreadPoolExecutor(1, "misfit")
-        self._stated: Misfit | None = None
+        self._stated: tuple[Misfit, Array] | None = None  # with the gains' deviations at its end
         self._begin(0)
 
     def _begin(self, faults: int) -> None:
         """Begins another log, after so many faults."""
         self._faults, self._parts = faults, tuple[Log, ...]()
         self._start, self._judged = np.nan, max(_FIRST, FEWEST * self._dt)
-        self._found: Future[Misfit] | None = None
+        self._found: tuple[Future[Misfit], Array] | None = None
 
     def see(self, log: Log, state: State) -> None:
         """Adds samples, at the last of which the law has a state."""
@@ -90,30 +91,38 @@ class RunningMisfit:
             self._parts = self._parts[1:]
         duration = float(log.t[-1]) - self._start
         if self._found is not None and duration >= _LATER * self._judged:
-            self._stated, self._found = self._found.result(), None
-            self._judged *= 2
+            misfit, deviations = self._found
+            self._stated, self._found = (misfit.result(), deviations), None
+            self._judged *= _NEXT
         drifts = state.filter is not None and state.filter.drift
         if self._found is None and duration >= self._judged and not drifts:
             whole = Log.joined(*self._parts)
             whole = whole.part(int(np.searchsorted(whole.t, whole.t[-1] - LONGEST)), len(whole.t))
             stated = self._identifier.confidence(state)
+            deviations = gain_deviations(stated, state.theta_hat, self._system.space)
             acting = Signals.after(self._system, known).acting(self._system, whole)
             given = self._filter, state.theta_hat, stated, self._prior, acting
-            self._found = self._pool.submit(judged_estimate, *given)
+            self._found = self._pool.submit(judged_estimate, *given), deviations
 
     def level(self, state: State) -> str:
         """The level of `Misfit` so far; "" of a law that is not judged."""
-        found = running_misfit(state), self._stated.level if self._stated else ""
+        found = running_misfit(state), self._stated[0].level if self._stated else ""
         return max(found, key=("", *LEVELS).index)
 
-    def confidence(self, state: State) -> Confidence | None:
-        """The law's own, widened by the misfit; None before a first one, and if it contradicts."""
-        stated = self._identifier.confidence(state)
+    def deviations(self, state: State) -> Array:
+        """(a,) relative standard deviations of the gains, of `gain_deviations`; inf if unknown.
+
+        They are the law's own, widened by the misfit, and none is less than at the end of the last
+        motion judged. They are unknown before that, and if the misfit contradicts.
+        """
+        stated, space = self._identifier.confidence(state), self._system.space
         if self._filter is None or stated is None:
-            return stated
+            return gain_deviations(stated, state.theta_hat, space)
         if self._stated is None or self.level(state) == CONTRADICTS:
-            return None
-        return widened(stated, self._stated.widening)
+            return gain_deviations(None, state.theta_hat, space)
+        misfit, least = self._stated
+        own = gain_deviations(widened(stated, misfit.widening), state.theta_hat, space)
+        return np.maximum(own, misfit.widening * least)
 
     def stop(self) -> None:
         """Waits for the thread, so that no kernel that it compiles delays the next run."""
