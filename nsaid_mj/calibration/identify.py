@@ -78,7 +78,7 @@ def identify(
         raise UnknownName("law", law, LAWS)
     report("reading the model")
     robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
-    logs, chosen = _files(model, _listed(logs), mapping)
+    logs, chosen = files_of(model, _listed(logs), mapping)
     report("reading the log")
     recordings = recordings_of(logs, chosen, robot)
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
@@ -92,16 +92,16 @@ def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:
     return [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
 
 
-def _files(
+def files_of(
     model: str | RobotModel, logs: list[Path], mapping: PathLike | Map | None
 ) -> tuple[list[Path], Map | None]:
     """The logs and the map, by default a packed robot's; raises `InvalidInput` without a log."""
     if logs:
         return logs, _read_map(mapping)
     if isinstance(model, str) and model == Path(model).name:
-        packed = asset(model, "log.csv.gz")
+        packed, own = asset(model, "log.csv.gz"), asset(model, "map.toml")
         if packed.is_file():
-            return [packed], _read_map(asset(model, "map.toml") if mapping is None else mapping)
+            return [packed], _read_map(own if mapping is None and own.is_file() else mapping)
     raise InvalidInput("log", "one or more files", "none", "Give `--log FILE`.")
 
 

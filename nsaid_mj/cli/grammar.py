@@ -83,7 +83,7 @@ class Inspect:
 
     Attributes:
         logs: log files or folders of them; CSV, Parquet, Arrow, npz, a run's folder, ROS bag, MCAP,
-            ULog, DataFlash, LeRobot dataset, Rerun recording.
+            ULog, DataFlash, LeRobot dataset, Rerun recording; or tx40 or so101 for a packed log.
         model: URDF, MJCF or vehicle's TOML file; name of a packed robot or vehicle.
         map: TOML file with the meaning of columns; by default they are matched by name.
         lock: comma-separated joints that do not move.

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..bounds import without_nonfinite
 from ..errors import InvalidInput, printable
-from ..resources import print_json, reading, write_json
+from ..resources import asset, print_json, reading, write_json
 from .folders import check_writable, folder_for_results
 from .grammar import Identify, Inspect, names_in, numbers_in
 from .process import EXPLAINED, UNUSABLE, code_of
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..calibration.inspection import Inspection
     from ..calibration.result import Identification
     from ..calibration.servos import Replayed, ServoIdentification, ServoLogs
+    from ..logs.mapping import Map
     from ..pages.progress import Progress
     from ..robot.findings import Finding
 
@@ -265,21 +266,24 @@ def inspect_log(chosen: Inspect) -> int:
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
+    from ..calibration.identify import files_of
     from ..calibration.inspection import inspect
     from ..logs import limited_to, read_map, read_tables
 
-    mapping = read_map(chosen.map) if chosen.map else None
+    logs, mapping = list(chosen.logs), read_map(chosen.map) if chosen.map else None
+    model, name = chosen.model, str(logs[0])
+    if len(logs) == 1 and not logs[0].exists() and asset(name, "log.csv.gz").is_file():
+        model, (logs, mapping) = model or name, files_of(name, [], mapping)
     robot = None
-    if chosen.model is not None:
+    if model is not None:
         from ..calibration.models import load_robot_model
 
-        kept = names_in(chosen.joints) or None
-        robot = load_robot_model(chosen.model, names_in(chosen.lock), kept)
+        robot = load_robot_model(model, names_in(chosen.lock), names_in(chosen.joints) or None)
     with limited_to(chosen.limit * 1e9):
-        tables = read_tables(chosen.logs, mapping)
+        tables = read_tables(logs, mapping)
     found = inspect(tables, mapping, robot)
     with reading(*chosen.logs, chosen.map, chosen.model):
-        files = _written(found, chosen)
+        files = _written(found, chosen.out, mapping)
     if chosen.json:
         print_json(document(found))
     else:
@@ -299,7 +303,7 @@ def document(found: Inspection) -> dict[str, object]:
     return {name: [asdict(x) for x in getattr(found, name)] for name in ("channels", "findings")}
 
 
-def _written(found: Inspection, chosen: Inspect) -> list[Path]:
+def _written(found: Inspection, folder: Path, mapping: Map | None) -> list[Path]:
     """Writes the plot and, if a model but no map is given, a first map; returns the files.
 
     An existing map may have been edited by hand and is kept: a new one that differs gets another
@@ -310,13 +314,13 @@ def _written(found: Inspection, chosen: Inspect) -> list[Path]:
     from ..pages.plots import is_own
     from ..resources import write_text
 
-    chosen.out.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True)
     names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
-    paths = (chosen.out / name for name in names)
+    paths = (folder / name for name in names)
     files = [draw(found, next(p for p in paths if not p.exists() or is_own(p)))]
-    if found.robot is not None and chosen.map is None:
+    if found.robot is not None and mapping is None:
         text, names = first_map(found.tables, found.robot), map("map-new-{}.toml".format, count(2))
-        paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
+        paths = (folder / name for name in chain((MAP, "map-new.toml"), names))
         path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
         write_text(path, text)
         files.append(path)

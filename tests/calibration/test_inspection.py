@@ -201,3 +201,12 @@ def test_the_first_map_of_a_vehicle_with_unknown_names_is_a_form():
     assert '# position = ["x", "y", "yaw"]' in text
     assert '# u_2 = { column = "…" }  # steering angle [rad]' in text
     assert tomllib.loads(text)["vehicle"] == {} == tomllib.loads(text)["actuators"]
+
+
+@pytest.mark.parametrize("name", ["tx40", "so101"])
+def test_a_packed_log_is_inspected_by_its_robots_name(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert command(["inspect", name, "--out", str(tmp_path)]) == 0
+    assert "✔ nsaid identify can use this log." in capsys.readouterr().out
+    assert (tmp_path / "map.toml").exists() == (name == "so101")  # the other has one

@@ -88,7 +88,7 @@ def read_servos(
         InvalidInput: a column or joint of the map does not exist, or loads differ.
         UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
-    found = None if robot.source is None or robot.passive else robot.servos
+    found = None if robot.passive else robot.servos
     columns = servo_map(tables, mapping, robot.joints) if found is not None else None
     if found is None or columns is None:
         return None
