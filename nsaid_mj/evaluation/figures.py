@@ -16,6 +16,8 @@ NUMBERS = 20_000_000
 """Largest number of regressor entries in memory at once."""
 
 _ROWS = 2000  # of a trajectory, at most, at which regressors are formed
+_STRETCHES = 500  # of a measured log, at most, over which they are averaged
+_STRETCH = 0.1  # length of each [s]
 
 
 def stride_of(length: int, system: SecondOrderSystem) -> int:
@@ -86,8 +88,8 @@ def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
         found: dict[str, Any] = {}
         if run.scenario.record_every == 1:  # else some commands are not in the record
             late = record.log.last(max(2, len(record) // 10)) if len(record) > 1 else None
-            residual = force_residual_ratio(system, late, theta[-1], None)
-            found["force_residual_ratio_measured"] = residual
+            W = None if late is None else averaged_rows(system, late)[1]
+            found["force_residual_ratio_measured"] = residual_ratio(system, W, theta[-1])
         return found | {"velocity_error_rms": error}
     ratio = truth.distance(record["t"][[0, -1]], theta)
     return {
@@ -171,6 +173,25 @@ def timed_rows(system: SecondOrderSystem, log: Log, truth: Array | None) -> tupl
         return t, system.evaluate(t, x, v, u, truth)[1]
     t, x, v, u, a = midpoints(log, system, stride)
     return t, system.regressor(t, x, v, a, u)
+
+
+def averaged_rows(system: SecondOrderSystem, log: Log) -> tuple[Array, Array]:
+    """(k,) times and (k, n, p) means of W over stretches of 0.1 s of a measured log.
+
+    v̇ are the differences of neighbouring measured velocities, so that all but the noise of a
+    stretch's two ends cancels in the mean.
+    """
+    size = max(1, round(_STRETCH / float(np.median(np.diff(log.t)))))
+    size = min(size, len(log.t) - 1)
+    starts = range(0, len(log.t) - size, max(1, (len(log.t) - size) // _STRETCHES))
+    times, rows = np.empty(len(starts)), np.empty((len(starts), system.n, system.p))
+    for i, start in enumerate(starts):
+        part = log.part(start, start + size + 1)
+        q, v = system.midpoints(part, hermite=False)
+        a = np.diff(part.v, axis=0) / np.diff(part.t)[:, None]
+        W = system.regressor(part.t[:-1], np.hstack([q, v]), v, a, part.u[:-1])
+        times[i], rows[i] = 0.5 * (part.t[0] + part.t[-1]), W.mean(axis=0)
+    return times, rows
 
 
 def residual_ratio(system: SecondOrderSystem, W: Array | None, theta_hat: Array) -> float | None:
@@ -257,8 +278,9 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
         return None
     if later is None:
         log = run.record.log
-        later, exact = log.last(max(2, len(log.t) // 10)), None
-    t, W = timed_rows(system, later, exact)
+        t, W = averaged_rows(system, log.last(max(2, len(log.t) // 10)))
+    else:
+        t, W = timed_rows(system, later, exact)
     scale, k = system.space.scale, system.space.actuators
     factor = 1.0
     if truth is not None:

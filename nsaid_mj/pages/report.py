@@ -32,8 +32,9 @@ _FORCES = {
     "force at the command, under the estimated gains. Predicted: the force that the motion needs "
     "under the estimated plant. Both are scaled by the one factor that brings the estimate "
     "closest to the truth.",
-    False: "On the last tenth of the run. Measured: the actuators' force at the command, under "
-    "the estimated gains. Predicted: the force that the motion needs under the estimated plant.",
+    False: "On the last tenth of the run, averaged over 0.1 s. Measured: the actuators' force at "
+    "the command, under the estimated gains. Predicted: the force that the motion needs under the "
+    "estimated plant.",
 }
 _FILES = (
     "The scenario, including seed {seed}, is in scenario.json (hash {scenario_hash}). With the "
