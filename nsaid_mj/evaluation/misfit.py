@@ -121,6 +121,7 @@ _VAGUE = 0.1  # deviation of θ over the prior's, where a log begins along which
 _ROUNDING = 1e-15  # least variance, relative to the prior's
 _SHIFTED = 1.5  # mean squared normalised shift that is more than chance
 _FAR = 3.0  # deviations by which no gain shifts by chance
+_FRESH = 2.0  # the same, where the filter learns a log anew, linearised at its result
 
 
 class Misfit(NamedTuple):
@@ -269,7 +270,8 @@ def judged(alone: FilterAlone, theta: Array, P: Array, log: Log) -> Misfit:
     best, energy = min(found, key=lambda one: (LEVELS.index(one[0].level), -one[0].chance))
     if best.level == NONE and best.chance >= _DOUBTFUL:
         energy = 0.0
-    widening = _widening(alone, theta, P, learning, energy)
+    anew = alone.replay(theta, alone.covariance(theta), log)
+    widening = _widening(alone, theta, P, learning, anew, energy)
     return best._replace(chance=min(1.0, best.chance), widening=widening)
 
 
@@ -288,21 +290,26 @@ def _judged_pass(replay: Replay, log: Log) -> tuple[Misfit, float]:
     return Misfit(level, late, innovations, seconds, colour.chance), colour.energy
 
 
-def _widening(alone: FilterAlone, theta: Array, P: Array, learning: Replay, energy: float) -> float:
+def _widening(
+    alone: FilterAlone, theta: Array, P: Array, learning: Replay, anew: Replay, energy: float
+) -> float:
     """Factor on the standard deviations of a misfit.
 
     Parameters absorb the part of unmodelled effects that lies in the span of W; the energy of the
     rest indicates their size. Moreover, the shifts of the estimate must agree with its covariance,
     over the whole log and from part to part, where an intermittent effect moves it back and forth
     (a sandwich estimator with the parts as blocks), and so must the shift of each single gain,
-    which the first pass may have found while θ̂ was still far off.
+    which the first pass may have found while θ̂ was still far off. A weakly coupled gain may be sure
+    by then of what it learned from a wrong linearisation; it shifts where the log is learned anew,
+    from θ̂ with the covariance of a prior.
     """
     shifts = _shifts(alone.law.scale, theta, P, learning)
-    gains = shift_of_gains(alone.space, theta, P, learning.filter.theta)
-    if gains > _FAR and not learning.contradictions:
-        shifts.append(gains**2)
-    most = max((shift for shift in shifts if shift > _SHIFTED), default=1.0)
-    return float(np.sqrt(max(1.0 + energy, most)))
+    for replay, most in ((learning, _FAR), (anew, _FRESH)):
+        gains = shift_of_gains(alone.space, theta, P, replay.filter.theta)
+        if gains > most and not replay.contradictions:
+            shifts.append(gains**2)
+    largest = max((shift for shift in shifts if shift > _SHIFTED), default=1.0)
+    return float(np.sqrt(max(1.0 + energy, largest)))
 
 
 def shift_of_gains(space: ParameterSpace, theta: Array, P: Array, after: Array) -> float:

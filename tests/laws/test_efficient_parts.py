@@ -450,8 +450,9 @@ def test_a_shift_is_measured_by_what_was_learned(kept: int) -> None:
     np.testing.assert_allclose(found, [9 / kept, 9 / 4 / kept, 9 / 16 / kept], rtol=1e-9)
     gains = Block("gain", ("a", "b"), ("1", "1"), scale, "positive", actuator=True)
     alone: Any = SimpleNamespace(law=SimpleNamespace(scale=scale), space=ParameterSpace((gains,)))
+    still: Any = SimpleNamespace(contradictions=(), filter=SimpleNamespace(theta=np.ones(2)))
     for energy in (0.0, 24.0):
-        widening = misfit._widening(alone, np.ones(2), P0, learning, energy)
+        widening = misfit._widening(alone, np.ones(2), P0, learning, still, energy)
         assert widening == pytest.approx(np.sqrt(max(1 + energy, 9 / kept)))
     apart = np.sqrt(0.04 * 2.0**2 + 0.01 * 5.0**2) / 2  # deviation of a gain over the mean of both
     for share in (1.0, 1e-2):  # of P: one gain shifts by 0.2 of the mean, the other by −0.2
@@ -460,8 +461,12 @@ def test_a_shift_is_measured_by_what_was_learned(kept: int) -> None:
         assert misfit.shift_of_gains(alone.space, np.ones(2), share * P0, ended.theta) == (
             pytest.approx(shift)
         )
-        widening = misfit._widening(alone, np.ones(2), share * P0, learning, 0.0)
+        widening = misfit._widening(alone, np.ones(2), share * P0, learning, still, 0.0)
         assert (widening == pytest.approx(shift)) == (share < 1)
+    still.filter.theta = np.array([1.0, 1.9])  # by 0.31 of the mean
+    for still.contradictions, expected in (((), 0.9 / 2.9 / (0.1 * apart)), ((1.0,), shift)):
+        widening = misfit._widening(alone, np.ones(2), 0.01 * P0, learning, still, 0.0)
+        assert widening == pytest.approx(expected)
     learning.contradictions = (1.0,)
     assert misfit._shifts(scale, np.ones(2), P0, learning) == []
 
