@@ -28,7 +28,7 @@ from .misfit import (
 )
 
 _FIRST, _NEXT = 0.5, 1.5  # duration that is judged first [s], and the next one's ratio to it
-_LATER = 1.25  # durations judged, after which the misfit is stated
+_LATER = 1.4  # durations judged, after which the misfit is stated; enough time for 1 kHz
 _REST = 5e-4  # of the thread between two pieces, so that on two cores the user's loop can run [s]
 
 
@@ -55,8 +55,8 @@ class RunningMisfit:
     its covariance counts errors of linearisation as information, and small effects that W lacks
     accumulate without a single significant innovation. A fault or a gap begins another log.
 
-    A thread judges while the motion goes on. Its misfit is stated once the motion is longer by a
-    quarter, so that it does not depend on the speed of the machine.
+    A thread judges while the motion goes on. Its misfit is stated once the motion is longer by two
+    fifths, so that it does not depend on the speed of the machine.
 
     Laws other than `memory` and `efficient` are not judged; prior (p,) is θ̂(0).
     """
