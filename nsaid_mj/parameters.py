@@ -26,6 +26,7 @@ ABSENT = "–"
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LEAST, _MOST = 1e-3, 1e5  # numbers outside are written as powers of ten,
 _FINEST = 1e-4  # unless they are rounded to this or more
+_SMALLEST = -307  # power of ten whose half is still positive
 
 
 def finite(name: str, value: ArrayLike, shape: tuple[int, ...], remedy: str) -> Array:
@@ -67,7 +68,8 @@ def number(value: float, quantum: float | None = None, significant: int = 4) -> 
         return ABSENT if math.isnan(value) else ("∞" if value > 0 else "−∞")
     size = abs(value)
     if quantum is None or not 0 < quantum < math.inf:
-        quantum = 10.0 ** (math.floor(math.log10(size)) + 1 - significant) if size else 1.0
+        power = math.floor(math.log10(size)) + 1 - significant if size else 0
+        quantum = 10.0 ** max(power, _SMALLEST)
         trim = True
     else:
         quantum, trim = 10.0 ** math.floor(math.log10(quantum) + 1e-9), False

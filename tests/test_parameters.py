@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput, NsaidError, UnknownName
-from nsaid_mj.parameters import Block, ParameterSpace, finite
+from nsaid_mj.parameters import Block, ParameterSpace, finite, number
 
 FEW = settings(deadline=None, max_examples=50)
 BAD = [np.nan, np.inf, -np.inf]
@@ -190,3 +190,10 @@ def test_labels_default_to_names():
 def test_labels_have_one_entry_for_each_name():
     with pytest.raises(InvalidInput, match="2 labels, or none, got 1"):
         Block("mass", ("m_1", "m_2"), ("kg", "kg"), np.ones(2), labels=("cart",))
+
+
+@given(st.floats(-1e307, 1e307), st.integers(1, 6))
+def test_any_number_is_written_with_its_size(value: float, significant: int):
+    text = number(value, significant=significant)
+    plain = text.replace("·10", "e").translate(str.maketrans("−⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "--0123456789"))
+    assert float(plain) == pytest.approx(value, rel=10.0 ** (1 - min(significant, 4)), abs=1e-300)

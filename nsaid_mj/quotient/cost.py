@@ -144,6 +144,8 @@ def without_noise(gramian: Array, noise: Array, blocks: float) -> Array:
     gramian (p, p) is the mean of Yᵀ Y over blocks, noise (p, p) its expectation for noise alone.
     """
     seen = np.diag(gramian) > 0
+    if not seen.any():  # LAPACK writes to standard output about a matrix without entries
+        return np.zeros_like(gramian)
     part = np.ix_(seen, seen)
     whole, found = gramian[part] + noise[part], np.zeros_like(gramian)
     root, shares = common_root(whole, noise[part])

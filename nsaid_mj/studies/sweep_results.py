@@ -208,11 +208,9 @@ def write_table(folder: Path) -> Path:
 
 
 def _column(name: str, values: list[Any]) -> pa.Array:
-    if name in _TYPES:
-        return pa.array(values, _TYPES[name])
     try:
-        return pa.array(values)
-    except (pa.ArrowInvalid, pa.ArrowTypeError):  # a field with values of several types
+        return pa.array(values, _TYPES.get(name))
+    except (pa.ArrowInvalid, pa.ArrowTypeError, OverflowError):  # several types, a large integer
         return pa.array([None if value is None else str(value) for value in values])
 
 

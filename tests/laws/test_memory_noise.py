@@ -99,6 +99,11 @@ def test_of_noise_alone_nothing_is_left_and_a_signal_keeps_its_size(blocks):
     assert kept == pytest.approx(1.0, abs=4 / np.sqrt(blocks) + 0.02)
 
 
+def test_a_row_without_any_signal_has_none_and_says_nothing(capfd):
+    assert not without_noise(np.zeros((P, P)), np.eye(P), 10).any()
+    assert capfd.readouterr().out == ""
+
+
 # -- noise that is fed back ----------------------------------------------------------------------
 
 

@@ -28,7 +28,7 @@ from nsaid_mj.laws import Status
 from nsaid_mj.studies.sweep import Plan, run, seed_of, varied
 from nsaid_mj.studies.sweep_engine import Engine
 from nsaid_mj.studies.sweep_report import write
-from nsaid_mj.studies.sweep_results import COSTS, ROWS, TABLE, Sweep, read
+from nsaid_mj.studies.sweep_results import COSTS, ROWS, TABLE, Sweep, _column, read
 from nsaid_mj.studies.sweep_worker import time_to_converge
 from tests.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict
@@ -478,3 +478,8 @@ def test_flags_of_single_runs_are_refused_for_sweeps(
     code, said = shell(command, "scalar_rov", "--live")
     assert code == cli.UNUSABLE and "--live" in said.err
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["run", "identifier.gain", "time_to_converge"])
+def test_an_integer_beyond_64_bits_is_kept_as_text(name: str):
+    assert _column(name, [1, 10**400, None]).to_pylist() == ["1", str(10**400), None]
