@@ -1,6 +1,8 @@
 """The misfit of a motion that still goes on."""
 
-from concurrent.futures import Future, ThreadPoolExecutor
+import time
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 
@@ -65,14 +67,14 @@ class RunningMisfit:
         self._identifier, self._system = identifier, identifier.system
         self._prior, self._dt = prior, scenario.dt
         self._filter = filter_of(scenario, self._system)
-        if self._filter is not None:
-            self._filter.rest = _REST
         self._pool = ThreadPoolExecutor(1, "misfit")
         self._stated: tuple[Misfit, Array] | None = None  # with the gains' deviations at its end
+        self._log = 0  # number of the log that goes on
         self._begin(0)
 
     def _begin(self, faults: int) -> None:
         """Begins another log, after so many faults."""
+        self._log += 1
         self._faults, self._parts = faults, tuple[Log, ...]()
         self._start, self._judged = np.nan, max(_FIRST, FEWEST * self._dt)
         self._found: tuple[Future[Misfit], Array] | None = None
@@ -101,8 +103,20 @@ class RunningMisfit:
             stated = self._identifier.confidence(state)
             deviations = gain_deviations(stated, state.theta_hat, self._system.space)
             acting = Signals.after(self._system, known).acting(self._system, whole)
-            given = self._filter, state.theta_hat, stated, self._prior, acting
-            self._found = self._pool.submit(judged_estimate, *given), deviations
+            given = state.theta_hat, stated, self._prior, acting
+            self._found = self._pool.submit(self._judgement, self._log, *given), deviations
+
+    def _judgement(self, number: int, *given: Any) -> Misfit:
+        """The misfit of a log, in the thread, until another log begins."""
+
+        def rest() -> None:
+            if number != self._log:
+                raise CancelledError
+            time.sleep(_REST)
+
+        assert self._filter is not None
+        self._filter.rest = rest
+        return judged_estimate(self._filter, *given)
 
     def level(self, state: State) -> str:
         """The level of `Misfit` so far; "" of a law that is not judged."""
@@ -125,5 +139,6 @@ class RunningMisfit:
         return np.maximum(own, misfit.widening * least)
 
     def stop(self) -> None:
-        """Waits for the thread, so that no kernel that it compiles delays the next run."""
+        """Ends the thread and waits for it, so that no kernel that it compiles delays the next run."""
+        self._log += 1
         self._pool.shutdown(wait=True, cancel_futures=True)

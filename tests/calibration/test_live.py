@@ -2,6 +2,7 @@
 
 import io
 import json
+from concurrent.futures import CancelledError
 from dataclasses import replace
 from pathlib import Path
 
@@ -259,6 +260,17 @@ def test_the_motion_so_far_is_judged_each_time_it_is_half_as_long_again(piece: i
             now = gain_deviations(wider, state.theta_hat, space)
             np.testing.assert_array_equal(deviations, np.maximum(now, least))
     assert np.isinf(found[min(found)][0]).all() and max(widenings) > 1
+
+
+def test_a_log_is_judged_no_further_once_another_begins(log: Log):
+    """The next judgement would wait for it, and the samples with it."""
+    live = session()
+    misfit = RunningMisfit(live.scenario, live.identifiers[""], live.robot.prior)
+    given = live.robot.prior, None, live.robot.prior, log
+    assert misfit._judgement(misfit._log, *given).seconds == pytest.approx(6.0)
+    misfit.stop()
+    with pytest.raises(CancelledError):
+        misfit._judgement(misfit._log - 1, *given)
 
 
 def test_after_a_gap_another_log_is_judged(log: Log):

@@ -1,6 +1,6 @@
 """The filter alone: its configuration, its prior, and its contradictions by a log."""
 
-import time
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -60,14 +60,14 @@ class FilterAlone:
     """The filter alone, for a structure with compiled forward dynamics.
 
     `dt` is the time between measurements [s]; the attribute `law` the filter's prior knowledge,
-    near θ; `rest` a pause of a replay after every `_PIECE` rows, so that a thread of a live program
-    does not hold up its loop [s].
+    near θ; `rest`, if any, is called by a replay after every 25 rows: a thread of a live program
+    must not hold up its loop.
 
     Raises:
         InvalidInput: the system has no compiled forward dynamics.
     """
 
-    rest = 0.0
+    rest: Callable[[], None] | None = None
 
     def __init__(self, system: SecondOrderSystem, dt: float, config: EfficientConfig):
         if system.forward is None:
@@ -123,7 +123,7 @@ class FilterAlone:
                 kalman.theta[:], kalman.Ptt[:] = theta, P
                 restart_state(kalman, log.q[at], log.v[at], noise_variance(kalman.noise))
             if self.rest:
-                time.sleep(self.rest)
+                self.rest()
         return Replay(tuple(times), along, kalman)
 
 
