@@ -139,6 +139,6 @@ class RunningMisfit:
         return np.maximum(own, misfit.widening * least)
 
     def stop(self) -> None:
-        """Ends the thread and waits for it, so that no kernel that it compiles delays the next run."""
+        """Ends the thread and waits for it, as kernels it compiles would delay the next run."""
         self._log += 1
         self._pool.shutdown(wait=True, cancel_futures=True)
