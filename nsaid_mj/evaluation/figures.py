@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..experiment.loop import Run
+from ..experiment.source import LONGEST_STEP
 from ..log import Log
 from ..nullspace import regressor_stack, split
 from ..parameters import Array, Indices
@@ -179,11 +180,13 @@ def averaged_rows(system: SecondOrderSystem, log: Log) -> tuple[Array, Array]:
     """(k,) times and (k, n, p) means of W over stretches of 0.1 s of a measured log.
 
     v̇ are the differences of neighbouring measured velocities, so that all but the noise of a
-    stretch's two ends cancels in the mean.
+    stretch's two ends cancels in the mean. Stretches with a gap are left out if there are others.
     """
-    size = max(1, round(_STRETCH / float(np.median(np.diff(log.t)))))
-    size = min(size, len(log.t) - 1)
-    starts = range(0, len(log.t) - size, max(1, (len(log.t) - size) // _STRETCHES))
+    steps = np.diff(log.t)
+    usual = float(np.median(steps))
+    size = min(max(1, round(_STRETCH / usual)), len(steps))
+    every = range(0, len(log.t) - size, max(1, (len(log.t) - size) // _STRETCHES))
+    starts = [i for i in every if steps[i : i + size].max() <= LONGEST_STEP * usual] or every
     times, rows = np.empty(len(starts)), np.empty((len(starts), system.n, system.p))
     for i, start in enumerate(starts):
         part = log.part(start, start + size + 1)

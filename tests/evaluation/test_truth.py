@@ -24,9 +24,11 @@ from nsaid_mj import (
     recording,
 )
 from nsaid_mj.evaluation import converged_at, summarize, truth_of
+from nsaid_mj.evaluation.figures import averaged_rows, residual_ratio
 from nsaid_mj.evaluation.verify import verify
 from nsaid_mj.experiment.loop import Run, SimulatedRun, run
 from nsaid_mj.experiment.record import FILE as RECORD
+from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.pages.page import FILE
 from nsaid_mj.recording import postprocessing
@@ -138,6 +140,18 @@ def test_the_measured_residual_falls_as_the_estimate_converges(tmp_path):
     columns = {**done.record.columns, "theta_hat": np.tile(start, (len(done.record), 1))}
     stuck = dataclasses.replace(done, record=dataclasses.replace(done.record, columns=columns))
     assert late < 0.05 * summarize(stuck, None)["force_residual_ratio_measured"]
+
+
+def test_a_gap_in_a_measured_log_does_not_enter_its_residual(done):
+    """Under the true θ, what is left is noise; across a gap, any acceleration would be missing."""
+    system, log = done.system, done.record.log
+    kept = np.r_[0 : len(log.t) // 2, len(log.t) // 2 + len(log.t) // 8 : len(log.t)]
+    torn = Log.unchecked(*(part[kept] for part in log))
+    theta = done.setup.plant.truth
+    whole, gapped = (
+        residual_ratio(system, averaged_rows(system, one)[1], theta) for one in (log, torn)
+    )
+    assert gapped == pytest.approx(whole, rel=0.3)
 
 
 def test_without_recorded_commands_there_is_no_measured_residual(tmp_path):
