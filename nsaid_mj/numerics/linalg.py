@@ -1,10 +1,8 @@
 """Compiled linear algebra for the small matrices of one stage. No fastmath, so NaN propagates."""
 
 import numpy as np
-from numba import njit
 
-from .compiler import FAST
-from .kernels import f8, inlined, kernel, matrix, vector, void
+from .kernels import f8, helper, inlined, kernel, matrix, vector, void
 
 
 @kernel(f8(matrix, matrix))
@@ -97,19 +95,19 @@ def invert_lower(L, inverse):
             inverse[i, k] /= L[i, i]
 
 
-@njit(**FAST)
+@helper(void(vector, vector))
 def copy_into(source, target):
     """Writes the numbers of an array (k,) into another: faster than a slice where k is small."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
 
-@njit(**FAST)
+@helper(void(matrix, vector, vector))
 def times_into(gain, vector, product):
-    """Writes a symmetric gain (k, k), or its diagonal (k,), times a vector (k,) into product."""
-    if gain.ndim == 1:
+    """Writes a symmetric gain (k, k), or its diagonal (1, k), times a vector (k,) into product."""
+    if gain.shape[0] == 1:
         for i in range(vector.shape[0]):
-            product[i] = gain[i] * vector[i]
+            product[i] = gain[0, i] * vector[i]
         return
     for i in range(vector.shape[0]):
         product[i] = 0.0

@@ -35,6 +35,12 @@ class Cone(NamedTuple):
 CONE = types.NamedTuple((i8[::1], table, table, vector, vector, i8[::1], i8[::1], i8), Cone)
 
 
+NO_CONE = Cone(*np.empty((1, 0), dtype=np.intp), *np.empty((1, 0, 5), dtype=np.intp),
+               *np.empty((1, 0, 3), dtype=np.intp), *np.empty((2, 0)),
+               *np.empty((2, 0), dtype=np.intp), 0)  # fmt: skip
+"""The cone of free parameters."""
+
+
 def cone_of(space: ParameterSpace) -> Cone:
     """The cones of a parameter space."""
     positive, blocks, entries, values, degree = [], [], [], [], 0

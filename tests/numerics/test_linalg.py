@@ -59,7 +59,7 @@ def test_NaN_in_M_is_not_positive(at):
 def test_times_into_takes_a_diagonal_or_a_matrix(seed, n):
     rng = np.random.default_rng(seed)
     d, x = rng.standard_normal(n), rng.standard_normal(n)
-    for gain, dense in ((d, np.diag(d)), (spd(rng, n),) * 2):
+    for gain, dense in ((d[None], np.diag(d)), (spd(rng, n),) * 2):
         product = np.full(n, np.nan)
         times_into(gain, x, product)
         np.testing.assert_allclose(product, dense @ x, rtol=1e-13, atol=1e-13)
