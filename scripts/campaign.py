@@ -8,4 +8,4 @@ import sys
 from tests.campaign.command import main
 
 if __name__ == "__main__":
-    sys.exit(main(__doc__))
+    sys.exit(main(__doc__ or ""))

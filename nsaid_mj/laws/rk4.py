@@ -83,9 +83,17 @@ def follow(
         N if none.
     """
     n, p = v_hats.shape[1], theta_hats.shape[1]
-    own = *np.zeros((4, n + p)), np.zeros(p), np.zeros(n), np.zeros(p)
-    stages = workspace(len(motion.structure.bodies), n)
-    work = Step(*own, chart_of(law.cone), stages)
+    work = Step(
+        np.zeros(n + p),
+        np.zeros(n + p),
+        np.zeros(n + p),
+        np.zeros(n + p),
+        np.zeros(p),
+        np.zeros(n),
+        np.zeros(p),
+        chart_of(law.cone),
+        workspace(len(motion.structure.bodies), n),
+    )
     return _follow(law, motion, v_hats, theta_hats, pivots, first, work)
 
 

@@ -35,9 +35,10 @@ class Cone(NamedTuple):
 CONE = types.NamedTuple((i8[::1], table, table, vector, vector, i8[::1], i8[::1], i8), Cone)
 
 
-NO_CONE = Cone(*np.empty((1, 0), dtype=np.intp), *np.empty((1, 0, 5), dtype=np.intp),
-               *np.empty((1, 0, 3), dtype=np.intp), *np.empty((2, 0)),
-               *np.empty((2, 0), dtype=np.intp), 0)  # fmt: skip
+_NONE = np.empty(0, dtype=np.intp)
+NO_CONE = Cone(
+    _NONE, _NONE.reshape(0, 5), _NONE.reshape(0, 3), np.empty(0), np.empty(0), _NONE, _NONE, 0
+)
 """The cone of free parameters."""
 
 

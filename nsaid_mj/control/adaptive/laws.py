@@ -34,7 +34,8 @@ class Estimate:
         self.metric, self._prior = metric, np.array(prior, dtype=np.float64)
         if metric is not None:
             self._law = metric.law(np.zeros(1))
-            self._work = Descent(*np.empty((4, len(prior))), chart_of(self._law.cone))
+            first, second, ahead, guess = np.empty((4, len(prior)))
+            self._work = Descent(first, second, ahead, guess, chart_of(self._law.cone))
         self.reset()
 
     def reset(self) -> None:
