@@ -20,22 +20,17 @@ _X = np.array([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]])
 
 
 class _Controller(NamedTuple):
-    """Names of a flight controller's channels.
+    """Names of a flight controller's channels."""
 
-    Attributes:
-        name: name of its firmware.
-        vehicle: pose and twist.
-        motors: choices of the motors' channels, the best first: a pattern with the motor's number
-            in it, the first number, and factor and offset to a share of the full command.
-        speeds: choices of their measured speeds [rpm]: a pattern and the first number.
-        functions: pattern of the channels that say which motor a speed controller drives, and the
-            number there of the first motor; "" if there are none.
-    """
-
-    name: str
-    vehicle: Vehicle
+    name: str  # name of its firmware
+    vehicle: Vehicle  # pose and twist
+    # choices of the motors' channels, the best first: a pattern with the motor's number in it, the
+    # first number, and factor and offset to a share of the full command
     motors: tuple[tuple[str, int, float, float], ...]
+    # choices of their measured speeds [rpm]: a pattern and the first number
     speeds: tuple[tuple[str, int], ...]
+    # pattern of the channels that say which motor a speed controller drives, and the number there
+    # of the first motor; "" if there are none
     functions: tuple[str, int] = ("", 0)
 
 
