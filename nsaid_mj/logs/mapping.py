@@ -1,6 +1,5 @@
 """`map.toml`: the columns of a log that are a robot's positions, velocities and commands."""
 
-import math
 import os
 import tomllib
 from dataclasses import field
@@ -10,29 +9,20 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from ..bounds import LARGEST, Flag, Name, NonNegative, Number, Positive, config, shown
+from ..bounds import Flag, Name, NonNegative, Number, Positive, config, shown
 from ..errors import InvalidInput
 from .units import FACTORS, Quantity, canonical, of_name
 
+_SPELT = BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text)
 Unit = Annotated[
     Literal[
         "rad", "deg", "turns", "ticks", "m", "mm",
         "rad/s", "deg/s", "turns/s", "rpm", "ticks/s", "m/s", "mm/s",
         "N·m", "mN·m", "N", "A", "mA", "V", "%", "raw",
     ],
-    BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text),
+    _SPELT,
 ]  # fmt: skip
-TimeUnit = Annotated[
-    Literal["s", "ms", "us", "ns", "date"],
-    BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text),
-]
-
-
-def _number(value: Any) -> Any:
-    """A whole number of a TOML file as a float, so that `ratio = 100` needs no point."""
-    if not isinstance(value, int) or isinstance(value, bool):
-        return value
-    return float(value) if abs(value) < LARGEST else math.inf
+TimeUnit = Annotated[Literal["s", "ms", "us", "ns", "date"], _SPELT]
 
 
 def _not_zero(value: float) -> float:
@@ -47,11 +37,8 @@ def _two_points(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, f
     return points
 
 
-Plain = Annotated[Number, BeforeValidator(_number)]
-Ratio = Annotated[Number, BeforeValidator(_number), AfterValidator(_not_zero)]
-Count = Annotated[Positive, BeforeValidator(_number)]
-Level = Annotated[NonNegative, BeforeValidator(_number)]
-Points = Annotated[tuple[tuple[Plain, Plain], tuple[Plain, Plain]], AfterValidator(_two_points)]
+Ratio = Annotated[Number, AfterValidator(_not_zero)]
+Points = Annotated[tuple[tuple[Number, Number], tuple[Number, Number]], AfterValidator(_two_points)]
 Three = Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
 Four = Annotated[tuple[Name, ...], Field(min_length=4, max_length=4)]
 
@@ -70,9 +57,10 @@ class Column:
     unit: Unit | None = None
     # −1 if the column counts against the joint's axis
     sign: Annotated[Literal[-1, 1], BeforeValidator(lambda x: int(x) if x in (1, -1) else x)] = 1
-    offset: Plain = 0.0  # added last [rad, m, rad/s, m/s, or the command's unit]
+    offset: Number = 0.0  # added last [rad, m, rad/s, m/s, or the command's unit]
     ratio: Ratio = 1.0  # ratio of the gear between the motor and the joint
-    counts_per_turn: Count | None = None  # counts per turn of an encoder, for `ticks` and `ticks/s`
+    # counts per turn of an encoder, for `ticks` and `ticks/s`
+    counts_per_turn: Positive | None = None
     # two values of the column, each with the position that it represents [rad or m]
     points: Points | None = None
 
@@ -125,9 +113,9 @@ class Column:
 class Profile:
     """Limits and smoothing of a target by a controller; 0 where there is none."""
 
-    speed: Level = 0.0  # largest speed of the limited target [rad/s or m/s]
-    acceleration: Level = 0.0  # largest acceleration of the limited target [rad/s² or m/s²]
-    lag: Level = 0.0  # time constant of a first-order filter [s]
+    speed: NonNegative = 0.0  # largest speed of the limited target [rad/s or m/s]
+    acceleration: NonNegative = 0.0  # largest acceleration of the limited target [rad/s² or m/s²]
+    lag: NonNegative = 0.0  # time constant of a first-order filter [s]
 
 
 @config
@@ -141,7 +129,7 @@ class Joint:
     velocity: Column | None = None  # None to differentiate the position
     # rows with a lower speed are not used [rad/s or m/s]; the speed's noise sets another limit, and
     # the higher one applies
-    rest: Level = 0.0
+    rest: NonNegative = 0.0
     # of the target of a position servo; None for that of all, or of the model file
     profile: Profile | None = None
 
@@ -152,19 +140,19 @@ class Time:
 
     column: Name | None = None  # name of the column; None to find it
     unit: TimeUnit | None = None  # None to detect it
-    rate: Count | None = None  # rows per second of files without a time [Hz]
+    rate: Positive | None = None  # rows per second of files without a time [Hz]
 
 
 @config
 class File:
     """The properties of one file."""
 
-    offset: Plain = 0.0  # added to the file's times, to put several files on one clock [s]
+    offset: Number = 0.0  # added to the file's times, to put several files on one clock [s]
     # register to which the stiffness of position servos is proportional, in any unit
-    p: Count | None = None
+    p: Positive | None = None
 
 
-Matrix = Annotated[tuple[tuple[Plain, ...], ...], Field(min_length=1)]
+Matrix = Annotated[tuple[tuple[Number, ...], ...], Field(min_length=1)]
 
 
 @config
