@@ -55,7 +55,7 @@ class JointFit:
 class Curves:
     """Filtered commands, measured and predicted, for plots."""
 
-    t: Array  # (N,) times [s]
+    t: Array  # (N,) times [s], of the common axis of all logs
     segment: Indices  # (N,) number of the segment
     measured: Array  # (N, k) commands
     predicted: Array  # (N, k) commands that the estimate predicts
@@ -86,11 +86,6 @@ class Gain(NamedTuple):
     def apart(self) -> bool:
         """Whether law and batch differ by more than both intervals together."""
         return bool(abs(np.log(self.law / self.batch)) > self.half + self.batch_half)
-
-    @property
-    def covers(self) -> bool:
-        """Whether the law's interval contains the batch fit's value."""
-        return bool(abs(np.log(self.law / self.batch)) <= self.half)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,14 +208,3 @@ def shifts(spans: Sequence[tuple[str, float, float]]) -> Array:
 def recording_shifts(recordings: Recordings) -> Array:
     """(S,) shifts of the segments of recordings."""
     return shifts([(s.source, s.log.t[0], s.log.t[-1]) for s in recordings.segments])
-
-
-def own_shifts(curves: Curves) -> Array:
-    """Shifts by number of the segment, for curves whose logs are not at hand."""
-    count = int(curves.segment.max(initial=-1)) + 1
-    spans, last = [], 0.0
-    for k in range(count):
-        t = curves.t[curves.segment == k]
-        start, last = (float(t[0]), float(t[-1])) if len(t) else (last, last)
-        spans.append(("", start, last))
-    return shifts(spans)
