@@ -239,16 +239,9 @@ class JointRows:
 
     def _limbs(self, space: ParameterSpace) -> Indices:
         """(p,) the limb of every parameter."""
-        limbs, found, links = limbs_of(self.robot.model), [], self.links.shape[2]
-        loaded = [payload.place.start // 10 for payload in payloads(self.robot.model, self.loads)]
-        for block, place in space:
-            if place.start < links:
-                found += [limbs[place.start // 10]] * 10
-            elif block.geometry == "pseudo_inertia":
-                found += [limbs[loaded.pop(0)]] * 10
-            else:
-                found += [limbs[joint_of(name)] for name in block.names]
-        return np.array(found, dtype=np.intp)
+        model, carried = self.robot.model, payloads(self.robot.model, self.loads)
+        loaded = {name: load.place.start // 10 for load in carried for name in load.block.names}
+        return limbs_of(model)[[loaded.get(name, joint_of(name)) for name in space.names]]
 
     def _slides(self, joint: int) -> bool:
         return slides(self.robot.model.joints[joint + 1])
