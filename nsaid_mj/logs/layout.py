@@ -261,11 +261,10 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
         x, y, heading = raw.T
         return np.column_stack([y, x, np.pi / 2 - heading]) if ned else raw
     count = 0 if vehicle.position is None else 3
-    places = raw[:, :count] @ _NED.T if ned and count else raw[:, :count]
-    if not count:
-        places = np.zeros((len(raw), 3))
+    places = raw[:, :3] if count else np.zeros((len(raw), 3))
     turns = _rotations(vehicle, raw[:, count:])
     if ned:
+        places = places @ _NED.T
         turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
     quaternions = turns.as_quat()
     return np.column_stack([places, quaternions * continuous_signs(quaternions)[:, None]])
@@ -282,12 +281,11 @@ def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
     """Twists along the body's axes (N, n), in our axes, at our poses q."""
     ned = vehicle.frame == "NED/FRD"
     if raw.shape[1] == 3:
-        linear = raw * [1.0, -1.0, -1.0] if ned and vehicle.twist == "body" else raw.copy()
-        if vehicle.twist == "world":
-            east, north, rate = (raw[:, 1], raw[:, 0], -raw[:, 2]) if ned else raw.T
-            c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
-            linear = np.column_stack([c * east + s * north, c * north - s * east, rate])
-        return linear
+        if vehicle.twist == "body":
+            return raw * [1.0, -1.0, -1.0] if ned else raw.copy()
+        east, north, rate = (raw[:, 1], raw[:, 0], -raw[:, 2]) if ned else raw.T
+        c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+        return np.column_stack([c * east + s * north, c * north - s * east, rate])
     linear, angular = raw[:, :3], raw[:, 3:]
     if vehicle.twist == "world":
         world = linear @ _NED.T if ned else linear

@@ -228,10 +228,8 @@ def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> Estimate
             zero=float(zero[j]), slides=slide[j],
         )  # fmt: skip
         joints.append(made)
-    deviation, quantile = (
-        np.sqrt(np.diag(whole)[scale:]),
-        spread.quantile(np.eye(len(fit.x))[scale]),
-    )
+    deviation = np.sqrt(np.diag(whole)[scale:])
+    quantile = spread.quantile(np.eye(len(fit.x))[scale])
     log = float(fit.prior.mean[scale] - fit.x[scale])
     mass = MassScale(log, float(deviation[0]), quantile, fit.x[scale + 1 :], deviation[1:])
     return Estimate(_moderated(joints, cluster), used, mass)
