@@ -83,9 +83,9 @@ class VehicleRows:
 
     def acting(self, u: Array, rate: float, timing: Timing) -> Array:
         """Commands (N, k) at a rate [Hz] as they act, apart from the delay."""
-        found, drive = u.copy(), timing.drive
-        found[:, self.rotors] = drive.speeds(u[:, self.rotors], rate)
-        found[:, self.others] = drive._replace(mix=1.0).speeds(u[:, self.others], rate)
+        found = u.copy()
+        found[:, self.rotors] = timing.speeds(u[:, self.rotors], rate)
+        found[:, self.others] = timing._replace(mix=1.0).speeds(u[:, self.others], rate)
         return found
 
     def flow(self, theta: Array, timing: Timing) -> Array:
