@@ -57,12 +57,12 @@ class EfficientIdentifier(Identifier):
         InvalidInput: the system has no compiled forward dynamics.
     """
 
-    conserves = proven = False
-    cancelling = 0.0
+    conserves = False
 
     def __init__(self, guard: NullspaceIdentifier, dt: float, config: EfficientConfig):
         assert guard.memory is not None
         self.guard, self.system, self._memory = guard, guard.system, guard.memory
+        self.metric = guard.metric
         self._every, self._interval = guard.memory.every, guard.memory.every * dt
         alone = FilterAlone(guard.system, dt, config)
         self._law, self._covariance = alone.law, alone.covariance
@@ -176,7 +176,7 @@ class EfficientIdentifier(Identifier):
         guard = inside.guard._replace(
             v_hat=here.v.copy(),
             theta_hat=inside.filter.theta.copy(),
-            memory=self._memory.begin(here),
+            memory=self._memory.recorder.begin(here),
         )
         return inside._replace(guard=guard, pause=0, stale=False)
 
@@ -300,22 +300,6 @@ class EfficientIdentifier(Identifier):
             return inside.handed  # after a change of an actuator the memory holds data from before
         theirs = np.maximum(remembered.levels(inside.guard.theta_hat), _EXPLAINED)
         return bool(np.mean(remembered.levels(kalman.theta) / theirs) <= _WORSE)
-
-    def conserved(self, theta_hat: Array) -> Array:
-        """(...,) the conserved quantity of the law `memory`."""
-        return self.guard.conserved(theta_hat)
-
-    def divergence(self, theta: Array, theta_hat: Array) -> Array:
-        """(...,) the second term of V of the law `memory`, at θ (p,) and estimates (..., p)."""
-        return self.guard.divergence(theta, theta_hat)
-
-    def implicit(self, t: Array) -> np.ndarray:
-        """(N−1,) True: every update of the filter is a step outside (44, 45)."""
-        return np.ones(max(0, len(t) - 1), dtype=bool)
-
-    def slacks(self, log: Log, theta: Array) -> Array:
-        """(N−1,) infinity: nothing is proven about V."""
-        return np.full(max(0, len(log.t) - 1), np.inf)
 
     def confidence(self, state: State) -> Confidence | None:
         """The covariance of the returned estimate.

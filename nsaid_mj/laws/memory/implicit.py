@@ -13,7 +13,7 @@ with D_ψ the Bregman divergence of ψ(θ) = ½ θᵀΓ⁻¹θ + μ b(θ), and �
 import numpy as np
 
 from ...errors import InvalidInput
-from ...log import Log, Measurement, SensorLevels
+from ...log import Log, SensorLevels
 from ...nullspace import parts_of
 from ...parameters import Array
 from ...quotient.cone import inside
@@ -82,14 +82,6 @@ class ImplicitMemory:
             covariance += own.T @ own
         self._covariance_prior = np.array(covariance, dtype=np.float64)
 
-    def begin(self, first: Measurement) -> Memory:
-        """The empty memory at a first measurement."""
-        return self.recorder.begin(first)
-
-    def resume(self, memory: Memory, here: Measurement) -> Memory:
-        """The memory at a measurement after a gap, whose data are left out."""
-        return self.recorder.resume(memory, here)
-
     def absorb(self, state: State, log: Log) -> State:
         """The state with a log added to its memory, after an implicit step if one is due."""
         assert state.memory is not None
@@ -111,7 +103,7 @@ class ImplicitMemory:
         view = memory.scores.view
         if not inside(self.metric.cone, theta):
             return self.prior if view is None else view.theta
-        if view is None or self.recorder.rows.levels.exact or np.array_equal(view.theta, theta):
+        if view is None or self.recorder.levels.exact or np.array_equal(view.theta, theta):
             return theta
         remembered = Remembered.of(memory.means, self.system.space)
         if remembered is None:
