@@ -116,17 +116,6 @@ class Gauge:
         y = np.linalg.lstsq(rows @ self.tangent, target, rcond=tolerance)[0]
         return self.start + self.tangent @ y
 
-    def rescaled(self, theta_s: Array) -> Array:
-        """(p,) θ/scale multiplied such that the sum of its gains is the prior's.
-
-        Raises:
-            InvalidInput: the sum of its gains is 0.
-        """
-        total = self.normal @ theta_s
-        if not abs(total) > 1e-9 * np.linalg.norm(theta_s):
-            raise InvalidInput("gains", "a sum that is not 0", total, "Record longer.")
-        return theta_s * (self.normal @ self.start / total)
-
 
 SMOOTHING = 30.0  # cut-off of the filter on q and v [Hz]
 _FOLDS = 4  # of the cross-validation, contiguous in time
@@ -154,19 +143,13 @@ def weighted(gauge: Gauge, W: Array) -> Array:
     forces = factors * gauge.normal  # actuator columns only
     driven = np.linalg.norm(forces, axis=(1, 2)) > _IDLE * np.linalg.norm(factors, axis=(1, 2))
     forces[~driven] = 0.0
-
-    def quotient(weights: Array) -> Quotient:
-        return Quotient(_squared(factors), _squared(forces), weights, np.where(driven, 0.0, 1.0))
-
-    force = np.sqrt(quotient(driven).efforts(gauge.start))
+    gramian, effort = (part.transpose(0, 2, 1) @ part for part in (factors, forces))
+    counts = np.full(len(driven), float(len(W)))
+    quotient = Quotient(gramian, effort, counts, np.where(driven, 0.0, 1.0))
+    force = np.sqrt(quotient.efforts(gauge.start))
     start = gauge.solve((factors / force[:, None, None]).reshape(-1, W.shape[2]))
-    J = Posterior(quotient(np.full(len(driven), float(len(W)))), _Near(gauge.start))
+    J = Posterior(quotient, _Near(gauge.start))
     return minimise(J, start, _RULES, gauge.tangent).theta
-
-
-def _squared(factors: Array) -> Array:
-    """(n, p, p) Gramians of factors (n, p, p)."""
-    return factors.transpose(0, 2, 1) @ factors
 
 
 class _Near:

@@ -195,7 +195,7 @@ def _drifted(alone: FilterAlone, along: Array, variance: float, log: Log) -> Mis
     """
     space = alone.space
     k, minutes = space.actuators, float(log.t[-1] - log.t[0]) / 60
-    alone.law = alone.law._replace(walk=walks(len(space), k, 0.0, variance))
+    alone.law = alone.law._replace(walk=walks(space, 0.0, variance))
     theta = _sound(space, np.array(along[0]), np.array(along[-1]))
     replay = alone.replay(theta, _VAGUE**2 * alone.covariance(theta), log)
     one, energy = _judged_pass(replay, log)

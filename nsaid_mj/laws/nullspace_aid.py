@@ -141,16 +141,8 @@ class NullspaceIdentifier(Identifier):
             InvalidInput: the log's widths are not the system's.
         """
         self.check(log)
-        estimates = Estimates(
-            np.empty((len(log.t), self.system.n)),
-            np.empty((len(log.t), self.system.p)),
-            np.empty(len(log.t)),
-            np.full(len(log.t), state.spent),
-        )
-        for start, part in zip(
-            estimates, (state.v_hat, state.theta_hat, state.pivot), strict=False
-        ):
-            start[0] = part
+        start = Estimates.of(state)
+        estimates = Estimates(*(np.repeat(part, len(log.t), axis=0) for part in start))
         if state.status is not Status.completed:
             return state, estimates.first(1)
         return end_of(state, log, estimates, self._follow(log, estimates, motion))

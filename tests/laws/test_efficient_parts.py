@@ -29,7 +29,7 @@ from nsaid_mj.laws.efficient.faults.hypotheses import (
 from nsaid_mj.laws.efficient.faults.isolation import Isolation
 from nsaid_mj.laws.efficient.faults.signals import Signals
 from nsaid_mj.laws.efficient.faults.trials import Trials, Verdict
-from nsaid_mj.laws.efficient.faults.watch import Watch
+from nsaid_mj.laws.efficient.faults.watch import Snapshot
 from nsaid_mj.laws.efficient.filter import Filter, Law, Memory, filter_at
 from nsaid_mj.laws.efficient.kalman import _linear_share
 from nsaid_mj.laws.efficient.state import EfficientState
@@ -217,12 +217,9 @@ def isolated(inside_: EfficientState, hypothesis: Hypothesis, size: Any) -> Effi
         settled=lambda *_: (inside_.filter, inside_.signals.under(hypothesis)),
         theta=inside_.filter.theta,
     )
-    law = SimpleNamespace(
+    law: Any = SimpleNamespace(
         system=made.system,
-        law=SimpleNamespace(scale=made.system.space.scale),
-        _noted=lambda state, h, _b, t, found: state._replace(
-            events=(*state.events, event_of(h, found[0], t, size, 1.0))
-        ),
+        _noted=lambda *given: Isolation._noted(law, *given),
     )
     log = Log.unchecked(np.array([3.0]), *np.zeros((3, 1, 1)))
     return Isolation._isolated(law, inside_, Verdict(trial, 1.0), 2.0, log)  # type: ignore[arg-type]
@@ -351,7 +348,7 @@ def test_a_slow_change_that_leaves_no_covariance_is_rounding(
     after = truth.copy()
     after[k] += 0.05 * scale[k]
     kalman = filter_at(np.zeros(system.m), np.zeros(system.n), after, 0.5 * P)
-    watch = Watch((0.0, 0.5), (truth, truth), (P, P), (np.ones(2 * system.n),) * 2)
+    watch = tuple(Snapshot(t, truth, P, np.ones(2 * system.n)) for t in (0.0, 0.5))
     what = appear_slowly(hypotheses_of(system, truth))
     found = watching.slow_change(watch, kalman, system.space, lambda: what)
     assert found is not None and found.hypothesis.names == (system.space.names[k],)

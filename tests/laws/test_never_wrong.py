@@ -416,7 +416,8 @@ def test_a_failed_actuators_gain_has_finite_intervals() -> None:
 def test_a_change_whose_interval_contains_none_is_no_event(
     kind: str, interval: tuple[float, float, float], expected: bool
 ) -> None:
-    assert without_effect(kind, interval) is expected
+    event = FaultEvent(1.0, 2.0, kind, "a part", (), *interval, "1", 1.0)
+    assert without_effect(event) is expected
 
 
 def test_that_nothing_has_failed_is_more_probable_beforehand_than_any_fault() -> None:

@@ -229,6 +229,18 @@ def follow_filter(
     return _follow(law, filter, t, q, v, u, along, memory)
 
 
+def carry(law: Law, filter: Filter, t: Array, q: Array, v: Array, u: Array) -> None:
+    """Carries one of several competing filters along a log, without a test of its innovations.
+
+    The arguments are those of `follow_filter`. The sum of squared innovations in its tally is
+    infinite where it has failed.
+    """
+    out = Along.empty(len(t), v.shape[1], len(law.scale))
+    _, end = follow_filter(law._replace(window=10**9), filter, t, q, v, u, out)
+    keep_above_rounding(filter.Ptt, np.empty_like(filter.Ptt))
+    filter.tally[2] += 0.0 if end == COMPLETED else np.inf
+
+
 @kernel(i8(LAW, FILTER, vector, vector, matrix, matrix, matrix, MEMORIES))
 def _cover(law, filter, R, t, q, v, u, memory):
     """Propagates the covariance along a log, in workspace from `covariance_along`."""

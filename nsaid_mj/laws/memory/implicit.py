@@ -19,8 +19,7 @@ from ...parameters import Array
 from ...quotient.cone import inside
 from ...quotient.cost import Quotient, Remembered
 from ...quotient.descent import Rules, minimise
-from ...quotient.intervals import sandwich_root
-from ...quotient.matrices import common_root
+from ...quotient.matrices import common_root, sandwich_root
 from ...structure.system import SecondOrderSystem
 from ..base import Confidence, State
 from ..cone.law import ConeMetric

@@ -51,23 +51,18 @@ class Loose(NamedTuple):
 
 
 def loosened(
-    loose: Loose | None,
-    hypothesis: Hypothesis,
-    space: ParameterSpace,
-    before: Array,
-    size: float,
-    t: float,
+    loose: Loose | None, event: FaultEvent, space: ParameterSpace, before: Array
 ) -> Loose | None:
-    """The loose gain after an isolated fault, given θ̂ (p,) before it, its size and the time."""
-    if hypothesis.kind != "loss":
+    """The loose gain after an isolated fault, given θ̂ (p,) before it."""
+    if event.kind != "loss":
         return None
-    if loose is not None and loose.part == hypothesis.part:
-        return loose._replace(until=t + _LOOSE)
-    if abs(size) > _SMALL:
+    if loose is not None and loose.part == event.part:
+        return loose._replace(until=event.found + _LOOSE)
+    if abs(event.size) > _SMALL:
         return None
-    gains = np.array([space.index(name) for name in hypothesis.names])
+    gains = np.array([space.index(name) for name in event.names])
     others = np.setdiff1d(space.actuators, gains)
-    return Loose(hypothesis.part, gains, others, before.copy(), t + _LOOSE)
+    return Loose(event.part, gains, others, before.copy(), event.found + _LOOSE)
 
 
 def revoked(events: tuple[FaultEvent, ...], part: str) -> tuple[FaultEvent, ...]:
@@ -75,10 +70,9 @@ def revoked(events: tuple[FaultEvent, ...], part: str) -> tuple[FaultEvent, ...]
     return tuple(e for e in events if e.part != part or e.kind not in SEIZED)
 
 
-def without_effect(kind: str, size: tuple[float, float, float]) -> bool:
-    """Whether the interval (size, low, high) of a change contains no change."""
-    _, low, high = size
-    return kind in _MEASURED and low <= 0.0 <= high
+def without_effect(event: FaultEvent) -> bool:
+    """Whether the interval of a change contains no change."""
+    return event.kind in _MEASURED and event.low <= 0.0 <= event.high
 
 
 def event_of(

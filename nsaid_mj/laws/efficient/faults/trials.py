@@ -16,9 +16,9 @@ from ....structure.system import SecondOrderSystem
 from ..filter import Filter, Law
 from ..kalman import acceptable
 from .evidence import posterior
-from .hypotheses import Hypothesis, penalty
+from .hypotheses import Hypothesis, penalty, together
 from .signals import Signals
-from .trial import BiasTrial, Trial, started
+from .trial import BiasTrial, Trial, jumps_at, started
 
 _DROPPED = 1e-9  # probability below which a hypothesis is dropped
 _HOPELESS = 1000.0  # evidence below that of the best single fault at which another one is dropped
@@ -66,15 +66,16 @@ def begin_trials(
     `kalman` has θ̂ and P_θθ from before the fault, when `signals` acted.
     """
     before = signals.acting(system, log)
-    start, each = started(kalman, system, before, k), []
-    for h in hypotheses:
-        if h.channel >= 0:
-            each.append(BiasTrial.begin(start, signals, h, system, before, k))
-        else:
-            each.append(Trial.begin(start, signals.under(h), h, law.scale))
-    rest = log.part(k, len(log.t))
-    tried = tuple(trial.followed(law, system, rest, signals) for trial in each)
-    return Trials(tried, start, signals, rest, len(rest.t) - 1, reached=len(rest.t) - 1)
+    start, rest = started(kalman, system, before, k), log.part(k, len(log.t))
+    jumps = jumps_at(system, before, k)
+    each = tuple(
+        BiasTrial.begin(start, signals, h, jumps)
+        if h.channel >= 0
+        else Trial.begin(start, signals.under(h), h, law.scale)
+        for h in hypotheses
+    )
+    each = tuple(trial.followed(law, system, rest, signals) for trial in each)
+    return Trials(each, start, signals, rest, len(rest.t) - 1, reached=len(rest.t) - 1)
 
 
 def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log) -> Trials:
@@ -208,8 +209,7 @@ def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
         return Verdict(None)
     best = int(np.argmax(share))
     trial, fits = trials.each[best], explains(law, trials.each[best])
-    alike = [(t.hypothesis.kind, t.hypothesis.part) for t in trials.each]
-    confidence = sum(float(p) for p, one in zip(share, alike, strict=True) if one == alike[best])
+    confidence = together(share, [trial.hypothesis for trial in trials.each], best)
     patient = trial.hypothesis.kind in _PATIENT or trial.hypothesis.share > 0
     sure = fits and confidence >= _CERTAIN and not patient
     if late >= _LONGEST and not fits:
@@ -217,4 +217,4 @@ def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
     likely = confidence >= _LIKELY or late >= _PATIENCE
     if not sure and not (late >= _LONGEST and likely):
         return None
-    return Verdict(trial, min(1.0, confidence))
+    return Verdict(trial, confidence)
