@@ -15,7 +15,8 @@ from .hypotheses import Hypothesis
 
 _SMALL = 0.1  # share of a gain up to which a loss may be the beginning of a slow one
 _WALK = 0.006  # of a loose gain, relative, per second [1/√s]
-_ON = 0.05  # relative change of a loose gain that goes unnoticed
+UNNOTICED = (0.05 / _WALK) ** 2
+"""Time in which such a walk is as large as a change that goes unnoticed [s]."""
 _LOOSE = 10.0  # time for which a gain stays loose after its last change [s]
 _GROWN = 0.01  # change of the lost share from which an event is updated
 SEIZED = ("reversed", "broken", "stuck")
@@ -38,10 +39,6 @@ class Loose(NamedTuple):
         D = np.zeros(len(scale))
         D[self.gains] = _WALK * kalman.theta[self.gains] / scale[self.gains]
         kalman.Ptt[:] += seconds * np.outer(D, D)
-
-    def freed(self, kalman: Filter, scale: Array) -> None:
-        """An earlier filter with the variance to estimate the loss since then."""
-        self.walked(kalman, scale, (_ON / _WALK) ** 2)
 
     def lost(self, kalman: Filter) -> float:
         """The share of its gain, relative to the others, that it has lost so far."""

@@ -124,11 +124,6 @@ def restored(
     return found
 
 
-def unknown(system: SecondOrderSystem) -> Hypothesis:
-    """A change that no other hypothesis explains."""
-    return nothing(system)._replace(kind="unknown", part="the robot")
-
-
 def everything(system: SecondOrderSystem, theta: Array) -> Hypothesis:
     """All gains have changed independently."""
     k = system.space.actuators

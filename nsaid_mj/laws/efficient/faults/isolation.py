@@ -19,7 +19,7 @@ from ..filter import Law
 from ..kalman import restart_state
 from ..noise import noise_variance
 from ..state import EfficientState
-from .events import event_of, grown, loosened, revoked, without_effect
+from .events import UNNOTICED, event_of, grown, loosened, revoked, without_effect
 from .hypotheses import (
     Hypothesis,
     appear_slowly,
@@ -28,7 +28,6 @@ from .hypotheses import (
     inexact,
     nothing,
     restored,
-    unknown,
 )
 from .trial import LEAD, onset
 from .trials import Verdict, begin_trials, follow_trials, narrowed, verdict
@@ -63,7 +62,7 @@ class Isolation(NamedTuple):
         rewind(inside.watch, here.t, kalman)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         if inside.loose is not None:
-            inside.loose.freed(kalman, self.law.scale)
+            inside.loose.walked(kalman, self.law.scale, UNNOTICED)
         theta, signals = kalman.theta.copy(), inside.signals
         what = [nothing(system), *inexact(system, theta)]
         if not young:
@@ -87,8 +86,8 @@ class Isolation(NamedTuple):
         inside = inside._replace(trials=None)
         if found.trial is None:
             if inside.calm >= _SETTLED:
-                begin, size = trials.begin, (0.0, 0.0, 0.0)
-                event = event_of(unknown(self.system), begin, float(log.t[-1]), size, 1.0)
+                when = trials.begin, float(log.t[-1])
+                event = FaultEvent(*when, "unknown", "the robot", (), 0.0, 0.0, 0.0, "1", 1.0)
                 inside = inside._replace(events=(*inside.events, event), stale=True)
             inside = inside._replace(unnamed=inside.unnamed + 1)
             return self.started_again(inside, inside.here(self.system, log))
