@@ -20,7 +20,6 @@ from nsaid_mj.laws.efficient.faults.events import event_of
 from nsaid_mj.laws.efficient.faults.evidence import Jump
 from nsaid_mj.laws.efficient.faults.hypotheses import (
     Hypothesis,
-    appear_slowly,
     everything,
     hypotheses_of,
     inexact,
@@ -349,11 +348,10 @@ def test_a_slow_change_that_leaves_no_covariance_is_rounding(
     after[k] += 0.05 * scale[k]
     kalman = filter_at(np.zeros(system.m), np.zeros(system.n), after, 0.5 * P)
     watch = tuple(Snapshot(t, truth, P, np.ones(2 * system.n)) for t in (0.0, 0.5))
-    what = appear_slowly(hypotheses_of(system, truth))
-    found = watching.slow_change(watch, kalman, system.space, lambda: what)
+    found = watching.slow_change(watch, kalman, system)
     assert found is not None and found.hypothesis.names == (system.space.names[k],)
     monkeypatch.setattr(watching, "with_jump", lambda *_: (np.zeros(p), np.diag([-1.0] * p)))
-    assert watching.slow_change(watch, kalman, system.space, lambda: what) is None
+    assert watching.slow_change(watch, kalman, system) is None
 
 
 # -- the misfit ------------------------------------------------------------------------------------

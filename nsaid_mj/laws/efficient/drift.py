@@ -30,7 +30,8 @@ _ALL = (1e-8, 1e-6)  # those of all of θ
 _FREED = 0.1  # initial standard deviation of θ in rivals, over that of a prior
 _MEMORY = 20.0  # time in which evidence is forgotten [s]
 _EARLIEST = 5.0  # time after which they are compared [s]
-_LONGEST = 30.0  # time after which gains that seem constant are taken for constant [s]
+LONGEST = 30.0
+"""Time after which gains that seem constant are taken for constant [s]."""
 _SURE = 15.0  # logarithm of the likelihood ratio at which a model is accepted
 _BEHIND = 50.0  # evidence, below the best, at which a model restarts
 _WHITE = 1.1  # largest mean squared normalised innovation of gains that drift
@@ -49,12 +50,6 @@ class Rival(NamedTuple):
         """Log-likelihood of the innovations, with forgetting."""
         found = float(-0.5 * (self.filter.tally[2] + self.filter.tally[3]))
         return found if np.isfinite(found) else -np.inf
-
-    @property
-    def white(self) -> bool:
-        """Whether its innovations agree with their stated covariance."""
-        squares, number = self.filter.totals
-        return bool(squares <= _WHITE * number)
 
     def followed(self, law: Law, space: ParameterSpace, log: Log) -> Rival:
         """The rival after a log, under the signals that act."""
@@ -110,7 +105,8 @@ class Rivals(NamedTuple):
         evidence = np.array([rival.evidence for rival in self.each])
         first = len(self.each) - len(_WALKS)
         gains, other = first + int(np.argmax(evidence[first:])), int(np.argmax(evidence[:first]))
-        slow = gains + 1 < len(self.each) and self.each[gains].white
+        squares, number = self.each[gains].filter.totals
+        slow = gains + 1 < len(self.each) and bool(squares <= _WHITE * number)
         if drift and (not slow or evidence[other] > evidence[gains] + _SURE):
             return self.each[other]
         if not drift and not (slow and evidence[gains] > evidence[other] + _SURE):
@@ -121,10 +117,6 @@ class Rivals(NamedTuple):
         if likely is not None and evidence[gains] < evidence[likely] + _BETTER:
             return None
         return None if now == [wider] else self.each[wider]
-
-    def given_up(self, t: float) -> bool:
-        """Whether the comparison for constant gains has lasted long enough at time t [s]."""
-        return t - self.begin > _LONGEST
 
 
 def walks(space: ParameterSpace, all_of: float, gains: float) -> Array:

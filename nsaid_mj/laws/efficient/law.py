@@ -24,7 +24,7 @@ from ...quotient.cost import Remembered
 from ...structure.system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status
 from ..nullspace_aid import NullspaceIdentifier
-from .drift import Rivals, walks
+from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
 from .faults.signals import Signals
 from .faults.trial import LEAD
@@ -258,7 +258,7 @@ class EfficientIdentifier(Identifier):
             return inside._replace(rivals=Rivals.at(inside.filter, prior, t))
         best = rivals.preferred(t, inside.drift)
         if best is None:
-            over = not inside.drift and rivals.given_up(t)
+            over = not inside.drift and t - rivals.begin > LONGEST
             return inside._replace(rivals=None) if over else inside
         ended = not best.gains
         return inside._replace(
@@ -306,9 +306,8 @@ class EfficientIdentifier(Identifier):
             kalman = kalman._replace(Ptt=prior)  # too few data: only the prior is known
         squares, number = kalman.totals
         P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
-        units = np.outer(self._law.scale, self._law.scale)
-        sign = np.where(inside.factors < 0, -1.0, 1.0)
-        units = units * np.outer(sign, sign)
+        unit = np.where(inside.factors < 0, -self._law.scale, self._law.scale)
+        units = np.outer(unit, unit)
         samples = np.full(self.system.n, number / (2 * self.system.n))
         excess = max(1.0, squares / number) if number else 1.0
         return Confidence(excess * P * units, prior * units, samples)

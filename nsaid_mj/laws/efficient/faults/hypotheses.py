@@ -60,9 +60,11 @@ def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     return [*robot, *_biases(system)]
 
 
-def appear_slowly(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
-    """The hypotheses that a slow shift of θ̂ can support."""
-    return [h for h in hypotheses if h.command < 0 and h.channel < 0 and not h.offset]
+def slow_changes(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
+    """The hypotheses that a slow shift of θ̂ (p,) can support."""
+    faults = hypotheses_of(system, theta)
+    slow = [h for h in faults if h.command < 0 and h.channel < 0 and not h.offset]
+    return slow + inexact(system, theta)
 
 
 def command_of(stuck: Hypothesis, held: float, ratio: float) -> float:

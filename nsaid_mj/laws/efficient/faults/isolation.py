@@ -22,7 +22,6 @@ from ..state import EfficientState
 from .events import UNNOTICED, event_of, grown, loosened, revoked, without_effect
 from .hypotheses import (
     Hypothesis,
-    appear_slowly,
     everything,
     hypotheses_of,
     inexact,
@@ -138,7 +137,7 @@ class Isolation(NamedTuple):
             return inside
         if inside.calm < _SETTLED or loose is not None or inside.drift:
             return inside._replace(watch=with_snapshot(watch, t, kalman))
-        found = slow_change(watch, kalman, self.system.space, lambda: self._slow(kalman.theta))
+        found = slow_change(watch, kalman, self.system)
         if found is None or found.confidence < _ISOLATED:
             return inside._replace(watch=with_snapshot(watch, t, kalman))
         before = kalman.theta.copy()
@@ -146,10 +145,6 @@ class Isolation(NamedTuple):
         kalman.safe[:], kalman.safe_P[:] = found.theta, found.P
         event = event_of(found.hypothesis, t, t, found.size, found.confidence, slow=True)
         return self._noted(inside._replace(watch=()), found.hypothesis, event, before)
-
-    def _slow(self, theta: Array) -> list[Hypothesis]:
-        """The hypotheses that a slow shift of θ̂ (p,) can support."""
-        return appear_slowly(hypotheses_of(self.system, theta)) + inexact(self.system, theta)
 
     def _noted(
         self, inside: EfficientState, hypothesis: Hypothesis, event: FaultEvent, before: Array

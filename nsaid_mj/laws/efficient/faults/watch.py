@@ -6,15 +6,15 @@ Without a change, θ̂ shifts by no more than the decrease of its covariance exp
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from ....parameters import Array, ParameterSpace
+from ....parameters import Array
+from ....structure.system import SecondOrderSystem
 from ..filter import Filter
 from .evidence import most_evident, posterior, shift_jumps
-from .hypotheses import Hypothesis, most_changed, penalty, together
+from .hypotheses import Hypothesis, most_changed, penalty, slow_changes, together
 
 PERIOD = 0.5
 """Time between two snapshots [s]."""
@@ -67,16 +67,14 @@ class Found(NamedTuple):
     evidence: float  # logarithm of the averaged likelihood ratio against no change
 
 
-def slow_change(
-    watch: Watch, kalman: Filter, space: ParameterSpace, what: Callable[[], list[Hypothesis]]
-) -> Found | None:
+def slow_change(watch: Watch, kalman: Filter, system: SecondOrderSystem) -> Found | None:
     """The most evident change since any of the snapshots; None if none is evident.
 
-    ½ Δᵀ V⁻¹ Δ bounds the evidence of every jump, see `evidence`, so the hypotheses, of `what`, are
-    compared only where that is enough.
+    ½ Δᵀ V⁻¹ Δ bounds the evidence of every jump, see `evidence`, so the hypotheses are compared
+    only where that is enough.
     """
     best: Found | None = None
-    scale, hypotheses = space.scale, None
+    scale, hypotheses = system.space.scale, list[Hypothesis]()
     tolerance = _TOLERANCE * np.maximum(np.abs(kalman.theta / scale), 0.1)
     for span in _SPANS:
         if span > len(watch):
@@ -87,7 +85,7 @@ def slow_change(
         try:
             if most_evident(P, kalman.Ptt, shift, tolerance) <= least:
                 continue
-            hypotheses = hypotheses or what()
+            hypotheses = hypotheses or slow_changes(system, kalman.theta)
             jumps = shift_jumps(P, kalman.Ptt, shift, tolerance, [h.D for h in hypotheses])
         except (np.linalg.LinAlgError, ValueError):
             continue  # exact data leave a covariance that rounding made indefinite, or infinite
@@ -99,7 +97,7 @@ def slow_change(
             new, new_P = with_jump(P, kalman.Ptt, shift, hypothesis.D)
             if not np.linalg.eigvalsh(new_P)[0] > 0.0:
                 continue  # P_s is singular to rounding, and so is all that was computed from it
-            hypothesis = most_changed(space, hypothesis, jump)
+            hypothesis = most_changed(system.space, hypothesis, jump)
             best = Found(
                 hypothesis,
                 together(posterior(evidence), hypotheses, k),
