@@ -259,7 +259,7 @@ def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.Mo
     window, lengths = 10, []
     tried: Any = SimpleNamespace(evidence=0.0)
     tried.followed = lambda *_: tried
-    monkeypatch.setattr(trying, "_hopeful", lambda _, each: each)
+    monkeypatch.setattr(trying, "_hopeful", lambda each: each)
     monkeypatch.setattr(
         trying, "_repeated", lambda one, a, b, trials, c: lengths.append(len(trials.log.t)) or one
     )
@@ -284,7 +284,7 @@ def test_trials_follow_the_same_blocks_however_samples_come(
 ) -> None:
     """Their bits, and a share of their cost, depend on the blocks."""
     followed: list[int] = []
-    monkeypatch.setattr(trying, "_hopeful", lambda _, each: each)
+    monkeypatch.setattr(trying, "_hopeful", lambda each: each)
     one: Any = SimpleNamespace(hypothesis=SimpleNamespace(offset=0.0, kind="loss"), evidence=0.0)
     one.followed = lambda _law, _system, part: followed.append(len(part.t) - 1) or one
     log, law = Log(np.arange(51) * 0.002, *np.zeros((3, 51, 1))), SimpleNamespace(window=50)
@@ -316,11 +316,10 @@ def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fa
     )  # fmt: skip
     log = Log(np.array([0.0, 0.01]), *np.zeros((3, 2, 1)))
     trials = Trials(each, None, None, log, 10)  # type: ignore[arg-type]
-    law: Any = Law(0, None, None, None, 0.0, 10, None, None, None)  # type: ignore[arg-type]
-    assert trying.verdict(law, trials, 0.11) is None
-    late = trying.verdict(law, trials, 1.2)
+    assert trying.verdict(trials, 0.11) is None
+    late = trying.verdict(trials, 1.2)
     assert late is not None and late.trial is each[0]
-    left = [trial.hypothesis.kind for trial in trying.narrowed(law, trials, 0.1).each]
+    left = [trial.hypothesis.kind for trial in trying.narrowed(trials, 0.1).each]
     assert left == ["none", "payload", "loss"]
 
 
@@ -330,10 +329,9 @@ def test_hopeless_faults_are_dropped_within_a_window_once_one_explains_the_motio
     free = everything(made.system, made.truth), inexact(made.system, made.truth)[-1]
     best, near, far = tried(what["loss"], 0.0), tried(what["bias"], -999.0), what["payload"]
     each = best, near, tried(far, -1001.0), tried(free[0], -5000.0), tried(free[1], 5000.0)
-    law: Any = Law(0, None, None, None, 0.0, 10, None, None, None)  # type: ignore[arg-type]
-    assert trying._hopeful(law, each) == (*each[:2], *each[3:])
+    assert trying._hopeful(each) == (*each[:2], *each[3:])
     best.squares = 1e6
-    assert trying._hopeful(law, each) == each, "another one may have yet to learn a large change"
+    assert trying._hopeful(each) == each, "another one may have yet to learn a large change"
 
 
 def test_a_slow_change_that_leaves_no_covariance_is_rounding(

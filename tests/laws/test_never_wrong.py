@@ -389,7 +389,7 @@ def test_a_verdict_waits_while_two_faults_explain_the_motion(monkeypatch) -> Non
             SimpleNamespace(hypothesis=h, evidence=e)
             for h, e in zip(pair, (np.log(odds), 0.0), strict=True)
         ]
-        found = trials.verdict(None, SimpleNamespace(each=each, begin=0.0), t)  # type: ignore[arg-type]
+        found = trials.verdict(SimpleNamespace(each=each, begin=0.0), t)  # type: ignore[arg-type]
         return "" if found is None or found.trial is None else found.trial.hypothesis.kind
 
     assert named(2.0, 1.05) == named(2.0, 4.9) == named(30.0, 0.9) == ""

@@ -77,10 +77,9 @@ class Isolation(NamedTuple):
         trials = follow_trials(self.law, self.system, inside.trials, log)
         if trials.samples < self.law.window:
             return inside._replace(trials=trials)
-        found = verdict(self.law, trials, float(log.t[-1]))
+        found = verdict(trials, float(log.t[-1]))
         if found is None:
-            window = self.law.window * self.dt
-            trials = narrowed(self.law, trials, window)
+            trials = narrowed(trials, self.law.window * self.dt)
             return inside._replace(trials=trials)
         inside = inside._replace(trials=None)
         if found.trial is None:
