@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 from functools import cache
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -249,10 +248,7 @@ class _Model:
         for joint in self._system.joints:
             at = joint.idx_q
             first[joint.idx_v] = q[0, at] if joint.nq == 1 else np.arctan2(q[0, at + 1], q[0, at])
-        angles = [first]
-        for before, after in pairwise(q):
-            angles.append(angles[-1] + self._system.difference(before, after))
-        return np.array(angles)
+        return np.cumsum(np.vstack([first, self._system.moves(q)]), axis=0)
 
     def theta(self, x: Array) -> Array:
         """(p,) θ of a candidate."""

@@ -44,7 +44,7 @@ def midpoints(
     """
     k = np.arange(0, len(log.t) - 1, stride)
     t, q, v, u = log.t, log.q, log.v, log.u[k]
-    steps = [0.5 * system.difference(q[i], q[i + 1]) for i in k]
+    steps = 0.5 * system.moves(q)[k]
     middle = np.array([system.integrate(q[i], step) for i, step in zip(k, steps, strict=True)])
     mean = 0.5 * (v[k] + v[k + 1])
     rate = (v[k + 1] - v[k]) / (t[k + 1] - t[k])[:, None]

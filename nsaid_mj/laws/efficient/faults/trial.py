@@ -43,8 +43,7 @@ _FINE = 2.0  # once the error is known
 
 def increments(system: SecondOrderSystem, log: Log) -> Array:
     """(N−1, 2n) changes of position and velocity from sample to sample."""
-    moved = [system.difference(a, b) for a, b in zip(log.q[:-1], log.q[1:], strict=True)]
-    return np.hstack([np.array(moved), np.diff(log.v, axis=0)])
+    return np.hstack([system.moves(log.q), np.diff(log.v, axis=0)])
 
 
 def started(kalman: Filter, system: SecondOrderSystem, log: Log, k: int) -> Filter:
@@ -57,21 +56,18 @@ def started(kalman: Filter, system: SecondOrderSystem, log: Log, k: int) -> Filt
 
 def onset(law: Law, kalman: Filter, system: SecondOrderSystem, log: Log) -> int:
     """The last sample of a log before a fault, given a filter's θ̂ and P_θθ from before."""
-    own, patient = started(kalman, system, log, LEAD - 1), law._replace(window=10**9)
-    size, count, n = 2.0 * system.n, len(log.t), system.n
-    level = size + _EXCESS * np.sqrt(2.0 * size)
-    out = Along.empty(2, n, len(own.theta))
-    total, before = 0.0, count - 2
-    for k in range(LEAD, count):
-        squares = own.tally[2]
-        _, end = follow_filter(patient, own, *log.part(k - 1, k + 1), out)
-        excess = own.tally[2] - squares - level if end == COMPLETED else np.inf
+    own, rest = started(kalman, system, log, LEAD - 1), log.part(LEAD - 1, len(log.t))
+    out = Along.empty(len(rest.t), system.n, system.p)
+    last, end = follow_filter(law._replace(window=10**9), own, *rest, out)
+    level = 2 * system.n + _EXCESS * np.sqrt(4.0 * system.n)
+    excess = np.sum(out.innovation[1:] ** 2, axis=1) - level
+    excess[last if end == COMPLETED else last - 1 :] = np.inf  # where the filter fails
+    total, before = 0.0, len(log.t) - 2
+    for k, one in enumerate(excess, LEAD):
         if total <= 0.0:
             total, before = 0.0, k - 1
-        total += excess
-        if total == np.inf:
-            break
-    return before if total > 0.0 else count - 2
+        total += one
+    return before if total > 0.0 else len(log.t) - 2
 
 
 class Trial(NamedTuple):
