@@ -47,7 +47,8 @@ def arm_suspects(
 def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
     """Effects on forces (N, n)."""
     yield from _lags(rows, force)
-    yield from command_suspects(force[:, :, None] * np.eye(force.shape[1]), rows.robot.joints)
+    each = force[:, :, None] * np.eye(force.shape[1])
+    yield from command_suspects(rows.t, each, rows.robot.joints)
 
 
 def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
@@ -63,8 +64,14 @@ def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
     return needed._replace(columns=needed.columns + share * (stated.columns - needed.columns))
 
 
-def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
-    """Forces (N, n, k) not proportional to a command: asymmetric, curved, or with a dead zone."""
+def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
+    """Forces (N, n, k) not proportional to a command: asymmetric, curved, with a dead zone, fading.
+
+    t (N,) is in s.
+    """
+    late = ((t - t.mean()) / max(float(np.ptp(t)), 1e-300))[:, None]
+    fading = "The gain changes in time, as with the supply's voltage: identify shorter logs."
+    yield Suspect("all forces times the time", "", (forces.sum(axis=2) * late)[:, :, None], fading)
     for k, name in enumerate(names):
         own = forces[:, :, k]
         signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
@@ -76,6 +83,7 @@ def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
         ):
             remedy = f"Its force is not proportional to the command. {more}"
             yield Suspect(words, name, (own * factor[:, None])[:, :, None], remedy)
+        yield Suspect("its force times the time", name, (own * late)[:, :, None], fading)
 
 
 def _kinematic(

@@ -228,7 +228,7 @@ def structured_vehicle(
     labels = [problem.space.labels[i] for i in at]
 
     def suspects(theta: Array) -> Iterator[Suspect]:
-        yield from command_suspects(problem.Y[:, :, at] * theta[at], labels)
+        yield from command_suspects(problem.t, problem.Y[:, :, at] * theta[at], labels)
         flow = rows.flow(theta, timing)
         if flow.shape[2]:
             remedy = "Record in still water or air, or with the speed relative to it as `linear`."

@@ -13,7 +13,7 @@ from ..structure.motion import Motion
 from ..structure.system import SecondOrderSystem, checked
 from .base import Confidence, Estimates, Identifier, State, Status
 from .memory.implicit import ImplicitMemory
-from .metric import ConstantMetric, Curved, Metric, positive_gain
+from .metric import ConstantMetric, Metric, positive_gain
 from .rk4 import follow
 
 RK4_LIMIT = 2.5  # bound of |λ| dt, below RK4's stability limit of 2.785 on the negative real axis
@@ -171,7 +171,7 @@ class NullspaceIdentifier(Identifier):
         """
         v_hats, theta_hats, pivots = rows
         row = follow(self.law, motion, v_hats, theta_hats, pivots, 1)
-        while row < len(log.t) and divided < _DIVISIONS and isinstance(self.law, Curved):
+        while row < len(log.t) and divided < _DIVISIONS and self.law.mu > 0:
             step = log.part(row - 1, row + 1)
             if not all(np.isfinite(part).all() for part in step):
                 break

@@ -35,6 +35,13 @@ class Cone(NamedTuple):
 CONE = types.NamedTuple((i8[::1], table, table, vector, vector, i8[::1], i8[::1], i8), Cone)
 
 
+_NONE = np.empty(0, dtype=np.intp)
+NO_CONE = Cone(
+    _NONE, _NONE.reshape(0, 5), _NONE.reshape(0, 3), np.empty(0), np.empty(0), _NONE, _NONE, 0
+)
+"""The cone of free parameters."""
+
+
 def cone_of(space: ParameterSpace) -> Cone:
     """The cones of a parameter space."""
     positive, blocks, entries, values, degree = [], [], [], [], 0

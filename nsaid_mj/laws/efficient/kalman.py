@@ -238,33 +238,3 @@ def carry(law: Law, filter: Filter, t: Array, q: Array, v: Array, u: Array) -> N
     _, end = follow_filter(law._replace(window=10**9), filter, t, q, v, u, out)
     keep_above_rounding(filter.Ptt, np.empty_like(filter.Ptt))
     filter.tally[2] += 0.0 if end == COMPLETED else np.inf
-
-
-@kernel(i8(LAW, FILTER, vector, vector, matrix, matrix, matrix, MEMORIES))
-def _cover(law, filter, R, t, q, v, u, memory):
-    """Propagates the covariance along a log, in workspace from `covariance_along`."""
-    for i in range(R.shape[0]):
-        memory.R[i] = R[i]
-    for k in range(1, t.shape[0]):
-        _see(v[k - 1], v[k], memory.seen)
-        if not _move(law, filter, t[k] - t[k - 1], q[k - 1], v[k - 1], u[k - 1], memory) > 0.0:
-            return k - 1
-        for i in range(R.shape[0]):
-            memory.y[i] = 0.0
-        if not innovate(law.scale, filter.Pxx, filter.Pxt, memory) < np.inf:
-            return k - 1
-        update(law.cone, law.margin, law.scale, law.parts, filter, 1.0, memory)
-    return t.shape[0] - 1
-
-
-def covariance_along(
-    law: Law, filter: Filter, R: Array, t: Array, q: Array, v: Array, u: Array
-) -> int:
-    """Overwrites P of a filter with that after a log, along given states and at a given θ.
-
-    The law's γ adds to the covariance as in the filter, whose θ̂ is the θ at which the system is
-    linearised, at q (N, m) and v (N, n). u is (N, n_u), t (N,) in s; R (2n,) are variances of the
-    noise. Returns the last row processed: N − 1, or that where M or S was not positive definite.
-    """
-    memory = memory_for(law.structure, v.shape[1], q.shape[1], len(law.scale))
-    return _cover(law, filter, R, t, q, v, u, memory)
