@@ -13,7 +13,7 @@ import scipy.linalg
 
 from ..parameters import Array
 from ..quotient.gramians import Sums
-from ..quotient.intervals import inverse_on
+from ..quotient.matrices import inverse_on
 from .fit import Fit, gramians, minimise, posterior
 from .problem import Problem, folds
 

@@ -60,13 +60,12 @@ _FAR = 15.0  # time for which θ̂ may be as far off as a prior [s]
 _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 
 
-def acceptable(law: Law, filter: Filter) -> float:
-    """Threshold of the sum of squared normalised innovations in a window (χ² tail bound)."""
-    return _acceptable(law.window, filter.v.shape[0], filter.noise.seen[0])
-
-
 @kernel(f8(i8, i8, f8))
-def _acceptable(window, n, seen):
+def acceptable(window, n, seen):
+    """Threshold of the sum of squared normalised innovations in a window (χ² tail bound).
+
+    It holds for n velocities, after `seen` increments from which the noise was estimated.
+    """
     dof = 2.0 * n * window
     vague = 1.0 + 4.0 / np.sqrt(min(seen, MEMORY))  # of R itself
     return vague * (dof + _SIGNIFICANT * np.sqrt(2.0 * dof) + 0.7 * _SIGNIFICANT**2)
@@ -210,7 +209,7 @@ def _follow(law, filter, t, q, v, u, along, memory):
             along.v[k, i] = filter.v[i] if end == COMPLETED else v[k, i]
         if end == BEGINNING:
             continue
-        if end != COMPLETED or tally[2] > _acceptable(law.window, n, filter.noise.seen[0]):
+        if end != COMPLETED or tally[2] > acceptable(law.window, n, filter.noise.seen[0]):
             return k, end if end != COMPLETED else CONTRADICTED
         if tally[1] >= law.window:
             _begin_window(filter, memory.factor)
@@ -227,3 +226,15 @@ def follow_filter(
     """
     memory = memory_for(law.structure, v.shape[1], q.shape[1], len(law.scale))
     return _follow(law, filter, t, q, v, u, along, memory)
+
+
+def carry(law: Law, filter: Filter, t: Array, q: Array, v: Array, u: Array) -> None:
+    """Carries one of several competing filters along a log, without a test of its innovations.
+
+    The arguments are those of `follow_filter`. The sum of squared innovations in its tally is
+    infinite where it has failed.
+    """
+    out = Along.empty(len(t), v.shape[1], len(law.scale))
+    _, end = follow_filter(law._replace(window=10**9), filter, t, q, v, u, out)
+    keep_above_rounding(filter.Ptt, np.empty_like(filter.Ptt))
+    filter.tally[2] += 0.0 if end == COMPLETED else np.inf
