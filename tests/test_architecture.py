@@ -188,7 +188,6 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
         ),
         ("matplotlib", {"pages"}),
         ("pyarrow", {"experiment", "recording", "studies", "logs"}),
-        ("joblib", {"studies"}),
     ],
 )
 def test_heavy_packages_are_named_only_in_their_own_folders(package, homes):

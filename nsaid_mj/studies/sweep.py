@@ -1,7 +1,7 @@
 """`nsaid sweep`: many runs of one scenario, with varied fields and drawn seeds.
 
-joblib distributes the runs over local processes or a cluster. The result of a run depends only on
-its number, not on the number of workers or on the order in which they finish. A row is appended to
+The runs are distributed over local processes or a cluster. The result of a run depends only on its
+number, not on the number of workers or on the order in which they finish. A row is appended to
 `rows.jsonl` as soon as its run is finished, so a killed sweep can be resumed.
 """
 
@@ -11,7 +11,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -136,7 +136,6 @@ def run(
         BadRun: the folder holds another sweep.
     """
     engine = engine or Engine()
-    longest = max(engine.time(scenario) for scenario in plan.scenarios)
     of = "{task.completed}/{task.total} {task.fields[lost]} without result"
     bar = counted(quiet, of)
 
@@ -151,11 +150,12 @@ def run(
         lost = sum(row["failure"] is not None for row in known.values())
         task = bar.add_task(folder.name, total=len(plan), completed=len(known), lost=lost)
         todo = [number for number in range(len(plan)) if number not in known]
-        for found in engine.make(todo, job, longest):
-            row = plan.what(found["run"]) | found
-            rows.append(row)
-            lost += row["failure"] is not None
-            bar.update(task, advance=1, lost=lost)
+        with closing(engine.make(todo, job)) as made:
+            for found in made:
+                row = plan.what(found["run"]) | found
+                rows.append(row)
+                lost += row["failure"] is not None
+                bar.update(task, advance=1, lost=lost)
     return read(folder)
 
 

@@ -1,14 +1,12 @@
 """Executes the runs of a sweep in a child process, whose crash or hang loses no other run.
 
-An engine's worker (a local process of joblib, or a thread on a cluster) executes no run itself. It
-keeps one child process, sends it one run at a time as a line of JSON, and waits for a line in
-answer. If the child crashes or times out, its current run is lost and the next gets a new child.
+An engine's worker (a thread, here or on a cluster) executes no run itself. It keeps one child
+process, sends it one run at a time as a line of JSON, and waits for a line in answer. If the child
+crashes or times out, its current run is lost and the next gets a new child.
 """
 
 from __future__ import annotations
 
-import atexit
-import contextlib
 import faulthandler
 import json
 import os
@@ -17,7 +15,7 @@ import signal
 import subprocess
 import sys
 import threading
-import time
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -33,7 +31,6 @@ if TYPE_CHECKING:
 
 _START = 300.0  # timeout for a child's imports [s]
 _STARTS = 3  # children that may be killed in their imports before their run counts as lost
-_WATCH = 0.5  # time between two checks of the engine's process [s]
 _GRACE = 10.0  # after a run's timeout, at which a child without a worker exits by itself [s]
 _LEFT_OUT = {"versions", "status_remedy"}  # keys of a summary with equal values in many runs
 _ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -49,18 +46,13 @@ class Job(NamedTuple):
     timeout: float  # wall time after which the run counts as hung [s]
 
 
-def supervised(job: Job, engine: int | None = None) -> dict[str, Any]:
+def supervised(job: Job) -> dict[str, Any]:
     """Executes a job in this thread's child process.
-
-    `engine` is its process ID, if its workers are local processes: when that process is gone, the
-    worker ends, and its child with it.
 
     Returns:
         The run's number and figures by key, or its number and the reason of a `failure`. If a
         child process cannot import this package, the number, the reason as `failure`, and `unfit`.
     """
-    if engine not in (None, os.getpid()):
-        _end_with(engine)
     child = _child_for(job)
     if child.fault:
         unfit = {} if child.killed else {"unfit": True}
@@ -69,40 +61,24 @@ def supervised(job: Job, engine: int | None = None) -> dict[str, Any]:
         return {"run": job.number} | child.ask(job, folder)
 
 
-def _child_for(job: Job) -> _Child:
+def _child_for(job: Job) -> Child:
     """This thread's child process, a new one if none serves the job."""
-    child: _Child | None = getattr(_mine, "child", None)
+    child: Child | None = getattr(_mine, "child", None)
     if child is not None and child.serves(job):
         return child
     if child is not None:
         child.stop()
     for _ in range(_STARTS):
-        child = _mine.child = _Child(job)
+        child = _mine.child = Child(job)
         if not child.killed:
             return child
     return _mine.child
 
 
-@cache
-def _end_with(engine: int) -> None:
-    """Ends this worker process, and its child with it, when the engine's process is gone.
-
-    A killed engine cannot notify its workers, and a worker waiting for a long run would not detect
-    it. The engine may even be gone before the worker has imported this module.
-    """
-
-    def watch() -> None:
-        while os.getppid() == engine:
-            time.sleep(_WATCH)
-        os._exit(1)  # closes the child's standard input, at which it ends
-
-    threading.Thread(target=watch, daemon=True).start()
+_mine = threading.local()  # every thread has its own child
 
 
-_mine = threading.local()  # a worker on a cluster may have several threads, each with a child
-
-
-class _Child:
+class Child:
     """A child process that executes runs, as seen from its worker."""
 
     def __init__(self, job: Job):
@@ -115,7 +91,7 @@ class _Child:
             env={**os.environ, **_ONE_THREAD},
             encoding="utf-8",
         )
-        atexit.register(self.stop)
+        children.add(self)
         self.fault = self._wait(_START)[1]  # imports do not count towards a run's timeout
 
     @property
@@ -151,9 +127,6 @@ class _Child:
             answer = self._process.stdout.readline()
         except BrokenPipeError:
             answer = ""
-        except BaseException:  # Ctrl-C: the answer is not needed any more
-            self.stop()
-            raise
         finally:
             timer.cancel()
             timer.join()
@@ -167,19 +140,20 @@ class _Child:
         how = signal.strsignal(-code) if code < 0 else f"exit code {code}"
         return "", f"its process died: {how}"
 
+    def kill(self) -> None:
+        """Kills the process; a thread that waits for its answer goes on."""
+        self._process.kill()
+
     def stop(self) -> None:
-        """Stops the process and waits for it."""
-        atexit.unregister(self.stop)
-        if self._process.stdin is not None:
-            with contextlib.suppress(BrokenPipeError):
-                self._process.stdin.close()
-        try:
-            self._process.wait(0.5)  # it exits when its standard input is closed
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
+        """Kills the process, and closes its streams, for which no thread may wait."""
+        self.kill()
+        children.discard(self)
+        with suppress(BrokenPipeError), self._process:
+            pass
+
+
+children: set[Child] = set()
+"""The children of all threads of this process. They end with it, as their standard input closes."""
 
 
 # -- in the child ------------------------------------------------------------------------------

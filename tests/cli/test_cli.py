@@ -34,7 +34,6 @@ HEAVY = (
     "rerun",
     "matplotlib",
     "example_robot_data",
-    "joblib",
 )
 SCRIPTS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.py"))
 

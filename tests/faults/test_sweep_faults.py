@@ -9,7 +9,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -38,7 +39,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The numbers of the runs that are made, by an engine that takes no time."""
     numbers: list[int] = []
 
-    def make(self, todo, job, longest):
+    def make(self, todo, job):
         for number in todo:
             numbers.append(number)
             yield {key: value for key, value in row(number).items() if key not in PLAN.what(0)} | {
@@ -89,11 +90,16 @@ def test_a_child_killed_at_every_start_loses_only_its_run(
     assert supervised(job()) == {"run": 0, "failure": "its process died: Killed"}
 
 
-def test_a_worker_whose_engine_is_gone_before_it_starts_ends_at_once() -> None:
-    code = "import time; from nsaid_mj.studies import sweep_worker as worker; worker._end_with(1)"
-    words = [sys.executable, "-c", f"{code}; time.sleep(60); raise SystemExit(0)"]
-    done = subprocess.run(words, cwd=CHECKOUT, check=False, timeout=120)
-    assert done.returncode == 1
+def test_a_child_whose_worker_is_gone_ends_at_once(tmp_path: Path) -> None:
+    psutil = pytest.importorskip("psutil")
+    code = "from nsaid_mj.studies.sweep_worker import *; Child(Job(*[''] * 4, 300.0)).ask"
+    words = [sys.executable, "-c", f"{code}; print('started', flush=True); time.sleep(60)"]
+    worker = subprocess.Popen(words, cwd=CHECKOUT, stdout=subprocess.PIPE, text=True)
+    assert worker.stdout is not None and worker.stdout.readline() == "started\n"
+    (child,) = psutil.Process(worker.pid).children()
+    worker.kill()
+    worker.communicate()
+    assert psutil.wait_procs([child], timeout=60)[1] == []
 
 
 def test_workers_that_cannot_import_the_package_end_the_sweep(tmp_path: Path) -> None:
@@ -104,16 +110,24 @@ def test_workers_that_cannot_import_the_package_end_the_sweep(tmp_path: Path) ->
     assert read(tmp_path).rows == []
 
 
-def test_every_row_of_a_worker_that_died_has_a_failure() -> None:
-    def broken(self, job, patience, numbers, begun):
-        begun += numbers
-        if len(numbers) > 1:
-            raise BrokenExecutor
-        yield {"run": numbers[0], "failure": "its process died: exit code 1", "unfit": True}
+def test_a_run_whose_worker_died_is_lost_and_no_other() -> None:
+    class Pool(Executor):
+        def submit(self, function, job):
+            future: Future[dict] = Future()
+            if job.number == 0:
+                future.set_exception(BrokenExecutor())
+            else:
+                future.set_result({"run": job.number, "failure": None})
+            return future
 
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(InvalidInput, match="can import"):
-        patch.setattr(Engine, "_parallel", broken)
-        list(Engine(jobs=2).make([0, 1], lambda number: job(), 1.0))
+    @contextmanager
+    def workers(self, running):
+        yield Pool(), 2, (BrokenExecutor,)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Engine, "_local", workers)
+        rows = list(Engine(jobs=2).make([0, 1, 2], lambda number: job()._replace(number=number)))
+    assert {row["run"]: row["failure"] for row in rows} == {0: "its worker died", 1: None, 2: None}
 
 
 # -- files that are damaged --------------------------------------------------------------------
