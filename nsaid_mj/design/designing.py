@@ -12,7 +12,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from ..control import DriverConfig, FourierTracking
 from ..errors import NoEstimate, NoMotion
@@ -43,7 +42,6 @@ _RESOLVED = 0.1  # accepted relative change of the bound with the step
 _MEDIAN, _ALL = 0.5, 1.0  # shares of random motions that keep the default limits
 _MORE = 0.05  # added to both ends of the range of a vehicle's random motions: they are few
 _NEXT = 40  # next best motions of a vehicle
-_SAMPLED = 1000  # errors drawn from each predicted covariance
 _SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
 _EFFORT = 60.0  # time of the search on one core [s]
 _SIMULATED = 5e-5  # time of a simulated step of a vehicle [s]
@@ -94,18 +92,6 @@ class Design:
     def predicted(self) -> float:
         """The rms of all predicted standard deviations."""
         return rms(self._all())
-
-    @property
-    def largest(self) -> float:
-        """Predicted median of the largest error of all requested numbers."""
-        rng, found = np.random.default_rng(0), []
-        for P, theta in zip(self.covariances, self.experiment.draws, strict=True):
-            rows = self.asked.rows(theta)
-            values, vectors = scipy.linalg.eigh(rows @ P @ rows.T)
-            root = vectors * np.sqrt(np.maximum(values, 0.0))
-            errors = rng.standard_normal((_SAMPLED, len(values))) @ root.T
-            found.append(np.abs(errors).max(axis=1))
-        return float(np.median(found))
 
     def _all(self) -> Array:
         pairs = zip(self.covariances, self.experiment.draws, strict=True)

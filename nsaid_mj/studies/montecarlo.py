@@ -31,7 +31,6 @@ from ..laws.base import Estimates
 from ..laws.nullspace_aid import NullspaceIdentifier
 from ..log import Log
 from ..numerics.stopwatch import compile_seconds
-from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..structure.system import Motion
 from .study import MOST_JOBS, Study, check_count
@@ -65,7 +64,13 @@ class Plan(Study):
 
     def __post_init__(self) -> None:
         check_count("runs", self.runs, "256 runs give distributions.")
-        _check_sharing(self.scenario, self.shared)
+        if self.shared and self.scenario.prior == "nominal":
+            raise InvalidInput(
+                "prior",
+                "`drawn`, if all runs share one plant",
+                self.scenario.prior,
+                "Add --own-plants: with `nominal`, runs differ in the truth and not in the prior.",
+            )
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -253,32 +258,6 @@ def _row(draw: int, scenario: Scenario, course: Course, run: Draw, cost: float) 
 # -- the whole study -------------------------------------------------------------------------------
 
 
-@single_threaded
-def monte_carlo(
-    scenario: Scenario, runs: int, jobs: int | None = None, shared: bool = True
-) -> list[Row]:
-    """Executes all runs of a Monte Carlo study in memory.
-
-    Args:
-        scenario: the scenario; its seed is the master seed, its rivals are left out.
-        runs: number of runs.
-        jobs: number of threads; None for the number of processors.
-        shared: see `Plan`.
-
-    Returns:
-        A row for every run, in order: how it ended, and the figures of its last estimate.
-
-    Raises:
-        InvalidInput: `runs` or `jobs` is less than 1 or too large, or a shared plant leaves nothing
-            to draw.
-        NsaidError: the scenario cannot be started.
-    """
-    check_count("runs", runs, "256 runs give distributions.")
-    _check_sharing(scenario, shared)
-    rows = [row for part in rows_of(scenario, range(runs), jobs, shared) for row in part]
-    return sorted(rows, key=lambda row: row["run"])
-
-
 def rows_of(
     scenario: Scenario, todo: Sequence[int], jobs: int | None, shared: bool, report: Seen = float
 ) -> Iterator[list[Row]]:
@@ -333,13 +312,3 @@ def _identified(
     """Yields the rows of groups of draws, as they become available."""
     for done in as_completed([pool.submit(identify, *group, seen) for group in groups]):
         yield done.result()
-
-
-def _check_sharing(scenario: Scenario, shared: bool) -> None:
-    if shared and scenario.prior == "nominal":
-        raise InvalidInput(
-            "prior",
-            "`drawn`, if all runs share one plant",
-            scenario.prior,
-            "Add --own-plants: with `nominal`, runs differ in the truth and not in the prior.",
-        )

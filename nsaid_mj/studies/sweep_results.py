@@ -32,15 +32,6 @@ SPREADS = (
     "scenario's duration. Lost: no result."
 )
 HEADS = ("distance at end [%]", "converged after [s]", "converged", "early", "lost")
-COSTS = (
-    "wall_s",
-    "compile_s",
-    "real_time_factor",
-    "identifier_us_per_step",
-    "plant_us_per_step",
-)
-"""Columns that differ when a run is repeated; all others are identical to the bit."""
-
 _TYPES = {"failure": pa.string(), "time_to_converge": pa.float64()}  # columns that may be all null
 _LINES = 40  # of a table on the terminal, at most
 
