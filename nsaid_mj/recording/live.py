@@ -14,7 +14,7 @@ from ..experiment.scenario import Scenario
 from ..laws import State
 from ..log import Log, Measurement
 from ..structure.system import SecondOrderSystem
-from .forces import ESTIMATED, Arrows
+from .forces import ESTIMATED, Arrows, mounts_of
 from .layout import live_blueprint, words
 from .scene import Scene
 from .series import Curves, excitation, groups, velocity_names
@@ -106,8 +106,8 @@ class Live(Observer):
         camera = None
         if not self._scene.empty:
             camera = self._scene.camera(np.vstack([first.q, q[:20]]), v)
-        if camera and self._scene.vehicle:
-            self._arrows = Arrows.of(system, camera.size, rows, self._space.scale)
+        if camera and mounts_of(system):
+            self._arrows = Arrows(system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
         drawn = words("Forces: estimated (orange)" if self._arrows else "", magnified)
         layout = live_blueprint(self._space, camera, drawn)
