@@ -41,32 +41,19 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
     "font.size": 8,
     "axes.titlesize": 9,
-    "axes.labelsize": 8,
-    "legend.fontsize": 8,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.edgecolor": INK,
-    "axes.linewidth": 0.6,
+    **{f"{of}size": 8 for of in ("axes.label", "legend.font", "xtick.label", "ytick.label")},
+    **{f"{of}color": INK for of in ("text.", "axes.label", "axes.edge", "xtick.", "ytick.")},
+    **{f"{of}width": 0.6 for of in ("axes.line", "grid.line", "xtick.major.", "ytick.major.")},
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
     "grid.color": GRID,
-    "grid.linewidth": 0.6,
     "lines.linewidth": 1.2,
     "lines.solid_joinstyle": "round",
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
     "legend.frameon": False,
-    **{
-        f"boxplot.{part}props.{key}": value
-        for part in ("box", "whisker", "cap")
-        for key, value in (("color", INK), ("linewidth", 0.8))
-    },
+    **{f"boxplot.{of}props.color": INK for of in ("box", "whisker", "cap")},
+    **{f"boxplot.{of}props.linewidth": 0.8 for of in ("box", "whisker", "cap")},
     "text.parse_math": False,  # a `$` in a name is a dollar
     "axes.formatter.useoffset": False,
     "svg.fonttype": "none",

@@ -49,6 +49,8 @@ class Arrows:
     Attributes:
         parts: for each of j arrows, the indices in θ of the parameters whose forces add up to it.
         radius: radius of an arrow [m].
+        offsets: (j, 3) from the commanded force's arrow to the estimated one's, in the body frame
+            [m], so that neither hides the other.
         lengths: (j, 1) scale of each arrow [m/N].
         magnified: magnification of the arrows of some kinds of actuators, by name of the kind.
     """
@@ -70,9 +72,8 @@ class Arrows:
         self.radius = _RADIUS * size
         if system.group == 3:
             mounts[:, 2] += 2.5 * self.radius  # above the ground and the path
-        # an estimated force's arrow stands beside the commanded one's, so that neither hides it
-        beside = 2.4 * self.radius * _outward(mounts, forces)
-        self._mounts = {COMMANDED: mounts, ESTIMATED: mounts + beside}
+        self.offsets = 2.4 * self.radius * _outward(mounts, forces)
+        self._mounts = {COMMANDED: mounts, ESTIMATED: mounts + self.offsets}
 
     def log_style(self, rec: rr.RecordingStream, *paths: str) -> None:
         """Logs the colours of commanded or estimated forces, and the labels of their actuators."""
