@@ -10,7 +10,7 @@ from rich.console import Console
 from ..laws import Status
 from ..numerics.threads import single_threaded
 from ..pages.page import Page, Section, Table, count
-from ..pages.progress import announcing, counted
+from ..pages.progress import counted
 from ..pages.terminal import print_page
 from ..parameters import rounded
 from ..resources import check_own
@@ -44,11 +44,9 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
     """
     check_count("jobs", 1 if jobs is None else jobs, JOBS, MOST_JOBS)
     check_own(folder, (MANIFEST,))
-    bar = counted(quiet, "{task.completed:.0f}/{task.total:.0f} runs")
     with (
+        counted(quiet, "{task.completed:.0f}/{task.total:.0f} runs") as bar,
         opened(folder, plan.manifest, partial(bar.console.print, highlight=False)) as rows,
-        bar,
-        announcing(bar.console),
     ):
         todo = [number for number in range(plan.runs) if number not in rows.known]
         task = bar.add_task(folder.name, total=plan.runs, completed=len(rows.known))

@@ -137,13 +137,15 @@ def run(
     """
     engine = engine or Engine()
     of = "{task.completed}/{task.total} {task.fields[lost]} without result"
-    bar = counted(quiet, of)
 
     def job(number: int) -> Job:
         scenario = plan.run(number)
         return Job(number, plan.script, plan.digest, scenario.to_json(), engine.time(scenario))
 
-    with opened(folder, plan.manifest, partial(bar.console.print, highlight=False)) as rows, bar:
+    with (
+        counted(quiet, of) as bar,
+        opened(folder, plan.manifest, partial(bar.console.print, highlight=False)) as rows,
+    ):
         known = rows.known
         if retry:
             known = {number: row for number, row in known.items() if row["failure"] is None}
