@@ -11,7 +11,7 @@ import numpy as np
 from ..numerics.threads import single_threaded
 from ..pages import plots
 from ..pages.drawings import figures_of
-from ..pages.page import Figure, Figures, Page, Section, Table, Text, count, write_html
+from ..pages.page import Figure, Figures, Page, Section, Text, count, markdown, write_html
 from ..pages.panels import COLOURS, LAWS, Panel, local_rms
 from ..pages.picture import picture
 from ..parameters import Array
@@ -85,19 +85,9 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         notes=["All figures are in tracking.json and tracking.csv."],
         versions=plan.manifest["versions"],
     )
-    result = _markdown(plan, shown, table)
+    seed = Section("", [Text(f"Curves and robot: seed {shown[0].seed}.")])
+    result = markdown(replace(page, sections=[sections[0], seed]))
     return [write_html(page, folder), plot, _record(folder, shown, result)]
-
-
-def _markdown(plan: Plan, shown: list[Course], table: Table) -> str:
-    """The table in Markdown, for the recording."""
-    rows = [
-        f"- **{law}**: "
-        + ", ".join(f"{h} {c}" for h, c in zip(table.heads[1:], cells, strict=True) if c)
-        for law, *cells in table.lines
-    ]
-    curves = f"Curves and robot: seed {shown[0].seed}."
-    return "\n".join([f"# {plan.script}", "", *rows, "", f"{medians_in_words(plan)} {curves}"])
 
 
 def _missing(plan: Plan, done: list[Course]) -> list[Finding]:
