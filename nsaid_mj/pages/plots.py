@@ -315,15 +315,6 @@ def _page_style(text: str) -> str:
     return _COLOUR.sub(lambda match: f"var({VARIABLES[match[0]]}, {match[0]})", text)
 
 
-def _png(figure: Figure, path: Path) -> Path:
-    """Writes a figure as PNG, atomically, and returns the path."""
-    partial = path.with_name(f".{path.name}.part")
-    with style():
-        figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": _MAKER})
-    partial.replace(path)
-    return path
-
-
 def is_own(path: Path) -> bool:
     """Whether a path is that of a PNG file that `png_of` wrote."""
     if not path.is_file():
@@ -338,7 +329,9 @@ def png_of(
     path: Path,
     names: Sequence[str] = (),
 ) -> Path:
-    """Writes a grid of panels as PNG, each drawn by a function of its axes, with one legend.
+    """Writes a grid of panels as PNG, atomically, each drawn by a function of its axes.
+
+    They have one legend.
 
     Args:
         lines: drawing functions by title, from top to bottom; all lines have the same titles.
@@ -346,6 +339,7 @@ def png_of(
         path: path of the file; it is returned.
         names: names of the lines, on their left; empty for none.
     """
+    partial = path.with_name(f".{path.name}.part")
     with style():
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(len(lines), len(lines[0]), squeeze=False)
@@ -361,4 +355,6 @@ def png_of(
             row[0].set_ylabel(name)
         if handles:
             figure.legend(handles.values(), handles.keys(), loc="outside right center")
-        return _png(figure, path)
+        figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": _MAKER})
+    partial.replace(path)
+    return path
