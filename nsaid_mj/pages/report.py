@@ -80,9 +80,10 @@ def page(
     gains = drawn(forests([p for p in result.gains if p.relative is not None]))
     correlated = drawn(_correlations(summary))
     robot = _robot(run)
-    sketch = picture(run.looks, run.record["q"][0], robot)
     sections = [
-        Section("Figures", [_figures(summary), Text(_checks(summary), note=True)], sketch),
+        Section("Figures", [
+            _figures(summary), Text(_checks(summary), note=True),
+        ], picture(run.looks, run.record["q"][0], robot)),
         Section("Time histories", [Figures(more)] if more else []),
         Section("Predicted against measured forces", [
             Figures(forces, "velocities", 6),
@@ -107,14 +108,12 @@ def page(
         carrying=carrying,
         sections=[section for section in sections if section.panels],
         commands=[
-            *([command] if command else []),
-            _SCRIPT,
-            f"nsaid view {folder}",
-            f"nsaid verify --run {folder}",
+            *filter(None, [command]), _SCRIPT,
+            f"nsaid view {folder}", f"nsaid verify --run {folder}",
         ],
         notes=[_FILES.format(**summary)],
         versions=summary["versions"],
-    )
+    )  # fmt: skip
 
 
 def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:

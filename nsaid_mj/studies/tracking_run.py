@@ -6,15 +6,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from ..numerics.threads import single_threaded
 from ..pages import plots
 from ..pages.drawings import figures_of
 from ..pages.page import Figure, Figures, Page, Section, Text, count, markdown, write_html
 from ..pages.panels import COLOURS, LAWS, Panel, local_rms
 from ..pages.picture import picture
-from ..parameters import Array
 from ..recording.tracking import record
 from ..robot.findings import Finding
 from .study import carried_out, repeated
@@ -87,7 +84,11 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     )
     seed = Section("", [Text(f"Curves and robot: seed {shown[0].seed}.")])
     result = markdown(replace(page, sections=[sections[0], seed]))
-    return [write_html(page, folder), plot, _record(folder, shown, result)]
+    setup, motions = shown[0].setup, {c.law: c.motion for c in shown}
+    recording = record(
+        folder / RECORDING, setup.system, setup.plant, motions, shown[0].tracker, result
+    )
+    return [write_html(page, folder), plot, recording]
 
 
 def _missing(plan: Plan, done: list[Course]) -> list[Finding]:
@@ -96,35 +97,8 @@ def _missing(plan: Plan, done: list[Course]) -> list[Finding]:
     return [Finding("refusal", "missing", "not finished", words)] if missing else []
 
 
-def _record(folder: Path, shown: list[Course], result: str) -> Path:
-    first = shown[0]
-    tracker, system, motion = first.tracker, first.setup.system, first.motion
-    aims = [tracker.reference.desired(t)[0] for t in motion.t.tolist()]
-    low, high = tracker.limits
-    errors = {
-        unit: {c.law: np.sqrt(np.mean(_error(c, unit) ** 2, axis=1)) for c in shown}
-        for unit in _units(first)
-    }
-    commands = {c.law: c.motion.u / np.where(c.motion.u < 0, -low, high) for c in shown}
-    return record(
-        folder / RECORDING,
-        system,
-        first.setup.plant,
-        (motion.t, motion.q, motion.v),
-        system.position(np.array(aims)),
-        errors,
-        commands,
-        result,
-    )
-
-
 def _units(c: Course) -> list[str]:
     return [unit for unit in ("rad", "m") if f"rms_{unit}" in c.figures]
-
-
-def _error(c: Course, unit: str) -> Array:
-    """(N, ·) the tracking error of the coordinates with a unit."""
-    return c.motion.error[:, [one == f"{unit}/s" for one in c.setup.system.velocity_units]]
 
 
 def _robot(c: Course) -> list[Figure]:
@@ -139,5 +113,6 @@ def _errors(shown: list[Course], unit: str) -> Panel:
     events = [t for fault in faults for t in (fault.time, fault.until) if t is not None]
     panel = Panel(f"Tracking error [{unit}]", f"rms error [{unit}]", True, events=events)
     for c in shown:
-        panel.add(*local_rms(c.motion.t, _error(c, unit)), c.law, colour=COLOURS[LAWS[c.law]])
+        error = c.motion.error_of(c.setup.system, unit)
+        panel.add(*local_rms(c.motion.t, error), c.law, colour=COLOURS[LAWS[c.law]])
     return panel
