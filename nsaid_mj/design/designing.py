@@ -30,7 +30,7 @@ from .information import (
     rms,
 )
 from .limits import COMMAND, RANDOM, Limit, Limits, envelope, extents_of, units_of
-from .motions import DrivenMotions, JointMotions, Motions, checked
+from .motions import DrivenMotions, JointMotions, Motions, checked, coarse
 from .search import Found, minimise
 
 _MOTIONS = 12  # random motions from which limits are taken
@@ -74,14 +74,14 @@ class Design:
 
         `experiment` may have other sensors than the design's.
         """
-        return predicted(experiment or self.experiment, _coarse(self.stride, log), draw)
+        return predicted(experiment or self.experiment, coarse(self.stride, log), draw)
 
     def information(
         self, log: Log, draw: int, basis: Array, experiment: Experiment | None = None
     ) -> Array:
         """(d, d) of a simulated motion about Zᵀθ/scale, Z = `basis` (p, d); see `covariance`."""
-        coarse = _coarse(self.stride, log)
-        return information(experiment or self.experiment, coarse, draw, basis)
+        own = experiment or self.experiment
+        return information(own, coarse(self.stride, log), draw, basis)
 
     @property
     def deviations(self) -> Array:
@@ -167,7 +167,7 @@ def _covariances(motions: Motions, logs: Sequence[tuple[int, Log]]) -> list[Arra
     while True:
         try:
             return [
-                predicted(motions.experiment, _coarse(motions.stride, log), draw)
+                predicted(motions.experiment, coarse(motions.stride, log), draw)
                 for draw, log in logs
             ]
         except NoEstimate:
@@ -324,8 +324,3 @@ def _evaluations(motions: Motions, criterion: str) -> int:
     if not motions.parallel:
         each += _SIMULATED * scenario.duration / scenario.dt
     return int(np.clip(_EFFORT / each, _FEWEST, _MOST))
-
-
-def _coarse(every: int, log: Log) -> Log:
-    """A simulated motion at the steps at which its information is computed."""
-    return Log.unchecked(*(np.ascontiguousarray(part[::every]) for part in log))

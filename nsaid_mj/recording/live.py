@@ -216,13 +216,6 @@ def _target(port: int) -> str:
 
 def _curves(system: SecondOrderSystem) -> list[Curves]:
     """The streamed curves, without values."""
-
-    def empty(width: int) -> np.ndarray:
-        return np.zeros((0, width))
-
-    n = system.n
-    found = [Curves("velocity_error", velocity_names(system), empty(n))]
-    found += excitation(empty(1), empty(1))
-    for group in groups(system.space):
-        found.append(Curves(f"{group.path}/estimated", group.names, empty(len(group.names))))
-    return found
+    none = np.zeros(0)
+    found = [Curves("velocity_error", velocity_names(system), none), *excitation(none, none)]
+    return found + [Curves(f"{g.path}/estimated", g.names, none) for g in groups(system.space)]
