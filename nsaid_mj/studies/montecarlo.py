@@ -197,7 +197,13 @@ def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) ->
         with course.workspace:
             motion = _shared(going[0].following.identifier, part)
         with course.workspace if motion is None else nullcontext():
-            for run, found in zip(going, _followed(going, part, motion), strict=True):
+            for run in going:
+                law, state = run.following.identifier, run.following.state
+                if motion is None:
+                    found = law.follow(state, part)
+                else:
+                    assert isinstance(law, NullspaceIdentifier)
+                    found = law.along(state, part, motion)
                 run.absorb(part, *found, due)
                 seen((len(part.t) - 1) / last)
         seen((len(runs) - len(going)) * (len(part.t) - 1) / last)
@@ -208,19 +214,6 @@ def _identifier(course: Course, scenario: Scenario) -> Identifier:
     """A scenario's own identifier, with a prior drawn about the truth of a course's plant."""
     setup = course.setup.with_prior_of(scenario)
     return replace(setup, scenario=replace(scenario, rivals={})).identifiers()[""]
-
-
-def _followed(
-    runs: Sequence[Draw], log: Log, motion: Motion | None
-) -> Iterator[tuple[State, Estimates]]:
-    """Yields state and estimates of every run's identifier along a segment, from its last state."""
-    each = [(run.following.identifier, run.following.state) for run in runs]
-    if motion is None:
-        yield from (law.follow(state, log) for law, state in each)
-    else:
-        for law, state in each:
-            assert isinstance(law, NullspaceIdentifier)
-            yield law.along(state, log, motion)
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:
