@@ -14,16 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..control import DriverConfig, FourierTracking
-from ..errors import NoEstimate, NoMotion
+from ..errors import NoEstimate, NoMotion, UnknownName
 from ..log import Log
 from ..parameters import Array
 from .experiment import DRAWS, Experiment
 from .information import (
+    CRITERIA,
     GAINS,
     Asked,
     asked_for,
     bound_cost,
-    check_criterion,
     gramian_cost,
     information,
     predicted,
@@ -124,7 +124,8 @@ def design(
             design.
         NoMotion: no motion within the limits was found.
     """
-    check_criterion(criterion)
+    if criterion not in CRITERIA:
+        raise UnknownName("criterion", criterion, CRITERIA)
     asked = asked_for(wanted, experiment.system.space)
     base = experiment.scenario.excitation
     report("simulating random motions", None)

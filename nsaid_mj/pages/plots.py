@@ -231,7 +231,8 @@ def svg(figure: Figure, title: str) -> str:
         if "d" in attributes:
             attributes["d"] = " ".join(re.sub(r"(\.\d\d)\d+", r"\1", attributes["d"]).split())
         if "style" in attributes:
-            attributes["style"] = _page_style(attributes["style"])
+            text = _FONT.sub(r"\1 system-ui, sans-serif", attributes["style"])
+            attributes["style"] = _COLOUR.sub(lambda m: f"var({VARIABLES[m[0]]}, {m[0]})", text)
         element.attrib.clear()
         element.attrib.update(attributes)
     view = drawing.attrib["viewBox"]
@@ -307,12 +308,6 @@ _FONT = re.compile(r"(font: [\d.]+px|font-family:) [^;]*")
 def _local(name: str) -> str:
     """A tag's or attribute's name without its namespace, as HTML requires."""
     return name.rpartition("}")[2]
-
-
-def _page_style(text: str) -> str:
-    """An element's style with the font and the colours of the page."""
-    text = _FONT.sub(r"\1 system-ui, sans-serif", text)
-    return _COLOUR.sub(lambda match: f"var({VARIABLES[match[0]]}, {match[0]})", text)
 
 
 def is_own(path: Path) -> bool:

@@ -64,7 +64,10 @@ class Arrows:
         forces = body_forces(system, self.parts, rows, theta)
         names = [(block.name, place) for block, place in system.space]
         kinds = [next(n for n, s in names if s.start <= k[0] < s.stop) for k in self.parts]
-        longest = {kind: _rms([kind == other for other in kinds], forces) for kind in kinds}
+        sizes, longest = np.linalg.norm(forces, axis=2), dict[str, float]()
+        for kind in kinds:  # the rms over the rows of the largest force
+            largest = sizes[:, [kind == other for other in kinds]].max(axis=1)
+            longest[kind] = float(np.sqrt(np.mean(largest**2)))
         most = max(longest.values())
         times = {kind: _magnified(most / own) if own else 1.0 for kind, own in longest.items()}
         self.magnified = {kind: factor for kind, factor in times.items() if factor > 1}
@@ -130,12 +133,6 @@ def body_forces(
     for j, part in enumerate(parts):
         forces[:, j, axes] = (F[..., part] * theta[..., None, part]).sum(axis=-1)
     return forces
-
-
-def _rms(chosen: list[bool], forces: Array) -> float:
-    """Rms over k rows of the largest of the chosen forces, out of (k, j, 3) [N]."""
-    longest = np.linalg.norm(forces[:, chosen], axis=2).max(axis=1)
-    return float(np.sqrt(np.mean(longest**2)))
 
 
 def _magnified(ratio: float) -> float:

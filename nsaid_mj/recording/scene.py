@@ -57,7 +57,8 @@ class Scene:
             isinstance(system, StructuredSystem) and len(system.structure.bodies) == 1
         )  # all meshes on one body
         home = BODY if self._rigid else ROBOT
-        self._paths = [f"{home}/{i:02}_{_plain(m.name)}" for i, m in enumerate(self._meshes)]
+        plain = ["".join(c if c.isalnum() else "_" for c in mesh.name) for mesh in self._meshes]
+        self._paths = [f"{home}/{i:02}_{name}" for i, name in enumerate(plain)]
         tree = system if isinstance(system, JointTree) else None
         self._skeleton = tree.model if tree and not self._meshes else None
         self.vehicle = len(body_axes(system)) > 0
@@ -289,8 +290,3 @@ def rotated(quaternions: Array, points: Array) -> Array:
     axis, w = quaternions[:, None, :3], quaternions[:, None, 3:]
     cross = np.cross(axis, points)
     return points + 2 * (w * cross + np.cross(axis, cross))
-
-
-def _plain(name: str) -> str:
-    """A name without characters that need an escape in an entity path."""
-    return "".join(c if c.isalnum() else "_" for c in name)

@@ -58,11 +58,6 @@ class Curves:
             static=True,
         )
 
-    def log_values(self, rec: rr.RecordingStream, t: Array) -> None:
-        """Logs all values in one batch, at times t (N,) [s]."""
-        time = rr.TimeColumn("sim_time", duration=t)
-        rec.send_columns(self.path, [time], rr.Scalars.columns(scalars=self.values))
-
 
 def path(*parts: str) -> str:
     """An entity path made of parts; characters that would need an escape become underscores."""

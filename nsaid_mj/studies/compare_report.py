@@ -333,16 +333,17 @@ def _curves(
         own = [row for row in own if np.isfinite(row.median[key]) and row.median[key] > 0]
         if not own:
             continue
-        colour, mark, dash = _look(method)
+        colour = COLOURS[LAWS[method]] if method in LAWS else _REST.get(method, INK)
+        dash = "--" if method in _REFERENCES else "-"
         median = np.array([row.median[key] for row in own])
         best = np.array([row.best[key] for row in own])
         worst = np.array([row.worst[key] for row in own])
         reach = np.vstack([median - best, np.where(np.isfinite(worst), worst, median) - median])
         ours = method in OURS
         axis.errorbar(
-            list(map(abscissa, own)), median, reach, color=colour, marker=mark, ls=dash,
-            ms=7 if ours else 5, lw=2.2 if ours else 1.1, elinewidth=0.8, capsize=2,
-            label=method, gid=plots.CURVE + method,
+            list(map(abscissa, own)), median, reach, color=colour, ls=dash,
+            marker=_MARKS.get(method, "."), ms=7 if ours else 5, lw=2.2 if ours else 1.1,
+            elinewidth=0.8, capsize=2, label=method, gid=plots.CURVE + method,
         )  # fmt: skip
     axis.set_xlabel(name)
     if not ticks:
@@ -353,9 +354,3 @@ def _curves(
             axis.minorticks_off()
         axis.set_xticks(list(ticks), list(ticks.values()))
     plots.logarithmic(axis)
-
-
-def _look(method: str) -> tuple[str, str, str]:
-    """Colour, marker and dash of a method."""
-    colour = COLOURS[LAWS[method]] if method in LAWS else _REST.get(method, INK)
-    return colour, _MARKS.get(method, "."), "--" if method in _REFERENCES else "-"

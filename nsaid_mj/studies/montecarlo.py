@@ -185,7 +185,11 @@ def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) ->
     """Runs the identifiers of scenarios along a course's log, to its end or until they fail."""
     log, dt = course.log, course.setup.scenario.dt
     with course.workspace:
-        runs = [Draw(_identifier(course, scenario), log) for scenario in scenarios]
+        setups = [
+            replace(course.setup.with_prior_of(own), scenario=replace(own, rivals={}))
+            for own in scenarios
+        ]
+        runs = [Draw(setup.identifiers()[""], log) for setup in setups]
     every = max(1, round(CHECK / dt))
     piece, last = every * max(1, round(_PIECE / every)), len(log.t) - 1
     for at in range(0, last, piece):
@@ -208,12 +212,6 @@ def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) ->
                 seen((len(part.t) - 1) / last)
         seen((len(runs) - len(going)) * (len(part.t) - 1) / last)
     return runs
-
-
-def _identifier(course: Course, scenario: Scenario) -> Identifier:
-    """A scenario's own identifier, with a prior drawn about the truth of a course's plant."""
-    setup = course.setup.with_prior_of(scenario)
-    return replace(setup, scenario=replace(scenario, rivals={})).identifiers()[""]
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:

@@ -97,30 +97,18 @@ def _line(sweep: Sweep, field: str) -> dict[str, Draw]:
         f"{label}\n{count}/{len(g.results)}"
         for label, count, g in zip(labels, converged, groups, strict=True)
     ]
-    panels = {"Distance to the true set at the end": partial(_distances, groups, labels, field)}
+    distances = partial(_distribution, groups, labels, field, "theta_perp_ratio")
+    panels = {"Distance to the true set at the end": distances}
     if any(converged):
-        panels["Time to converge"] = partial(_times, groups, under, field)
+        times = partial(_distribution, groups, under, field, "time_to_converge")
+        panels["Time to converge"] = times
     endings = sorted({row["status"] for group in sweep.by() for row in group.early})
     if sweep.lost or endings:
         panels["Share of runs that failed"] = partial(_failed, groups, labels, field, endings)
     return panels
 
 
-def _distances(groups: list[Group], labels: list[str], field: str, axis: Any) -> None:
-    _distribution(axis, groups, "theta_perp_ratio")
-    plots.categories(axis, labels, field)
-    axis.set_ylabel("‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]")
-    plots.logarithmic(axis)
-
-
-def _times(groups: list[Group], labels: list[str], field: str, axis: Any) -> None:
-    _distribution(axis, groups, "time_to_converge")
-    plots.categories(axis, labels, field)
-    axis.set_ylim(bottom=0)
-    axis.set_ylabel("time [s]")
-
-
-def _distribution(axis: Any, groups: list[Group], key: str) -> None:
+def _distribution(groups: list[Group], labels: list[str], field: str, key: str, axis: Any) -> None:
     """Draws a box and dots for the finite values of each group."""
     rng = np.random.default_rng(0)  # of the dots' horizontal jitter
     for place, group in enumerate(groups):
@@ -140,6 +128,13 @@ def _distribution(axis: Any, groups: list[Group], key: str) -> None:
         aside = place + rng.uniform(-0.2, 0.2, len(shown))
         pale = max(0.05, len(shown) ** -0.4)
         plots.line(axis, aside, shown, "run", ".", color=COLOURS[0], ms=4, alpha=pale)
+    plots.categories(axis, labels, field)
+    if key == "time_to_converge":
+        axis.set_ylim(bottom=0)
+        axis.set_ylabel("time [s]")
+    else:
+        axis.set_ylabel("‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]")
+        plots.logarithmic(axis)
 
 
 def _failed(

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..numerics.threads import single_threaded
 from ..pages import plots
 from ..pages.drawings import figures_of
-from ..pages.page import Figure, Figures, Page, Section, Text, count, markdown, write_html
+from ..pages.page import Figures, Page, Section, Text, count, markdown, write_html
 from ..pages.panels import COLOURS, LAWS, Panel, local_rms
 from ..pages.picture import picture
 from ..recording.tracking import record
@@ -52,7 +52,8 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     """Writes report.html, tracking.png and tracking.rrd, and returns their paths."""
     shown = [c for c in done if c.seed == done[0].seed]
     table, length = table_of(plan, done), plan.scenario.duration
-    panels = [_errors(shown, unit) for unit in _units(shown[0])]
+    units = [unit for unit in ("rad", "m") if f"rms_{unit}" in shown[0].figures]
+    panels = [_errors(shown, unit) for unit in units]
     lines = [{panel.title: partial(plots.curves, panel) for panel in panels}]
     plot = plots.png_of(lines, (1.0 + 6.0 * len(panels), 3.4), folder / PICTURE)
     figures = figures_of(panels, 1)
@@ -65,6 +66,9 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     drawn = Text(f"{averaged}; seed {shown[0].seed}.", note=True)
     if figures[1:]:
         sections.append(Section("Over time", [Figures(figures[1:]), drawn]))
+    missing = len(plan.laws) * len(plan.seeds) - len(done)
+    words = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing"
+    sketch = picture(shown[0].setup.plant, shown[0].motion.q[0], "the robot")
     page = Page(
         heading=plan.script,
         verdict=verdict_of(table),
@@ -72,8 +76,8 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         lead=f"{count(len(plan.laws), 'law')} on {count(len(plan.seeds), 'plant')}, {length:g} s, "
         f"{plan.scenario.sensors} sensors. All laws get the same prior, reference, K_d, Λ and "
         "bandwidth of adaptation.",
-        findings=_missing(plan, done),
-        carrying=[*figures[:1], *_robot(shown[0])],
+        findings=[Finding("refusal", "missing", "not finished", words)] if missing else [],
+        carrying=[*figures[:1], *([sketch] if sketch else [])],
         sections=sections,
         commands=[
             repeated("track", plan.manifest, {"laws": plan.laws, "seeds": plan.seeds}),
@@ -89,22 +93,6 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         folder / RECORDING, setup.system, setup.plant, motions, shown[0].tracker, result
     )
     return [write_html(page, folder), plot, recording]
-
-
-def _missing(plan: Plan, done: list[Course]) -> list[Finding]:
-    missing = len(plan.laws) * len(plan.seeds) - len(done)
-    words = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing"
-    return [Finding("refusal", "missing", "not finished", words)] if missing else []
-
-
-def _units(c: Course) -> list[str]:
-    return [unit for unit in ("rad", "m") if f"rms_{unit}" in c.figures]
-
-
-def _robot(c: Course) -> list[Figure]:
-    """The robot's picture, if it has a shape."""
-    found = picture(c.setup.plant, c.motion.q[0], "the robot")
-    return [found] if found else []
 
 
 def _errors(shown: list[Course], unit: str) -> Panel:
