@@ -1,6 +1,6 @@
 """The recording of tracking laws on one plant: their errors together, one robot, the reference."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from ..structure.joints import JointTree, bones
 from ..structure.system import SecondOrderSystem
 from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
-from .scene import ROBOT, Camera, Scene
+from .scene import ROBOT, Scene
 from .series import Curves, command_names, path, spread
 from .stream import write
 
@@ -32,7 +32,7 @@ def record(
     looks: Looks,
     motions: Mapping[str, Motion],
     tracker: Tracker,
-    result: str,
+    document: str,
 ) -> Path:
     """Writes a recording, atomically, and returns its path.
 
@@ -42,7 +42,7 @@ def record(
         looks: meshes of the robot.
         motions: the motions by law; the robot is drawn under the first one.
         tracker: has the limits of commands, and the reference, which is drawn in cyan.
-        result: the result in Markdown.
+        document: the result in Markdown.
     """
     first, (low, high) = next(iter(motions.values())), tracker.limits
     t, q, v = first.t, first.q, first.v
@@ -60,7 +60,16 @@ def record(
             curves.append(Curves(path("error", unit, law), [law], values, color=LAWS[law]))
         shares = of.u / np.where(of.u < 0, -low, high)
         curves.append(Curves(path("command", law), names, shares[rows]))
-    layout = _layout(Plots(curves, float(t[-1])), camera, units, list(motions))
+    plots = Plots(curves, float(t[-1]))
+    story = [plots(path("error", u), f"Tracking error [log₁₀ of {u}]", RIGHT) for u in units]
+    left: list[rrb.View | rrb.Container] = [result()]
+    if camera:
+        left.insert(0, robot(camera, f"Robot under {next(iter(motions))}; its reference (cyan)"))
+    efforts = [plots(path("command", law), f"{law}: commands over their limits") for law in motions]
+    layout = whole(
+        beside(left, rrb.Vertical(*story), "Tracking", [3, 2]),
+        plots.grid(efforts, min(2, len(efforts)), "Commands"),
+    )
 
     def draw(rec: rr.RecordingStream) -> None:
         if camera is not None:
@@ -68,17 +77,7 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write(file, file.parent.name, layout, {"result": result}, [(t[rows], curves)], draw)
-
-
-def _layout(
-    plots: Plots, camera: Camera | None, units: Sequence[str], laws: Sequence[str]
-) -> rrb.Blueprint:
-    story = [plots(path("error", u), f"Tracking error [log₁₀ of {u}]", RIGHT) for u in units]
-    left = [robot(camera, f"Robot under {laws[0]}; its reference (cyan)")] if camera else []
-    first = beside([*left, result()], rrb.Vertical(*story), "Tracking", [3, 2])
-    efforts = [plots(path("command", law), f"{law}: commands over their limits") for law in laws]
-    return whole(first, plots.grid(efforts, min(2, len(laws)), "Commands"))
+    return write(file, file.parent.name, layout, {"result": document}, [(t[rows], curves)], draw)
 
 
 def _log_reference(
