@@ -53,26 +53,20 @@ def supervised(job: Job) -> dict[str, Any]:
         The run's number and figures by key, or its number and the reason of a `failure`. If a
         child process cannot import this package, the number, the reason as `failure`, and `unfit`.
     """
-    child = _child_for(job)
+    child: Child | None = getattr(_mine, "child", None)
+    if child is None or not child.serves(job):
+        if child is not None:
+            child.stop()
+        for _ in range(_STARTS):
+            child = _mine.child = Child(job)
+            if not child.killed:
+                break
+    assert child is not None
     if child.fault:
         unfit = {} if child.killed else {"unfit": True}
         return {"run": job.number, "failure": child.fault} | unfit
     with TemporaryDirectory(prefix="nsaid-sweep-", ignore_cleanup_errors=True) as folder:
         return {"run": job.number} | child.ask(job, folder)
-
-
-def _child_for(job: Job) -> Child:
-    """This thread's child process, a new one if none serves the job."""
-    child: Child | None = getattr(_mine, "child", None)
-    if child is not None and child.serves(job):
-        return child
-    if child is not None:
-        child.stop()
-    for _ in range(_STARTS):
-        child = _mine.child = Child(job)
-        if not child.killed:
-            return child
-    return _mine.child
 
 
 _mine = threading.local()  # every thread has its own child
