@@ -75,7 +75,8 @@ def moving_robot(
     system = robot.system
     if system is None and robot.model is not None and robot.model.njoints > 1:
         unit = np.ones(max(len(robot.joints), robot.model.nv))  # scales do not matter here
-        system = Multibody(robot.model, JointScales(*[unit] * 7), unit)
+        scales = JointScales(unit, unit, unit, unit, unit, unit, unit)
+        system = Multibody(robot.model, scales, unit)
     scene = None if system is None else Scene(system, robot.visuals)
     total = sum(float(t[-1] - t[0]) for t, _, _ in motion)
     rate, parts = min(_RATE, _FRAMES / max(total, 1e-9)), []
@@ -268,7 +269,8 @@ def paged(
     pages: list[rrb.Container] = []
     for start in range(0, len(shown), _PAGE):
         some = shown[start : start + _PAGE]
-        views = [plots(*one, 1 / columns_of(len(shown)), legend) for one in some]
+        width = 1 / columns_of(len(shown))
+        views = [plots(entity, told, width, legend) for entity, told in some]
         title = name if len(shown) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
         pages.append(rrb.Grid(*views, grid_columns=columns_of(len(some)), name=title))
     return pages

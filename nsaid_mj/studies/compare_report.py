@@ -285,7 +285,7 @@ def lines(cells: Sequence[Cell]) -> dict[str, dict[str, Panels]]:
             for x in noises
         }
     if len(noises) > 1:
-        ticks = {k: "exact" if not x else f"{x:g} ×" for k, x in enumerate(noises)}
+        ticks = {float(k): f"{x:g} ×" if x else "exact" for k, x in enumerate(noises)}
         name = "sensor noise, multiple of the scenario's"
         drawn["noise"] = {logs: line(last, lambda row: noises.index(row.noise), name, ticks)}
     return drawn

@@ -4,7 +4,7 @@ import importlib
 import logging
 import math
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
     CancelledError,
@@ -62,7 +62,9 @@ class Engine:
         """The wall time after which a run of a scenario counts as hung [s]."""
         return self.timeout or 120.0 + 20.0 * (scenario.duration + scenario.held_out)
 
-    def make(self, numbers: Sequence[int], job: Callable[[int], Job]) -> Iterator[dict[str, Any]]:
+    def make(
+        self, numbers: Sequence[int], job: Callable[[int], Job]
+    ) -> Generator[dict[str, Any], None, None]:
         """Executes runs and yields their figures as they become available, in any order.
 
         A run that crashes or hangs does so in a child process of its worker and loses no other.
