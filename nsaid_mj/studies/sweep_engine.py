@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
-    CancelledError,
     Executor,
     Future,
     ThreadPoolExecutor,
@@ -21,14 +20,14 @@ from typing import Any
 from ..errors import InvalidInput, UnknownName
 from ..experiment.scenario import Scenario
 from .study import MOST_JOBS, check_count
-from .sweep_worker import Job, children, supervised
+from .sweep_worker import Child, Job, keep_children, supervised
 
 ENGINES = ("local", "dask")
 _UNFIT = "Run `python -m nsaid_mj.studies.sweep_worker` on a worker's machine to see why."
 _LOST = "Start the cluster again; the same command then resumes the sweep."
 
 _Running = dict[Future[dict[str, Any]], int]
-_Workers = tuple[Executor, int, tuple[type[Exception], ...]]
+_Workers = tuple[Executor, int, tuple[type[Exception], ...], Callable[[], bool]]
 
 
 @dataclass(frozen=True)
@@ -75,20 +74,20 @@ class Engine:
         """
         waiting, running = iter(numbers), _Running()
         with (self._local if self.name == "local" else self._cluster)(running) as workers:
-            pool, at_once, died = workers
+            pool, at_once, died, alive = workers
             while True:
                 for number in islice(waiting, at_once - len(running)):
                     running[pool.submit(supervised, job(number))] = number
                 if not running:
                     return
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                done = wait(running, 1.0, FIRST_COMPLETED).done
+                if not alive() or any(future.cancelled() for future in done):
+                    expected, got = "a scheduler that keeps running", "none any more at "
+                    raise InvalidInput("address", expected, f"{got}{self.address}", _LOST)
+                for future in done:
                     number = running.pop(future)
                     try:
                         row = future.result()
-                    except CancelledError as error:  # Dask has lost its scheduler
-                        expected, got = "a scheduler that keeps running", "none any more at "
-                        got += str(self.address)
-                        raise InvalidInput("address", expected, got, _LOST) from error
                     except died:
                         row = {"run": number, "failure": "its worker died"}
                     if "unfit" in row:
@@ -99,10 +98,10 @@ class Engine:
     @contextmanager
     def _local(self, running: _Running) -> Iterator[_Workers]:
         """Threads of this process, each with a child; at the end they are stopped."""
-        at_once = self.jobs or os.cpu_count() or 1
-        with ThreadPoolExecutor(at_once) as pool:
+        at_once, children = self.jobs or os.cpu_count() or 1, set[Child]()
+        with ThreadPoolExecutor(at_once, initializer=keep_children, initargs=(children,)) as pool:
             try:
-                yield pool, at_once, ()
+                yield pool, at_once, (), lambda: True
             finally:
                 while wait(running, 0.1).not_done:  # runs that are not needed any more
                     for child in list(children):
@@ -112,7 +111,10 @@ class Engine:
 
     @contextmanager
     def _cluster(self, running: _Running) -> Iterator[_Workers]:
-        """The threads of a cluster's workers, and the exception of a run whose worker died."""
+        """The threads of a cluster's workers, and the exception of a run whose worker died.
+
+        When the scheduler dies, Dask cancels its runs; one submitted meanwhile never ends.
+        """
         try:
             distributed: Any = importlib.import_module("distributed")
             client = distributed.Client(self.address, set_as_default=False)
@@ -126,4 +128,5 @@ class Engine:
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         with client:
             at_once = self.jobs or max(1, sum(client.nthreads().values()))
-            yield client.get_executor(pure=False), at_once, (distributed.KilledWorker,)
+            pool, died = client.get_executor(pure=False), (distributed.KilledWorker,)
+            yield pool, at_once, died, lambda: client.status == "running"

@@ -69,7 +69,12 @@ def supervised(job: Job) -> dict[str, Any]:
         return {"run": job.number} | child.ask(job, folder)
 
 
-_mine = threading.local()  # every thread has its own child
+_mine = threading.local()  # every thread has its own child, which ends with this process
+
+
+def keep_children(children: set[Child]) -> None:
+    """Keeps the children that this thread makes in a set, from where others may kill them."""
+    _mine.children = children
 
 
 class Child:
@@ -85,7 +90,8 @@ class Child:
             env={**os.environ, **_ONE_THREAD},
             encoding="utf-8",
         )
-        children.add(self)
+        self._kept: set[Child] = getattr(_mine, "children", set())
+        self._kept.add(self)
         self.fault = self._wait(_START)[1]  # imports do not count towards a run's timeout
 
     @property
@@ -141,13 +147,9 @@ class Child:
     def stop(self) -> None:
         """Kills the process, and closes its streams, for which no thread may wait."""
         self.kill()
-        children.discard(self)
+        self._kept.discard(self)
         with suppress(BrokenPipeError), self._process:
             pass
-
-
-children: set[Child] = set()
-"""The children of all threads of this process. They end with it, as their standard input closes."""
 
 
 # -- in the child ------------------------------------------------------------------------------

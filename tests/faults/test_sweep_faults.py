@@ -122,7 +122,7 @@ def test_a_run_whose_worker_died_is_lost_and_no_other() -> None:
 
     @contextmanager
     def workers(self, running):
-        yield Pool(), 2, (BrokenExecutor,)
+        yield Pool(), 2, (BrokenExecutor,), lambda: True
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Engine, "_local", workers)
