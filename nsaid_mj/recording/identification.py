@@ -247,7 +247,8 @@ def joint_pages(
     errors = [-error if math.isfinite(error) else -math.inf for _, _, error, _ in joints]
     worst = sorted(np.argsort(errors, kind="stable")[:_FIRST].tolist())
     columns = 1 if len(worst) < 4 else 2
-    grid = rrb.Grid(*[plots(*shown[j], RIGHT / columns) for j in worst], grid_columns=columns)
+    views = [plots(entity, title, RIGHT / columns) for entity, title in (shown[j] for j in worst)]
+    grid = rrb.Grid(*views, grid_columns=columns)
     pages: list[rrb.Container] = [beside(left, grid, "Overview", [1, 1])]
     if len(joints) > _FIRST:
         pages += paged(f"{entity.capitalize()}s", plots, shown)
