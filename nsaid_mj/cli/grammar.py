@@ -267,8 +267,9 @@ def parse(arguments: Sequence[str]) -> Any:
     Without a command, the help has one line for each.
     """
     named = any(argument in COMMANDS for argument in arguments[:1])
+    firsts = {name: (kind.__doc__ or "").partition("\n")[0] for name, kind in COMMANDS.items()}
     choices = [
-        Annotated[kind, subcommand(name, description=None if named else _first_line(kind))]
+        Annotated[kind, subcommand(name, description=None if named else firsts[name])]
         for name, kind in COMMANDS.items()
     ]
     return tyro.cli(
@@ -295,7 +296,3 @@ def numbers_in(flag: str, text: str, remedy: str) -> tuple[float, ...]:
         return tuple(float(part) for part in text.split(","))
     except ValueError as error:
         raise InvalidInput(flag, "comma-separated numbers", text, remedy) from error
-
-
-def _first_line(kind: type) -> str:
-    return (kind.__doc__ or "").partition("\n")[0]

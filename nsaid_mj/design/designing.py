@@ -12,26 +12,25 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from ..control import DriverConfig, FourierTracking
-from ..errors import NoEstimate, NoMotion
+from ..errors import NoEstimate, NoMotion, UnknownName
 from ..log import Log
 from ..parameters import Array
 from .experiment import DRAWS, Experiment
 from .information import (
+    CRITERIA,
     GAINS,
     Asked,
     asked_for,
     bound_cost,
-    check_criterion,
     gramian_cost,
     information,
     predicted,
     rms,
 )
 from .limits import COMMAND, RANDOM, Limit, Limits, envelope, extents_of, units_of
-from .motions import DrivenMotions, JointMotions, Motions, checked
+from .motions import DrivenMotions, JointMotions, Motions, checked, coarse
 from .search import Found, minimise
 
 _MOTIONS = 12  # random motions from which limits are taken
@@ -43,7 +42,6 @@ _RESOLVED = 0.1  # accepted relative change of the bound with the step
 _MEDIAN, _ALL = 0.5, 1.0  # shares of random motions that keep the default limits
 _MORE = 0.05  # added to both ends of the range of a vehicle's random motions: they are few
 _NEXT = 40  # next best motions of a vehicle
-_SAMPLED = 1000  # errors drawn from each predicted covariance
 _SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
 _EFFORT = 60.0  # time of the search on one core [s]
 _SIMULATED = 5e-5  # time of a simulated step of a vehicle [s]
@@ -76,14 +74,14 @@ class Design:
 
         `experiment` may have other sensors than the design's.
         """
-        return predicted(experiment or self.experiment, _coarse(self.stride, log), draw)
+        return predicted(experiment or self.experiment, coarse(self.stride, log), draw)
 
     def information(
         self, log: Log, draw: int, basis: Array, experiment: Experiment | None = None
     ) -> Array:
         """(d, d) of a simulated motion about Zᵀθ/scale, Z = `basis` (p, d); see `covariance`."""
-        coarse = _coarse(self.stride, log)
-        return information(experiment or self.experiment, coarse, draw, basis)
+        own = experiment or self.experiment
+        return information(own, coarse(self.stride, log), draw, basis)
 
     @property
     def deviations(self) -> Array:
@@ -94,18 +92,6 @@ class Design:
     def predicted(self) -> float:
         """The rms of all predicted standard deviations."""
         return rms(self._all())
-
-    @property
-    def largest(self) -> float:
-        """Predicted median of the largest error of all requested numbers."""
-        rng, found = np.random.default_rng(0), []
-        for P, theta in zip(self.covariances, self.experiment.draws, strict=True):
-            rows = self.asked.rows(theta)
-            values, vectors = scipy.linalg.eigh(rows @ P @ rows.T)
-            root = vectors * np.sqrt(np.maximum(values, 0.0))
-            errors = rng.standard_normal((_SAMPLED, len(values))) @ root.T
-            found.append(np.abs(errors).max(axis=1))
-        return float(np.median(found))
 
     def _all(self) -> Array:
         pairs = zip(self.covariances, self.experiment.draws, strict=True)
@@ -138,7 +124,8 @@ def design(
             design.
         NoMotion: no motion within the limits was found.
     """
-    check_criterion(criterion)
+    if criterion not in CRITERIA:
+        raise UnknownName("criterion", criterion, CRITERIA)
     asked = asked_for(wanted, experiment.system.space)
     base = experiment.scenario.excitation
     report("simulating random motions", None)
@@ -181,7 +168,7 @@ def _covariances(motions: Motions, logs: Sequence[tuple[int, Log]]) -> list[Arra
     while True:
         try:
             return [
-                predicted(motions.experiment, _coarse(motions.stride, log), draw)
+                predicted(motions.experiment, coarse(motions.stride, log), draw)
                 for draw, log in logs
             ]
         except NoEstimate:
@@ -338,8 +325,3 @@ def _evaluations(motions: Motions, criterion: str) -> int:
     if not motions.parallel:
         each += _SIMULATED * scenario.duration / scenario.dt
     return int(np.clip(_EFFORT / each, _FEWEST, _MOST))
-
-
-def _coarse(every: int, log: Log) -> Log:
-    """A simulated motion at the steps at which its information is computed."""
-    return Log.unchecked(*(np.ascontiguousarray(part[::every]) for part in log))

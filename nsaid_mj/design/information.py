@@ -92,12 +92,6 @@ comparison, the condition number of the regressor on P_⊥, or minus the logarit
 of its Gramian."""
 
 
-def check_criterion(name: str) -> None:
-    """Raises UnknownName unless a criterion exists."""
-    if name not in CRITERIA:
-        raise UnknownName("criterion", name, CRITERIA)
-
-
 def predicted(experiment: Experiment, log: Log, draw: int) -> Array:
     """(p, p) Cramér–Rao bound on the covariance of θ̂/scale after a motion, under a draw.
 

@@ -210,8 +210,7 @@ class DrivenMotions:
             return Log.unchecked(*(np.zeros((2, 1)),) * 4), np.inf
         uses = self.limits.uses(extents_of(experiment.system, log, experiment.draws[draw]))
         excess = sum(max(0.0, use - 1 + self.limits.margin_of(name)) for name, use in uses.items())
-        coarse = Log.unchecked(*(np.ascontiguousarray(x[:: self.stride]) for x in log))
-        return coarse, _PENALTY * excess
+        return coarse(self.stride, log), _PENALTY * excess
 
     def period(self, log: Log) -> Log:
         """The motion itself; it has no period."""
@@ -221,6 +220,11 @@ class DrivenMotions:
         """The driver of a candidate, its amplitudes multiplied by `share`."""
         shares = np.clip(0.5 + 0.5 * np.tanh(candidate), 1e-12, 1.0)
         return DesignedSignals(amplified(self.base, share), tuple(shares.tolist()))
+
+
+def coarse(every: int, log: Log) -> Log:
+    """A simulated motion at the steps at which its information is computed."""
+    return Log.unchecked(*(np.ascontiguousarray(part[::every]) for part in log))
 
 
 def amplitudes_of(config: DriverConfig) -> list[str]:

@@ -27,6 +27,10 @@ class Motion:
     error: Array  # (N, n) from the true to the desired position, as tangent steps [m or rad]
     status: str = ""  # how it ended; empty if completed
 
+    def error_of(self, system: SecondOrderSystem, unit: str) -> Array:
+        """(N, ·) the errors of the coordinates with a unit."""
+        return self.error[:, [own == f"{unit}/s" for own in system.velocity_units]]
+
 
 def figures(
     motion: Motion, system: SecondOrderSystem, tracker: Tracker, last: float
@@ -39,9 +43,8 @@ def figures(
     """
     late = motion.t > motion.t[-1] - last
     found: dict[str, float | str] = {}
-    units = np.array([unit.removesuffix("/s") for unit in system.velocity_units])
     for unit in ("rad", "m"):
-        error = motion.error[:, units == unit]
+        error = motion.error_of(system, unit)
         if error.shape[1]:
             lost = np.inf if motion.status else 0.0
             found[f"rms_{unit}"] = lost + float(np.sqrt(np.mean(error[late] ** 2)))

@@ -78,7 +78,14 @@ def forest(panel: Forest) -> str:
         size = _BROAD * np.nanmax(np.abs(every))
         low, high = np.maximum(low, -size), np.minimum(high, size)
     with style():
-        figure, axis = _named_lines(panel.names, panel.wide)
+        size = (WIDE if panel.wide else WIDTH, max(1.3, 0.24 * len(panel.names) + 0.75))
+        figure = Figure(figsize=size, layout="constrained")
+        axis = figure.add_subplot()  # one line for each name, the first on top
+        short = [name if len(name) <= _LONG else name[: _LONG - 1] + "…" for name in panel.names]
+        axis.set_yticks(range(len(short)), short)
+        axis.set_ylim(len(short) - 0.4, -0.6)
+        axis.grid(False, axis="y")
+        axis.yaxis.set_gid(NAMES)
         rows = np.arange(len(values))
         for chosen, name, colour, filled in (
             (panel.firm, panel.certain, COLOURS[0], COLOURS[0]),
@@ -114,19 +121,6 @@ def forest(panel: Forest) -> str:
             axis.axvline(0, color=INK, linewidth=0.6)
         axis.set_xlabel(panel.label)
         return svg(figure, panel.title)
-
-
-def _named_lines(names: Sequence[str], wide: bool) -> tuple[Figure, Axes]:
-    """A figure with one line for each name, the first on top."""
-    size = (WIDE if wide else WIDTH, max(1.3, 0.24 * len(names) + 0.75))
-    figure = Figure(figsize=size, layout="constrained")
-    axis = figure.add_subplot()
-    short = [name if len(name) <= _LONG else name[: _LONG - 1] + "…" for name in names]
-    axis.set_yticks(range(len(names)), short)
-    axis.set_ylim(len(names) - 0.4, -0.6)
-    axis.grid(False, axis="y")
-    axis.yaxis.set_gid(NAMES)
-    return figure, axis
 
 
 def heat_map(panel: HeatMap) -> str:

@@ -116,14 +116,10 @@ def _signals(recordings: Recordings, robot: RobotModel) -> list[Line]:
                 label = f"{name} [{unit}]" if unit else name
                 segments = recordings.segments if part == 2 else ()
                 used = [segment.usable[:, j] for segment in segments]
-                line[title] = partial(_curves, times, _part(logs, part, j), label, used)
+                values = [log[part][:, j] for log in logs if j < log[part].shape[1]]
+                line[title] = partial(_curves, times, values, label, used)
         lines.append(line)
     return lines
-
-
-def _part(logs: Sequence[tuple[Array, ...]], part: int, column: int) -> list[Array]:
-    """One column of q (1), v (2) or u (3) of every segment; none if there is no such column."""
-    return [log[part][:, column] for log in logs if column < log[part].shape[1]]
 
 
 def _channels(found: Inspection) -> list[Line]:

@@ -41,32 +41,19 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _STYLE: dict[str, Any] = {
     "font.size": 8,
     "axes.titlesize": 9,
-    "axes.labelsize": 8,
-    "legend.fontsize": 8,
-    "xtick.labelsize": 8,
-    "ytick.labelsize": 8,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "axes.edgecolor": INK,
-    "axes.linewidth": 0.6,
+    **{f"{of}size": 8 for of in ("axes.label", "legend.font", "xtick.label", "ytick.label")},
+    **{f"{of}color": INK for of in ("text.", "axes.label", "axes.edge", "xtick.", "ytick.")},
+    **{f"{of}width": 0.6 for of in ("axes.line", "grid.line", "xtick.major.", "ytick.major.")},
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
     "axes.axisbelow": True,
     "grid.color": GRID,
-    "grid.linewidth": 0.6,
     "lines.linewidth": 1.2,
     "lines.solid_joinstyle": "round",
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
     "legend.frameon": False,
-    **{
-        f"boxplot.{part}props.{key}": value
-        for part in ("box", "whisker", "cap")
-        for key, value in (("color", INK), ("linewidth", 0.8))
-    },
+    **{f"boxplot.{of}props.color": INK for of in ("box", "whisker", "cap")},
+    **{f"boxplot.{of}props.linewidth": 0.8 for of in ("box", "whisker", "cap")},
     "text.parse_math": False,  # a `$` in a name is a dollar
     "axes.formatter.useoffset": False,
     "svg.fonttype": "none",
@@ -244,7 +231,8 @@ def svg(figure: Figure, title: str) -> str:
         if "d" in attributes:
             attributes["d"] = " ".join(re.sub(r"(\.\d\d)\d+", r"\1", attributes["d"]).split())
         if "style" in attributes:
-            attributes["style"] = _page_style(attributes["style"])
+            text = _FONT.sub(r"\1 system-ui, sans-serif", attributes["style"])
+            attributes["style"] = _COLOUR.sub(lambda m: f"var({VARIABLES[m[0]]}, {m[0]})", text)
         element.attrib.clear()
         element.attrib.update(attributes)
     view = drawing.attrib["viewBox"]
@@ -322,21 +310,6 @@ def _local(name: str) -> str:
     return name.rpartition("}")[2]
 
 
-def _page_style(text: str) -> str:
-    """An element's style with the font and the colours of the page."""
-    text = _FONT.sub(r"\1 system-ui, sans-serif", text)
-    return _COLOUR.sub(lambda match: f"var({VARIABLES[match[0]]}, {match[0]})", text)
-
-
-def _png(figure: Figure, path: Path) -> Path:
-    """Writes a figure as PNG, atomically, and returns the path."""
-    partial = path.with_name(f".{path.name}.part")
-    with style():
-        figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": _MAKER})
-    partial.replace(path)
-    return path
-
-
 def is_own(path: Path) -> bool:
     """Whether a path is that of a PNG file that `png_of` wrote."""
     if not path.is_file():
@@ -351,7 +324,9 @@ def png_of(
     path: Path,
     names: Sequence[str] = (),
 ) -> Path:
-    """Writes a grid of panels as PNG, each drawn by a function of its axes, with one legend.
+    """Writes a grid of panels as PNG, atomically, each drawn by a function of its axes.
+
+    They have one legend.
 
     Args:
         lines: drawing functions by title, from top to bottom; all lines have the same titles.
@@ -359,6 +334,7 @@ def png_of(
         path: path of the file; it is returned.
         names: names of the lines, on their left; empty for none.
     """
+    partial = path.with_name(f".{path.name}.part")
     with style():
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(len(lines), len(lines[0]), squeeze=False)
@@ -374,4 +350,6 @@ def png_of(
             row[0].set_ylabel(name)
         if handles:
             figure.legend(handles.values(), handles.keys(), loc="outside right center")
-        return _png(figure, path)
+        figure.savefig(partial, format="png", dpi=_DPI, metadata={"Software": _MAKER})
+    partial.replace(path)
+    return path

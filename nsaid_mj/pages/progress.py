@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from types import TracebackType
+from functools import cache
 
 from rich.console import Console
 from rich.progress import (
@@ -66,12 +66,7 @@ class Progress(Observer):
             self._stack = stack.pop_all()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Removes the line."""
         self._stack.close()
 
@@ -143,9 +138,13 @@ def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
     )
 
 
-def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Bar:
-    """A transient bar of a study on the standard error; `done` is the format of its count."""
-    return Bar(
+@contextmanager
+def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Iterator[Bar]:
+    """Shows a transient bar of a study on the standard error; `done` is the format of its count.
+
+    When the first kernel is compiled, a line above it says so.
+    """
+    bar = Bar(
         TextColumn("{task.description:48}"),
         BarColumn(),
         TextColumn(done),
@@ -155,17 +154,6 @@ def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Bar:
         transient=True,
         disable=quiet,
     )
-
-
-@contextmanager
-def announcing(console: Console) -> Iterator[None]:
-    """Prints one line when the first kernel is compiled, above any bar on the console."""
-    announced: list[bool] = []
-
-    def announce() -> None:
-        if not announced:
-            announced.append(True)
-            console.print(COMPILING, highlight=False)
-
-    with on_compiling(announce):
-        yield
+    announce = cache(lambda: bar.console.print(COMPILING, highlight=False))
+    with on_compiling(announce), bar:
+        yield bar

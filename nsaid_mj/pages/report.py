@@ -2,21 +2,26 @@
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 
 from .. import evaluation
 from ..evaluation import Truth, mark_of, result_of
+from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Mark, Result, figures_of
 from ..evaluation.verify import ROWS, Verdict, verify
+from ..evaluation.words import CONVERGED
 from ..experiment.loop import Run
-from ..parameters import rounded
+from ..parameters import Array, rounded
 from ..resources import RECORDING
-from . import report_panels
 from .page import FILE, Figure, Figures, Fold, Items, Page, Panel, Section, Table, Text
-from .parameters import CORRELATIONS, brief_gains, folds
+from .panels import COLOURS, LAWS, Comparison, HeatMap, local_rms, thin
+from .panels import Panel as Plot
+from .parameters import CORRELATIONS, brief_gains, correlations, folds, forests
 from .picture import picture
 from .terminal import print_page
 
@@ -70,22 +75,25 @@ def page(
     from .drawings import figures_of as drawn  # imported late: matplotlib takes half a second
 
     result = result_of(summary, run.system.space)
-    panels = report_panels.panels(run, summary, result, truth)
-    figures = {name: drawn(group) for name, group in panels.items()}
+    curves = _over_time(run, summary, truth)
+    carrying, more, forces = drawn(curves[:2]), drawn(curves[2:]), drawn(_forces(run, truth))
+    gains = drawn(forests([p for p in result.gains if p.relative is not None]))
+    correlated = drawn(_correlations(summary))
     robot = _robot(run)
-    sketch = picture(run.looks, run.record["q"][0], robot)
     sections = [
-        Section("Figures", [_figures(summary), Text(_checks(summary), note=True)], sketch),
-        Section("Time histories", [Figures(figures["curves"])] if figures["curves"] else []),
+        Section("Figures", [
+            _figures(summary), Text(_checks(summary), note=True),
+        ], picture(run.looks, run.record["q"][0], robot)),
+        Section("Time histories", [Figures(more)] if more else []),
         Section("Predicted against measured forces", [
-            Figures(figures["forces"], "velocities", 6),
+            Figures(forces, "velocities", 6),
             Text(f"{_FORCES[truth is not None]} Error: rms over rms of the measured force.", True),
-        ] if figures["forces"] else []),
-        Section("Confidence", _confidence(summary, figures["gains"])),
+        ] if forces else []),
+        Section("Confidence", _confidence(summary, gains)),
         Section("Parameters", [Text(_relative_to(result)), *folds(result)]),
         Section("Correlations of what is identified", [
-            Figures(figures["correlations"]), Text(f"{CORRELATIONS} {_HELD}", note=True),
-        ] if figures["correlations"] else []),
+            Figures(correlated), Text(f"{CORRELATIONS} {_HELD}", note=True),
+        ] if correlated else []),
         Section("The paper's statements on this run", statements(verdicts)),
         Section("What cannot be known from motion", unobservable(summary)),
     ]  # fmt: skip
@@ -97,17 +105,15 @@ def page(
         lead=_lead(summary),
         tab=f"{robot} · {run.folder.name}",
         findings=result.findings,
-        carrying=figures["carrying"],
+        carrying=carrying,
         sections=[section for section in sections if section.panels],
         commands=[
-            *([command] if command else []),
-            _SCRIPT,
-            f"nsaid view {folder}",
-            f"nsaid verify --run {folder}",
+            *filter(None, [command]), _SCRIPT,
+            f"nsaid view {folder}", f"nsaid verify --run {folder}",
         ],
         notes=[_FILES.format(**summary)],
         versions=summary["versions"],
-    )
+    )  # fmt: skip
 
 
 def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
@@ -287,3 +293,97 @@ def _cut(words: str) -> str:
         return words
     end = words.rfind(", ", 0, _LENGTH)
     return f"{words[: end if end > 0 else _LENGTH]}, …"
+
+
+# -- the panels of the page's figures ------------------------------------------------------------
+
+_POINTS = 600  # of a curve of forces
+_TAIL = 0.9  # share of the run after which the stated intervals are drawn
+
+
+def _over_time(run: Run, summary: dict[str, Any], truth: Truth | None) -> list[Plot]:
+    """The run's curves over time; the first carries the verdict."""
+    record, rows = run.record, thin(len(run.record))
+    t, later = record["t"][rows], rows[1:]
+    names = {"": evaluation.OWN} | {name: name for name in record.rivals}
+    distance = Plot(
+        "Distance to the true set", "‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]", True,
+        level=CONVERGED, level_name=f"converged: within {100 * CONVERGED:g} %",
+    )  # fmt: skip
+    units = ", ".join(dict.fromkeys(run.system.velocity_units))
+    error = Plot("Velocity error, rms over short intervals", f"rms Δv [{units}]", True)
+    for k, (name, label) in enumerate(names.items()):
+        suffix = f"_{name}" if name else ""
+        colour = COLOURS[LAWS.get(name or summary["law"], k % len(COLOURS))]
+        if truth is not None:
+            ratio = truth.distance(t, record.rows(f"theta_hat{suffix}", rows))
+            distance.add(t, ratio, label, colour=colour)
+        dv = record[f"v_hat{suffix}"][later] - record["v"][later]
+        if len(later):
+            error.add(*local_rms(record["t"][later], dv), label, colour=colour)
+    gains = _gains(run, summary, rows, None if truth is None else truth.theta_at(t))
+    energy = Plot("Lyapunov function", "V [J]", True)
+    if truth is not None:
+        energy.add(t, evaluation.energy(run, truth, rows))
+    panels = [distance, gains, error, energy] if truth is not None else [error, gains]
+    found = [fault.found for fault in run.faults]
+    return [replace(p, events=found, event_name="fault found") for p in panels if p.curves]
+
+
+def _gains(run: Run, summary: dict[str, Any], rows: Any, true: Array | None) -> Plot:
+    """Actuator parameters relative to the true ones, or to the prior if the truth is unknown.
+
+    The intervals that the law states at the end are drawn over the last tenth.
+    """
+    space, t = run.system.space, run.record["t"][rows]
+    k, theta_hat = space.actuators, run.record.rows("theta_hat", rows)
+    ratio = theta_hat[:, k] / (theta_hat[:1, k] if true is None else true[:, k])
+    over = "k̂/k̂(0)" if true is None else "k̂/k"
+    title = "Actuators relative to the " + ("prior" if true is None else "truth (1 is exact)")
+    panel = Plot(
+        title, f"{over}, relative to the mean [–]", level=1.0,
+        band_name="95 % interval, as stated at the end",
+    )  # fmt: skip
+    stated = (summary["confidence"] or {}).get("actuators", {})
+    end = t >= t[0] + _TAIL * (t[-1] - t[0])
+    for i, share in zip(k, (ratio / ratio.mean(axis=1, keepdims=True)).T, strict=True):
+        band = None
+        if space.names[i] in stated and len(k) > 1:
+            half = INTERVAL * stated[space.names[i]] * share[-1]
+            band = np.where(end, share[-1] - half, np.nan), np.where(end, share[-1] + half, np.nan)
+        panel.add(t, share, space.labels[i], band)
+    return panel
+
+
+def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
+    """Predicted against measured force along every velocity, the worst predicted first."""
+    found = evaluation.forces_of(run, truth)
+    if found is None or not found.measured.any():
+        return []
+    rows = np.unique(np.linspace(0, len(found.t) - 1, min(len(found.t), _POINTS)).astype(int))
+    labels, units = evaluation.velocity_labels(run.system), evaluation.force_units(run.system)
+    error = found.nrmse
+    order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
+    panels = []
+    for j in order:
+        known, number = np.isfinite(error[j]), evaluation.figure(float(error[j]), "%")
+        note = f": error {number}" if known else ", not actuated"
+        kind = {"N": "force", "N·m": "torque"}.get(units[j], "generalised force")
+        panels.append(
+            Comparison(
+                f"{labels[j]}{note}", kind, units[j], found.t[rows],
+                found.measured[rows, j], found.predicted[rows, j],
+                None if found.half is None else found.half[rows, j],
+            )
+        )  # fmt: skip
+    return panels
+
+
+def _correlations(summary: dict[str, Any]) -> list[HeatMap]:
+    """Correlations of the parameters that are identified."""
+    stated = (summary["confidence"] or {}).get("correlations", {"parameters": [], "lower": []})
+    label = {row["name"]: row["label"] for row in summary["parameters"]}
+    r = np.eye(len(stated["lower"]))
+    for i, row in enumerate(stated["lower"]):
+        r[i, :i] = r[:i, i] = row
+    return correlations([label[name] for name in stated["parameters"]], r)

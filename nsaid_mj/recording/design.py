@@ -44,8 +44,13 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
     pages = [page("Motion", *(moved(entity, name, RIGHT) for entity, name in entities.items()))]
     series = [(t, motion)]
     if trial is not None:
-        pages.insert(0, page("Predicted and reached intervals", *_interval_views(trial, found)))
-        series.append((trial.t, _intervals(trial, found)))
+        names, intervals = _intervals(trial, found)
+        plots = Plots(intervals, float(trial.t[-1]))
+        words = "relative error as a power of ten, −2 is 1 %"
+        titled = zip(names, intervals, strict=True)
+        views = [plots(of.path, f"{name}: {words}", RIGHT / 2) for name, of in titled]
+        pages.insert(0, page("Predicted and reached intervals", *views))
+        series.append((trial.t, intervals))
 
     def draw(rec: rr.RecordingStream) -> None:
         if camera is not None:
@@ -55,31 +60,16 @@ def record(found: Design, trial: Trial | None, title: str, file: Path) -> Path:
     return write(file, title, whole(*pages), {}, series, draw)
 
 
-def _chosen(trial: Trial) -> list[int]:
-    """The indices of the requested numbers, the least known first."""
-    return np.argsort(-trial.predicted[-1])[:_SHOWN].tolist()
+def _intervals(trial: Trial, found: Design) -> tuple[list[str], list[Curves]]:
+    """The requested numbers, the least known first, and their curves.
 
-
-def _interval_views(trial: Trial, found: Design) -> list[rrb.View]:
+    These are half widths of 95 % intervals, and the trial's own errors, as powers of ten.
+    """
     space, names = found.experiment.system.space, found.asked.names
-    plots = Plots(_intervals(trial, found), float(trial.t[-1]))
-    labels = dict(zip(space.names, space.labels, strict=True))
-    title, width = "{}: relative error as a power of ten, −2 is 1 %", RIGHT / 2
-    return [
-        plots(path("interval", names[k]), title.format(labels[names[k]]), width)
-        for k in _chosen(trial)
-    ]
-
-
-def _intervals(trial: Trial, found: Design) -> list[Curves]:
-    """Half widths of 95 % intervals, as powers of ten, and the trial's own errors."""
     sides = INTERVAL * trial.predicted, INTERVAL * trial.stated, trial.error
     labels = ["predicted 95 %", "stated by the law, 95 %", "error in the trial"]  # as on the page
-    return [
-        Curves(
-            path("interval", found.asked.names[k]),
-            labels,
-            np.log10(np.maximum(np.column_stack([side[:, k] for side in sides]), 1e-12)),
-        )
-        for k in _chosen(trial)
-    ]
+    curves, chosen = [], np.argsort(-trial.predicted[-1])[:_SHOWN].tolist()
+    for k in chosen:
+        values = np.log10(np.maximum(np.column_stack([side[:, k] for side in sides]), 1e-12))
+        curves.append(Curves(path("interval", names[k]), labels, values))
+    return [space.labels[space.index(names[k])] for k in chosen], curves

@@ -1,9 +1,6 @@
 """Actuator forces of a vehicle, drawn as arrows at their points of application."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
@@ -24,62 +21,66 @@ _MUCH = 5.0  # ratio of force magnitudes from which the smaller force's arrow is
 _LENGTH, _RADIUS = 0.8, 0.035  # of the longest arrow, over half the vehicle's size
 
 
-@dataclass(frozen=True)
-class Arrows:
-    """Arrows of a vehicle's actuators whose forces have a point of application."""
+def mounts_of(system: SecondOrderSystem) -> dict[tuple[float, ...], list[int]]:
+    """The indices in θ of a vehicle's forces with a point of application, by that point [m].
 
-    system: SecondOrderSystem  # the vehicle's structure
-    # for each arrow, the indices in θ of the parameters whose forces add up to it, such as a fin's
-    # lift and drag
-    parts: Sequence[Indices]
-    mounts: Array  # (j, 3) points of application, in the body frame [m]
-    # (j, 3) from the commanded force's arrow to the estimated one's, in the body frame [m], so that
-    # neither hides the other
-    offsets: Array
-    radius: float  # radius of an arrow [m]
-    lengths: Array  # (j, 1) scale of each arrow [m/N]
-    # magnification of the arrows of some kinds of actuators, by name of the kind
-    magnified: Mapping[str, float]
-
-    @staticmethod
-    def of(system: SecondOrderSystem, size: float, rows: Log, theta: Array) -> Arrows | None:
-        """Scales the arrows so that the rms length of the longest is 0.8 `size`.
-
-        The arrows of a kind of actuator with much smaller forces are magnified, within that length.
-        `size` is half the vehicle's size [m], `rows` are samples of the motion and theta (p,) the
-        parameters for which forces are evaluated. None if no force has a point of application.
-        """
-        given = system.mounts
-        if given is None or not body_axes(system):
-            return None
-        at: dict[tuple[float, ...], list[int]] = {}
-        for k, mount in zip(system.space.actuators, given, strict=True):
+    Points are in the body frame; the forces at one add up, such as a fin's lift and drag.
+    """
+    at: dict[tuple[float, ...], list[int]] = {}
+    if system.mounts is not None and body_axes(system):
+        for k, mount in zip(system.space.actuators, system.mounts, strict=True):
             if np.isfinite(mount).all():
                 at.setdefault(tuple(mount), []).append(k)
-        if not at:
-            return None
-        parts, mounts = [np.array(k) for k in at.values()], np.array(list(at))
-        forces = body_forces(system, parts, rows, theta)
-        kinds = [next(b.name for b, s in system.space if s.start <= k[0] < s.stop) for k in parts]
-        longest = {kind: _rms([kind == other for other in kinds], forces) for kind in kinds}
+    return at
+
+
+class Arrows:
+    """Arrows of a vehicle's actuators; at least one must have a point of application.
+
+    The rms length of the longest is 0.8 `size`. Those of a kind of actuator with much smaller
+    forces are magnified, within that length.
+
+    Args:
+        system: the vehicle's structure; see `mounts_of`.
+        size: half the vehicle's size [m].
+        rows: samples of the motion.
+        theta: (p,) parameters for which forces are evaluated.
+
+    Attributes:
+        parts: for each of j arrows, the indices in θ of the parameters whose forces add up to it.
+        radius: radius of an arrow [m].
+        offsets: (j, 3) from the commanded force's arrow to the estimated one's, in the body frame
+            [m], so that neither hides the other.
+        lengths: (j, 1) scale of each arrow [m/N].
+        magnified: magnification of the arrows of some kinds of actuators, by name of the kind.
+    """
+
+    kind, paths = "forces", (COMMANDED, ESTIMATED)
+    rate, frames = 30.0, 12000  # arrows that are drawn per second, and at most
+
+    def __init__(self, system: SecondOrderSystem, size: float, rows: Log, theta: Array):
+        self._system, at = system, mounts_of(system)
+        self.parts, mounts = [np.array(k) for k in at.values()], np.array(list(at))
+        forces = body_forces(system, self.parts, rows, theta)
+        names = [(block.name, place) for block, place in system.space]
+        kinds = [next(n for n, s in names if s.start <= k[0] < s.stop) for k in self.parts]
+        sizes, longest = np.linalg.norm(forces, axis=2), dict[str, float]()
+        for kind in kinds:  # the rms over the rows of the largest force
+            largest = sizes[:, [kind == other for other in kinds]].max(axis=1)
+            longest[kind] = float(np.sqrt(np.mean(largest**2)))
         most = max(longest.values())
         times = {kind: _magnified(most / own) if own else 1.0 for kind, own in longest.items()}
-        radius = _RADIUS * size
+        self.magnified = {kind: factor for kind, factor in times.items() if factor > 1}
+        self.lengths = _LENGTH * size / (most or 1.0) * np.array([[times[k]] for k in kinds])
+        self.radius = _RADIUS * size
         if system.group == 3:
-            mounts[:, 2] += 2.5 * radius  # above the ground and the path
-        return Arrows(
-            system,
-            parts,
-            mounts,
-            offsets=2.4 * radius * _outward(mounts, forces),
-            radius=radius,
-            lengths=_LENGTH * size / (most or 1.0) * np.array([[times[kind]] for kind in kinds]),
-            magnified={kind: factor for kind, factor in times.items() if factor > 1},
-        )
+            mounts[:, 2] += 2.5 * self.radius  # above the ground and the path
+        self.offsets = 2.4 * self.radius * _outward(mounts, forces)
+        self._mounts = {COMMANDED: mounts, ESTIMATED: mounts + self.offsets}
 
     def log_style(self, rec: rr.RecordingStream, *paths: str) -> None:
         """Logs the colours of commanded or estimated forces, and the labels of their actuators."""
-        space = self.system.space
+        space = self._system.space
         labels = [drawable(phrase(space.labels[i] for i in part)) for part in self.parts]
         for path in paths:
             style = rr.Arrows3D.from_fields(
@@ -103,10 +104,10 @@ class Arrows:
         `path` is COMMANDED or ESTIMATED, theta (p,) or (k, p) for k samples; `failed` (k, p) marks
         parameters that a fault has changed, whose arrows are red.
         """
-        forces = body_forces(self.system, self.parts, rows, theta)
-        vectors = self.lengths * forces
-        at = self.mounts + self.offsets if path == ESTIMATED else self.mounts
-        origins = np.where(_pushes(self.mounts, forces)[..., None], at - vectors, at)
+        forces = body_forces(self._system, self.parts, rows, theta)
+        vectors, at = self.lengths * forces, self._mounts[path]
+        pushes = _pushes(self._mounts[COMMANDED], forces)
+        origins = np.where(pushes[..., None], at - vectors, at)
         arrows = rr.Arrows3D.columns(origins=origins.reshape(-1, 3), vectors=vectors.reshape(-1, 3))
         time = rr.TimeColumn("sim_time", duration=rows.t)
         counts = [len(self.parts)] * len(rows.t)
@@ -132,12 +133,6 @@ def body_forces(
     for j, part in enumerate(parts):
         forces[:, j, axes] = (F[..., part] * theta[..., None, part]).sum(axis=-1)
     return forces
-
-
-def _rms(chosen: list[bool], forces: Array) -> float:
-    """Rms over k rows of the largest of the chosen forces, out of (k, j, 3) [N]."""
-    longest = np.linalg.norm(forces[:, chosen], axis=2).max(axis=1)
-    return float(np.sqrt(np.mean(longest**2)))
 
 
 def _magnified(ratio: float) -> float:

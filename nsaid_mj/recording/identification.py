@@ -1,8 +1,7 @@
 """Recordings of identifications: logs with the robot moving, commands or positions, estimates."""
 
 import math
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,6 @@ from ..parameters import Array, Indices
 from ..robot.model import RobotModel
 from ..structure.joints import JointScales, moving_joints, positions, slides
 from ..structure.multibody import Multibody
-from ..structure.system import SecondOrderSystem
 from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import Camera, Scene
@@ -46,18 +44,17 @@ def record(result: Identification, file: Path) -> Path:
     shifts = recording_shifts(result.recordings)
     moving = zip(shifts, (segment.log for segment in result.recordings.segments), strict=True)
     camera, draw = moving_robot(result.robot, [(log.t + s, log.q, log.v) for s, log in moving])
-    history = _history(result)
-    commands = [_commands(result, result.curves, "")]
+    series = [_commands(result, result.curves, "")]
     if result.validation is not None:
-        commands.append(_commands(result, result.validation, "validation/"))
-    curves = [curve for _, some in commands for curve in some] + [curve for _, curve in history]
-    ends = [float(times[-1]) for times, _ in commands if len(times)]
-    plots = Plots(curves, max(ends) if ends else None)
-    layout = _blueprint(result, camera, sorted({p for p, _ in history}), plots)
-
+        series.append(_commands(result, result.validation, "validation/"))
+    ends = [float(times[-1]) for times, _ in series if len(times)]
+    history = _history(result)
+    if result.law is not None:
+        series.append((result.law.t, [curve for _, curve in history]))
+    plots = Plots([c for _, curves in series for c in curves], max(ends) if ends else None)
+    layout = _blueprint(result, camera, sorted({block for block, _ in history}), plots)
     every = Page("", None, sections=[Section("", folds(result))])
     documents = {"result": markdown(brief(result)), "parameters": markdown(every)}
-    series = [*commands, (result.law.t, [c for _, c in history])] if result.law else commands
     return write(file, result.robot.name, layout, documents, series, draw)
 
 
@@ -74,7 +71,12 @@ def moving_robot(
     Returns:
         The camera, None if the robot's shape is unknown, and a function of a recording.
     """
-    scene = _scene(robot)
+    system = robot.system
+    if system is None and robot.model is not None and robot.model.njoints > 1:
+        unit = np.ones(max(len(robot.joints), robot.model.nv))  # scales do not matter here
+        scales = JointScales(unit, unit, unit, unit, unit, unit, unit)
+        system = Multibody(robot.model, scales, unit)
+    scene = None if system is None else Scene(system, robot.visuals)
     total = sum(float(t[-1] - t[0]) for t, _, _ in motion)
     rate, parts = min(_RATE, _FRAMES / max(total, 1e-9)), []
     for t, q, v in motion:
@@ -97,59 +99,53 @@ def moving_robot(
     return camera, draw
 
 
-def _scene(robot: RobotModel) -> Scene | None:
-    """The robot's meshes or joints; None if its shape is unknown."""
-    system: SecondOrderSystem | None = robot.system
-    if system is None and robot.model is not None and robot.model.njoints > 1:
-        unit = np.ones(max(len(robot.joints), robot.model.nv))  # scales do not matter here
-        scales = JointScales(unit, unit, unit, unit, unit, unit, unit)
-        system = Multibody(robot.model, scales, unit)
-    return None if system is None else Scene(system, robot.visuals)
-
-
 def _commands(
     result: Identification, commands: Commands, prefix: str
 ) -> tuple[Array, list[Curves]]:
-    """Measured and predicted command and residual of every joint, with gaps between logs.
-
-    Returns:
-        (N,) times [s], and the curves.
-    """
-    segment = commands.segment
-    if not len(segment):
+    """(N,) times [s], and measured and predicted command and residual of every joint."""
+    if not len(commands.segment):
         return np.zeros(0), []
-    t, (left, right) = lines(commands.t, segment, [commands.measured, commands.predicted])
-    found = []
-    for j, fit in enumerate(result.joints):
-        measured, predicted = left[:, j : j + 1], right[:, j : j + 1]
-        for name, label, values, color, pale in (
-            ("measured", "measured", measured, 1, True),
-            ("predicted", "predicted", predicted, 0, False),
-            ("residual", "measured - predicted", measured - predicted, 2, False),
-        ):
-            kind = "residual" if name == "residual" else "command"
-            entity = f"{prefix}{kind}/{path(fit.name)}" + ("" if name == "residual" else f"/{name}")
-            found.append(Curves(entity, [label], values, pale=pale, color=color))
-    return t, found
+    sides = {"measured": commands.measured, "predicted": commands.predicted}
+    names, own = [fit.name for fit in result.joints], (f"{prefix}command", f"{prefix}residual")
+    return _compared(commands.t, commands.segment, sides, names, *own)
 
 
-def lines(t: Array, segment: Indices, sides: Sequence[Array]) -> tuple[Array, list[Array]]:
-    """Points of curves over several logs, thinned, with gaps between these.
+_LOOKS = {  # label, colour and paleness of curves, which are drawn in the order of their names
+    "command": ("target", 8, True),
+    "measured": ("measured", 1, True),
+    "predicted": ("predicted", 0, False),
+    "simulated": ("simulated", 0, False),
+    "unused": ("left out of the fit", 10, False),  # red
+}
 
-    Args:
-        t: (N,) times on the common axis [s].
-        segment: (N,) number of the log.
-        sides: (N, n) values each.
 
-    Returns:
-        (M,) times [s], and (M, n) values each, NaN after every log but the last.
+def _compared(
+    t: Array, segment: Indices, sides: Mapping[str, Array], names: Sequence[str],
+    entity: str, residual: str, factor: float = 1.0,
+) -> tuple[Array, list[Curves]]:  # fmt: skip
+    """Curves of joints over several logs, thinned, and residuals measured - computed.
+
+    t (N,) are times on the common axis [s], `segment` (N,) the numbers of the logs, `sides` (N, n)
+    values by name in `_LOOKS`. Residuals are multiplied by a factor. Returns (M,) times [s], and
+    the curves, which are NaN after every log but the last.
     """
     stride = max(1, -(-len(segment) // _POINTS))
     last = np.append(np.flatnonzero(np.diff(segment)), len(segment) - 1)
     rows = np.unique(np.concatenate([np.arange(0, len(segment), stride), last]))
     gaps = np.flatnonzero(np.diff(segment[rows])) + 1  # a NaN after each log ends its line
-    shown = np.insert(t[rows], gaps, t[rows][gaps - 1] + 1e-6)
-    return shown, [np.insert(side[rows], gaps, np.nan, axis=0) for side in sides]
+    shown = {side: np.insert(x[rows], gaps, np.nan, axis=0) for side, x in sides.items()}
+    computed = "simulated" if "simulated" in sides else "predicted"
+    curves: list[Curves] = []
+    for j, name in enumerate(names):
+        for side, values in shown.items():
+            label, color, pale = _LOOKS[side]
+            if np.isfinite(values).any():
+                own = f"{entity}/{path(name)}/{side}"
+                curves.append(Curves(own, [label], values[:, j, None], pale=pale, color=color))
+        difference = factor * (shown["measured"] - shown[computed])[:, j, None]
+        own, label = f"{residual}/{path(name)}", f"measured - {computed}"
+        curves.append(Curves(own, [label], difference, color=2))
+    return np.insert(t[rows], gaps, t[rows][gaps - 1] + 1e-6), curves
 
 
 def _history(result: Identification) -> list[tuple[str, Curves]]:
@@ -195,54 +191,68 @@ def _blueprint(
         blocks: blocks of parameters whose estimates along the log are in the recording.
         plots: makes the plots.
     """
-    joints = range(len(found.joints))
-    width = 1 / columns_of(len(joints))
-    held_out = (joint.held_out for joint in found.joints)
-    errors = [error if math.isfinite(error) else math.inf for error in held_out]
-    pages = joint_pages(camera, errors, partial(_command, found, plots), "Commands")
-    pages += paged("Residuals", [_residual(found, j, plots) for j in joints])
+    units = [words.quantity(found, j)[1] for j in range(len(found.joints))]
+    joints = [
+        (fit.name, unit, fit.held_out, f"NRMSE {words.nrmse(fit.held_out)} held out")
+        for fit, unit in zip(found.joints, units, strict=True)
+    ]
+    pages = joint_pages(camera, plots, joints, "command", "predicted")
     if found.validation is not None:
-        checked = [_command(found, plots, j, width, "validation/") for j in joints]
-        pages += paged("Validation", checked)
+        checked = [
+            (fit.name, unit, 0.0, f"NRMSE {words.nrmse(fit.validation)} validation")
+            for fit, unit in zip(found.joints, units, strict=True)
+        ]
+        pages += paged("Validation", plots, _titles("validation/command", checked))
     gains = [p for p in found.gains if p.block in blocks]
-    width = 1 / columns_of(len(gains))
-    entities = {path("estimate", p.block, p.label): f"{p.label} [{p.unit}]" for p in gains}
     note = " and its 95 % interval, the common scale aside"
-    views = [plots(entity, title + note, width) for entity, title in entities.items()]
-    pages += paged("Gains along the log", views)
+    shown = [(path("estimate", p.block, p.label), f"{p.label} [{p.unit}]{note}") for p in gains]
+    pages += paged("Gains along the log", plots, shown)
     rest = [b for b in blocks if b not in {p.block for p in gains}]
-    width = 1 / columns_of(len(rest))
-    units = {b: {p.unit for p in found.parameters if p.block == b} for b in rest}
-    titles = {b: f"{b} [{min(units[b])}]" if len(units[b]) == 1 else b for b in rest}
-    frictions = [plots(path("estimate", b), titles[b], width) for b in rest]
-    pages += paged("Friction along the log", frictions)
+    kinds = {b: {p.unit for p in found.parameters if p.block == b} for b in rest}
+    shown = [
+        (path("estimate", b), f"{b} [{min(of)}]" if len(of) == 1 else b) for b, of in kinds.items()
+    ]
+    pages += paged("Friction along the log", plots, shown)
     return whole(*pages, parameters())
+
+
+_Joint = tuple[str, str, float, str]  # name, unit, error, and the error in words
+
+
+def _titles(entity: str, joints: Sequence[_Joint]) -> list[tuple[str, str]]:
+    """Entities and titles of the joints' plots."""
+    return [
+        (f"{entity}/{path(name)}", f"{name}{f' [{unit}]' if unit else ''}: {error}")
+        for name, unit, _, error in joints
+    ]
 
 
 def joint_pages(
     camera: Camera | None,
-    errors: Sequence[float],
-    view: Callable[[int, float], rrb.View],
-    name: str,
+    plots: Plots,
+    joints: Sequence[_Joint],
+    entity: str,
+    computed: str,
+    prefix: str = "",
 ) -> list[rrb.Container]:
     """Verdict and robot beside the joints with the largest errors; pages of all, if these are more.
 
-    Args:
-        camera: camera of the robot; None leaves the 3D view out.
-        errors: one for each joint.
-        view: the plot of a joint that takes a share of the window.
-        name: name of the pages.
+    Residuals, measured - computed, in units with a prefix, have pages of their own.
     """
+    shown = _titles(entity, joints)
     left: list[rrb.View | rrb.Container] = [result("Verdict")]
     left += [] if camera is None else [robot(camera, "Robot, as logged")]
-    worst = sorted(sorted(range(len(errors)), key=lambda j: -errors[j])[:_FIRST])
+    errors = [-error if math.isfinite(error) else -math.inf for _, _, error, _ in joints]
+    worst = sorted(np.argsort(errors, kind="stable")[:_FIRST].tolist())
     columns = 1 if len(worst) < 4 else 2
-    grid = rrb.Grid(*[view(j, RIGHT / columns) for j in worst], grid_columns=columns)
+    views = [plots(entity, title, RIGHT / columns) for entity, title in (shown[j] for j in worst)]
+    grid = rrb.Grid(*views, grid_columns=columns)
     pages: list[rrb.Container] = [beside(left, grid, "Overview", [1, 1])]
-    if len(errors) > _FIRST:
-        width = 1 / columns_of(len(errors))
-        pages += paged(name, [view(j, width) for j in range(len(errors))])
-    return pages
+    if len(joints) > _FIRST:
+        pages += paged(f"{entity.capitalize()}s", plots, shown)
+    units = [(name, unit and f" [{prefix}{unit}]") for name, unit, *_ in joints]
+    residuals = [(f"residual/{path(j)}", f"{j}: measured - {computed}{unit}") for j, unit in units]
+    return pages + paged("Residuals", plots, residuals, legend=False)
 
 
 def parameters() -> rrb.Horizontal:
@@ -251,30 +261,17 @@ def parameters() -> rrb.Horizontal:
     return rrb.Horizontal(view, name="Parameters")
 
 
-def _command(
-    found: Identification, plots: Plots, j: int, width: float, prefix: str = ""
-) -> rrb.TimeSeriesView:
-    fit = found.joints[j]
-    error = fit.validation if prefix else fit.held_out
-    kind = "validation" if prefix else "held out"
-    unit = words.quantity(found, j)[1]
-    title = f"{fit.name}{f' [{unit}]' if unit else ''}: NRMSE {words.nrmse(error)} {kind}"
-    return plots(f"{prefix}command/{path(fit.name)}", title, width)
-
-
-def _residual(found: Identification, j: int, plots: Plots) -> rrb.TimeSeriesView:
-    name, (_, unit) = found.joints[j].name, words.quantity(found, j)
-    title = f"{name}: measured - predicted" + (f" [{unit}]" if unit else "")
-    return plots(f"residual/{path(name)}", title, legend=False)
-
-
-def paged(name: str, views: Sequence[rrb.View]) -> list[rrb.Container]:
-    """Views on pages of at most a dozen each."""
+def paged(
+    name: str, plots: Plots, shown: Sequence[tuple[str, str]], legend: bool = True
+) -> list[rrb.Container]:
+    """Plots of entities with titles, on pages of at most a dozen each."""
     pages: list[rrb.Container] = []
-    for start in range(0, len(views), _PAGE):
-        some = views[start : start + _PAGE]
-        title = name if len(views) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
-        pages.append(rrb.Grid(*some, grid_columns=columns_of(len(some)), name=title))
+    for start in range(0, len(shown), _PAGE):
+        some = shown[start : start + _PAGE]
+        width = 1 / columns_of(len(shown))
+        views = [plots(entity, told, width, legend) for entity, told in some]
+        title = name if len(shown) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
+        pages.append(rrb.Grid(*views, grid_columns=columns_of(len(some)), name=title))
     return pages
 
 
@@ -283,7 +280,6 @@ def columns_of(views: int) -> int:
     return 1 if views < 3 else 2 if views <= 6 else 3
 
 
-_FAILED = 10  # red: windows that the fit left out
 _SHOWN = 20.0  # of a long log, around the cursor [s]: in minutes no motion can be seen
 
 
@@ -303,64 +299,30 @@ def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) ->
         for t, log in zip(times, logs, strict=True)
     ]
     camera, draw = moving_robot(found.robot, motion)
-    t, curves = _servo_curves(found, replayed, np.concatenate(times))
-    end = float(t[-1])
-    layout = _servo_layout(found, camera, Plots(curves, end, _SHOWN if end > 2 * _SHOWN else None))
+    position = np.concatenate([log.position for log in logs])
+    sides = {
+        "command": np.concatenate([log.target for log in logs]),
+        "measured": position,
+        "simulated": np.concatenate(replayed.simulated),
+        "unused": np.where(replayed.used[:, None] > 0, np.nan, position),
+    }
+    segment, names = np.repeat(np.arange(len(logs)), list(map(len, times))), found.robot.joints
+    series = _compared(np.concatenate(times), segment, sides, names, "position", "residual", 1e3)
+    t, curves = series
+    plots = Plots(curves, float(t[-1]), _SHOWN if t[-1] > 2 * _SHOWN else None)
+    units = ["m" if slides(joint) else "rad" for joint in moving_joints(found.robot.model)]
+    joints = [
+        (servo.name, unit, servo.error, f"error of the fit {1e3 * servo.error:.1f} m{unit}")
+        for servo, unit in zip(found.servos, units, strict=True)
+    ]
+    pages = joint_pages(camera, plots, joints, "position", "simulated", "m")
     by_joint = [
         Section(name, [table([p for p in found.parameters if p.label.endswith(f" of {name}")])])
-        for name in found.robot.joints
+        for name in names
     ]
     documents = {
         "result": markdown(brief_of_servos(found)),
         "parameters": markdown(Page("", None, sections=by_joint)),
     }
-    return write(file, found.robot.name, layout, documents, [(t, curves)], draw)
-
-
-def _servo_curves(
-    found: ServoIdentification, replayed: Replayed, t: Array
-) -> tuple[Array, list[Curves]]:
-    """(M,) times [s], and of every joint target, positions, windows left out, and residual."""
-    logs = replayed.logs
-    segment = np.repeat(np.arange(len(logs)), [len(log.t) for log in logs])
-    position = np.concatenate([log.position for log in logs])
-    left_out = np.where(replayed.used[:, None] > 0, np.nan, position)
-    sides = [
-        np.concatenate([log.target for log in logs]), position,
-        np.concatenate(replayed.simulated), left_out,
-    ]  # fmt: skip
-    times, (target, measured, simulated, masked) = lines(t, segment, sides)
-    curves: list[Curves] = []
-    for j, name in enumerate(found.robot.joints):
-        own = path("position", name)
-        for part, label, values, color, pale in (  # drawn in the order of their names
-            ("command", "target", target, 8, True),
-            ("measured", "measured", measured, 1, True),
-            ("simulated", "simulated", simulated, 0, False),
-            ("unused", "left out of the fit", masked, _FAILED, False),
-        ):
-            if np.isfinite(values).any():
-                curves.append(
-                    Curves(f"{own}/{part}", [label], values[:, j, None], pale=pale, color=color)
-                )
-        residual = 1e3 * (measured - simulated)[:, j, None]
-        curves.append(Curves(path("residual", name), ["measured - simulated"], residual, color=2))
-    return times, curves
-
-
-def _servo_layout(found: ServoIdentification, camera: Camera | None, plots: Plots) -> rrb.Blueprint:
-    """Verdict and robot beside the worst joints, all joints, residuals, and parameters."""
-    servos, joints = found.servos, moving_joints(found.robot.model)
-    units = ["m" if slides(joint) else "rad" for joint in joints]
-
-    def positions(j: int, width: float) -> rrb.TimeSeriesView:
-        error = f"error of the fit {1e3 * servos[j].error:.1f} m{units[j]}"
-        title = f"{servos[j].name} [{units[j]}]: {error}"
-        return plots(path("position", servos[j].name), title, width)
-
-    pages = joint_pages(camera, [servo.error for servo in servos], positions, "Positions")
-    residuals = [
-        plots(path("residual", s.name), f"{s.name}: measured - simulated [m{unit}]", legend=False)
-        for s, unit in zip(servos, units, strict=True)
-    ]
-    return whole(*pages, *paged("Residuals", residuals), parameters())
+    layout = whole(*pages, parameters())
+    return write(file, found.robot.name, layout, documents, [series], draw)

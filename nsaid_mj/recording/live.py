@@ -14,7 +14,7 @@ from ..experiment.scenario import Scenario
 from ..laws import State
 from ..log import Log, Measurement
 from ..structure.system import SecondOrderSystem
-from .forces import ESTIMATED, Arrows
+from .forces import ESTIMATED, Arrows, mounts_of
 from .layout import live_blueprint, words
 from .scene import Scene
 from .series import Curves, excitation, groups, velocity_names
@@ -106,8 +106,8 @@ class Live(Observer):
         camera = None
         if not self._scene.empty:
             camera = self._scene.camera(np.vstack([first.q, q[:20]]), v)
-        if camera and self._scene.vehicle:
-            self._arrows = Arrows.of(system, camera.size, rows, self._space.scale)
+        if camera and mounts_of(system):
+            self._arrows = Arrows(system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
         drawn = words("Forces: estimated (orange)" if self._arrows else "", magnified)
         layout = live_blueprint(self._space, camera, drawn)
@@ -216,13 +216,6 @@ def _target(port: int) -> str:
 
 def _curves(system: SecondOrderSystem) -> list[Curves]:
     """The streamed curves, without values."""
-
-    def empty(width: int) -> np.ndarray:
-        return np.zeros((0, width))
-
-    n = system.n
-    found = [Curves("velocity_error", velocity_names(system), empty(n))]
-    found += excitation(empty(1), empty(1))
-    for group in groups(system.space):
-        found.append(Curves(f"{group.path}/estimated", group.names, empty(len(group.names))))
-    return found
+    none = np.zeros(0)
+    found = [Curves("velocity_error", velocity_names(system), none), *excitation(none, none)]
+    return found + [Curves(f"{g.path}/estimated", g.names, none) for g in groups(system.space)]

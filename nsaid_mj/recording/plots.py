@@ -97,7 +97,8 @@ class Plots:
 
     def heights(self, *rows: Sequence[rrb.View]) -> list[float]:
         """Shares of the height of rows of views, which leave space for their legends."""
-        legends = [max(self._legend(view) for view in row) for row in rows]
+        entries = [max(self._entries.get(view.id, 0) for view in row) for row in rows]
+        legends = [_HEAD + (_LINE * count + _PADDING) / _TALLEST for count in entries]
         roomy = [max(_ROOMY, legend) for legend in legends]
         return roomy if sum(roomy) <= _HEIGHT else [max(_LEAST, legend) for legend in legends]
 
@@ -116,7 +117,3 @@ class Plots:
 
     def _below(self, entity: str) -> list[Curves]:
         return [c for c in self._curves if f"{c.path}/".startswith(f"{entity}/")]
-
-    def _legend(self, view: rrb.View) -> float:
-        """Height of a view that its legend needs [pixels]."""
-        return _HEAD + (_LINE * self._entries.get(view.id, 0) + _PADDING) / _TALLEST

@@ -47,16 +47,11 @@ def finish(
         BadRun: the folder no longer has this run's record, or a completed run has no row.
     """
     with locked(run.folder):
-        _check_record(run)
+        if Record.metadata_of(run.folder) != run.record.metadata:
+            raise BadRun(run.folder, "it holds another run's record", "Run the scenario again")
+        if run.ending.status is Status.completed and not len(run.record):
+            raise BadRun(run.folder, "its record is empty", "Run the scenario again")
         return _finish(run, say, command)
-
-
-def _check_record(run: Run) -> None:
-    """Checks that the record in the folder is the run's own."""
-    if Record.metadata_of(run.folder) != run.record.metadata:
-        raise BadRun(run.folder, "it holds another run's record", "Run the scenario again")
-    if run.ending.status is Status.completed and not len(run.record):
-        raise BadRun(run.folder, "its record is empty", "Run the scenario again")
 
 
 def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:

@@ -19,7 +19,6 @@ from ..pages.report import brief, statements, unobservable
 from ..parameters import Array, Indices, ParameterSpace
 from ..structure.system import SecondOrderSystem
 from . import FILE, forces, inertia, torques
-from .forces import Arrows
 from .layout import blueprint, words
 from .plots import Plots
 from .scene import BODY, Scene
@@ -72,7 +71,6 @@ def _kind(space: ParameterSpace, chosen: Indices) -> str:
 
 _LOOKS = 500  # rows of the record from which camera, arrows and arcs are set up
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
-_ARCS, _ARC_RATE = 4000, 15.0  # the same of torques
 _MARK = 0.1  # radius of a fault's marker, over half the vehicle's size
 _ELLIPSOIDS = 300  # estimates of the links' inertias along a run, at most
 
@@ -97,46 +95,38 @@ class Robot:
         theta = record.rows("theta_hat", -1) if truth is None else truth.theta
         self.camera = camera = None if scene.empty else scene.camera(some.q, some.v)
         self.survey = scene.survey(some.q) if camera and scene.vehicle else None
-        self._arrows = self._arcs = self._links = None
-        if camera:
-            self._links = inertia.Inertias.of(system)
-            if scene.vehicle:
-                self._arrows = Arrows.of(system, camera.size, some, theta)
-            elif torques.drawn(system):
-                self._arcs = torques.Arcs(system, camera.size, some, theta)
+        self._links = inertia.Inertias.of(system) if camera else None
+        self._efforts: forces.Arrows | torques.Arcs | None = None
+        if camera and (forces.mounts_of(system) or torques.drawn(system)):
+            kind = torques.Arcs if torques.drawn(system) else forces.Arrows
+            self._efforts = kind(system, camera.size, some, theta)
 
     @property
     def words(self) -> str:
         """Title of the view: what is drawn, in which colour."""
-        kinds = ["forces"] * bool(self._arrows) + ["torques"] * bool(self._arcs)
+        kinds = [self._efforts.kind] if self._efforts else []
         kinds += ["inertia"] * bool(self._links)
         if not kinds:
             return words("")
         white = "nominal (white), " if self._truth is None else "true (white), "
         white = white if self._truth is not None or self._links else ""
         drawn = f"{' and '.join(kinds).capitalize()}: {white}estimated (orange)"
-        return words(drawn, self._arrows.magnified if self._arrows else None)
+        return words(drawn, self._efforts.magnified if self._efforts else None)
 
     def log(self, rec: rr.RecordingStream) -> None:
         """Logs everything."""
         record, truth = self._run.record, self._truth
         t, frames = record["t"], _at_rate(record["t"], _RATE, _FRAMES)
-        inside = self._arrows is not None or self._links is not None
+        inside = isinstance(self._efforts, forces.Arrows) or self._links is not None
         failed = (path for event in self._run.faults for path in self._failed(event))
         changing = dict.fromkeys(failed, float(t[0]))
         self._scene.log_shapes(rec, self.camera, ghost=inside, changing=changing)
         self._scene.log_poses(rec, t[frames], record["q"][frames])
         self._log_faults(rec)
-        if self._arrows:
-            estimates, paths = (
-                record.rows("theta_hat", frames),
-                (forces.COMMANDED, forces.ESTIMATED),
-            )
-            _log_efforts(rec, self._arrows, paths, _rows(record, frames), estimates, truth)
-        if self._arcs:
-            some, paths = _at_rate(t, _ARC_RATE, _ARCS), (torques.COMMANDED, torques.ESTIMATED)
+        if self._efforts:
+            some = _at_rate(t, self._efforts.rate, self._efforts.frames)
             estimates = record.rows("theta_hat", some)
-            _log_efforts(rec, self._arcs, paths, _rows(record, some), estimates, truth)
+            _log_efforts(rec, self._efforts, _rows(record, some), estimates, truth)
         if self._links and self.camera:
             few, size = spread(len(t), _ELLIPSOIDS), self.camera.size
             self._links.log_frames(rec, t[frames], record["q"][frames])
@@ -175,18 +165,16 @@ class Robot:
 
 def _log_efforts(
     rec: rr.RecordingStream,
-    drawn: Arrows | torques.Arcs,
-    paths: tuple[str, str],
+    drawn: forces.Arrows | torques.Arcs,
     rows: Log,
     theta_hat: Array,
     truth: Truth | None,
 ) -> None:
     """Logs forces or torques under θ̂ and, if the truth is known, the commanded ones next to them.
 
-    For the comparison θ̂ is multiplied by the `common_factor`. `paths` are those of commanded and
-    estimated ones.
+    For the comparison θ̂ is multiplied by the `common_factor`.
     """
-    commanded, estimated = paths
+    commanded, estimated = drawn.paths
     if truth is None:
         drawn.log_style(rec, estimated)
         drawn.log(rec, estimated, rows, theta_hat, np.zeros(theta_hat.shape, bool))

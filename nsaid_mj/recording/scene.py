@@ -57,7 +57,8 @@ class Scene:
             isinstance(system, StructuredSystem) and len(system.structure.bodies) == 1
         )  # all meshes on one body
         home = BODY if self._rigid else ROBOT
-        self._paths = [f"{home}/{i:02}_{_plain(m.name)}" for i, m in enumerate(self._meshes)]
+        plain = ["".join(c if c.isalnum() else "_" for c in mesh.name) for mesh in self._meshes]
+        self._paths = [f"{home}/{i:02}_{name}" for i, name in enumerate(plain)]
         tree = system if isinstance(system, JointTree) else None
         self._skeleton = tree.model if tree and not self._meshes else None
         self.vehicle = len(body_axes(system)) > 0
@@ -184,8 +185,7 @@ class Scene:
         lowest = float(points[:, 2].min())
         if self.vehicle:
             points = first
-        low, high = points.min(axis=0), points.max(axis=0)
-        target, size = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
+        target, size = _ball(points)
         if not self.vehicle:
             away, ground = 1.6 * size, min(0.0, lowest) if lowest < 0.2 * size else 0.0
             return Camera(target + away * EYE, target, size, ground, rounded(size / 5))
@@ -200,9 +200,7 @@ class Scene:
 
     def survey(self, q: Array) -> Camera:
         """A fixed camera on a vehicle's whole path over positions q (k, m)."""
-        places = base_poses(self._system, q)[0]
-        low, high = places.min(axis=0), places.max(axis=0)
-        target, size = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
+        target, size = _ball(base_poses(self._system, q)[0])
         ground = float(self._reach(q)[:, 2].min())
         return Camera(target + 2.2 * size * EYE, target, size, ground, rounded(size / 5))
 
@@ -229,6 +227,12 @@ class Scene:
         """(k, bones, 2, 3) segments between joints, and from joints to their frames [m]."""
         assert self._skeleton is not None
         return bones(self._skeleton, q)
+
+
+def _ball(points: Array) -> tuple[Array, float]:
+    """(3,) centre and radius of a ball around the bounding box of points (k, 3) [m]."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
 
 
 def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, Array]:
@@ -286,8 +290,3 @@ def rotated(quaternions: Array, points: Array) -> Array:
     axis, w = quaternions[:, None, :3], quaternions[:, None, 3:]
     cross = np.cross(axis, points)
     return points + 2 * (w * cross + np.cross(axis, cross))
-
-
-def _plain(name: str) -> str:
-    """A name without characters that need an escape in an entity path."""
-    return "".join(c if c.isalnum() else "_" for c in name)

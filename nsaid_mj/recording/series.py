@@ -58,11 +58,6 @@ class Curves:
             static=True,
         )
 
-    def log_values(self, rec: rr.RecordingStream, t: Array) -> None:
-        """Logs all values in one batch, at times t (N,) [s]."""
-        time = rr.TimeColumn("sim_time", duration=t)
-        rec.send_columns(self.path, [time], rr.Scalars.columns(scalars=self.values))
-
 
 def path(*parts: str) -> str:
     """An entity path made of parts; characters that would need an escape become underscores."""
@@ -90,15 +85,10 @@ def groups(space: ParameterSpace) -> list[Group]:
         for number, unit in enumerate(units, 1):
             inside = [k for k, own in enumerate(block.units) if own == unit]
             suffix = [str(number)] if len(units) > 1 else []
-            found.append(
-                Group(
-                    block.name,
-                    path("estimate", block.name, *suffix),
-                    f"{block.name} [{unit}]",
-                    [f"{block.labels[k]} [{unit}]" for k in inside],
-                    place.start + np.array(inside, dtype=np.intp),
-                )
-            )
+            entity, title = path("estimate", block.name, *suffix), f"{block.name} [{unit}]"
+            names = [f"{block.labels[k]} [{unit}]" for k in inside]
+            indices = place.start + np.array(inside, dtype=np.intp)
+            found.append(Group(block.name, entity, title, names, indices))
     return found
 
 
@@ -120,13 +110,10 @@ def excitation(everywhere: Array, perpendicular: Array) -> list[Curves]:
     return [
         Curves("excitation/all", ["all directions, (2) [N·m·s]"], everywhere, steps=True),
         Curves(
-            "excitation/perpendicular",
-            ["observable directions, (75) [N·m·s]"],
-            perpendicular,
-            steps=True,
-            color=1,
+            "excitation/perpendicular", ["observable directions, (75) [N·m·s]"], perpendicular,
+            steps=True, color=1,
         ),
-    ]
+    ]  # fmt: skip
 
 
 def shares(theta_hat: Array, truth: Array) -> Array:
@@ -159,37 +146,24 @@ def curves(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth | None) -
     """
     record, system = run.record, run.system
     units = ", ".join(dict.fromkeys(system.velocity_units))
+    v = record["v"][rows]
     found = [
-        Curves(
-            "velocity_error",
-            velocity_names(system),
-            record["v_hat"][rows] - record["v"][rows],
-        ),
+        Curves("velocity_error", velocity_names(system), record["v_hat"][rows] - v),
         *excitation(record["pe"][rows, None], record["pe_perp"][rows, None]),
-        Curves("velocity", velocity_names(system, ""), record["v"][rows]),
+        Curves("velocity", velocity_names(system, ""), v),
         Curves("command", command_names(system), record["u"][rows]),
     ]
     found += _estimates(run, rows, truth)
     found += _conserved(run, rows)
     found += _predictions(run, rows) if truth is None else _judged(run, nullspace, rows, truth)
+    t = record["t"][rows]
     for k, name in enumerate(["", *record.rivals]):
         suffix, title = (f"_{name}", name) if name else ("", OWN)
-        dv = record[f"v_hat{suffix}"][rows] - record["v"][rows]
-        t = record["t"][rows]
-        moved = np.any(
-            dv != 0, axis=1
-        )  # at first Δv may be 0, whose logarithm would flatten the rest
-        rms = np.ones(len(t))
-        if moved.any():
-            rms = np.interp(t, *local_rms(t[moved], dv[moved]))
-        found.append(
-            Curves(
-                path("log_velocity_rms", title),
-                [f"{title} [log₁₀ of {units}]"],
-                np.log10(rms)[:, None],
-                color=_colour(run, name, k),
-            )
-        )
+        dv = record[f"v_hat{suffix}"][rows] - v
+        moved = np.any(dv != 0, axis=1)  # at first Δv may be 0, whose logarithm is infinite
+        rms = np.interp(t, *local_rms(t[moved], dv[moved])) if moved.any() else np.ones(len(t))
+        entity, names = path("log_velocity_rms", title), [f"{title} [log₁₀ of {units}]"]
+        found.append(Curves(entity, names, np.log10(rms)[:, None], color=_colour(run, name, k)))
     return found
 
 

@@ -49,9 +49,10 @@ def write(
             rec.log(entity, rr.TextDocument(drawable(text), media_type=_MARKDOWN), static=True)
         draw(rec)
         for t, curves in series:
+            time = rr.TimeColumn("sim_time", duration=t)
             for curve in curves:
                 curve.log_style(rec)
-                curve.log_values(rec, t)
+                rec.send_columns(curve.path, [time], rr.Scalars.columns(scalars=curve.values))
         with atomic_write(file) as partial, partial.open("wb") as stream:
             stream.write(memory.drain_as_bytes())
     finally:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
@@ -36,6 +38,10 @@ class Arcs:
         rows: samples of the motion, which set the largest arc.
         theta: (p,) parameters.
     """
+
+    kind, paths = "torques", (COMMANDED, ESTIMATED)
+    rate, frames = 15.0, 4000  # arcs that are drawn per second, and at most
+    magnified: Mapping[str, float] = {}
 
     def __init__(self, system: SecondOrderSystem, size: float, rows: Log, theta: Array):
         assert isinstance(system, JointTree)

@@ -1,12 +1,14 @@
 """The recording of tracking laws on one plant: their errors together, one robot, the reference."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ..control.adaptive import Tracker
+from ..evaluation.tracking import Motion
 from ..experiment.loop import Looks
 from ..pages.panels import LAWS
 from ..parameters import Array
@@ -14,7 +16,7 @@ from ..structure.joints import JointTree, bones
 from ..structure.system import SecondOrderSystem
 from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
-from .scene import ROBOT, Camera, Scene
+from .scene import ROBOT, Scene
 from .series import Curves, command_names, path, spread
 from .stream import write
 
@@ -28,11 +30,9 @@ def record(
     file: Path,
     system: SecondOrderSystem,
     looks: Looks,
-    motion: tuple[Array, Array, Array],
-    desired: Array,
-    errors: Mapping[str, Mapping[str, Array]],
-    commands: Mapping[str, Array],
-    result: str,
+    motions: Mapping[str, Motion],
+    tracker: Tracker,
+    document: str,
 ) -> Path:
     """Writes a recording, atomically, and returns its path.
 
@@ -40,25 +40,36 @@ def record(
         file: path of the recording, ending in .rrd.
         system: the structure.
         looks: meshes of the robot.
-        motion: (N,) times [s], (N, m) positions and (N, n) velocities of the robot drawn, under the
-            first law.
-        desired: (N, m) the reference's positions, drawn in cyan.
-        errors: (N,) norms of the tracking error, by unit and law: plotted as log₁₀.
-        commands: (N, n_u) commands as shares of their limits, by law.
-        result: the result in Markdown.
+        motions: the motions by law; the robot is drawn under the first one.
+        tracker: has the limits of commands, and the reference, which is drawn in cyan.
+        document: the result in Markdown.
     """
-    t, q, v = motion
+    first, (low, high) = next(iter(motions.values())), tracker.limits
+    t, q, v = first.t, first.q, first.v
+    aims = [tracker.reference.desired(now)[0] for now in t.tolist()]
+    desired = system.position(np.array(aims))
+    units = [unit for unit in ("rad", "m") if f"{unit}/s" in system.velocity_units]
     frames, rows = spread(len(t), _FRAMES), spread(len(t), _POINTS)
     scene = Scene(system, looks)
     camera = None if scene.empty else scene.camera(q[frames], v[frames])
-    curves = [
-        Curves(path("error", unit, law), [law], np.log10(size)[rows, None], color=LAWS[law])
-        for unit, of in errors.items()
-        for law, size in ((law, np.maximum(error, _LEAST)) for law, error in of.items())
-    ]
-    names = command_names(system)
-    curves += [Curves(path("command", law), names, u[rows]) for law, u in commands.items()]
-    layout = _layout(Plots(curves, float(t[-1])), camera, list(errors), list(commands))
+    curves, names = [], command_names(system)
+    for law, of in motions.items():
+        for unit in units:
+            size = np.sqrt(np.mean(of.error_of(system, unit) ** 2, axis=1))
+            values = np.log10(np.maximum(size, _LEAST))[rows, None]
+            curves.append(Curves(path("error", unit, law), [law], values, color=LAWS[law]))
+        shares = of.u / np.where(of.u < 0, -low, high)
+        curves.append(Curves(path("command", law), names, shares[rows]))
+    plots = Plots(curves, float(t[-1]))
+    story = [plots(path("error", u), f"Tracking error [log₁₀ of {u}]", RIGHT) for u in units]
+    left: list[rrb.View | rrb.Container] = [result()]
+    if camera:
+        left.insert(0, robot(camera, f"Robot under {next(iter(motions))}; its reference (cyan)"))
+    efforts = [plots(path("command", law), f"{law}: commands over their limits") for law in motions]
+    layout = whole(
+        beside(left, rrb.Vertical(*story), "Tracking", [3, 2]),
+        plots.grid(efforts, min(2, len(efforts)), "Commands"),
+    )
 
     def draw(rec: rr.RecordingStream) -> None:
         if camera is not None:
@@ -66,17 +77,7 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write(file, file.parent.name, layout, {"result": result}, [(t[rows], curves)], draw)
-
-
-def _layout(
-    plots: Plots, camera: Camera | None, units: Sequence[str], laws: Sequence[str]
-) -> rrb.Blueprint:
-    story = [plots(path("error", u), f"Tracking error [log₁₀ of {u}]", RIGHT) for u in units]
-    left = [robot(camera, f"Robot under {laws[0]}; its reference (cyan)")] if camera else []
-    first = beside([*left, result()], rrb.Vertical(*story), "Tracking", [3, 2])
-    efforts = [plots(path("command", law), f"{law}: commands over their limits") for law in laws]
-    return whole(first, plots.grid(efforts, min(2, len(laws)), "Commands"))
+    return write(file, file.parent.name, layout, {"result": document}, [(t[rows], curves)], draw)
 
 
 def _log_reference(

@@ -217,9 +217,7 @@ def verdict_of(cells: Sequence[Cell]) -> Mark:
 
 def _log(row: Row) -> str:
     """A row's logs in words, with spaces that do not break between a number and its unit."""
-    return f"{sensors(row.noise)}, {row.duration:g} s".replace(
-        " × noise", "\u00a0×\u00a0noise"
-    ).replace(" s", "\u00a0s")
+    return f"{sensors(row.noise)},_{row.duration:g} s".replace(" ", "\u00a0").replace("_", " ")
 
 
 def _figures(row: Row, several: bool) -> list[str]:
@@ -258,25 +256,38 @@ def lines(cells: Sequence[Cell]) -> dict[str, dict[str, Panels]]:
     # the error of gain ratios of a single actuator is 0
     shown = [(label, key) for label, key in _SHOWN if any(r.median[key] for r in found)]
 
-    def line(chosen: list[Row], draw: Callable[..., None]) -> Panels:
-        return {label: partial(draw, chosen, key) for label, key in shown}
+    def line(
+        chosen: list[Row],
+        abscissa: Callable[[Row], float],
+        name: str,
+        ticks: Mapping[float, str] | None = None,
+    ) -> Panels:
+        return {
+            label: partial(_curves, chosen, key, abscissa, name, ticks or {})
+            for label, key in shown
+        }
 
     last = [r for r in found if r.duration == durations[-1]]
     logs = f"{durations[-1]:g} s of data"
     able = [r for r in last if r.method not in _REFERENCES]
     drawn = {
         "wall_time": {
-            f"{sensors(x)}, {logs}": line([r for r in able if r.noise == x], _over_time)
+            f"{sensors(x)}, {logs}": line(
+                [r for r in able if r.noise == x], lambda row: row.median["wall_s"], "wall time [s]"
+            )
             for x in noises
         }
     }
     if len(durations) > 1:
-        over = partial(_over_length, durations)
+        ticks, name = {d: f"{d:g}" for d in durations}, "length of the log [s]"
         drawn["data_length"] = {
-            sensors(x): line([r for r in found if r.noise == x], over) for x in noises
+            sensors(x): line([r for r in found if r.noise == x], lambda r: r.duration, name, ticks)
+            for x in noises
         }
     if len(noises) > 1:
-        drawn["noise"] = {logs: line(last, partial(_over_noise, noises))}
+        ticks = {float(k): f"{x:g} ×" if x else "exact" for k, x in enumerate(noises)}
+        name = "sensor noise, multiple of the scenario's"
+        drawn["noise"] = {logs: line(last, lambda row: noises.index(row.noise), name, ticks)}
     return drawn
 
 
@@ -309,65 +320,37 @@ def figures(drawn: Mapping[str, Mapping[str, Panels]]) -> list[Figure]:
     ]
 
 
-def _over_length(durations: list[float], chosen: list[Row], key: str, axis: Any) -> None:
-    _curves(axis, chosen, key, lambda row: row.duration)
-    axis.set_xscale("log")
-    axis.set_xticks(durations, [f"{d:g}" for d in durations])
-    axis.minorticks_off()
-    axis.set_xlabel("length of the log [s]")
-    plots.logarithmic(axis)
+def _curves(
+    chosen: list[Row], key: str, abscissa: Callable[[Row], float], name: str,
+    ticks: Mapping[float, str], axis: Any,
+) -> None:  # fmt: skip
+    """Draws every method's medians over an abscissa, with error bars from best to worst seed.
 
-
-def _over_noise(noises: list[float], chosen: list[Row], key: str, axis: Any) -> None:
-    _curves(axis, chosen, key, lambda row: noises.index(row.noise))
-    axis.set_xticks(range(len(noises)), ["exact" if not x else f"{x:g} ×" for x in noises])
-    axis.set_xlabel("sensor noise, multiple of the scenario's")
-    plots.logarithmic(axis)
-
-
-def _over_time(chosen: list[Row], key: str, axis: Any) -> None:
-    for row in chosen:
-        _curve(axis, [row], key, lambda row: row.median["wall_s"])
-    axis.set_xlabel("wall time [s]")
-    plots.logarithmic(axis, "x")
-    plots.logarithmic(axis)
-
-
-def _curves(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
+    Without ticks the abscissa is logarithmic.
+    """
     for method in dict.fromkeys(row.method for row in chosen):
-        _curve(axis, [row for row in chosen if row.method == method], key, abscissa)
-
-
-def _curve(axis: Any, chosen: list[Row], key: str, abscissa: Any) -> None:
-    """Draws one method's medians, with error bars from the best to the worst seed."""
-    chosen = [row for row in chosen if np.isfinite(row.median[key]) and row.median[key] > 0]
-    if not chosen:
-        return
-    method = chosen[0].method
-    colour, mark, dash = _look(method)
-    median = np.array([row.median[key] for row in chosen])
-    best, worst = (
-        np.array([getattr(row, end)[key] for row in chosen]) for end in ("best", "worst")
-    )
-    reach = np.vstack([median - best, np.where(np.isfinite(worst), worst, median) - median])
-    ours = method in OURS
-    axis.errorbar(
-        [abscissa(row) for row in chosen],
-        median,
-        yerr=reach,
-        color=colour,
-        marker=mark,
-        ms=7 if ours else 5,
-        lw=2.2 if ours else 1.1,
-        ls=dash,
-        elinewidth=0.8,
-        capsize=2,
-        label=method,
-        gid=plots.CURVE + method,
-    )
-
-
-def _look(method: str) -> tuple[str, str, str]:
-    """Colour, marker and dash of a method."""
-    colour = COLOURS[LAWS[method]] if method in LAWS else _REST.get(method, INK)
-    return colour, _MARKS.get(method, "."), "--" if method in _REFERENCES else "-"
+        own = [row for row in chosen if row.method == method]
+        own = [row for row in own if np.isfinite(row.median[key]) and row.median[key] > 0]
+        if not own:
+            continue
+        colour = COLOURS[LAWS[method]] if method in LAWS else _REST.get(method, INK)
+        dash = "--" if method in _REFERENCES else "-"
+        median = np.array([row.median[key] for row in own])
+        best = np.array([row.best[key] for row in own])
+        worst = np.array([row.worst[key] for row in own])
+        reach = np.vstack([median - best, np.where(np.isfinite(worst), worst, median) - median])
+        ours = method in OURS
+        axis.errorbar(
+            list(map(abscissa, own)), median, reach, color=colour, ls=dash,
+            marker=_MARKS.get(method, "."), ms=7 if ours else 5, lw=2.2 if ours else 1.1,
+            elinewidth=0.8, capsize=2, label=method, gid=plots.CURVE + method,
+        )  # fmt: skip
+    axis.set_xlabel(name)
+    if not ticks:
+        plots.logarithmic(axis, "x")
+    else:
+        if min(ticks) > 0:  # lengths of logs
+            axis.set_xscale("log")
+            axis.minorticks_off()
+        axis.set_xticks(list(ticks), list(ticks.values()))
+    plots.logarithmic(axis)

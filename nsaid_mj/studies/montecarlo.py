@@ -31,7 +31,6 @@ from ..laws.base import Estimates
 from ..laws.nullspace_aid import NullspaceIdentifier
 from ..log import Log
 from ..numerics.stopwatch import compile_seconds
-from ..numerics.threads import single_threaded
 from ..parameters import Array
 from ..structure.system import Motion
 from .study import MOST_JOBS, Study, check_count
@@ -65,7 +64,13 @@ class Plan(Study):
 
     def __post_init__(self) -> None:
         check_count("runs", self.runs, "256 runs give distributions.")
-        _check_sharing(self.scenario, self.shared)
+        if self.shared and self.scenario.prior == "nominal":
+            raise InvalidInput(
+                "prior",
+                "`drawn`, if all runs share one plant",
+                self.scenario.prior,
+                "Add --own-plants: with `nominal`, runs differ in the truth and not in the prior.",
+            )
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -180,7 +185,11 @@ def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) ->
     """Runs the identifiers of scenarios along a course's log, to its end or until they fail."""
     log, dt = course.log, course.setup.scenario.dt
     with course.workspace:
-        runs = [Draw(_identifier(course, scenario), log) for scenario in scenarios]
+        setups = [
+            replace(course.setup.with_prior_of(own), scenario=replace(own, rivals={}))
+            for own in scenarios
+        ]
+        runs = [Draw(setup.identifiers()[""], log) for setup in setups]
     every = max(1, round(CHECK / dt))
     piece, last = every * max(1, round(_PIECE / every)), len(log.t) - 1
     for at in range(0, last, piece):
@@ -192,30 +201,17 @@ def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) ->
         with course.workspace:
             motion = _shared(going[0].following.identifier, part)
         with course.workspace if motion is None else nullcontext():
-            for run, found in zip(going, _followed(going, part, motion), strict=True):
+            for run in going:
+                law, state = run.following.identifier, run.following.state
+                if motion is None:
+                    found = law.follow(state, part)
+                else:
+                    assert isinstance(law, NullspaceIdentifier)
+                    found = law.along(state, part, motion)
                 run.absorb(part, *found, due)
                 seen((len(part.t) - 1) / last)
         seen((len(runs) - len(going)) * (len(part.t) - 1) / last)
     return runs
-
-
-def _identifier(course: Course, scenario: Scenario) -> Identifier:
-    """A scenario's own identifier, with a prior drawn about the truth of a course's plant."""
-    setup = course.setup.with_prior_of(scenario)
-    return replace(setup, scenario=replace(scenario, rivals={})).identifiers()[""]
-
-
-def _followed(
-    runs: Sequence[Draw], log: Log, motion: Motion | None
-) -> Iterator[tuple[State, Estimates]]:
-    """Yields state and estimates of every run's identifier along a segment, from its last state."""
-    each = [(run.following.identifier, run.following.state) for run in runs]
-    if motion is None:
-        yield from (law.follow(state, log) for law, state in each)
-    else:
-        for law, state in each:
-            assert isinstance(law, NullspaceIdentifier)
-            yield law.along(state, log, motion)
 
 
 def _shared(identifier: Identifier, log: Log) -> Motion | None:
@@ -251,32 +247,6 @@ def _row(draw: int, scenario: Scenario, course: Course, run: Draw, cost: float) 
 
 
 # -- the whole study -------------------------------------------------------------------------------
-
-
-@single_threaded
-def monte_carlo(
-    scenario: Scenario, runs: int, jobs: int | None = None, shared: bool = True
-) -> list[Row]:
-    """Executes all runs of a Monte Carlo study in memory.
-
-    Args:
-        scenario: the scenario; its seed is the master seed, its rivals are left out.
-        runs: number of runs.
-        jobs: number of threads; None for the number of processors.
-        shared: see `Plan`.
-
-    Returns:
-        A row for every run, in order: how it ended, and the figures of its last estimate.
-
-    Raises:
-        InvalidInput: `runs` or `jobs` is less than 1 or too large, or a shared plant leaves nothing
-            to draw.
-        NsaidError: the scenario cannot be started.
-    """
-    check_count("runs", runs, "256 runs give distributions.")
-    _check_sharing(scenario, shared)
-    rows = [row for part in rows_of(scenario, range(runs), jobs, shared) for row in part]
-    return sorted(rows, key=lambda row: row["run"])
 
 
 def rows_of(
@@ -333,13 +303,3 @@ def _identified(
     """Yields the rows of groups of draws, as they become available."""
     for done in as_completed([pool.submit(identify, *group, seen) for group in groups]):
         yield done.result()
-
-
-def _check_sharing(scenario: Scenario, shared: bool) -> None:
-    if shared and scenario.prior == "nominal":
-        raise InvalidInput(
-            "prior",
-            "`drawn`, if all runs share one plant",
-            scenario.prior,
-            "Add --own-plants: with `nominal`, runs differ in the truth and not in the prior.",
-        )

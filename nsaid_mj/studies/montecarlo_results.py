@@ -10,15 +10,13 @@ from rich.console import Console
 from ..laws import Status
 from ..numerics.threads import single_threaded
 from ..pages.page import Page, Section, Table, count
-from ..pages.progress import announcing, counted
 from ..pages.terminal import print_page
 from ..parameters import rounded
-from ..resources import check_own
 from ..robot.findings import Finding
 from .montecarlo import JOBS, Plan, rows_of
 from .study import MOST_JOBS, check_count
 from .sweep import opened
-from .sweep_results import MANIFEST, Group, Row, Sweep, digits, factor, files_of, read, verdict_of
+from .sweep_results import Group, Row, Sweep, digits, factor, files_of, read, verdict_of
 
 FIGURES = {
     "theta_perp_ratio": "distance at end [%]",
@@ -43,19 +41,14 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
         NsaidError: the scenario cannot be started.
     """
     check_count("jobs", 1 if jobs is None else jobs, JOBS, MOST_JOBS)
-    check_own(folder, (MANIFEST,))
-    bar = counted(quiet, "{task.completed:.0f}/{task.total:.0f} runs")
-    with (
-        opened(folder, plan.manifest, partial(bar.console.print, highlight=False)) as rows,
-        bar,
-        announcing(bar.console),
-    ):
-        todo = [number for number in range(plan.runs) if number not in rows.known]
-        task = bar.add_task(folder.name, total=plan.runs, completed=len(rows.known))
+    done = "{task.completed:.0f}/{task.total:.0f} runs"
+    with opened(folder, plan.manifest, quiet, done) as (known, append, bar):
+        todo = [number for number in range(plan.runs) if number not in known]
+        task = bar.add_task(folder.name, total=plan.runs, completed=len(known))
         seen = partial(bar.advance, task)
         for group in rows_of(plan.scenario, todo, jobs, plan.shared, seen):
             for row in group:
-                rows.append(row)
+                append(row)
     return read(folder)
 
 

@@ -17,7 +17,7 @@ from ..bounds import shown
 from ..errors import InvalidInput
 from ..experiment.library import digest_of
 from ..experiment.scenario import Scenario
-from ..pages.progress import announcing, counted
+from ..pages.progress import counted
 from ..resources import check_own, locked, write_text
 
 MOST_RUNS = 1_000_000
@@ -94,11 +94,10 @@ def carried_out(
     """
     check_own(folder, own)
     done: list[_Result] = []
-    bar = counted(show is None)
     with locked(folder):
         write(done)
         try:
-            with bar, announcing(bar.console):
+            with counted(show is None) as bar:
                 task = bar.add_task("", total=total)
                 for found in made(lambda words: bar.update(task, description=words)):
                     done.append(found)

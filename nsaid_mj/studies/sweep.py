@@ -15,9 +15,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
+from rich.progress import Progress as Bar
 
 from ..bounds import without_nonfinite
 from ..errors import BadRun, InvalidInput, NotWritten
@@ -138,73 +139,58 @@ def run(
     engine = engine or Engine()
     longest = max(engine.time(scenario) for scenario in plan.scenarios)
     of = "{task.completed}/{task.total} {task.fields[lost]} without result"
-    bar = counted(quiet, of)
 
     def job(number: int) -> Job:
         scenario = plan.run(number)
         return Job(number, plan.script, plan.digest, scenario.to_json(), engine.time(scenario))
 
-    with opened(folder, plan.manifest, partial(bar.console.print, highlight=False)) as rows, bar:
-        known = rows.known
-        if retry:
-            known = {number: row for number, row in known.items() if row["failure"] is None}
+    with opened(folder, plan.manifest, quiet, of) as (found, append, bar):
+        known = {k: row for k, row in found.items() if not retry or row["failure"] is None}
         lost = sum(row["failure"] is not None for row in known.values())
         task = bar.add_task(folder.name, total=len(plan), completed=len(known), lost=lost)
         todo = [number for number in range(len(plan)) if number not in known]
-        for found in engine.make(todo, job, longest):
-            row = plan.what(found["run"]) | found
-            rows.append(row)
+        for figures in engine.make(todo, job, longest):
+            row = plan.what(figures["run"]) | figures
+            append(row)
             lost += row["failure"] is not None
             bar.update(task, advance=1, lost=lost)
     return read(folder)
 
 
-class Rows:
-    """The rows of a sweep on disk.
-
-    Attributes:
-        known: rows that an earlier call has written, by run number.
-    """
-
-    def __init__(self, path: Path, known: dict[int, Row], stream: BinaryIO):
-        self.known, self._path, self._stream = known, path, stream
-
-    def append(self, row: Row) -> None:
-        """Appends a row, synced to the disk; a full one raises `NotWritten` and keeps others."""
-        line = (
-            json.dumps(without_nonfinite(row), ensure_ascii=False, allow_nan=False) + "\n"
-        ).encode()
-        remedy = "Make room on the disk; the same command then resumes"
-        with writing(self._path, remedy):
-            if self._stream.write(line) < len(line):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-            os.fsync(self._stream.fileno())
-
-
 @contextmanager
 def opened(
-    folder: Path, manifest: dict[str, Any], say: Callable[[str], object] = print
-) -> Iterator[Rows]:
+    folder: Path, manifest: dict[str, Any], quiet: bool, done: str
+) -> Iterator[tuple[dict[int, Row], Callable[[Row], None], Bar]]:
     """Creates a sweep's folder, or reads what an earlier run of the same plan wrote.
 
-    The folder is locked within the context; at its end the table of all rows is written. `say`
-    receives a line about damaged rows, which are made again.
+    Yields the rows of earlier runs by number, a function that appends a row and syncs the disk,
+    and a bar; `done` is the format of its count. The folder is locked within the context; at its
+    end the table of all rows is written. Damaged rows are made again.
 
     Raises:
         FolderInUse: another process is writing into the folder.
-        NotWritten: the folder cannot be written.
+        NotWritten: the folder cannot be written; rows on a full disk are kept.
         BadRun: it holds another sweep, or rows of an unknown one.
     """
     check_own(folder, (MANIFEST, ROWS))
-    with locked(folder):
-        rows = folder / ROWS
-        known = _resumed(folder, manifest, say)
+    rows, remedy = folder / ROWS, "Make room on the disk; the same command then resumes"
+    with counted(quiet, done) as bar, locked(folder):
+        known = _resumed(folder, manifest, partial(bar.console.print, highlight=False))
         with writing(rows):
             flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
             descriptor = os.open(rows, flags)
         try:
             with os.fdopen(descriptor, "ab", buffering=0) as stream:
-                yield Rows(rows, known, stream)
+
+                def append(row: Row) -> None:
+                    plain = without_nonfinite(row)
+                    line = json.dumps(plain, ensure_ascii=False, allow_nan=False) + "\n"
+                    with writing(rows, remedy):
+                        if stream.write(line.encode()) < len(line.encode()):
+                            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                        os.fsync(descriptor)
+
+                yield known, append, bar
         except BaseException:
             with suppress(NotWritten, BadRun):  # the original error says more
                 write_table(folder)

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from ..pages import plots
-from ..pages.page import Cell, Figures, Page, Section, Table, Text, count, write_html
+from ..pages.page import Figures, Page, Section, Table, Text, count, write_html
 from ..pages.panels import BAD, COLOURS, thin
 from ..robot.findings import Finding
-from .sweep_results import HEADS, SPREADS, Group, Sweep, cells, verdict_of
+from .sweep_results import SPREADS, Group, Sweep, lead_of, table_of, verdict_of
 
 PICTURE = "distributions.png"
 _DOTS = 400  # largest number of dots per group of runs
@@ -42,7 +42,6 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
     manifest = sweep.manifest
     fields = list(manifest["vary"])
     seeds = manifest.get("seeds", manifest["runs"])  # `nsaid montecarlo`: one for every run
-    results = len(sweep.rows) - len(sweep.lost)
     thinned = any(len(group.results) > _DOTS for field in fields for group in sweep.by(field))
     drawn = []
     for field, line in zip(fields or [""], lines, strict=True):
@@ -54,13 +53,9 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
     missing = manifest["runs"] - len(sweep.rows)
     note = Text(_NOTE.format(thinned=f" (at most {_DOTS} in a column)" if thinned else ""), True)
     rest = [Figures(drawn[first:]), note] if drawn[first:] else [note]
-    groups: list[list[Cell]] = [
-        [*map(str, group.values.values()), *cells(group)] for group in sweep.groups
-    ]
-    table = Table([*fields, *HEADS], groups, range(len(fields)))
     sections = [
         Section("Distributions" if drawn[first:] else "About the plots", rest),
-        Section("Combinations", [table, Text(SPREADS, note=True)]),
+        Section("Combinations", [table_of(sweep, fields), Text(SPREADS, note=True)]),
     ]
     if sweep.lost:
         failures = [
@@ -74,9 +69,8 @@ def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
         heading=sweep.folder.name,
         verdict=verdict_of(sweep),
         eyebrow=f"many runs of {manifest['script']}",
-        lead=f"{results} of {count(manifest['runs'], 'run')} "
-        f"{'has' if manifest['runs'] == 1 else 'have'} a result; {count(seeds, 'seed')} from "
-        f"the master seed {manifest['master_seed']}.",
+        lead=f"{lead_of(sweep)}; {count(seeds, 'seed')} from the master seed "
+        f"{manifest['master_seed']}.",
         findings=[unfinished] if missing else [],
         carrying=drawn[:first],
         sections=sections,
@@ -103,30 +97,18 @@ def _line(sweep: Sweep, field: str) -> dict[str, Draw]:
         f"{label}\n{count}/{len(g.results)}"
         for label, count, g in zip(labels, converged, groups, strict=True)
     ]
-    panels = {"Distance to the true set at the end": partial(_distances, groups, labels, field)}
+    distances = partial(_distribution, groups, labels, field, "theta_perp_ratio")
+    panels = {"Distance to the true set at the end": distances}
     if any(converged):
-        panels["Time to converge"] = partial(_times, groups, under, field)
+        times = partial(_distribution, groups, under, field, "time_to_converge")
+        panels["Time to converge"] = times
     endings = sorted({row["status"] for group in sweep.by() for row in group.early})
     if sweep.lost or endings:
         panels["Share of runs that failed"] = partial(_failed, groups, labels, field, endings)
     return panels
 
 
-def _distances(groups: list[Group], labels: list[str], field: str, axis: Any) -> None:
-    _distribution(axis, groups, "theta_perp_ratio")
-    plots.categories(axis, labels, field)
-    axis.set_ylabel("‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]")
-    plots.logarithmic(axis)
-
-
-def _times(groups: list[Group], labels: list[str], field: str, axis: Any) -> None:
-    _distribution(axis, groups, "time_to_converge")
-    plots.categories(axis, labels, field)
-    axis.set_ylim(bottom=0)
-    axis.set_ylabel("time [s]")
-
-
-def _distribution(axis: Any, groups: list[Group], key: str) -> None:
+def _distribution(groups: list[Group], labels: list[str], field: str, key: str, axis: Any) -> None:
     """Draws a box and dots for the finite values of each group."""
     rng = np.random.default_rng(0)  # of the dots' horizontal jitter
     for place, group in enumerate(groups):
@@ -146,6 +128,13 @@ def _distribution(axis: Any, groups: list[Group], key: str) -> None:
         aside = place + rng.uniform(-0.2, 0.2, len(shown))
         pale = max(0.05, len(shown) ** -0.4)
         plots.line(axis, aside, shown, "run", ".", color=COLOURS[0], ms=4, alpha=pale)
+    plots.categories(axis, labels, field)
+    if key == "time_to_converge":
+        axis.set_ylim(bottom=0)
+        axis.set_ylabel("time [s]")
+    else:
+        axis.set_ylabel("‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]")
+        plots.logarithmic(axis)
 
 
 def _failed(

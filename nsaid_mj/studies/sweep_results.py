@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,17 +33,7 @@ SPREADS = (
     "scenario's duration. Lost: no result."
 )
 HEADS = ("distance at end [%]", "converged after [s]", "converged", "early", "lost")
-COSTS = (
-    "wall_s",
-    "compile_s",
-    "real_time_factor",
-    "identifier_us_per_step",
-    "plant_us_per_step",
-)
-"""Columns that differ when a run is repeated; all others are identical to the bit."""
-
 _TYPES = {"failure": pa.string(), "time_to_converge": pa.float64()}  # columns that may be all null
-_LINES = 40  # of a table on the terminal, at most
 
 Row = dict[str, Any]
 """`run`, `draw`, `seed`, the varied fields, and the figures from `sweep_worker.supervised`."""
@@ -253,23 +244,32 @@ def print_summary(sweep: Sweep) -> None:
     fields = list(sweep.manifest["vary"])
     last = [path.rpartition(".")[2] for path in fields]
     named = [k if last.count(k) == 1 else path for path, k in zip(fields, last, strict=True)]
-    lines = [[*map(str, group.values.values()), *cells(group)] for group in sweep.groups]
-    table = Table([*named, *HEADS], lines, range(len(fields)), most=_LINES)
     failures = [
         Finding("refusal", "lost", f"run {row['run']}", row["failure"],
                 f"\n    {sweep.command(row)}")
         for row in sweep.lost
     ]  # fmt: skip
-    results, runs = len(sweep.rows) - len(sweep.lost), sweep.manifest["runs"]
     page = Page(
         heading=sweep.folder.name,
         verdict=verdict_of(sweep),
-        lead=f"{results} of {count(runs, 'run')} {'has' if runs == 1 else 'have'} a result",
+        lead=lead_of(sweep),
         findings=failures,
-        sections=[Section("", [table, Text(SPREADS)])],
+        sections=[Section("", [table_of(sweep, named), Text(SPREADS)])],
         commands=files_of(sweep),
     )
     print_page(page, Console(highlight=False))
+
+
+def lead_of(sweep: Sweep) -> str:
+    """How many runs have a result."""
+    results, runs = len(sweep.rows) - len(sweep.lost), sweep.manifest["runs"]
+    return f"{results} of {count(runs, 'run')} {'has' if runs == 1 else 'have'} a result"
+
+
+def table_of(sweep: Sweep, fields: Sequence[str]) -> Table:
+    """The figures of all combinations of the varied fields, which have these names."""
+    lines = [[*map(str, group.values.values()), *cells(group)] for group in sweep.groups]
+    return Table([*fields, *HEADS], lines, range(len(fields)))
 
 
 def verdict_of(sweep: Sweep) -> Mark:

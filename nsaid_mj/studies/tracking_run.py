@@ -6,15 +6,12 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from ..numerics.threads import single_threaded
 from ..pages import plots
 from ..pages.drawings import figures_of
-from ..pages.page import Figure, Figures, Page, Section, Table, Text, count, write_html
+from ..pages.page import Figures, Page, Section, Text, count, markdown, write_html
 from ..pages.panels import COLOURS, LAWS, Panel, local_rms
 from ..pages.picture import picture
-from ..parameters import Array
 from ..recording.tracking import record
 from ..robot.findings import Finding
 from .study import carried_out, repeated
@@ -55,7 +52,8 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     """Writes report.html, tracking.png and tracking.rrd, and returns their paths."""
     shown = [c for c in done if c.seed == done[0].seed]
     table, length = table_of(plan, done), plan.scenario.duration
-    panels = [_errors(shown, unit) for unit in _units(shown[0])]
+    units = [unit for unit in ("rad", "m") if f"rms_{unit}" in shown[0].figures]
+    panels = [_errors(shown, unit) for unit in units]
     lines = [{panel.title: partial(plots.curves, panel) for panel in panels}]
     plot = plots.png_of(lines, (1.0 + 6.0 * len(panels), 3.4), folder / PICTURE)
     figures = figures_of(panels, 1)
@@ -68,6 +66,9 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
     drawn = Text(f"{averaged}; seed {shown[0].seed}.", note=True)
     if figures[1:]:
         sections.append(Section("Over time", [Figures(figures[1:]), drawn]))
+    missing = len(plan.laws) * len(plan.seeds) - len(done)
+    words = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing"
+    sketch = picture(shown[0].setup.plant, shown[0].motion.q[0], "the robot")
     page = Page(
         heading=plan.script,
         verdict=verdict_of(table),
@@ -75,8 +76,8 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         lead=f"{count(len(plan.laws), 'law')} on {count(len(plan.seeds), 'plant')}, {length:g} s, "
         f"{plan.scenario.sensors} sensors. All laws get the same prior, reference, K_d, Λ and "
         "bandwidth of adaptation.",
-        findings=_missing(plan, done),
-        carrying=[*figures[:1], *_robot(shown[0])],
+        findings=[Finding("refusal", "missing", "not finished", words)] if missing else [],
+        carrying=[*figures[:1], *([sketch] if sketch else [])],
         sections=sections,
         commands=[
             repeated("track", plan.manifest, {"laws": plan.laws, "seeds": plan.seeds}),
@@ -85,62 +86,13 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         notes=["All figures are in tracking.json and tracking.csv."],
         versions=plan.manifest["versions"],
     )
-    result = _markdown(plan, shown, table)
-    return [write_html(page, folder), plot, _record(folder, shown, result)]
-
-
-def _markdown(plan: Plan, shown: list[Course], table: Table) -> str:
-    """The table in Markdown, for the recording."""
-    rows = [
-        f"- **{law}**: "
-        + ", ".join(f"{h} {c}" for h, c in zip(table.heads[1:], cells, strict=True) if c)
-        for law, *cells in table.lines
-    ]
-    curves = f"Curves and robot: seed {shown[0].seed}."
-    return "\n".join([f"# {plan.script}", "", *rows, "", f"{medians_in_words(plan)} {curves}"])
-
-
-def _missing(plan: Plan, done: list[Course]) -> list[Finding]:
-    missing = len(plan.laws) * len(plan.seeds) - len(done)
-    words = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing"
-    return [Finding("refusal", "missing", "not finished", words)] if missing else []
-
-
-def _record(folder: Path, shown: list[Course], result: str) -> Path:
-    first = shown[0]
-    tracker, system, motion = first.tracker, first.setup.system, first.motion
-    aims = [tracker.reference.desired(t)[0] for t in motion.t.tolist()]
-    low, high = tracker.limits
-    errors = {
-        unit: {c.law: np.sqrt(np.mean(_error(c, unit) ** 2, axis=1)) for c in shown}
-        for unit in _units(first)
-    }
-    commands = {c.law: c.motion.u / np.where(c.motion.u < 0, -low, high) for c in shown}
-    return record(
-        folder / RECORDING,
-        system,
-        first.setup.plant,
-        (motion.t, motion.q, motion.v),
-        system.position(np.array(aims)),
-        errors,
-        commands,
-        result,
+    seed = Section("", [Text(f"Curves and robot: seed {shown[0].seed}.")])
+    result = markdown(replace(page, sections=[sections[0], seed]))
+    setup, motions = shown[0].setup, {c.law: c.motion for c in shown}
+    recording = record(
+        folder / RECORDING, setup.system, setup.plant, motions, shown[0].tracker, result
     )
-
-
-def _units(c: Course) -> list[str]:
-    return [unit for unit in ("rad", "m") if f"rms_{unit}" in c.figures]
-
-
-def _error(c: Course, unit: str) -> Array:
-    """(N, ·) the tracking error of the coordinates with a unit."""
-    return c.motion.error[:, [one == f"{unit}/s" for one in c.setup.system.velocity_units]]
-
-
-def _robot(c: Course) -> list[Figure]:
-    """The robot's picture, if it has a shape."""
-    found = picture(c.setup.plant, c.motion.q[0], "the robot")
-    return [found] if found else []
+    return [write_html(page, folder), plot, recording]
 
 
 def _errors(shown: list[Course], unit: str) -> Panel:
@@ -149,5 +101,6 @@ def _errors(shown: list[Course], unit: str) -> Panel:
     events = [t for fault in faults for t in (fault.time, fault.until) if t is not None]
     panel = Panel(f"Tracking error [{unit}]", f"rms error [{unit}]", True, events=events)
     for c in shown:
-        panel.add(*local_rms(c.motion.t, _error(c, unit)), c.law, colour=COLOURS[LAWS[c.law]])
+        error = c.motion.error_of(c.setup.system, unit)
+        panel.add(*local_rms(c.motion.t, error), c.law, colour=COLOURS[LAWS[c.law]])
     return panel

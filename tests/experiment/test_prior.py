@@ -30,9 +30,10 @@ from nsaid_mj.plants import (
 from nsaid_mj.plants.underwater import UnderwaterSheet
 from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.resources import scenarios
-from nsaid_mj.studies.montecarlo import Plan, monte_carlo
+from nsaid_mj.studies.montecarlo import Plan
 from tests.support.plants import assert_engines_agree, name_of
 from tests.support.strategies import seeds
+from tests.support.studies import monte_carlo
 from tests.support.vehicles import VEHICLES, coordinate_map
 
 PARAMETRIC: list[PlantConfig] = [

@@ -477,8 +477,7 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
     u = np.array([[1.0, 2, 9], [-1.0, -2, 9]])
     rows = Log(np.array([0.0, 1]), np.zeros((2, 3)), np.zeros((2, 3)), u)
     theta = np.array([1.0, 3, 4, 5, 6, 7])
-    arrows = forces.Arrows.of(Sled(), 2.0, rows, theta)
-    assert arrows is not None
+    arrows = forces.Arrows(Sled(), 2.0, rows, theta)
     assert [p.tolist() for p in arrows.parts] == [[1], [2], [4, 5]]
     # 8 N over 0.02·‖(6, 7)‖ N, so that fins are drawn 43 times as long at most
     assert arrows.magnified == {"fin": 20.0}

@@ -32,7 +32,8 @@ from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array
 from nsaid_mj.studies import montecarlo, montecarlo_results, sweep_results
-from nsaid_mj.studies.montecarlo import Course, Plan, monte_carlo
+from nsaid_mj.studies.montecarlo import Course, Plan
+from tests.support.studies import COSTS, monte_carlo
 
 ARM = Scenario(
     ArmPlant("double_pendulum"),
@@ -62,8 +63,7 @@ FEW = 5
 
 def figures(rows: list[dict]) -> list[dict]:
     """Rows without what they cost."""
-    costs = sweep_results.COSTS
-    return [{key: value for key, value in row.items() if key not in costs} for row in rows]
+    return [{key: value for key, value in row.items() if key not in COSTS} for row in rows]
 
 
 def course_of(scenario: Scenario) -> Course:
@@ -282,7 +282,7 @@ def test_montecarlo_writes_a_table_and_resumes(tmp_path, capsys):
     (tmp_path / "mc" / sweep_results.ROWS).write_text("\n".join(rows[:2]) + "\n" + rows[2][:9])
     assert command([*words, "--runs=4"]) == 0
     again = pq.read_table(tmp_path / "mc" / sweep_results.TABLE)
-    for key in set(table.column_names) - set(sweep_results.COSTS):
+    for key in set(table.column_names) - set(COSTS):
         assert again[key].equals(table[key]), key
     said = capsys.readouterr().out
     assert said.lstrip()[0] in "✔◐✘" and "4 priors on one motion, 0 lost" in said

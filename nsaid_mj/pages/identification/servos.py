@@ -116,18 +116,13 @@ def print_scores(scores: Sequence[Score], unit: str, console: Console) -> None:
     lines: list[list[Cell]] = []
     for score in scores:
         numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
-        cells = [_figure(x) for x in numbers]
+        cells = ["–" if np.isnan(x) else f"{x:.2f}" if x < 1e4 else "diverges" for x in numbers]
         lines.append([score.model, *cells, f"{score.seconds:.1f}"])
     print_panels([Table(heads, lines)], console)
     console.print()
     note = "Mean absolute errors of open-loop simulations that start again after this time; "
     note += "identified, sysid: each half of the logs is predicted from the other."
     print_panels([Text(note)], console)
-
-
-def _figure(x: float) -> str:
-    """An error for a table."""
-    return "–" if np.isnan(x) else f"{x:.2f}" if x < 1e4 else "diverges"
 
 
 def _cell(parameter: Parameter) -> str:

@@ -1,0 +1,21 @@
+"""Studies in memory, and what differs when one of their runs is repeated."""
+
+from nsaid_mj.experiment.scenario import Scenario
+from nsaid_mj.numerics.threads import single_threaded
+from nsaid_mj.studies.montecarlo import Plan, rows_of
+from nsaid_mj.studies.sweep_results import Row
+
+COSTS = (
+    "wall_s", "compile_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step",
+)  # fmt: skip
+"""Columns that differ when a run is repeated; all others are identical to the bit."""
+
+
+@single_threaded
+def monte_carlo(
+    scenario: Scenario, runs: int, jobs: int | None = None, shared: bool = True
+) -> list[Row]:
+    """The rows of a Monte Carlo study, in order."""
+    plan = Plan("none", scenario, runs, shared)
+    rows = [row for part in rows_of(scenario, range(plan.runs), jobs, shared) for row in part]
+    return sorted(rows, key=lambda row: row["run"])
