@@ -16,8 +16,8 @@ from pydantic import Field, model_validator
 from ..bounds import Number, Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array, Indices
+from ..structure.configuration import plain
 from ..structure.joints import JointTree
-from ..structure.structured import plain
 from ..structure.system import SecondOrderSystem
 from .driver import (
     CompiledDriver,

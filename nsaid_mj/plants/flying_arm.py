@@ -11,23 +11,24 @@ from ..errors import UnknownName
 from ..parameters import Array
 from ..resources import numbers
 from ..robot.loading import load_robot
-from ..robot.model import RobotModel
 from ..robot.tree import tree_spec
-from ..structure.joints import Carrier, JointScales, JointTree, link_blocks
+from ..structure.joints import Carrier, JointScales, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Column, Inertia, columns_at
 from ..structure.terms import guessed, numbered, term
 from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
-from .world.body import command_inputs, hidden
-from .world.plant import ParametricPlantConfig, Plant
-from .world.simulated import SimulatedRobot
+from .world.body import command_inputs
+from .world.simulated import Known, KnownPlant, SimulatedRobot
 
-_TORQUE = "rotor torque gain"
+_UNSURE = (
+    ("rotor inertia", 1.0), ("rotor thrust gain", 1.0), ("rotor torque gain", 0.25),
+    ("viscous friction", 1.0), ("Coulomb friction", 1.0), ("motor gain", 1.0),
+)  # fmt: skip
 
 
 @config
-class FlyingArmPlant(ParametricPlantConfig):
+class FlyingArmPlant(KnownPlant):
     """A flying robot of example-robot-data; rotor parameters and sources in assets/flying_arm.
 
     Attributes:
@@ -42,28 +43,12 @@ class FlyingArmPlant(ParametricPlantConfig):
     robot: Name = "borinot"
     spread: Share = 0.2
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant.
+    def _published(self) -> Known:
+        """The robot's description, its structure, and its published or nominal θ.
 
         Raises:
             UnknownName: assets/flying_arm/vehicle.toml does not list this robot's rotors.
         """
-        robot, system, theta = self._published()
-        rng, space = np.random.default_rng(seed), system.space
-        names = ("rotor inertia", "rotor thrust gain", _TORQUE, "viscous friction")
-        for name in (*names, "Coulomb friction", "motor gain"):
-            if name in {block.name for block in space.blocks}:
-                spread = self.spread / (4 if name == _TORQUE else 1)
-                theta[space[name]] = hidden(theta[space[name]], spread, rng)
-        return self._plant(dt, robot, system, theta)
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the robot with the true parameters θ (p,), or the published ones."""
-        robot, system, nominal = self._published()
-        return self._plant(dt, robot, system, nominal if theta is None else theta)
-
-    def _published(self) -> tuple[RobotModel, JointTree, Array]:
-        """The description, the structure, and the published or nominal θ (p,)."""
         known = numbers("flying_arm")
         if self.robot not in known:
             remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
@@ -82,17 +67,16 @@ class FlyingArmPlant(ParametricPlantConfig):
         )
         theta = published_theta(robot.model, system)
         theta[-2 * len(spins) :] = np.repeat(gains, len(spins))
-        return robot, system, theta
+        return Known(robot, system, theta, _UNSURE)
 
-    def _plant(self, dt: float, robot: RobotModel, system: JointTree, theta: Array) -> Plant:
+    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+        robot, system = known.source, known.system
         model, acting = true_model(robot.model, theta), theta.copy()
         spec, names = tree_spec(model, dt), list(model.names)[1:]
         give_rotors(spec, system, theta)
         acting[~np.isin(np.arange(system.p), [c.parameter for c in system.structure.columns])] = 0.0
         command_inputs(spec, system.n_u, names[0])
-        looks = robot.visuals
-        made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
-        return made.failing(self.faults, self)
+        return SimulatedRobot(system, theta, acting, spec, names, self.mismatch, robot.visuals)
 
 
 def flying_arm(

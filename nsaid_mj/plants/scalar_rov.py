@@ -12,13 +12,12 @@ from ..resources import VehicleFiles, asset
 from ..structure.parts import Column, tied
 from ..structure.single_body import Operation
 from ..structure.terms import Term
-from .world.blueprint import Blueprint, simulated
+from .world.blueprint import Blueprint, BodyPlant
 from .world.body import hidden
-from .world.plant import ParametricPlantConfig, Plant
 
 
 @config
-class ScalarRovPlant(ParametricPlantConfig):
+class ScalarRovPlant(BodyPlant):
     """The heave axis of a BlueROV2 Heavy; parameters and sources in assets/scalar_rov.
 
     Attributes:
@@ -48,17 +47,11 @@ class ScalarRovPlant(ParametricPlantConfig):
             )
         return self
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        drawn = self._blueprint().drawn(self.spread, np.random.default_rng(seed))
-        return self.simulating(dt, drawn)
+    @property
+    def _files(self) -> VehicleFiles:
+        return VehicleFiles(*(asset("scalar_rov", name) for name in ("SOURCE.md", "model.xml")))
 
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (4,), or the published ones."""
-        files = VehicleFiles(*(asset("scalar_rov", name) for name in ("SOURCE.md", "model.xml")))
-        return simulated(self._blueprint(), files, self, dt, theta)
-
-    def _blueprint(self) -> Blueprint:
+    def _published(self) -> Blueprint:
         nominal = np.array([self.mass, self.drag, self.net_weight, self.gain])
         speed = float(np.sqrt(self.gain / self.drag))  # where drag balances full thrust
         return heaving(nominal, speed)

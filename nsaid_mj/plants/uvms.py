@@ -12,17 +12,15 @@ from ..parameters import Array, Block
 from ..resources import numbers, vehicle_files
 from ..robot.tree import set_inertias, tree_spec
 from ..structure.blocks import GRAVITY
-from ..structure.joints import Carrier, JointScales, JointTree, body_names, link_blocks
+from ..structure.joints import Carrier, JointScales, body_names, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Column, Inertia, cylinder, full
 from ..structure.terms import guessed, term
 from .arm import extent, give_rotors
 from .underwater import UnderwaterSheet
-from .world.blueprint import Blueprint
-from .world.body import command_inputs, hidden, vehicle_spec
-from .world.plant import ParametricPlantConfig, Plant
-from .world.simulated import SimulatedRobot
+from .world.body import command_inputs, vehicle_spec
+from .world.simulated import Known, KnownPlant, SimulatedRobot
 
 BASE = "base"
 """Name of the free joint and of the base body."""
@@ -38,7 +36,7 @@ _UNSURE = (
 
 
 @config
-class UvmsPlant(ParametricPlantConfig):
+class UvmsPlant(KnownPlant):
     """A BlueROV2 Heavy with a Reach Alpha 5; parameters and sources in assets/uvms.
 
     No hydrodynamics of the arm are published; those used here are of cylinders.
@@ -52,21 +50,12 @@ class UvmsPlant(ParametricPlantConfig):
 
     spread: Share = 0.2
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        system, _, theta = uvms()
-        rng, space = np.random.default_rng(seed), system.space
-        for name in _UNSURE:
-            theta[space[name]] = hidden(theta[space[name]], self.spread, rng)
-        return self.simulating(dt, theta)
+    def _published(self) -> Known:
+        return uvms()
 
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (p,), or the published ones.
-
-        See `Blueprint.split` for how M of the base is divided into rigid-body and added mass.
-        """
-        system, base, published = uvms()
-        arm, space, theta = numbers("uvms"), system.space, published if theta is None else theta
+    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+        """See `Blueprint.split` for how M of the base is divided into rigid-body and added mass."""
+        base, system, arm, space = known.source, known.system, numbers("uvms"), known.system.space
         body, added = base.split(theta[:21])
         rigid = body.matrix()
         links = slice(21, 21 + 10 * len(arm["links"]))
@@ -80,11 +69,10 @@ class UvmsPlant(ParametricPlantConfig):
         _add_visual_geoms(spec, arm)
         command_inputs(spec, system.n_u, BASE)
         names = list(model.names)[1:]
-        made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch)
-        return made.failing(self.faults, self)
+        return SimulatedRobot(system, theta, acting, spec, names, self.mismatch)
 
 
-def uvms() -> tuple[JointTree, Blueprint, Array]:
+def uvms() -> Known:
     """The structure of the vehicle with its arm, its base alone, and the published θ (p,).
 
     θ = [base's M with its added mass (21), links (10 k), links' added mass (k), joints, linear drag
@@ -134,7 +122,8 @@ def uvms() -> tuple[JointTree, Blueprint, Array]:
     on_joints = joints.rotor, joints.viscous, joints.coulomb, joints.gain
     beyond = [each.nominal for each in terms]
     theta = np.concatenate([base.theta[:21], *inertial, links.added, *on_joints, *beyond])
-    return CompiledMultibody(model, joints, speed, carrier), base, theta
+    unsure = [(name, 1.0) for name in _UNSURE]
+    return Known(base, CompiledMultibody(model, joints, speed, carrier), theta, unsure)
 
 
 class Cylinders(NamedTuple):

@@ -9,7 +9,6 @@ from ..errors import InvalidInput
 from ..parameters import Array, Block, ParameterSpace
 from .parts import Body, Inertia
 from .structure import Structure
-from .structured import StructuredSystem
 from .system import SecondOrderSystem
 from .terms import Term, placed
 
@@ -39,7 +38,7 @@ class Operation:
     state: Callable[[np.random.Generator], tuple[Array, Array, Array]] | None = None
 
 
-class SingleBody(StructuredSystem):
+class SingleBody(SecondOrderSystem):
     """M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
 
     θ = [inertia, then the terms' blocks in order]. Axes are x forward, y left, z up.

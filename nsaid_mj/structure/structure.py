@@ -106,19 +106,9 @@ class Structure:
 
     # -- memory ------------------------------------------------------------------------------------
 
-    def workspace(self) -> Workspace:
-        """Workspace for a stage."""
-        return layout.workspace(len(self.bodies), self.n)
-
-    def slopes(self) -> Slopes:
-        """Workspace for derivatives."""
-        terms, nonzeros = len(self.arrays.terms), len(self.arrays.nonzeros)
-        return layout.slopes(len(self.bodies), self.n, terms, nonzeros)
-
-    @cached_property
-    def state_size(self) -> int:
-        """Numbers s of a state, see `arrays.POSITION`."""
-        return len(self.slopes().state)
+    def memory(self) -> tuple[Workspace, Slopes]:
+        """Workspaces of a stage and for derivatives, with a state, see `arrays.POSITION`."""
+        return layout.memory_of(self.arrays, self.n)
 
     @cached_property
     def arrays(self) -> StructureArrays:

@@ -108,11 +108,10 @@ class Forces:
 
     def _parts(self, dofs: Any) -> list[Any]:
         """The parts of the userdata, with the places of all velocities (n, 4)."""
-        s, n = self.structure, self.structure.n
-        entries = len(s.arrays.nonzeros)
-        memory = s.m, n, n, 9, n, n, (n, n), (n, n), s.state_size, entries
-        own = [np.zeros(size) for size in memory]
-        return [*self._arrays, dofs, np.array(self.theta, dtype=np.float64), *own, *s.workspace()]
+        n, (work, slopes) = self.structure.n, self.structure.memory()
+        own = [np.zeros(size) for size in (self.structure.m, n, n, 9, n, n, (n, n), (n, n))]
+        theta = np.array(self.theta, dtype=np.float64)
+        return [*self._arrays, dofs, theta, *own, slopes.state, slopes.F, *work]
 
     @property
     def _arrays(self) -> StructureArrays:
