@@ -15,8 +15,9 @@ from ..robot.tree import tree_spec
 from ..structure.joints import Carrier, JointScales, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
-from ..structure.parts import Column, Inertia, columns_at
-from ..structure.terms import guessed, numbered, term
+from ..structure.parts import Inertia
+from ..structure.terms import guessed
+from .aerial import rotor_terms
 from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
 from .world.body import command_inputs
 from .world.simulated import Known, KnownPlant, SimulatedRobot
@@ -103,21 +104,11 @@ def flying_arm(
         positions: (r, 3) positions of the rotors on the base [m].
         spins: (r,) ±1, the sense of the torque on the base about z.
     """
-    count, up = len(positions), np.array([0.0, 0.0, 1.0])
-    lifting = columns_at("rotor", positions, np.tile(up, (count, 1)))
-    turning = [
-        Column("rotor_torque", i, body=0, input=i, direction=spin * up)
-        for i, spin in enumerate(spins)
-    ]
-    thrust, torque = gains
-    rotors = [
-        term(lifting, numbered("thrust", "thrust of rotor", count), thrust, thrust),
-        term(turning, numbered("torque", "torque of rotor", count), torque, torque),
-    ]
+    count = len(positions)
     carrier = Carrier(
         [Inertia(b, 10 * b) for b in range(model.njoints - 1)],
         link_blocks(model, joints),
-        rotors,
+        rotor_terms(positions, spins, *gains, (gains[0], gains[1])),
         (np.full(count, 0.1), np.ones(count)),
         np.vstack([positions, np.full((count, 3), np.nan)]),  # a torque acts at no point
         speed,

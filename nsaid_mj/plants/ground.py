@@ -1,7 +1,7 @@
 """Cars in the plane: exact linear tyres, drive, rolling resistance and air drag in MuJoCo."""
 
 from dataclasses import replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from ..bounds import Name, Share, config
 from ..parameters import Array, Block
 from ..structure.parts import Column, tied
 from ..structure.single_body import Operation
-from ..structure.terms import Term, guessed, term
+from ..structure.terms import Term, alike, guessed, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import hidden
 from .world.sheet import Positive, Table, one, several
@@ -102,26 +102,21 @@ def single_track(
         "spd",
         labels=("mass", "first moment m·cx", "yaw inertia"),
     )
-    front, rear = Column("tyre", 0, body=0, input=1, arm=half), Column("tyre", 1, body=0, arm=-half)
-    tyres = term(
-        [front, rear],
-        {"C_f": "cornering stiffness in front", "C_r": "cornering stiffness at the rear"},
-        forces[:2],
-        scale[3:5],
-    )
+    tyres = {"C_f": "cornering stiffness in front", "C_r": "cornering stiffness at the rear"}
 
-    def one_term(k: int, name: str, symbol: str, column: Column) -> Term:
+    def only(k: int, kind: str, symbol: str, name: str, **constants: Any) -> Term:
+        column = Column(kind, 0, body=0, **constants)
         return term([column], {symbol: name}, forces[k], scale[3 + k], name, "positive")
 
     return Blueprint(
         mass,
         rigid,
         [
-            tyres,
-            one_term(2, "drive gain", "k_d", Column("drive", 0, body=0, input=0, point=place)),
-            one_term(3, "drive loss", "k_v", Column("drive_loss", 0, body=0, input=0)),
-            one_term(4, "rolling resistance", "c_0", Column("rolling", 0, body=0, speed=CREEP)),
-            one_term(5, "air drag", "c_D", Column("drag", 0, body=0, axes=(1, 0, 0, 0, 0, 0))),
+            alike("tyre", tyres, forces[:2], scale[3:5], input=[1, -1], arm=[half, -half]),
+            only(2, "drive", "k_d", "drive gain", input=0, point=place),
+            only(3, "drive_loss", "k_v", "drive loss", input=0),
+            only(4, "rolling", "c_0", "rolling resistance", speed=CREEP),
+            only(5, "drag", "c_D", "air drag", axes=(1, 0, 0, 0, 0, 0)),
         ],
         operating,
         tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)]),

@@ -7,9 +7,8 @@ from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
 from ..structure.blocks import inertial_block
-from ..structure.parts import columns_at
 from ..structure.single_body import Operation
-from ..structure.terms import numbered, term
+from ..structure.terms import alike, numbered
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import NED, Inertia
 from .world.sheet import Number, Positive, Table, check_directions, check_inertia, one, several
@@ -75,10 +74,13 @@ class FreeFlyerSheet(VehicleSheet):
             inertial_block("body", guess.mass, guess.offset, np.array(guess.inertia)),
             Inertia(self.mass, NED * self.centre, np.diag(self.inertia)).matrix(),
             [
-                term(
-                    columns_at("nozzle", positions, directions),
+                alike(
+                    "nozzle",
                     numbered("nozzle", "thrust of nozzle", count),
                     thrust,
+                    input=range(count),
+                    point=positions,
+                    direction=directions,
                 )
             ],
             Operation((-speed, speed), (np.zeros(count), np.ones(count)), reach=1.0),

@@ -15,8 +15,8 @@ from ..structure.blocks import GRAVITY
 from ..structure.joints import Carrier, JointScales, body_names, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
-from ..structure.parts import Column, Inertia, cylinder, full
-from ..structure.terms import guessed, term
+from ..structure.parts import Inertia, cylinder, full
+from ..structure.terms import alike, guessed
 from .arm import extent, give_rotors
 from .underwater import UnderwaterSheet
 from .world.body import command_inputs, vehicle_spec
@@ -97,19 +97,21 @@ def uvms() -> Known:
         labels=tuple(f"added mass of {name}" for name in names),
     )
     *forces, thrust = base.terms
-    drag = term(
-        [
-            Column("strip_drag", i, body=1 + i, axis=axis, strips=strips(centre, axis, length))
-            for i, (centre, axis, length) in enumerate(zip(*links[:3], strict=True))
-        ],
+    drag = alike(
+        "strip_drag",
         {f"link_drag_{i + 1}": f"drag of {name}" for i, name in enumerate(names)},
         links.drag,
+        body=range(1, k + 1),
+        axis=links.axes,
+        strips=[strips(*cylinder) for cylinder in zip(*links[:3], strict=True)],
     )
-    buoyancy = term(
-        [Column("buoyancy", i, body=1 + i, point=c) for i, c in enumerate(links.centres)],
+    buoyancy = alike(
+        "buoyancy",
         {f"buoyancy_{i + 1}": f"buoyancy of {name}" for i, name in enumerate(names)},
         links.buoyancy,
         block="link buoyancy",
+        body=range(1, k + 1),
+        point=links.centres,
     )
     terms, ranges = [*forces, drag, buoyancy, thrust], base.operation
     bodies = [base.body, *link_blocks(model, joints)[1:], resisting]

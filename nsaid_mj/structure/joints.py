@@ -25,10 +25,10 @@ from ..parameters import Array, Block, ParameterSpace
 from .blocks import link_block
 from .columns import KINDS
 from .optional import pin
-from .parts import Body, Column, Inertia, Rotor
+from .parts import Body, Inertia, Rotor
 from .structure import Structure
 from .system import SecondOrderSystem
-from .terms import Term, placed, term
+from .terms import Term, alike, placed
 
 Actuator = Literal["motor", "servo"]
 """A joint's command: a motor's torque over its gain, or a servo's target."""
@@ -296,12 +296,9 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
 
     def of(kind: str, own: tuple[int, ...], scale: Array, **constants: Sequence[Any]) -> Term:
         letter, part = KINDS[kind].letter, KINDS[kind].block.removeprefix("motor ")
-        columns = [
-            Column(kind, k, dof=first + i, **{key: row[k] for key, row in constants.items()})
-            for k, i in enumerate(own)
-        ]
         labels = {f"{letter}_{i + 1}": f"{part} of {names[i]}" for i in own}
-        return term(columns, labels, scale, scale, sliding=[sliding[i] for i in own])
+        slides, dofs = [sliding[i] for i in own], [first + i for i in own]
+        return alike(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
 
     driven = every if s.driven is None else s.driven
     acting: dict[str, Sequence[Any]] = {"input": range(len(driven))}

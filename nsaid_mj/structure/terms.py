@@ -1,7 +1,7 @@
 """Blocks of θ with the columns that they scale, of which a family's forces consist."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,6 +74,29 @@ def term(
         known,
         spread,
     )
+
+
+def alike(
+    kind: str,
+    labels: Mapping[str, str],
+    nominal: ArrayLike,
+    scale: ArrayLike | None = None,
+    block: str = "",
+    geometry: Geometry | None = None,
+    spread: float = 1.0,
+    sliding: Sequence[bool] = (),
+    **rows: Any,
+) -> Term:
+    """A block of columns of one kind, one for each label, by default on the first body.
+
+    `rows` hold an argument of `Column` for each of them: `body`, `dof`, `input`, or a constant of
+    the kind. The others are those of `term`.
+    """
+    if "dof" not in rows:
+        rows.setdefault("body", [0] * len(labels))
+    each = [{name: row[k] for name, row in rows.items()} for k in range(len(labels))]
+    columns = [Column(kind, k, **row) for k, row in enumerate(each)]
+    return term(columns, labels, nominal, scale, block, geometry, spread, sliding)
 
 
 def _unit(column: Column, slides: bool) -> str:
