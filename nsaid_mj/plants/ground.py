@@ -1,15 +1,15 @@
 """Cars in the plane: exact linear tyres, drive, rolling resistance and air drag in MuJoCo."""
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from ..bounds import Name, Share, config
 from ..parameters import Array, Block
-from ..structure.parts import Column, tied
+from ..structure.parts import tied
 from ..structure.single_body import Operation
-from ..structure.terms import Term, alike, guessed, term
+from ..structure.terms import alike, guessed
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import hidden
 from .world.sheet import Positive, Table, one, several
@@ -93,7 +93,7 @@ def single_track(
     rigid (6, 6) is from `planar_mass`, `operating` from `operation`; forces (6,) are θ from C_f on,
     scale (9,) guesses of θ.
     """
-    half, place = wheelbase / 2, (-wheelbase / 2, 0.0, 0.0)
+    half, place, air = wheelbase / 2, (-wheelbase / 2, 0.0, 0.0), "air drag"
     mass = Block(
         "mass matrix",
         ("m", "h", "I_z"),
@@ -103,20 +103,15 @@ def single_track(
         labels=("mass", "first moment m·cx", "yaw inertia"),
     )
     tyres = {"C_f": "cornering stiffness in front", "C_r": "cornering stiffness at the rear"}
-
-    def only(k: int, kind: str, symbol: str, name: str, **constants: Any) -> Term:
-        column = Column(kind, 0, body=0, **constants)
-        return term([column], {symbol: name}, forces[k], scale[3 + k], name, "positive")
-
     return Blueprint(
         mass,
         rigid,
         [
             alike("tyre", tyres, forces[:2], scale[3:5], input=[1, -1], arm=[half, -half]),
-            only(2, "drive", "k_d", "drive gain", input=0, point=place),
-            only(3, "drive_loss", "k_v", "drive loss", input=0),
-            only(4, "rolling", "c_0", "rolling resistance", speed=CREEP),
-            only(5, "drag", "c_D", "air drag", axes=(1, 0, 0, 0, 0, 0)),
+            alike("drive", {"k_d": "drive gain"}, forces[2], scale[5], input=[0], point=[place]),
+            alike("drive_loss", {"k_v": "drive loss"}, forces[3], scale[6], input=[0]),
+            alike("rolling", {"c_0": "rolling resistance"}, forces[4], scale[7], speed=[CREEP]),
+            alike("drag", {"c_D": air}, forces[5], scale[8], air, "positive", axes=np.eye(6)[:1]),
         ],
         operating,
         tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)]),

@@ -11,7 +11,7 @@ from ..parameters import Array, Block
 from ..resources import VehicleFiles, asset
 from ..structure.parts import Column, tied
 from ..structure.single_body import Operation
-from ..structure.terms import Term
+from ..structure.terms import Term, alike
 from .world.blueprint import Blueprint, BodyPlant
 from .world.body import hidden
 
@@ -67,26 +67,19 @@ def heaving(nominal: Array, speed: float = 1.0) -> Blueprint:
     that of operation, for random probes of the structure.
     """
     m, d, g, a = np.abs(nominal)[:, None]
-
-    def term(block: Block, column: Column, k: int) -> Term:
-        return Term(block, [column], nominal[k : k + 1])
-
+    drag, weight, gain = ({name: name} for name in ("drag", "net weight", "thruster gain"))
     mass = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     fastest, most = np.array([2 * speed]), np.ones(1)
     return Blueprint(
         Block("mass", ("mass",), ("kg",), m, "positive"),
         nominal[0] * mass,
         [
-            term(
-                Block("drag", ("drag",), ("N·s²/m²",), d, "positive"),
-                Column("quadratic", 0, dof=0),
-                1,
-            ),
-            term(Block("net weight", ("net weight",), ("N",), g), Column("weight", 0, body=0), 2),
-            term(
-                Block("thruster gain", ("thruster gain",), ("N",), a, "positive", actuator=True),
-                Column("motor", 0, dof=0, input=0),
-                3,
+            alike("quadratic", drag, nominal[1], d, *drag, "positive", sliding=[True], dof=[0]),
+            alike("weight", weight, nominal[2], g),
+            Term(
+                Block(*gain, tuple(gain), ("N",), a, "positive", actuator=True),
+                [Column("motor", 0, dof=0, input=0)],
+                nominal[3:],
             ),
         ],
         Operation((-fastest, fastest), (-most, most)),

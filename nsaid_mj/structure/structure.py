@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,7 +57,8 @@ class Structure:
             _within(f"{what}.start", inertia.start, self.p - size + 1)
             if inertia.tensor is not None:
                 self._check_tensor(what, inertia)
-        if doubled := _twice([i.body for i in self.inertias if i.tensor is None]):
+        rigid = sorted(i.body for i in self.inertias if i.tensor is None)
+        if doubled := [one for one, other in pairwise(rigid) if one == other]:
             raise InvalidInput(
                 "inertias", "at most one rigid body on each body", f"two on {doubled[0]}",
                 "Add the second as a tensor.",
@@ -313,10 +315,6 @@ def _pair(rotor: Rotor) -> tuple[int, int]:
 def _within(name: str, value: int, end: int, first: int = 0) -> None:
     if not first <= value < end:
         raise InvalidInput(name, f"{first} … {end - 1}", value, "Indices count from 0.")
-
-
-def _twice(numbers: list[int]) -> list[int]:
-    return sorted({number for number in numbers if numbers.count(number) > 1})
 
 
 def _integers(rows: list[tuple[int, ...]], width: int) -> layout.Integers:

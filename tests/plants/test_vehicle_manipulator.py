@@ -489,7 +489,7 @@ def test_an_arm_in_water_follows_its_path_while_the_base_swims():
             numbers, v = p.coordinates()
             u = driver.command(k * p.dt, p.position(numbers), v)
             assert (np.abs(u) <= 1).all()
-            errors.append(np.abs(numbers[6:] - driver._path(k * p.dt)[0]).max())  # pyright: ignore
+            errors.append(np.abs(numbers[6:] - driver.path(k * p.dt)[0]).max())  # pyright: ignore
             travelled = np.maximum(travelled, np.abs(v[:6]))
             p.step(u)
     assert max(errors) < 0.2 and (travelled > 0.1).all()

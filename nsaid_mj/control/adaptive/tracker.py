@@ -161,10 +161,10 @@ class AdaptiveTracking(DriverConfig):
         period = 1 / self.fundamental
         motion = prior_motion(system, prior, reference, actuation, period)
         shape = stiffness(motion, system.space.scale, damping, self.floor)
-        known = system.space, prior, motion, shape, self.adaptation, damping
+        known = system.space, motion, shape, self.adaptation
         if self.law == "conventional":
-            return conventional(*known)
-        return nullspace(*known, self.barrier)
+            return TrackingLaw(Estimate(prior, conventional(*known)), damping)
+        return TrackingLaw(Estimate(prior, nullspace(*known, prior, self.barrier)), damping)
 
     def _reference(self, system: SecondOrderSystem, rng: np.random.Generator) -> Reference:
         base = np.repeat([self.travel, self.tilt, self.heading], [3, 2, 1])

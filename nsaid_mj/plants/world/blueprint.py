@@ -122,10 +122,6 @@ class Blueprint:
 class BodyPlant(KnownPlant, ABC):
     """A vehicle of one body."""
 
-    @abstractmethod
-    def _published(self) -> Blueprint:
-        """The vehicle as published."""
-
     @property
     @abstractmethod
     def _files(self) -> VehicleFiles:

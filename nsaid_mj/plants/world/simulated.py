@@ -138,11 +138,7 @@ class KnownPlant(ParametricPlantConfig, ABC):
         """Makes the plant of what `_published` returns, with the true θ (p,)."""
 
     def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant.
-
-        Raises:
-            NsaidError: it cannot be made; see the errors of its kind.
-        """
+        """Draws the hidden parameters and makes the plant."""
         known = self._published()
         theta = known.drawn(self.spread, np.random.default_rng(seed))
         return self._made(known, dt, theta).failing(self.faults, self)
