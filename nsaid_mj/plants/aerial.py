@@ -9,10 +9,9 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..structure.blocks import GRAVITY, inertial_block
+from ..structure.blocks import GRAVITY, Term, alike, guessed, inertial_block, numbered, term
 from ..structure.parts import Column
 from ..structure.single_body import Operation
-from ..structure.terms import Term, alike, guessed, numbered, term
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import Inertia, hidden
 from .world.sheet import NotNegative, Number, Positive, Table, check_inertia, one, several

@@ -16,10 +16,10 @@ from ..errors import BadRobot, EnginesDisagree
 from ..parameters import Array
 from ..robot.loading import Base, load_robot
 from ..robot.tree import set_inertias, tree_spec
+from ..structure.blocks import guessed
 from ..structure.joints import Actuator, JointScales, JointTree
 from ..structure.multibody import CompiledMultibody, Multibody
 from ..structure.optional import pin
-from ..structure.terms import guessed
 from .world.quiet import quiet
 from .world.simulated import Known, KnownPlant, SimulatedRobot
 

@@ -12,11 +12,11 @@ from ..parameters import Array
 from ..resources import numbers
 from ..robot.loading import load_robot
 from ..robot.tree import tree_spec
+from ..structure.blocks import guessed
 from ..structure.joints import Carrier, JointScales, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Inertia
-from ..structure.terms import guessed
 from .aerial import rotor_terms
 from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
 from .world.body import command_inputs

@@ -7,9 +7,9 @@ import numpy as np
 
 from ..bounds import Name, Share, config
 from ..parameters import Array, Block
+from ..structure.blocks import alike, guessed
 from ..structure.parts import tied
 from ..structure.single_body import Operation
-from ..structure.terms import alike, guessed
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import hidden
 from .world.sheet import Positive, Table, one, several

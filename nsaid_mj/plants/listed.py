@@ -8,11 +8,10 @@ from pydantic import ConfigDict, Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block
-from ..structure.blocks import inertial_block, mass_block
+from ..structure.blocks import Term, guessed, inertial_block, mass_block, term
 from ..structure.columns import KINDS, curve
 from ..structure.parts import Column, full
 from ..structure.single_body import LEVEL, Operation
-from ..structure.terms import Term, guessed, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import Inertia
 from .world.sheet import LARGEST, NotNegative, Number, Positive, Table, check_inertia, one, several

@@ -9,8 +9,8 @@ from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import asset, numbers
 from ..robot.tree import set_options
+from ..structure.blocks import guessed
 from ..structure.single_body import SingleBody
-from ..structure.terms import guessed
 from .ground import operation, planar_mass, single_track
 from .world.body import BODY, hidden
 from .world.coordinates import LevelMap

@@ -9,9 +9,9 @@ from ..bounds import Number, Positive, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..resources import VehicleFiles, asset
+from ..structure.blocks import Term, alike
 from ..structure.parts import Column, tied
 from ..structure.single_body import Operation
-from ..structure.terms import Term, alike
 from .world.blueprint import Blueprint, BodyPlant
 from .world.body import hidden
 

@@ -6,9 +6,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
-from ..structure.blocks import inertial_block
+from ..structure.blocks import alike, inertial_block, numbered
 from ..structure.single_body import Operation
-from ..structure.terms import alike, numbered
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import NED, Inertia
 from .world.sheet import Number, Positive, Table, check_directions, check_inertia, one, several

@@ -8,9 +8,9 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array, Block
+from ..structure.blocks import Term, alike, guessed, numbered, term
 from ..structure.parts import Column, tied
 from ..structure.single_body import Operation
-from ..structure.terms import Term, alike, guessed, numbered, term
 from .underwater import WATER
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.sheet import Negative, Number, Positive, Table, check_inertia, one, several

@@ -8,11 +8,10 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..structure.blocks import AXES, mass_block
+from ..structure.blocks import AXES, alike, guessed, mass_block, numbered
 from ..structure.columns.curve import odd
 from ..structure.parts import full
 from ..structure.single_body import Operation
-from ..structure.terms import alike, guessed, numbered
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import NED
 from .world.sheet import (

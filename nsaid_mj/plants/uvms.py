@@ -11,12 +11,11 @@ from ..bounds import Share, config
 from ..parameters import Array, Block
 from ..resources import numbers, vehicle_files
 from ..robot.tree import set_inertias, tree_spec
-from ..structure.blocks import GRAVITY
+from ..structure.blocks import GRAVITY, alike, guessed
 from ..structure.joints import Carrier, JointScales, body_names, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Inertia, cylinder, full
-from ..structure.terms import alike, guessed
 from .arm import extent, give_rotors
 from .underwater import UnderwaterSheet
 from .world.body import command_inputs, vehicle_spec

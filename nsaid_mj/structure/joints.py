@@ -22,13 +22,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ..parameters import Array, Block, ParameterSpace
-from .blocks import link_block
+from .blocks import Term, alike, link_block, placed
 from .columns import KINDS
 from .optional import pin
 from .parts import Body, Inertia, Rotor
 from .structure import Structure
 from .system import SecondOrderSystem
-from .terms import Term, alike, placed
 
 Actuator = Literal["motor", "servo"]
 """A joint's command: a motor's torque over its gain, or a servo's target."""

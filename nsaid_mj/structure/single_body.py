@@ -7,10 +7,10 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..parameters import Array, Block, ParameterSpace
+from .blocks import Term, placed
 from .parts import Body, Inertia
 from .structure import Structure
 from .system import SecondOrderSystem
-from .terms import Term, placed
 
 LEVEL = (0, 1, 5)
 """The axes of a body in the plane, among the six of one in space."""

@@ -15,9 +15,8 @@ from ...bounds import Name, Share, config
 from ...errors import InvalidInput
 from ...parameters import Array, Block
 from ...resources import VehicleFiles, vehicle_files
-from ...structure.blocks import of_a_body
+from ...structure.blocks import Term, of_a_body
 from ...structure.single_body import Operation, SingleBody
-from ...structure.terms import Term
 from .body import BODY, JOINTS, Inertia, command_inputs, hidden, vehicle_spec
 from .mismatch import Mismatch
 from .sheet import Sheet
