@@ -14,10 +14,10 @@ from numba import njit
 from numba.extending import overload
 
 from ..errors import InvalidInput
+from ..numerics.compiler import FAST
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
 from ..quotient.cone import Cone
-from ..structure.compiled import FAST
 from .cone.chart import (
     chart_workspace,
     confine,

@@ -3,9 +3,9 @@
 import numpy as np
 from numba import njit
 
+from ..numerics.compiler import FAST
 from ..numerics.kernels import kernel
 from ..numerics.linalg import copy_into, times_into
-from ..structure.compiled import FAST
 from ..structure.motion import stage, stage_workspace
 from .metric import accurate, adapt, chart, charts, enter, hold, leave
 

@@ -88,7 +88,7 @@ class QuadrotorSheet(VehicleSheet):
         body = guessed(np.array([self.mass, *self.inertia]))
         speed = np.array(self.guess.speed)
         return Blueprint(
-            inertial_block("body", body[0], self.guess.offset, body[1:]),
+            inertial_block(body[0], self.guess.offset, body[1:]),
             Inertia(self.mass, np.zeros(3), np.diag(self.inertia)).matrix(),
             self._terms(),
             Operation((-speed, speed), (np.full(4, 0.1), np.ones(4))),

@@ -130,7 +130,7 @@ class ListedSheet(VehicleSheet):
             return mass_block(guessed(np.diag(rigid + added)[axes]), axes)
         size = float(np.sqrt(max(self.inertia) / self.mass))
         moments = guessed(np.array(self.inertia))
-        return inertial_block("body", float(guessed(self.mass)), 0.1 * size, moments)
+        return inertial_block(float(guessed(self.mass)), 0.1 * size, moments)
 
 
 def _term(rows: list[ColumnRow]) -> Term:

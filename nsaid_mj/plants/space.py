@@ -70,7 +70,7 @@ class FreeFlyerSheet(VehicleSheet):
         thrust = np.abs(directions) @ np.array(self.nozzles.force) / 2
         count, guess, speed = len(positions), self.guess, np.array(self.guess.speed)
         return Blueprint(
-            inertial_block("body", guess.mass, guess.offset, np.array(guess.inertia)),
+            inertial_block(guess.mass, guess.offset, np.array(guess.inertia)),
             Inertia(self.mass, NED * self.centre, np.diag(self.inertia)).matrix(),
             [
                 alike(

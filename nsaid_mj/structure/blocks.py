@@ -14,8 +14,8 @@ AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 GRAVITY = 9.81
 """Acceleration of gravity [m/s²], known: weight is a column of the mass."""
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-INERTIAL_LABELS = ("mass", "m·cx", "m·cy", "m·cz", *INERTIAL[4:])
-INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
+_LABELS = ("mass", "m·cx", "m·cy", "m·cz", *INERTIAL[4:])
+_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 
 
 def of_a_body(start: int, p: int) -> Array:
@@ -35,8 +35,8 @@ def of_a_body(start: int, p: int) -> Array:
     return tensor
 
 
-def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Block:
-    """The ten inertial parameters of a body, in the order of `of_a_body`.
+def inertial_block(mass: float, offset: float, inertia: Array) -> Block:
+    """The ten inertial parameters of the body of a vehicle, in the order of `of_a_body`.
 
     Guesses are the mass [kg], the largest distance `offset` of the centre of mass from the origin
     [m], and moments of inertia (3,) [kg·m²], of which products are a quarter.
@@ -44,15 +44,7 @@ def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Blo
     x, y, z = inertia
     products = 0.25 * np.sqrt([x * y, x * z, y * z])
     moments = [x, products[0], y, products[1], products[2], z]
-    scale = np.array([mass, *[mass * offset] * 3, *moments])
-    return Block(
-        name, INERTIAL, INERTIAL_UNITS, scale, "pseudo_inertia", labels=inertial_labels(name)
-    )
-
-
-def inertial_labels(body: str) -> tuple[str, ...]:
-    """Labels of a body's ten inertial parameters; m·cx is the first moment of mass along x."""
-    return tuple(f"{label} of {body}" for label in INERTIAL_LABELS)
+    return _inertial("body", "body", "", np.array([mass, *[mass * offset] * 3, *moments]))
 
 
 def link_block(number: int, name: str, mass: float, length: float) -> Block:
@@ -60,14 +52,13 @@ def link_block(number: int, name: str, mass: float, length: float) -> Block:
 
     `mass` [kg] and `length` [m] are guesses.
     """
-    return Block(
-        f"link {number}" if number else "base",
-        tuple(f"{name}_{number}" for name in INERTIAL),
-        INERTIAL_UNITS,
-        mass * np.repeat([1.0, length, length**2], [1, 3, 6]),
-        "pseudo_inertia",
-        labels=inertial_labels(name),
-    )
+    scale = mass * np.repeat([1.0, length, length**2], [1, 3, 6])
+    return _inertial(f"link {number}" if number else "base", name, f"_{number}", scale)
+
+
+def _inertial(block: str, body: str, end: str, scale: Array) -> Block:
+    names, labels = ((f"{x}{end}" for x in INERTIAL), (f"{x} of {body}" for x in _LABELS))
+    return Block(block, tuple(names), _UNITS, scale, "pseudo_inertia", labels=tuple(labels))
 
 
 def mass_block(diagonal: Array, axes: Sequence[int] = range(6)) -> Block:

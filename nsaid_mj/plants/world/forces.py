@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
+from ...numerics.kernels import f8, helper, i8, kernel, matrix, routine, table, vector, void
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
 from ...structure.arrays import (
@@ -36,19 +37,7 @@ from ...structure.arrays import (
 )  # fmt: skip
 from ...structure.columns import KINDS, joint
 from ...structure.columns.joint import force_alone
-from ...structure.compiled import (
-    STRUCTURE,
-    WORKSPACE,
-    f8,
-    helper,
-    i8,
-    kernel,
-    matrix,
-    routine,
-    table,
-    vector,
-    void,
-)
+from ...structure.compiled import STRUCTURE, WORKSPACE
 from ...structure.forces import ALL, ROLLING, write_forces
 from ...structure.kinematics import place, write_rotation
 from ...structure.stage import write_equations

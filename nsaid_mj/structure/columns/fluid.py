@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from ..compiled import f8, helper, index, vector, void
+from ...numerics.kernels import f8, helper, index, vector, void
 from ..spatial import add_cross
 from .kind import LISTED, Constants, Kind
 

@@ -4,8 +4,8 @@ from functools import partial
 
 import numpy as np
 
+from ...numerics.kernels import f8, helper, index, routine, table, vector
 from ..arrays import AT_Q, AT_V, CIRCLE, FALL, FRAME, KIND, PARENT, POSITION
-from ..compiled import f8, helper, index, routine, table, vector
 from ..spatial import add_cross, clear, dot, rotate
 from .curve import follow_curve
 from .kind import CURVE, LISTED, Constants, Kind

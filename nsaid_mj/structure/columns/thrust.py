@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from ..compiled import f8, helper, index, vector, void
+from ...numerics.kernels import f8, helper, index, vector, void
 from ..spatial import add_cross
 from .curve import follow_curve
 from .fluid import FLOW_OF, WRENCH_OF, F

@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from ..compiled import f8, helper, index, vector, void
+from ...numerics.kernels import f8, helper, index, vector, void
 from .fluid import WRENCH_OF, F
 from .kind import Constants, Kind
 
