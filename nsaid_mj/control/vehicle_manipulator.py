@@ -47,13 +47,7 @@ class SwimAndReach(DriverConfig):
         system = _carried(system, "thruster", "an underwater vehicle with an arm", remedy)
         thrusters = system.n_u - len(system.joints)
         signal = Multisine(thrusters, self.low, self.high, self.tones, self.amplitude, rng)
-        path = FourierTrajectory.within(
-            tuple(bound[6:] for bound in system.limits),  # type: ignore[arg-type]  # two of them
-            self.reach,
-            np.full(len(system.joints), self.speed),
-            (self.fundamental, self.harmonics),
-            rng,
-        )
+        path = FourierTrajectory.within(self, system, rng)
         return _SwimAndReach(system, prior, signal, path, 2 * np.pi * self.bandwidth)
 
 
@@ -127,14 +121,7 @@ class HoverAndReach(DriverConfig):
         """Makes the driver; raises `InvalidInput` unless the system is a flying arm."""
         system = _carried(system, "rotor", "a flying arm", "Use another driver.")
         bound = np.r_[np.full(3, self.travel), self.turn]
-        path = FourierTrajectory.within(
-            tuple(bound[6:] for bound in system.limits),  # type: ignore[arg-type]  # two of them
-            self.reach,
-            np.full(len(system.joints), self.speed),
-            (self.fundamental, self.harmonics),
-            rng,
-            (bound, 2 * np.pi * self.fundamental * self.harmonics * bound),
-        )
+        path = FourierTrajectory.within(self, system, rng, bound)
         rotors = system.n_u - len(system.joints)
         dither = Multisine(rotors, self.low, self.high, self.tones, self.dither, rng)
         return _HoverAndReach(self, system, prior, path, dither)

@@ -167,20 +167,8 @@ class AdaptiveTracking(DriverConfig):
         return TrackingLaw(Estimate(prior, nullspace(*known, prior, self.barrier)), damping)
 
     def _reference(self, system: SecondOrderSystem, rng: np.random.Generator) -> Reference:
-        base = np.repeat([self.travel, self.tilt, self.heading], [3, 2, 1])
-        base = base[: system.group]
-        tree = isinstance(system, JointTree)
-        limits = system.limits if tree else (np.zeros(system.group), np.zeros(system.group))
-        low, high = (bound[system.group :] for bound in limits)
-        path = FourierTrajectory.within(
-            (low, high),
-            self.reach,
-            np.full(len(low), self.speed),
-            (self.fundamental, self.harmonics),
-            rng,
-            (base, 2 * np.pi * self.fundamental * self.harmonics * np.maximum(base, 1e-9)),
-        )
-        return Reference(system, path, self.rate)
+        base = np.repeat([self.travel, self.tilt, self.heading], [3, 2, 1])[: system.group]
+        return Reference(system, FourierTrajectory.within(self, system, rng, base), self.rate)
 
 
 def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:
