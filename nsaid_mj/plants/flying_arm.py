@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -55,19 +56,11 @@ class FlyingArmPlant(KnownPlant):
             remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
             raise UnknownName("flying robot", self.robot, known, remedy)
         robot, d = load_robot(self.robot, "free"), known[self.robot]
-        spins = np.array(d["spins"], dtype=float)
-        gains = np.array([d["thrust"], d["torque"]])
-        system = flying_arm(
-            robot.model,
-            nominal_scales(robot.model, ArmPlant()),
-            guessed(gains),
-            np.array(d["speed"]),
-            ArmPlant().friction_speed,
-            np.array(d["positions"]),
-            spins,
-        )
-        theta = published_theta(robot.model, system)
-        theta[-2 * len(spins) :] = np.repeat(gains, len(spins))
+        sheet = ArmPlant()
+        scales = nominal_scales(robot.model, sheet)
+        system = flying_arm(robot.model, scales, sheet.friction_speed, d)
+        theta, count = published_theta(robot.model, system), len(d["spins"])
+        theta[-2 * count :] = np.repeat([d["thrust"], d["torque"]], count)
         return Known(robot, system, theta, _UNSURE)
 
     def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
@@ -81,13 +74,7 @@ class FlyingArmPlant(KnownPlant):
 
 
 def flying_arm(
-    model: pin.Model,
-    joints: JointScales,
-    gains: Array,
-    speed: Array,
-    friction_speed: float,
-    positions: Array,
-    spins: Array,
+    model: pin.Model, joints: JointScales, friction_speed: float, d: Mapping[str, Any]
 ) -> CompiledMultibody:
     """A base with rotors, with or without an arm.
 
@@ -98,19 +85,17 @@ def flying_arm(
     Args:
         model: Pinocchio's, its root a free flyer; its inertias are discarded.
         joints: guesses of base, links and joints.
-        gains: (2,) guesses of a rotor's thrust [N] and torque [N·m] at full speed.
-        speed: (6,) the base's velocities of operation [m/s, rad/s].
         friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
-        positions: (r, 3) positions of the rotors on the base [m].
-        spins: (r,) ±1, the sense of the torque on the base about z.
+        d: the robot's table of assets/flying_arm/vehicle.toml.
     """
-    count = len(positions)
+    places, gains, count = np.array(d["positions"]), (d["thrust"], d["torque"]), len(d["spins"])
+    guesses = guessed(gains)
     carrier = Carrier(
         [Inertia(b, 10 * b) for b in range(model.njoints - 1)],
         link_blocks(model, joints),
-        rotor_terms(positions, spins, *gains, (gains[0], gains[1])),
+        rotor_terms(places, d["spins"], *gains, (guesses[0], guesses[1])),
         (np.full(count, 0.1), np.ones(count)),
-        np.vstack([positions, np.full((count, 3), np.nan)]),  # a torque acts at no point
-        speed,
+        np.vstack([places, np.full((count, 3), np.nan)]),  # a torque acts at no point
+        np.array(d["speed"]),
     )
     return CompiledMultibody(model, joints, np.full(len(joints.gain), friction_speed), carrier)

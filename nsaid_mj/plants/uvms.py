@@ -87,14 +87,9 @@ def uvms() -> Known:
     for i in range(k):
         added = cylinder(links.centres[i], links.axes[i], links.lengths[i])
         inertias += [Inertia(1 + i, 21 + 10 * i), Inertia(1 + i, 21 + 10 * k + i, added)]
-    resisting = Block(
-        "added mass",
-        tuple(f"added_{i + 1}" for i in range(k)),
-        ("kg",) * k,
-        guessed(links.added),
-        "positive",
-        labels=tuple(f"added mass of {name}" for name in names),
-    )
+    own, labels = (f"added_{i + 1}" for i in range(k)), (f"added mass of {name}" for name in names)
+    size = guessed(links.added)
+    resisting = Block("added mass", tuple(own), ("kg",) * k, size, "positive", labels=tuple(labels))
     *forces, thrust = base.terms
     drag = alike(
         "strip_drag",

@@ -310,14 +310,10 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
     ]
     if s.rotor is None:
         return terms
-    rotor = Block(
-        "rotor inertia",
-        tuple(f"rotor_{i + 1}" for i in every),
-        tuple("kg" if slide else "kg·m²" for slide in sliding),
-        s.rotor,
-        "positive",
-        labels=tuple(f"rotor inertia of {name}" for name in names),
-    )
+    own = tuple(f"rotor_{i + 1}" for i in every)
+    units = tuple("kg" if slide else "kg·m²" for slide in sliding)
+    labels = tuple(f"rotor inertia of {name}" for name in names)
+    rotor = Block("rotor inertia", own, units, s.rotor, "positive", labels=labels)
     return [Term(rotor, [], s.rotor), *terms]
 
 

@@ -190,8 +190,9 @@ def branching() -> CompiledMultibody:
     model.addJoint(base, pin.JointModelRZ(), place(), "tail")
     ones = np.ones(4)
     scales = JointScales(np.ones(5), np.ones(5), ones, ones, ones, ones, ones, rotor=ones)
-    sides = np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]])
-    return flying_arm(model, scales, np.ones(2), np.ones(6), 0.2, sides, np.array([1.0, -1.0]))
+    rotors = {"positions": [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]], "spins": [1.0, -1.0]}
+    sheet = rotors | {"thrust": 1.0, "torque": 1.0, "speed": [1.0] * 6}
+    return flying_arm(model, scales, 0.2, sheet)
 
 
 SYSTEMS = {**{name: lambda name=name: plant(name).system for name in NAMES}, "tree": branching}
