@@ -1,9 +1,9 @@
 """Quadrotors: four rotors of unknown gain; Hummingbird and Crazyflie are included."""
 
+from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
@@ -145,18 +145,12 @@ class QuadrotorSheet(VehicleSheet):
 
 
 def rotor_terms(
-    points: Array,
-    spins: ArrayLike,
-    thrust: ArrayLike,
-    torque: ArrayLike,
-    scale: tuple[ArrayLike | None, ArrayLike | None] = (None, None),
-    spread: float = 1.0,
+    points: Array, spins: Sequence[float], thrust: float, torque: float, spread: float = 1.0
 ) -> list[Term]:
-    """Thrust along z and torque about z of r rotors at full command, one command for each.
+    """Thrust [N] along z and torque [N·m] about z of r rotors at full command, each with its own.
 
-    points (r, 3) are on the first body [m]; spins (r,) ±1 are the signs of the torques. Thrust [N]
-    and torque [N·m] are one for all or (r,), as are their guesses `scale`; `spread` is that of the
-    torque, see `Term`.
+    points (r, 3) are on the first body [m]; spins (r,) ±1 are the signs of the torques; `spread` is
+    that of the torque, see `Term`.
     """
     count = len(points)
     along = {"input": range(count), "direction": [_UP] * count}
@@ -164,8 +158,8 @@ def rotor_terms(
     lift = numbered("thrust", "thrust of rotor", count)
     turn = numbered("torque", "torque of rotor", count)
     return [
-        alike("rotor", lift, thrust, scale[0], point=points, **along),
-        alike("rotor_torque", turn, torque, scale[1], spread=spread, **about),
+        alike("rotor", lift, thrust, point=points, **along),
+        alike("rotor_torque", turn, torque, spread=spread, **about),
     ]
 
 

@@ -13,7 +13,6 @@ from ..parameters import Array
 from ..resources import numbers
 from ..robot.loading import load_robot
 from ..robot.tree import tree_spec
-from ..structure.blocks import guessed
 from ..structure.joints import Carrier, JointScales, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
@@ -89,11 +88,10 @@ def flying_arm(
         d: the robot's table of assets/flying_arm/vehicle.toml.
     """
     places, gains, count = np.array(d["positions"]), (d["thrust"], d["torque"]), len(d["spins"])
-    guesses = guessed(gains)
     carrier = Carrier(
         [Inertia(b, 10 * b) for b in range(model.njoints - 1)],
         link_blocks(model, joints),
-        rotor_terms(places, d["spins"], *gains, (guesses[0], guesses[1])),
+        rotor_terms(places, d["spins"], *gains),
         (np.full(count, 0.1), np.ones(count)),
         np.vstack([places, np.full((count, 3), np.nan)]),  # a torque acts at no point
         np.array(d["speed"]),
