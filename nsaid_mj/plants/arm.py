@@ -27,6 +27,7 @@ Backend = Literal["compiled", "pinocchio"]
 """Implementation of a robot's regressors: its structure's, or Pinocchio's."""
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
+_SAMPLES = 5  # random states at which they are compared
 
 
 @config
@@ -109,9 +110,8 @@ class ArmPlant(KnownPlant):
         """
         robot, system = known.source, known.system
         model, space, acting = true_model(robot.model, theta), system.space, np.zeros(system.p)
-        acting[space["Coulomb friction"]] = theta[
-            space["Coulomb friction"]
-        ]  # `frictionloss` creeps
+        coulomb = space["Coulomb friction"]
+        acting[coulomb] = theta[coulomb]  # `frictionloss` creeps
         if system.scales.actuator == "servo":
             acting[space["servo gain"]] = theta[space["servo gain"]]
         spec = arm_spec(model, system, theta, dt)
@@ -185,7 +185,7 @@ def give_rotors(spec: Any, system: JointTree, theta: Array) -> None:
             spec.joint(name).armature = inertia
 
 
-def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model, samples: int = 5) -> None:
+def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model) -> None:
     """Compares M and bias forces of MuJoCo and Pinocchio at random states, with the true inertias.
 
     Raises:
@@ -194,7 +194,7 @@ def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model, samples:
     rng, joints = np.random.default_rng(0), plant.joints
     data, rotor = model.createData(), np.zeros(model.nv)
     rotor[plant.system.group :] = plant.model.dof_armature[joints.motors]
-    for _ in range(samples):
+    for _ in range(_SAMPLES):
         coordinates = rng.uniform(*plant.system.limits)  # type: ignore[attr-defined]  # a tree
         v = rng.uniform(-1, 1, model.nv)
         q = plant.position(coordinates)

@@ -32,6 +32,15 @@ _MASS = (
     (5, 1, 4, 1.0), (4, 2, 4, -1.0), (4, 0, 5, 1.0), (3, 1, 5, -1.0),
 )  # fmt: skip
 """Rows (i, j, l, value), i ≥ j: M of a body of revolution about x has value · θ_l at i, j."""
+_INERTIA = (
+    ("M_11", "kg", "effective surge mass", (0, 0)),
+    ("M_22", "kg", "effective sway and heave mass", (1, 1)),
+    ("M_44", "kg·m²", "effective roll inertia", (3, 3)),
+    ("M_55", "kg·m²", "effective pitch and yaw inertia", (5, 5)),
+    ("M_26", "kg·m", "sway–yaw and heave–pitch coupling of M", (1, 5)),
+    ("M_15", "kg·m", "surge–pitch and sway–roll coupling of M", (0, 4)),
+)
+"""Name, unit and label of these θ_l, and a place in M for the guess."""
 
 
 class AddedMass(Table):
@@ -218,23 +227,9 @@ class TorpedoSheet(VehicleSheet):
 
 def _mass_block(M: Array) -> Block:
     """The six parameters of a body of revolution; guesses from its nominal M (6, 6)."""
-    nominal = M[[0, 1, 3, 5, 1, 0], [0, 1, 3, 5, 5, 4]]
-    return Block(
-        "mass matrix",
-        ("M_11", "M_22", "M_44", "M_55", "M_26", "M_15"),
-        ("kg", "kg", "kg·m²", "kg·m²", "kg·m", "kg·m"),
-        guessed(nominal),
-        "tied",
-        entries=_MASS,
-        labels=(
-            "effective surge mass",
-            "effective sway and heave mass",
-            "effective roll inertia",
-            "effective pitch and yaw inertia",
-            "sway–yaw and heave–pitch coupling of M",
-            "surge–pitch and sway–roll coupling of M",
-        ),
-    )
+    names, units, labels, places = zip(*_INERTIA, strict=True)
+    scale = guessed([M[place] for place in places])
+    return Block("mass matrix", names, units, scale, "tied", entries=_MASS, labels=labels)
 
 
 @config
