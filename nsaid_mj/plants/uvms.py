@@ -18,6 +18,7 @@ from ..structure.optional import pin
 from ..structure.parts import Inertia, cylinder, full
 from .arm import extent, give_rotors
 from .underwater import UnderwaterSheet
+from .world.body import Inertia as RigidBody
 from .world.body import command_inputs, vehicle_spec
 from .world.simulated import Known, KnownPlant, SimulatedRobot
 
@@ -199,34 +200,20 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
 
 def _add_visual_geoms(spec: Any, arm: dict[str, Any]) -> None:
     """Adds visual geoms without mass: the BlueROV2's to the base, cylinders to the links."""
-    hull = vehicle_spec(vehicle_files("bluerov2"), 1.0, 1.0, np.zeros(3), np.eye(3)).compile()
+    unit = RigidBody(1.0, np.zeros(3), np.eye(3))
+    hull = vehicle_spec(vehicle_files("bluerov2"), 1.0, unit).compile()
     for i in range(hull.ngeom):
-        spec.body(BASE).add_geom(
-            name=hull.geom(i).name,
-            type=hull.geom_type[i],
-            size=hull.geom_size[i],
-            pos=hull.geom_pos[i],
-            quat=hull.geom_quat[i],
-            rgba=hull.geom_rgba[i],
-            mass=0.0,
-        )
+        shown = ("type", "size", "pos", "quat", "rgba")
+        own = {key: getattr(hull, f"geom_{key}")[i] for key in shown}
+        spec.body(BASE).add_geom(name=hull.geom(i).name, mass=0.0, **own)
+    kinds = mujoco.mjtGeom
     for i, link in enumerate(arm["links"]):
         shape, body = link["cylinder"], spec.body(f"joint {i + 1}")
-        body.add_geom(
-            name=f"link {i + 1}",
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            fromto=[*shape["start"], *shape["end"]],
-            size=[shape["radius"], 0, 0],
-            rgba=_LINK_COLOR,
-            mass=0.0,
-        )
-        body.add_geom(
-            name=f"joint {i + 1}",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[1.15 * shape["radius"], 0, 0],
-            rgba=_JOINT_COLOR,
-            mass=0.0,
-        )
+        ends, radius = [*shape["start"], *shape["end"]], shape["radius"]
+        tube = {"type": kinds.mjGEOM_CYLINDER, "fromto": ends, "size": [radius, 0, 0]}
+        ball = {"type": kinds.mjGEOM_SPHERE, "size": [1.15 * radius, 0, 0]}
+        body.add_geom(name=f"link {i + 1}", rgba=_LINK_COLOR, mass=0.0, **tube)
+        body.add_geom(name=f"joint {i + 1}", rgba=_JOINT_COLOR, mass=0.0, **ball)
 
 
 def _placement(position: list[float], angles: list[float]) -> pin.SE3:

@@ -133,7 +133,7 @@ class BodyPlant(KnownPlant, ABC):
             body, acting = known.split(theta)
         except ValueError as error:
             raise _unphysical(files.sheet.parent.name, error) from error
-        spec = vehicle_spec(files, dt, *body, known.size, system.n)
+        spec = vehicle_spec(files, dt, body, known.size, system.n)
         spec.option.gravity = [0, 0, -known.gravity]
         command_inputs(spec, system.n_u)
         if self.mismatch.fluid == "ellipsoid" and fluid is not None:
