@@ -165,17 +165,9 @@ def uvms_model(rigid: Array, arm: dict[str, Any]) -> pin.Model:
     parent, place = root, _placement(arm["mount"]["position"], arm["mount"]["angles"])
     for i, link in enumerate(arm["links"]):
         place = place * _placement(link["origin"], link["angles"])
-        low, high = link["limits"]
-        parent = model.addJoint(
-            parent,
-            pin.JointModelRevoluteUnaligned(np.array(link["axis"])),
-            place,
-            f"joint {i + 1}",
-            np.array([np.inf]),
-            np.array([arm["joints"]["speed"]]),
-            np.array([low]),
-            np.array([high]),
-        )
+        joint = pin.JointModelRevoluteUnaligned(np.array(link["axis"]))
+        limits = (np.array([x]) for x in (np.inf, arm["joints"]["speed"], *link["limits"]))
+        parent = model.addJoint(parent, joint, place, f"joint {i + 1}", *limits)
         inertia = pin.Inertia(link["mass"], np.array(link["centre"]), np.diag(link["inertia"]))
         model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
         place = pin.SE3.Identity()
@@ -189,12 +181,8 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
     return JointScales(
         mass=guessed(np.array([inertia.mass for inertia in bodies])),
         length=guessed(np.array([extent(inertia) for inertia in bodies])),
-        viscous=np.full(k, d["viscous"]),
-        coulomb=np.full(k, d["coulomb"]),
-        gain=np.full(k, d["gain"]),
-        speed=np.full(k, d["speed"]),
         command=np.full(k, 0.5),
-        rotor=np.full(k, d["rotor"]),
+        **{name: np.full(k, d[name]) for name in ("viscous", "coulomb", "gain", "speed", "rotor")},
     )
 
 
