@@ -67,17 +67,17 @@ def heaving(nominal: Array, speed: float = 1.0) -> Blueprint:
     that of operation, for random probes of the structure.
     """
     m, d, g, a = np.abs(nominal)[:, None]
-    drag, weight, gain = ({name: name} for name in ("drag", "net weight", "thruster gain"))
+    drag, gain = {"drag": "drag"}, "thruster gain"
     mass = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     fastest, most = np.array([2 * speed]), np.ones(1)
     return Blueprint(
         Block("mass", ("mass",), ("kg",), m, "positive"),
         nominal[0] * mass,
         [
-            alike("quadratic", drag, nominal[1], d, *drag, "positive", sliding=[True], dof=[0]),
-            alike("weight", weight, nominal[2], g),
+            alike("quadratic", drag, nominal[1], d, "drag", "positive", sliding=[True], dof=[0]),
+            alike("weight", {"net weight": "net weight"}, nominal[2], g),
             Term(
-                Block(*gain, tuple(gain), ("N",), a, "positive", actuator=True),
+                Block(gain, (gain,), ("N",), a, "positive", actuator=True),
                 [Column("motor", 0, dof=0, input=0)],
                 nominal[3:],
             ),

@@ -178,11 +178,13 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
     """Scales of the arm's joints and links, guessed from its data sheet."""
     d, k = arm["joints"], len(arm["links"])
     bodies = list(model.inertias)[1:]
+    stated = ("viscous", "coulomb", "gain", "speed", "rotor")
+    known: dict[str, Any] = {name: np.full(k, d[name]) for name in stated}
     return JointScales(
         mass=guessed(np.array([inertia.mass for inertia in bodies])),
         length=guessed(np.array([extent(inertia) for inertia in bodies])),
         command=np.full(k, 0.5),
-        **{name: np.full(k, d[name]) for name in ("viscous", "coulomb", "gain", "speed", "rotor")},
+        **known,
     )
 
 

@@ -293,7 +293,7 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
         return []
     first, every = model.nv - len(names), tuple(range(len(names)))
 
-    def of(kind: str, own: tuple[int, ...], scale: Array, **constants: Sequence[Any]) -> Term:
+    def of(kind: str, own: tuple[int, ...], scale: Array, **constants: Any) -> Term:
         letter, part = KINDS[kind].letter, KINDS[kind].block.removeprefix("motor ")
         labels = {f"{letter}_{i + 1}": f"{part} of {names[i]}" for i in own}
         slides, dofs = [sliding[i] for i in own], [first + i for i in own]
