@@ -176,9 +176,7 @@ def _numbers(name: str, part: ArrayLike) -> Array:
     """The part as a C-contiguous float64 array."""
     try:
         found = np.asarray(part)
-        if found.dtype.kind not in "fiub":
-            found = found.astype(np.float64) if found.dtype.kind == "O" else found
-        if found.dtype.kind not in "fiub":
+        if found.dtype.kind not in "fiubO":
             raise TypeError(f"an array of {found.dtype}")
         return np.ascontiguousarray(found, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:

@@ -149,7 +149,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
         NotWritten: the operating system refuses to write.
     """
     partial = path.with_name(f".{path.name}.part")
-    check_not_read(path)
+    if _inputs and path.resolve() in _inputs:
+        raise NotWritten(path, "it is a file that was read", "Give another folder with --out")
     with writing(path):
         try:
             create(partial)
@@ -175,12 +176,6 @@ def reading(*paths: str | Path | None) -> Iterator[None]:
         yield
     finally:
         _inputs.difference_update(files)
-
-
-def check_not_read(path: Path) -> None:
-    """Raises `NotWritten` if a file to be written is one of those that the command reads."""
-    if _inputs and path.resolve() in _inputs:
-        raise NotWritten(path, "it is a file that was read", "Give another folder with --out")
 
 
 def check_own(folder: Path, results: Sequence[str], remedy: str = "") -> None:

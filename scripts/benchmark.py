@@ -144,14 +144,14 @@ def loops() -> Iterator[Comparison]:
     """Closed loops compared with MuJoCo alone, and the law `memory` with the other laws."""
     for name, scenario, laws, bar in (
         ("7 joints, 91 parameters, compiled", seven_joints(), LAWS, 2.0),
-        ("7 joints, 91 parameters, Pinocchio", seven_joints("pinocchio"), LAWS[:1], 10.0),
-        ("bluerov2", load("bluerov2"), WITH_FILTER, 3.0),
+        ("7 joints, 91 parameters, Pinocchio", seven_joints("pinocchio"), LAWS[:1], 12.0),
+        ("bluerov2", load("bluerov2"), WITH_FILTER, 2.0),
         ("ur5, compiled", ur5(), WITH_FILTER, None),
     ):
         alone = plant_alone(scenario)
         for law in laws:
             what = f"closed loop / MuJoCo RK4 alone: {name}, {law}"
-            largest = {"paper": bar, "efficient": 6.0}.get(law)
+            largest = {"paper": bar, "memory": 4.0, "efficient": 6.0}.get(law)
             yield what, closed_loop(scenario, law), alone, largest
         for other in laws[:2] if "memory" in laws else ():
             what = f"closed loop with memory / with the {other}'s law alone: {name}"
@@ -228,7 +228,7 @@ def identifiers() -> Iterator[Comparison]:
         for law in several.get(name, LAWS[:1]):
             what = f"identifier RK4 step / MuJoCo Euler step of a UR5: {name}, {law}"
             ours = following(load(name), law, 400 if name in ("uvms", "borinot") else 2000)
-            yield what, ours, euler, 5.0 if law == "paper" else None
+            yield what, ours, euler, 5.5 if law == "paper" else None
 
 
 def many(name: str, scenario: Scenario) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The adversarial study: is any result wrong and confident?
 
-    python scripts/court.py --seed S [--runs 600] [--law efficient memory identify] [--jobs 2]
+    python -m scripts.court --seed S [--runs 600] [--law efficient memory identify] [--jobs 2]
                             [--only exact|effects|faults|EFFECT] [--json FILE] [--case K]
 
 Robots, motions, sensors, priors, effects and seeds are drawn afresh from `--seed`: random trees of
@@ -43,7 +43,7 @@ gain by more than 3 of the standard deviations that the same run states without 
 share that is flagged or unsure, or whose own stated deviations are wide enough for the error.
 """
 
-from court.command import main
+from tests.court.command import main
 
 if __name__ == "__main__":
     main(__doc__)

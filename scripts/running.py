@@ -1,6 +1,6 @@
 """Whether intervals hold while a motion goes on: those of the law alone, and those stated live.
 
-    python scripts/running.py --seed S [--runs 60]
+    python -m scripts.running --seed S [--runs 60]
 
 Robots, motions, sensors, priors and unmodelled effects are those of `scripts/court.py`, drawn from
 the seed; runs with faults are left out. Every half second the gains, relative to the mean of all,
@@ -12,13 +12,13 @@ import argparse
 from collections import defaultdict
 
 import numpy as np
-from court.cases import drawn
-from court.simulation import NotRun, Simulated, simulated
-from machine import machine
 
 from nsaid_mj.evaluation.confidence import INTERVAL, gain_deviations
 from nsaid_mj.evaluation.running import RunningMisfit, running_misfit
 from nsaid_mj.parameters import Array
+from scripts.machine import machine
+from tests.court.cases import drawn
+from tests.court.simulation import NotRun, Simulated, simulated
 
 _EVERY = 0.5  # time between two statements [s]
 

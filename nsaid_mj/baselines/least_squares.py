@@ -29,21 +29,15 @@ def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
     The log has a constant rate; the cut-off [Hz] is limited to 0.8 of the Nyquist frequency.
     """
     rate = 1 / log.step
-    cutoff, q = min(cutoff, 0.4 * rate), _continuous(system, log.q)
+    cutoff, q = min(cutoff, 0.4 * rate), log.q
+    if system.group == 6:
+        q = q.copy()
+        q[:, 3:7] *= continuous_signs(q[:, 3:7])[:, None]
     filtered = zero_phase(q, cutoff, rate)
     if system.m != system.n:
         steps = [np.linalg.lstsq(system.J(z), dz)[0] for z, dz in zip(q, filtered - q, strict=True)]
         filtered = np.array([system.integrate(z, dz) for z, dz in zip(q, steps, strict=True)])
     return log._replace(q=filtered, v=zero_phase(log.v, cutoff, rate))
-
-
-def _continuous(system: SecondOrderSystem, q: Array) -> Array:
-    """Positions (N, m) with quaternion signs chosen so that they are continuous in time."""
-    if system.group != 6:
-        return q
-    q = q.copy()
-    q[:, 3:7] *= continuous_signs(q[:, 3:7])[:, None]
-    return q
 
 
 def low_passed(W: Array, rate: float, cutoff: float) -> Array:
@@ -106,26 +100,15 @@ class Gauge:
         self.normal = normal[:, 0]
         self.tangent = scipy.linalg.null_space(normal.T)  # (p, p−1)
 
-    def solve(self, rows: Array, tolerance: float = TOLERANCE) -> Array:
+    def solve(self, rows: Array) -> Array:
         """(p,) the minimiser θ/scale of ‖rows·θ/scale‖ that is nearest to the prior.
 
-        `rows` (N, p) are of W·diag(scale); singular values below `tolerance` of the largest count
+        `rows` (N, p) are of W·diag(scale); singular values below `TOLERANCE` of the largest count
         as 0.
         """
         target = -rows @ self.start
-        y = np.linalg.lstsq(rows @ self.tangent, target, rcond=tolerance)[0]
+        y = np.linalg.lstsq(rows @ self.tangent, target, rcond=TOLERANCE)[0]
         return self.start + self.tangent @ y
-
-    def rescaled(self, theta_s: Array) -> Array:
-        """(p,) θ/scale multiplied such that the sum of its gains is the prior's.
-
-        Raises:
-            InvalidInput: the sum of its gains is 0.
-        """
-        total = self.normal @ theta_s
-        if not abs(total) > 1e-9 * np.linalg.norm(theta_s):
-            raise InvalidInput("gains", "a sum that is not 0", total, "Record longer.")
-        return theta_s * (self.normal @ self.start / total)
 
 
 SMOOTHING = 30.0  # cut-off of the filter on q and v [Hz]
@@ -154,19 +137,13 @@ def weighted(gauge: Gauge, W: Array) -> Array:
     forces = factors * gauge.normal  # actuator columns only
     driven = np.linalg.norm(forces, axis=(1, 2)) > _IDLE * np.linalg.norm(factors, axis=(1, 2))
     forces[~driven] = 0.0
-
-    def quotient(weights: Array) -> Quotient:
-        return Quotient(_squared(factors), _squared(forces), weights, np.where(driven, 0.0, 1.0))
-
-    force = np.sqrt(quotient(driven).efforts(gauge.start))
+    gramian, effort = (part.transpose(0, 2, 1) @ part for part in (factors, forces))
+    counts = np.full(len(driven), float(len(W)))
+    quotient = Quotient(gramian, effort, counts, np.where(driven, 0.0, 1.0))
+    force = np.sqrt(quotient.efforts(gauge.start))
     start = gauge.solve((factors / force[:, None, None]).reshape(-1, W.shape[2]))
-    J = Posterior(quotient(np.full(len(driven), float(len(W)))), _Near(gauge.start))
+    J = Posterior(quotient, _Near(gauge.start))
     return minimise(J, start, _RULES, gauge.tangent).theta
-
-
-def _squared(factors: Array) -> Array:
-    """(n, p, p) Gramians of factors (n, p, p)."""
-    return factors.transpose(0, 2, 1) @ factors
 
 
 class _Near:

@@ -11,7 +11,6 @@ import time
 from collections.abc import Sequence
 from contextlib import redirect_stdout
 from functools import cache
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -150,13 +149,11 @@ class _Model:
             tree.inertias[i + 1] = inertia
         self._spec, self._names = tree_spec(tree, step), list(tree.names)[1:]
         numbers = prior[10 * system.bodies :].reshape(-1, system.n)
-        *rotor, viscous, coulomb, gain = numbers
-        self._rotor = rotor[0] if rotor else None
+        self._kinds = ("rotor", "viscous", "coulomb", "gain")[-len(numbers) :]
+        joints = dict(zip(self._kinds, numbers, strict=True))
         self._spec.add_numeric(name=_FRICTION, size=1 + 2 * system.n)
         for name in self._names:
             self._spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        found = {"rotor": self._rotor, "viscous": viscous, "coulomb": coulomb, "gain": gain}
-        joints = {kind: value for kind, value in found.items() if value is not None}
         for kind, value in joints.items():
             self._set(kind, value)
         try:
@@ -251,10 +248,7 @@ class _Model:
         for joint in self._system.joints:
             at = joint.idx_q
             first[joint.idx_v] = q[0, at] if joint.nq == 1 else np.arctan2(q[0, at + 1], q[0, at])
-        angles = [first]
-        for before, after in pairwise(q):
-            angles.append(angles[-1] + self._system.difference(before, after))
-        return np.array(angles)
+        return np.cumsum(np.vstack([first, self._system.moves(q)]), axis=0)
 
     def theta(self, x: Array) -> Array:
         """(p,) θ of a candidate."""
@@ -266,9 +260,7 @@ class _Model:
             axes = pin.Quaternion(w, i, j, k).toRotationMatrix()
             about = axes @ np.diag(body.inertia) @ axes.T
             links.append(pin.Inertia(body.mass[0], body.ipos, about).toDynamicParameters())
-        kinds = [] if self._rotor is None else ["rotor"]
-        joints = [self.parameters[kind].value for kind in (*kinds, "viscous", "coulomb", "gain")]
-        return np.concatenate([*links, *joints])
+        return np.concatenate([*links, *(self.parameters[kind].value for kind in self._kinds)])
 
 
 @cache

@@ -20,7 +20,7 @@ from .payloads import check_loads, payloads
 from .precision import Precision, inflation, precision, tempered
 from .problem import Problem, folds, least_squares
 from .residuals import Followed, doubts, followed, widened, with_doubts
-from .result import Curves, Fitted, Identification, JointFit
+from .result import Curves, Fitted, Identification, JointFit, recording_shifts
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
 from .structure import Options, Structured
@@ -61,14 +61,15 @@ def calibrate(
     found += made.findings
     _refuse(found)
     report("fitting and estimating intervals")
-    problem, fit, share, exact = _estimated(made, robot.weightless, known)
-    tried, theta = made.suspects(fit.theta), fit.theta
-    left = followed(problem, theta, exact.covariance, share, tried, made.noisier)
+    fitted = _estimated(made, robot.weightless, known, options)
+    theta, covariance = fitted.fit.theta, fitted.exact.covariance
+    tried = made.suspects(theta)
+    left = followed(fitted.problem, theta, covariance, fitted.share, tried, made.noisier)
     report("predicting held-out parts")
-    joints = _joints(made, problem, theta, share, robot)
-    doubted, exact = _judged(problem, exact, left, joints, arm)
-    fitted = Fitted(made, problem, fit, exact, share, options.coupled)
-    result = _identification(robot, recordings, fitted, joints, [*found, *doubted], known, begin)
+    joints = _joints(fitted, robot)
+    doubted, exact = _judged(fitted, left, joints, arm)
+    logs, found, fitted = (recordings, validation), [*found, *doubted], fitted._replace(exact=exact)
+    result = _identification(robot, logs, fitted, joints, found, known, begin)
     level = options.level | _without_offset(result)
     if options.columns is None and level != options.level:
         report("fitting without an offset whose interval holds 0")
@@ -77,9 +78,9 @@ def calibrate(
 
 
 def _estimated(
-    made: Structured, weightless: bool, known: Mapping[str, float]
-) -> tuple[Problem, Fit, Array, Precision]:
-    """The problem with known values, its fit, (n,) rows per independent row, and the precision."""
+    made: Structured, weightless: bool, known: Mapping[str, float], options: Options
+) -> Fitted:
+    """The fit of a structure with known values, and its precision."""
 
     def informed(each: Problem) -> Problem:
         return with_known(rescaled(each, known) if weightless else each, known)
@@ -90,7 +91,7 @@ def _estimated(
     changes = [_change(problem, fit, informed(other), share) for other in made.alternatives]
     if changes:
         exact = exact._replace(structure=np.array(changes))
-    return problem, fit, share, exact
+    return Fitted(made, problem, fit, exact, share, options.coupled)
 
 
 def _without_offset(result: Identification) -> frozenset[str]:
@@ -107,11 +108,7 @@ def _without_offset(result: Identification) -> frozenset[str]:
 
 
 def _judged(
-    problem: Problem,
-    exact: Precision,
-    left: Sequence[Followed],
-    joints: Sequence[JointFit],
-    arm: bool,
+    fitted: Fitted, left: Sequence[Followed], joints: Sequence[JointFit], arm: bool
 ) -> tuple[list[Finding], Precision]:
     """Findings about the structure, and the precision widened by them.
 
@@ -123,6 +120,7 @@ def _judged(
             text = "no actuator drives it and it hardly moves, so its prediction is not judged"
             remedy = "Record a motion that accelerates it."
             found.append(Finding("note", "hardly_moved", joint.name, text, remedy))
+    problem, exact = fitted.problem, fitted.exact
     found += doubts(problem, exact, left, held_out)
     exact = widened(exact, left)
     checked = [np.nan if joint.validation is None else joint.validation for joint in joints]
@@ -137,15 +135,18 @@ def _judged(
 
 def _identification(
     robot: RobotModel,
-    recordings: Recordings,
+    logs: tuple[Recordings, Recordings | None],
     fitted: Fitted,
     joints: tuple[JointFit, ...],
     found: list[Finding],
     known: Mapping[str, float],
     begin: float,
 ) -> Identification:
-    """The result of a fit that began at a time [s], with what was found, in words."""
-    made, problem, fit, exact = fitted[:4]
+    """The result of a fit that began at a time [s], with what was found, in words.
+
+    `logs` are those of training and of validation.
+    """
+    (made, problem, fit, exact), (recordings, others) = fitted[:4], logs
     gain_spread = problem.spread[problem.space.actuators]
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
@@ -153,7 +154,9 @@ def _identification(
     judged = verdict(joints, robot.system is None)
     explains, sentence = scale.judged(*with_doubts(*judged, found))
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
-    parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
+    parameters, checked = parameters_in_words(problem, fit, exact, gain_spread, common), None
+    if others is not None and made.checked is not None:
+        checked = _curves(made.checked, fit.theta, others)
     return Identification(
         explains=explains,
         verdict=sentence,
@@ -169,8 +172,8 @@ def _identification(
         deviation=exact.deviation,
         covariance=exact.covariance,
         friction=nearest_friction(problem, fit.theta),
-        curves=_curves(problem, fit.theta),
-        validation=None if made.checked is None else _curves(made.checked, fit.theta),
+        curves=_curves(problem, fit.theta, recordings),
+        validation=checked,
         law=None,
         cutoff=made.cutoff,
         seconds=time.perf_counter() - begin,
@@ -178,14 +181,13 @@ def _identification(
     )
 
 
-def _joints(
-    made: Structured, problem: Problem, theta: Array, share: Array, robot: RobotModel
-) -> tuple[JointFit, ...]:
-    """How well every velocity is predicted, also by least squares with the gains of θ (p,).
+def _joints(fitted: Fitted, robot: RobotModel) -> tuple[JointFit, ...]:
+    """How well every velocity is predicted, also by least squares with the gains of the fit.
 
     The held-out error is NaN for velocities of a vehicle that hardly moves in them.
     """
-    held_out, plain = _held_out(problem, share, theta)
+    made, problem, theta = fitted.made, fitted.problem, fitted.fit.theta
+    held_out, plain = _held_out(problem, fitted.share, theta)
     if robot.system is not None:
         held_out[problem.hardly_moved(theta, robot.system.velocity_units)] = np.nan
     errors = [x.tolist() for x in (problem.nrmse(theta), held_out, plain)]
@@ -253,8 +255,9 @@ def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     return change
 
 
-def _curves(problem: Problem, theta: Array) -> Curves:
+def _curves(problem: Problem, theta: Array, recordings: Recordings) -> Curves:
     """Measured and predicted commands where every velocity has an actuator, else forces."""
+    t = problem.t + recording_shifts(recordings)[problem.segment]
     at, n = problem.space.actuators, problem.Y.shape[1]
     measured, unit = -problem.actuation(theta), 1.0
     if len(at) == n:
@@ -262,7 +265,7 @@ def _curves(problem: Problem, theta: Array) -> Curves:
         if np.count_nonzero(problem.Y[:, :, at]) <= np.count_nonzero(own):
             measured, unit = -own, theta[at]
     predicted = measured + problem.residual(theta) / unit
-    return Curves(problem.t, problem.segment, measured, predicted, problem.usable)
+    return Curves(t, problem.segment, measured, predicted, problem.usable)
 
 
 def _refuse(found: list[Finding]) -> None:

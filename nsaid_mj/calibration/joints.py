@@ -93,6 +93,7 @@ class JointRows:
     of their logarithms, 0 until they are known; `loads` are carried in some of the segments.
 
     Attributes:
+        motions: the smoothed motion of every segment.
         links: (N, n, 10 b) columns of the links.
         diagonal: name of a column → (N, n) entries on the joints' own rows; "coulomb", "stribeck"
             and "load" have a further leading axis for `SPEEDS`.
@@ -121,8 +122,8 @@ class JointRows:
             if len(centres):
                 parts.append((number, segment, centres, motion))
         self._commands = [(s, smooth_commands(s, chosen)) for _, s, _, _ in parts]
-        self._motions = [motion for *_, motion in parts]
-        self.links = np.concatenate([self._links(motion) for motion in self._motions])
+        self.motions = [motion for *_, motion in parts]
+        self.links = np.concatenate([self._links(motion) for motion in self.motions])
         self.diagonal = {
             "rotor": self.joined(lambda m: m.a),
             "viscous": self.joined(lambda m: m.v),
@@ -133,7 +134,7 @@ class JointRows:
             "coulomb": self._at_speeds(lambda _, slip: slip),
             "stribeck": self._at_speeds(lambda m, slip: slip * np.exp(-((m.v / STRIBECK) ** 2))),
         }
-        self._moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self._motions])
+        self._moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self.motions])
         self._weight = weight_columns(robot.model, self._moving)
         self.reweigh(file_links(robot.model))
         self.usable = np.concatenate([m.usable[c] for _, _, c, m in parts])
@@ -149,7 +150,7 @@ class JointRows:
 
     def joined(self, function: Callable[[Smooth], Array]) -> Array:
         """(N, ...) rows of a function of the smoothed motion."""
-        return np.concatenate([self.chosen.rows(function(m)) for m in self._motions])
+        return np.concatenate([self.chosen.rows(function(m)) for m in self.motions])
 
     def _links(self, motion: Smooth) -> Array:
         """(N, n, 10 b) rows of the links' columns, in blocks: an hour of them would fill memory."""
@@ -168,9 +169,10 @@ class JointRows:
     def reweigh(self, links: Array) -> None:
         """Computes load-dependent friction from the weight of links with parameters (10 b,)."""
         model, self.loading = self.robot.model, links
-        weight = weight_of(with_inertias(model, links, np.zeros(model.nv)))
-        s = np.array(SPEEDS)[:, None]
-        of_speeds = self.joined(lambda m: np.tanh(m.v[:, None] / s) * np.abs(weight(m.q))[:, None])
+        heavy, s = with_inertias(model, links, np.zeros(model.nv)), np.array(SPEEDS)[:, None]
+        of_speeds = self.joined(
+            lambda m: np.tanh(m.v[:, None] / s) * np.abs(weight_of(heavy, m.q))[:, None]
+        )
         self.diagonal["load"] = np.ascontiguousarray(np.moveaxis(of_speeds, 1, 0))
 
     def commands(self, delay: Array) -> Array:
@@ -237,16 +239,9 @@ class JointRows:
 
     def _limbs(self, space: ParameterSpace) -> Indices:
         """(p,) the limb of every parameter."""
-        limbs, found, links = limbs_of(self.robot.model), [], self.links.shape[2]
-        loaded = [payload.place.start // 10 for payload in payloads(self.robot.model, self.loads)]
-        for block, place in space:
-            if place.start < links:
-                found += [limbs[place.start // 10]] * 10
-            elif block.geometry == "pseudo_inertia":
-                found += [limbs[loaded.pop(0)]] * 10
-            else:
-                found += [limbs[joint_of(name)] for name in block.names]
-        return np.array(found, dtype=np.intp)
+        model, carried = self.robot.model, payloads(self.robot.model, self.loads)
+        loaded = {name: load.place.start // 10 for load in carried for name in load.block.names}
+        return limbs_of(model)[[loaded.get(name, joint_of(name)) for name in space.names]]
 
     def _slides(self, joint: int) -> bool:
         return slides(self.robot.model.joints[joint + 1])

@@ -163,9 +163,8 @@ def unexplained_forces(fitted: Fitted) -> Array:
     """
     problem, theta = fitted.problem, fitted.fit.theta
     residual = problem.residual(theta) / theta[problem.space.actuators[-1]]
-    return (
-        mean_squares(residual, problem.usable) * fitted.share * float(np.median(np.diff(problem.t)))
-    )
+    interval = float(np.median(np.diff(problem.t)))
+    return mean_squares(residual, problem.usable) * fitted.share * interval
 
 
 def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ..parameters import Array, Block, Indices
@@ -82,17 +80,12 @@ def file_links(model: pin.Model) -> Array:
     )
 
 
-def weight_of(model: pin.Model) -> Callable[[Array], Array]:
-    """Function of coordinates (N, n): (N, n) torques of the links' weight."""
-    data = model.createData()
-
-    def torque(coordinates: Array) -> Array:
-        found = np.empty((len(coordinates), model.nv))
-        for k, q in enumerate(positions(model, coordinates)):
-            found[k] = pin.computeGeneralizedGravity(model, data, q)
-        return found
-
-    return torque
+def weight_of(model: pin.Model, coordinates: Array) -> Array:
+    """(N, n) torques of the links' weight at coordinates (N, n)."""
+    data, found = model.createData(), np.empty((len(coordinates), model.nv))
+    for k, q in enumerate(positions(model, coordinates)):
+        found[k] = pin.computeGeneralizedGravity(model, data, q)
+    return found
 
 
 def link_blocks(model: pin.Model) -> list[Block]:

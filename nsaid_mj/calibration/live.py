@@ -101,12 +101,13 @@ class LiveIdentifier:
             BadRun: it has failed; its message is on the standard error.
         """
         words = [sys.executable, "-P", "-c", _START, "live", *self._flags, "--json", "--every", "0"]
-        self._process = subprocess.Popen(
+        process = self._process = subprocess.Popen(
             words, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             env=os.environ | _ONE_THREAD,
         )  # fmt: skip
-        for pipe in (self._process.stdin, self._process.stdout):
-            assert pipe is not None
+        assert process.stdin is not None and process.stdout is not None
+        self._given, self._taken = process.stdin, process.stdout
+        for pipe in (self._given, self._taken):
             os.set_blocking(pipe.fileno(), False)
         self._exchange_until(lambda: self.folder is not None)
         if self.folder is None:
@@ -167,13 +168,11 @@ class LiveIdentifier:
             BadRun: the law's process has failed; its message is on the standard error.
         """
         assert self._process is not None
-        given, taken = self._process.stdin, self._process.stdout
-        assert given is not None and taken is not None
         self._exchange_until(lambda: not self._unsent)
-        given.close()
+        self._given.close()
         self._exchange_until(lambda: False)
         self._process.wait()
-        taken.close()
+        self._taken.close()
         if kind is None and not self.summary:
             self._check()
 
@@ -196,18 +195,15 @@ class LiveIdentifier:
 
         There is no thread, which would hold Python's lock while the user's loop needs it.
         """
-        assert self._process is not None
-        given, taken = self._process.stdin, self._process.stdout
-        assert given is not None and taken is not None
         try:
-            while self._unsent and not given.closed:
-                del self._unsent[: os.write(given.fileno(), self._unsent[:_PIECE])]
+            while self._unsent and not self._given.closed:
+                del self._unsent[: os.write(self._given.fileno(), self._unsent[:_PIECE])]
         except BlockingIOError:
             pass
         except OSError:  # the process has ended; its output can still be read
             self._unsent.clear()
         try:
-            while piece := os.read(taken.fileno(), _PIECE):
+            while piece := os.read(self._taken.fileno(), _PIECE):
                 self._unread += piece
         except BlockingIOError:
             piece = None

@@ -28,19 +28,14 @@ _SMALL, _ANYWHERE = 0.05, 0.15  # radius of a load, and of the region in which a
 
 
 class Load(NamedTuple):
-    """A weighed payload.
+    """A weighed payload."""
 
-    Attributes:
-        source: name of the file that carries it.
-        mass: [kg].
-        link: body, joint or frame of the model that it is fixed to; "" for the last link that does
-            not belong to a gripper.
-        centre: (3,) its centre of mass in the frame of that link [m]; None if unknown.
-    """
-
-    source: str
-    mass: float
+    source: str  # name of the file that carries it
+    mass: float  # [kg]
+    # body, joint or frame of the model that it is fixed to; "" for the last link that does not
+    # belong to a gripper
     link: str = ""
+    # (3,) its centre of mass in the frame of that link [m]; None if unknown
     centre: tuple[float, ...] | None = None
 
 

@@ -13,7 +13,7 @@ import scipy.linalg
 
 from ..parameters import Array
 from ..quotient.gramians import Sums
-from ..quotient.intervals import inverse_on
+from ..quotient.matrices import inverse_on
 from .fit import Fit, gramians, minimise, posterior
 from .problem import Problem, folds
 
@@ -114,30 +114,18 @@ class Combinations(NamedTuple):
     """Parameters that affect the motion only in combination with others."""
 
     independent: list[int]  # indices of parameters whose columns are linearly independent, in order
-    dependent: list[int]  # indices of the others
-    # (independent, dependent) the column of a dependent parameter is the sum of these times the
-    # columns of the independent ones: only θ_i + Σ_d weights[i, d] θ_d is visible
+    # (independent, p) only these combinations are visible, each of one independent parameter, with
+    # weight 1, and of others: their column is the sum of these times the independent ones
     weights: Array
-    silent: list[int]  # indices of parameters whose column is 0 in the whole log
 
     def expression(self, index: int) -> dict[int, float]:
         """Coefficients, by index, of the combination that an independent parameter represents."""
-        row = self.independent.index(index)
-        found = {index: 1.0}
-        for column, other in enumerate(self.dependent):
-            if self.weights[row, column]:
-                found[other] = float(self.weights[row, column])
-        return found
+        row = self.weights[self.independent.index(index)]
+        return {index: 1.0} | {other: float(row[other]) for other in np.flatnonzero(row).tolist()}
 
     def members(self, index: int) -> list[int]:
         """The independent parameters in whose combinations a parameter takes part."""
-        if index in self.independent:
-            return [index]
-        if index not in self.dependent:
-            return []
-        column = self.dependent.index(index)
-        rows = np.flatnonzero(self.weights[:, column])
-        return [self.independent[row] for row in rows]
+        return [self.independent[row] for row in np.flatnonzero(self.weights[:, index])]
 
 
 def combinations(problem: Problem) -> Combinations:
@@ -154,10 +142,9 @@ def combinations(problem: Problem) -> Combinations:
     norms = np.linalg.norm(R, axis=0)
     kept: list[int] = []
     basis = np.zeros((R.shape[0], 0))
-    silent, dependent = [], []
+    dependent: list[int] = []
     for j in range(len(rest)):
-        if norms[j] <= 1e-10 * norms.max():
-            silent.append(j)
+        if norms[j] <= 1e-10 * norms.max():  # 0 in the whole log
             continue
         left = R[:, j] - basis @ (basis.T @ R[:, j])
         left -= basis @ (basis.T @ left)
@@ -168,8 +155,8 @@ def combinations(problem: Problem) -> Combinations:
             dependent.append(j)
     weights = np.linalg.lstsq(R[:, kept], R[:, dependent], rcond=None)[0]
     weights[np.abs(weights) < _NEGLIGIBLE] = 0.0
-    scale = problem.space.scale[rest]
-    weights *= scale[kept][:, None] / scale[dependent][None, :]
-    return Combinations(
-        rest[kept].tolist(), rest[dependent].tolist(), weights, rest[silent].tolist()
-    )
+    own, others, scale = rest[kept], rest[dependent], problem.space.scale
+    found = np.zeros((len(own), len(scale)))
+    found[np.arange(len(own)), own] = 1.0
+    found[:, others] = weights * (scale[own][:, None] / scale[others])
+    return Combinations(own.tolist(), found)

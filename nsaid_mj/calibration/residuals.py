@@ -26,6 +26,7 @@ import numpy as np
 import scipy.linalg
 import scipy.special
 
+from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Explains
 from ..parameters import Array, Indices
 from ..robot.findings import Finding
@@ -38,7 +39,6 @@ _CHANCE = 0.01  # that any suspect enters by chance
 _EVEN = 0.01  # level of significance of the blocks' test
 _MOST = 8  # suspects that enter
 _MANY = 10_000  # rows of a longer log are thinned, as all of them would fill the memory
-_Z = 1.96  # of a 95 % interval
 _STATED = 0.5  # relative half-width below which a parameter's value counts as known
 _NOTED = 0.1  # share of the residuals' variance that is reported
 _MOVED = 0.1  # relative shift of such a parameter that is reported
@@ -133,7 +133,7 @@ def doubts(
     of them, and their intervals are widened. held_out (n,) is the NRMSE of held-out parts; `exact`
     is the precision before it is widened.
     """
-    half, size, space = _Z * exact.deviation, _sizes(problem, exact.theta), problem.space
+    half, size, space = INTERVAL * exact.deviation, _sizes(problem, exact.theta), problem.space
     friction = ["friction" in block.name for block in space.blocks for _ in block.names]
     certain = (space.geometries != "free") & ~np.array(friction)
     stated, findings = ~problem.known & certain & (half < _STATED * size), []

@@ -23,21 +23,13 @@ _NEAR = 10.0  # a log that begins this soon after the one before it keeps its ow
 
 @dataclass(frozen=True)
 class Combination:
-    """A combination of parameters that the log determines.
+    """A combination of parameters that the log determines."""
 
-    Attributes:
-        words: such as "Izz of link_1 + rotor inertia of joint_1".
-        unit: SI unit.
-        value: estimate.
-        low: lower end of the 95 % interval.
-        high: upper end of the 95 % interval.
-    """
-
-    words: str
-    unit: str
-    value: float
-    low: float
-    high: float
+    words: str  # such as "Izz of link_1 + rotor inertia of joint_1"
+    unit: str  # SI unit
+    value: float  # estimate
+    low: float  # lower end of the 95 % interval
+    high: float  # upper end of the 95 % interval
 
 
 @dataclass(frozen=True)
@@ -46,47 +38,28 @@ class JointFit:
 
     NRMSE is the rms error of the predicted command over the standard deviation of the measured one:
     predicting the mean gives 1.
-
-    Attributes:
-        name: name of the joint.
-        fit: NRMSE on the rows of the fit.
-        held_out: NRMSE on fifths of the log, each predicted from the others.
-        least_squares: that of weighted least squares on the same rows and columns.
-        validation: NRMSE on the validation log; None without one.
-        validation_least_squares: that of weighted least squares; None without a log.
-        columns: friction columns in use.
-        friction_speed: s of tanh(v/s) [rad/s or m/s].
-        delay: delay of the command [s].
     """
 
-    name: str
-    fit: float
-    held_out: float
-    least_squares: float
-    validation: float | None
-    validation_least_squares: float | None
-    columns: tuple[str, ...]
-    friction_speed: float
-    delay: float
+    name: str  # name of the joint
+    fit: float  # NRMSE on the rows of the fit
+    held_out: float  # NRMSE on fifths of the log, each predicted from the others
+    least_squares: float  # that of weighted least squares on the same rows and columns
+    validation: float | None  # NRMSE on the validation log; None without one
+    validation_least_squares: float | None  # that of weighted least squares; None without a log
+    columns: tuple[str, ...]  # friction columns in use
+    friction_speed: float  # s of tanh(v/s) [rad/s or m/s]
+    delay: float  # delay of the command [s]
 
 
 @dataclass(frozen=True)
 class Curves:
-    """Filtered commands, measured and predicted, for plots.
+    """Filtered commands, measured and predicted, for plots."""
 
-    Attributes:
-        t: (N,) times [s].
-        segment: (N,) number of the segment.
-        measured: (N, k) commands.
-        predicted: (N, k) commands that the estimate predicts.
-        usable: (N, k) whether the row was used.
-    """
-
-    t: Array
-    segment: Indices
-    measured: Array
-    predicted: Array
-    usable: Mask
+    t: Array  # (N,) times [s], of the common axis of all logs
+    segment: Indices  # (N,) number of the segment
+    measured: Array  # (N, k) commands
+    predicted: Array  # (N, k) commands that the estimate predicts
+    usable: Mask  # (N, k) whether the row was used
 
 
 class Fitted(NamedTuple):
@@ -101,65 +74,41 @@ class Fitted(NamedTuple):
 
 
 class Gain(NamedTuple):
-    """A gain relative to the geometric mean of all gains, independent of the common scale of θ.
+    """A gain relative to the geometric mean of all gains, independent of the common scale of θ."""
 
-    Attributes:
-        label: label of the parameter.
-        law: by the law.
-        half: half-width of its 95 % interval, relative; infinite if the law states none.
-        batch: by the batch fit.
-        batch_half: half-width of its 95 % interval, relative.
-    """
-
-    label: str
-    law: float
-    half: float
-    batch: float
-    batch_half: float
+    label: str  # label of the parameter
+    law: float  # by the law
+    half: float  # half-width of its 95 % interval, relative; infinite if the law states none
+    batch: float  # by the batch fit
+    batch_half: float  # half-width of its 95 % interval, relative
 
     @property
     def apart(self) -> bool:
         """Whether law and batch differ by more than both intervals together."""
         return bool(abs(np.log(self.law / self.batch)) > self.half + self.batch_half)
 
-    @property
-    def covers(self) -> bool:
-        """Whether the law's interval contains the batch fit's value."""
-        return bool(abs(np.log(self.law / self.batch)) <= self.half)
-
 
 @dataclass(frozen=True, eq=False)
 class AlongLog:
-    """A law along a log.
+    """A law along a log."""
 
-    Attributes:
-        name: name of the law.
-        run: measurements and estimates.
-        actuators: (a,) indices of the gains in θ.
-        t: (K,) times [s], of the common axis of all logs.
-        theta: (K, p) θ̂.
-        deviation: (K, a) standard deviations of the gains over their mean, relative; infinite where
-            the law states none.
-        gains: at the end, beside the batch fit's.
-        last: (n,) NRMSE of the last fifth of the rows under the estimate before them; NaN where it
-            is not judged.
-        batch_last: (n,) that of a batch fit to the rows before.
-        misfit: whether the motion contradicts the structure: `none`, `some` or `contradicts`; ""
-            for a law that does not test it.
-        seconds: duration of the run [s].
-    """
-
-    name: str
-    run: Run
-    actuators: Indices
-    t: Array
-    theta: Array
+    name: str  # name of the law
+    run: Run  # measurements and estimates
+    actuators: Indices  # (a,) indices of the gains in θ
+    t: Array  # (K,) times [s], of the common axis of all logs
+    theta: Array  # (K, p) θ̂
+    # (K, a) standard deviations of the gains over their mean, relative; infinite where the law
+    # states none
     deviation: Array
-    gains: tuple[Gain, ...]
+    gains: tuple[Gain, ...]  # at the end, beside the batch fit's
+    # (n,) NRMSE of the last fifth of the rows under the estimate before them; NaN where it is not
+    # judged
     last: Array
-    batch_last: Array
+    batch_last: Array  # (n,) that of a batch fit to the rows before
+    # whether the motion contradicts the structure: `none`, `some` or `contradicts`; "" for a law
+    # that does not test it
     misfit: str
-    seconds: float
+    seconds: float  # duration of the run [s]
 
     @property
     def completed(self) -> bool:
@@ -259,14 +208,3 @@ def shifts(spans: Sequence[tuple[str, float, float]]) -> Array:
 def recording_shifts(recordings: Recordings) -> Array:
     """(S,) shifts of the segments of recordings."""
     return shifts([(s.source, s.log.t[0], s.log.t[-1]) for s in recordings.segments])
-
-
-def own_shifts(curves: Curves) -> Array:
-    """Shifts by number of the segment, for curves whose logs are not at hand."""
-    count = int(curves.segment.max(initial=-1)) + 1
-    spans, last = [], 0.0
-    for k in range(count):
-        t = curves.t[curves.segment == k]
-        start, last = (float(t[0]), float(t[-1])) if len(t) else (last, last)
-        spans.append(("", start, last))
-    return shifts(spans)

@@ -193,10 +193,8 @@ def with_constants(
             trial = choice.at(j, "offset", column)
             errors, found = _shared_errors(rows.problem(trial), fitted)
             if found.get(f"stiffness_{j + 1}", 0.0) >= 0 and worthwhile(best, errors, _WORTH):
-                fall = 1 - np.exp(np.log(errors / best).mean())
-                text = (
-                    f"{words}; held-out errors, all joints multiplied, fall by {100 * fall:.0f} %"
-                )
+                fall = 100 * (1 - np.exp(np.log(errors / best).mean()))
+                text = f"{words}; held-out errors, all joints multiplied, fall by {fall:.0f} %"
                 findings.append(Finding("note", "columns", name, text, data={"columns": [column]}))
                 choice, best, fitted = trial, errors, found
     return choice, findings

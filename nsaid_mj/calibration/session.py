@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import socket
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, NamedTuple
@@ -215,5 +215,5 @@ class Session:
         misfit = RunningMisfit(self.scenario, own, self.robot.prior)
         watchers = (Estimates(own, misfit, counts, show, every), *observers)
         run = followed(self.scenario, self.robot, source, self.identifiers, folder, watchers)
-        run.stream = counts.keys()
+        run.stream = asdict(counts)
         return run

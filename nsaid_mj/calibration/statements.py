@@ -122,14 +122,12 @@ def in_words(expression: dict[int, float], space: ParameterSpace) -> str:
 def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple[Combination, ...]:
     """The base parameters of the log with intervals, gains given."""
     combined, found = combinations(problem), []
-    for index in combined.independent:
-        expression = combined.expression(index)
-        if len(expression) < 2:
+    for index, weights in zip(combined.independent, combined.weights, strict=True):
+        if np.count_nonzero(weights) < 2:
             continue
-        weights = np.zeros(len(problem.space))
-        weights[list(expression)] = list(expression.values())
         value, sd = float(weights @ fit.theta), exact.of(weights)
-        words, unit = in_words(expression, problem.space), problem.space.units[index]
+        words = in_words(combined.expression(index), problem.space)
+        unit = problem.space.units[index]
         found.append(Combination(words, unit, value, value - INTERVAL * sd, value + INTERVAL * sd))
     return tuple(found)
 

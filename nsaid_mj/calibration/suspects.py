@@ -47,7 +47,8 @@ def arm_suspects(
 def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
     """Effects on forces (N, n)."""
     yield from _lags(rows, force)
-    yield from command_suspects(force[:, :, None] * np.eye(force.shape[1]), rows.robot.joints)
+    each = force[:, :, None] * np.eye(force.shape[1])
+    yield from command_suspects(rows.t, each, rows.robot.joints)
 
 
 def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
@@ -63,8 +64,14 @@ def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
     return needed._replace(columns=needed.columns + share * (stated.columns - needed.columns))
 
 
-def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
-    """Forces (N, n, k) not proportional to a command: asymmetric, curved, or with a dead zone."""
+def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
+    """Forces (N, n, k) not proportional to a command: asymmetric, curved, with a dead zone, fading.
+
+    t (N,) is in s.
+    """
+    late = ((t - t.mean()) / max(float(np.ptp(t)), 1e-300))[:, None]
+    fading = "The gain changes in time, as with the supply's voltage: identify shorter logs."
+    yield Suspect("all forces times the time", "", (forces.sum(axis=2) * late)[:, :, None], fading)
     for k, name in enumerate(names):
         own = forces[:, :, k]
         signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
@@ -76,6 +83,7 @@ def command_suspects(forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
         ):
             remedy = f"Its force is not proportional to the command. {more}"
             yield Suspect(words, name, (own * factor[:, None])[:, :, None], remedy)
+        yield Suspect("its force times the time", name, (own * late)[:, :, None], fading)
 
 
 def _kinematic(
@@ -92,11 +100,11 @@ def _kinematic(
         for gravity in np.linalg.svd(down[None])[2][1:] * np.linalg.norm(down):
             tilted = pin.Model(model)
             tilted.gravity = pin.Motion(gravity, np.zeros(3))
-            weight = weight_of(tilted)
-            columns.append(rows.joined(lambda m, weight=weight: weight(m.q)))
+            columns.append(rows.joined(lambda m, model=tilted: weight_of(model, m.q)))
         remedy = "Check how the base is mounted; if it is tilted, tilt the model's gravity."
         yield Suspect("gravity across the model's vertical", "", np.stack(columns, 2), remedy)
-    found = _changes(rows, model)
+    parts = [[rows.chosen.rows(x) for x in _changes(model, m)] for m in rows.motions]
+    found = [np.concatenate(kind) for kind in zip(*parts, strict=True)]
     twists = _rates(rows, torque)
     answered = _answered(rows, model, rotor, residual)
     for j, name in enumerate(names):
@@ -119,49 +127,26 @@ def _kinematic(
                           lambda x, play=play: f"about {1e3 * x * play:.2g} mrad")  # fmt: skip
 
 
-def _changes(rows: JointRows, model: pin.Model) -> list[Array]:
-    """(N, n, n) changes of the torques for every kind of `_Moves`."""
-    moves = _Moves(model)
-    return [rows.joined(lambda m, k=k: moves.change(m, k)) for k in range(4 + len(PLAYS))]
+def _changes(model: pin.Model, motion: Smooth) -> Iterator[Array]:
+    """(N, n, n) changes of all joints' torques with each joint's motion, one kind after the other.
 
-
-class _Moves:
-    """Changes of all joints' torques with each joint's motion, one kind after the other.
-
-    They are made one by one: together they would need several times the memory of a long log.
-    `model` has the estimated links.
+    The derivatives by position, velocity and acceleration, the change by a relative scale of the
+    position, and that by each of `PLAYS` behind an encoder on the motor's side. `model` has the
+    estimated links. One by one, as together they would need several times the memory of a long log.
     """
-
-    def __init__(self, model: pin.Model):
-        self._model, self._known = model, {}
-
-    def change(self, motion: Smooth, kind: int) -> Array:
-        """(N, n, n) changes of one kind.
-
-        The derivatives by position, velocity and acceleration (0, 1, 2), the change by a relative
-        scale of the position (3), and that of each of `PLAYS` behind an encoder on the motor's side
-        (4 and on).
-        """
-        if id(motion) not in self._known:
-            self._known[id(motion)] = self._slopes(motion)
-        slopes, needed = self._known[id(motion)]
-        if kind < 3:
-            return slopes[:, kind]
-        if kind == 3:
-            return _moved(slopes, (motion.q, motion.v, motion.a))
-        twist = _between_flanks(motion.t, needed, PLAYS[kind - 4])
+    data, n = model.createData(), model.nv
+    slopes, torques = np.empty((len(motion.t), 3, n, n)), np.empty((len(motion.t), n))
+    for k, q in enumerate(positions(model, motion.q)):
+        slopes[k] = pin.computeRNEADerivatives(model, data, q, motion.v[k], motion.a[k])
+        torques[k] = data.tau
+    yield from slopes.swapaxes(0, 1)
+    yield _moved(slopes, (motion.q, motion.v, motion.a))
+    own = np.diagonal(slopes[:, 2], axis1=1, axis2=2)
+    needed = torques / np.maximum(own, 1e-12)  # of no mass
+    for play in PLAYS:
+        twist = _between_flanks(motion.t, needed, play)
         rate = np.gradient(twist, motion.t, axis=0)
-        return -_moved(slopes, (twist, rate, np.gradient(rate, motion.t, axis=0)))
-
-    def _slopes(self, motion: Smooth) -> tuple[Array, Array]:
-        """(N, 3, n, n) derivatives, and (N, n) torques over the joints' own inertias [1/s²]."""
-        data, n = self._model.createData(), self._model.nv
-        slopes, torques = np.empty((len(motion.t), 3, n, n)), np.empty((len(motion.t), n))
-        for k, q in enumerate(positions(self._model, motion.q)):
-            slopes[k] = pin.computeRNEADerivatives(self._model, data, q, motion.v[k], motion.a[k])
-            torques[k] = data.tau
-        own = np.diagonal(slopes[:, 2], axis1=1, axis2=2)
-        return slopes, torques / np.maximum(own, 1e-12)  # of no mass
+        yield -_moved(slopes, (twist, rate, np.gradient(rate, motion.t, axis=0)))
 
 
 def _moved(slopes: Array, motion: tuple[Array, Array, Array]) -> Array:

@@ -25,18 +25,19 @@ _DOUBLINGS = 6  # of a change, at most
 _RISE = 2.0  # of the cost, at two standard deviations, which count as one: residuals are correlated
 
 
-class Drive(NamedTuple):
-    """Dynamics of a vehicle's actuators."""
+class Timing(NamedTuple):
+    """When and how commands act."""
 
+    delay: float | Array = 0.0  # that all actuators share [s]; (k,) one for each where it is given
     # share m of the square in a rotor's force m u² + (1 − m) u of a command u held for long: 1
     # where the command is the rotor's speed, 0 where it is its thrust
     mix: float = 1.0
     lag: float = 0.0  # time constant of a rotor's speed, or of another actuator's command [s]
 
     def speeds(self, u: Array, rate: float) -> Array:
-        """(N, k) relative speeds of rotors under commands u (N, k); force grows with their square.
+        """(N, k) relative speeds of rotors under commands u (N, k), apart from the delay.
 
-        `rate` is in samples per second [Hz].
+        Force grows with their square; `rate` is in samples per second [Hz].
         """
         size = np.abs(u)
         speed = np.sign(u) * np.sqrt(self.mix * size**2 + (1 - self.mix) * size)
@@ -48,22 +49,11 @@ class Drive(NamedTuple):
         return np.asarray(scipy.signal.lfilter(taps, [1, -kept], speed, axis=0, zi=start)[0])
 
 
-SPEED = Drive()
-"""Of rotors whose commands are their speeds."""
-
-
-class Timing(NamedTuple):
-    """When and how commands act."""
-
-    delay: float | Array = 0.0  # that all actuators share [s]; (k,) one for each where it is given
-    drive: Drive = SPEED  # dynamics of the actuators
-
-
-Cost = Callable[[Timing], float]
-
-
 def search(
-    cost: Cost, names: Sequence[str], free: Sequence[int], report: Callable[[str], None]
+    cost: Callable[[Timing], float],
+    names: Sequence[str],
+    free: Sequence[int],
+    report: Callable[[str], None],
 ) -> tuple[Timing, list[Timing], list[Finding]]:
     """The timing that minimises a cost, equally plausible ones, and notes.
 
@@ -101,7 +91,7 @@ def search(
     if timing.delay:
         text = f"commands act {timing.delay * 1e3:.1f} ms after they were recorded"
         notes.append(Finding("note", "delay", "", text, data=dict.fromkeys(names, timing.delay)))
-    return timing, _plausible(along, found, free), [*notes, *_drive_notes(timing.drive, 2 in free)]
+    return timing, _plausible(along, found, free), [*notes, *_drive_notes(timing, 2 in free)]
 
 
 def _timing_of(x: Array) -> Timing | None:
@@ -112,7 +102,7 @@ def _timing_of(x: Array) -> Timing | None:
     """
     total, lag, mix = map(float, x)
     inside = lag >= 0 and 0 <= mix <= 1
-    return Timing(total - lag, Drive(mix, lag)) if inside else None
+    return Timing(total - lag, mix, lag) if inside else None
 
 
 def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[int]) -> Array:
@@ -170,14 +160,14 @@ def _plausible(along: Callable[[Array], float], found: Array, free: Sequence[int
     return [other for other in others if other is not None]
 
 
-def _drive_notes(drive: Drive, rotors: bool) -> list[Finding]:
+def _drive_notes(timing: Timing, rotors: bool) -> list[Finding]:
     """Describes the drives, unless commands act at once, and those of rotors are their speeds."""
-    found = []
-    if drive.mix != 1.0:
-        text = f"the rotors' thrust is {drive.mix:.2f} u² + {1 - drive.mix:.2f} u of the command u"
-        found.append(Finding("note", "curve", "", text, data={"mix": drive.mix}))
-    if drive.lag:
+    found, mix = [], timing.mix
+    if mix != 1.0:
+        text = f"the rotors' thrust is {mix:.2f} u² + {1 - mix:.2f} u of the command u"
+        found.append(Finding("note", "curve", "", text, data={"mix": mix}))
+    if timing.lag:
         who = "the rotors' speeds" if rotors else "the actuators"
-        text = f"{who} lag behind their commands by {drive.lag * 1e3:.0f} ms"
-        found.append(Finding("note", "lag", "", text, data={"seconds": drive.lag}))
+        text = f"{who} lag behind their commands by {timing.lag * 1e3:.0f} ms"
+        found.append(Finding("note", "lag", "", text, data={"seconds": timing.lag}))
     return found

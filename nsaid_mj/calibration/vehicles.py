@@ -83,9 +83,9 @@ class VehicleRows:
 
     def acting(self, u: Array, rate: float, timing: Timing) -> Array:
         """Commands (N, k) at a rate [Hz] as they act, apart from the delay."""
-        found, drive = u.copy(), timing.drive
-        found[:, self.rotors] = drive.speeds(u[:, self.rotors], rate)
-        found[:, self.others] = drive._replace(mix=1.0).speeds(u[:, self.others], rate)
+        found = u.copy()
+        found[:, self.rotors] = timing.speeds(u[:, self.rotors], rate)
+        found[:, self.others] = timing._replace(mix=1.0).speeds(u[:, self.others], rate)
         return found
 
     def flow(self, theta: Array, timing: Timing) -> Array:
@@ -228,7 +228,7 @@ def structured_vehicle(
     labels = [problem.space.labels[i] for i in at]
 
     def suspects(theta: Array) -> Iterator[Suspect]:
-        yield from command_suspects(problem.Y[:, :, at] * theta[at], labels)
+        yield from command_suspects(problem.t, problem.Y[:, :, at] * theta[at], labels)
         flow = rows.flow(theta, timing)
         if flow.shape[2]:
             remedy = "Record in still water or air, or with the speed relative to it as `linear`."

@@ -128,7 +128,7 @@ def information(experiment: Experiment, log: Log, draw: int, basis: Array) -> Ar
     J = np.zeros((basis.shape[1],) * 2)
     coarser = experiment.scenario.dt / h * R
     own = system.forward, *memory_of(system.forward, system.n)
-    if not information_along(*own, theta, scale, basis, R, coarser, *log, J):
+    if not information_along(*own, theta, scale, basis, R, coarser, *log, J, False):
         raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
     return J
 

@@ -8,8 +8,6 @@ that every command reports.
 """
 
 from ..structure.sensing import velocity_labels as velocity_labels
-from .figures import CONVERGED as CONVERGED
-from .figures import Forces as Forces
 from .figures import Judge as Judge
 from .figures import common_factor as common_factor
 from .figures import converged_at as converged_at

@@ -7,22 +7,24 @@ directions. The covariance of (q, v, θ) given all samples then follows by a Kal
 recursion along the true trajectory under the true θ (H. L. Van Trees, Detection, Estimation, and
 Modulation Theory, part I, 1968). The system is linearised at the measured states, whose noise
 changes the bound in the second order only.
+
+With θ/scale = G z + const and a prior of covariance 1 of z, the recursion adds the information of
+every sample to a triangular A with P_zz = (Aᵀ A)⁻¹, by reflections. A recursion of P itself would
+subtract: the variances of a vehicle's θ fall from 0.1 to 1e-22 within a minute, far below the
+rounding errors that the subtractions of the first seconds leave.
 """
 
 import numpy as np
 import scipy.linalg
 
 from ..errors import NoEstimate
-from ..laws import EfficientConfig
-from ..laws.efficient.filter import filter_at
-from ..laws.efficient.kalman import covariance_along
-from ..laws.efficient.replay import FilterAlone
 from ..log import Log, SensorLevels
 from ..parameters import Array
+from ..structure.arrays import memory_of
+from ..structure.information import information_along
 from .figures import Judge
 from .truth import Truth
 
-_ROUNDING = 1e-3, 1e-2  # γ, the smaller one with which rounding does not make P indefinite
 _DRAWS = 200  # estimates whose median figures are those of the bound
 
 
@@ -30,8 +32,8 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     """(p, p) smallest covariance of θ̂/scale that an estimate from a log and the prior can have.
 
     Raises:
-        NoEstimate: the sensors are exact, the system has no compiled forward dynamics, or rounding
-            makes the covariance indefinite.
+        NoEstimate: the sensors are exact, the system has no compiled forward dynamics, or M, or the
+            covariance S of an innovation, is not positive definite along the log.
     """
     system, n = truth.system, truth.system.n
     if system.forward is None:
@@ -40,16 +42,15 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
         )
     if not (levels.position > 0 and levels.velocity > 0):
         raise NoEstimate("the bound is 0 for exact sensors", "Use noisy sensors.")
-    law = FilterAlone(system, 1.0, EfficientConfig()).law
-    R = np.repeat(np.array(levels) ** 2, n)
-    basis = truth.nullspace.P_perp  # nothing is learned along P_s, whose variance would only round
-    prior = basis @ (basis.T @ truth.prior_covariance @ basis) @ basis.T
-    for gamma in _ROUNDING:
-        filter = filter_at(log.q[0], log.v[0], truth.theta, prior)
-        filter.Pxx[:] = np.diag(R)
-        if covariance_along(law._replace(gamma=gamma), filter, R, *log) == len(log.t) - 1:
-            return filter.Ptt
-    raise NoEstimate("rounding makes the covariance of the bound indefinite", "Use a shorter log.")
+    scale, R = np.array(system.space.scale), np.repeat(np.array(levels) ** 2, n)
+    basis = truth.nullspace.P_perp  # nothing is learned along P_s
+    values, vectors = scipy.linalg.eigh(basis.T @ truth.prior_covariance @ basis)
+    G = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
+    own, A = (system.forward, *memory_of(system.forward, n)), np.eye(len(values))
+    if not information_along(*own, truth.theta, scale, G, R, R, *log, A, True):
+        raise NoEstimate("M or S is not positive definite along the log", "Use a shorter log.")
+    root = scipy.linalg.solve_triangular(A, G.T, trans=1)
+    return root.T @ root
 
 
 def bound_figures(truth: Truth, judge: Judge, covariance: Array) -> dict[str, float | None]:

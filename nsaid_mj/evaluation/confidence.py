@@ -91,7 +91,8 @@ def known(
 ) -> Known:
     """Decomposes the covariance of an estimate θ̂ (p,) along the observable directions there."""
     basis, size = nullspace.P_perp, float(np.linalg.norm(theta_hat / space.scale))
-    covariance, prior = (_within(part, basis, space.scale) for part in confidence[:2])
+    scales = np.outer(space.scale, space.scale)
+    covariance, prior = (basis.T @ (part / scales) @ basis for part in confidence[:2])
     variance, vectors = scipy.linalg.eigh(covariance)
     before = np.einsum("ik,ij,jk->k", vectors, prior, vectors)
     return Known(
@@ -114,7 +115,3 @@ def gain_deviations(
     gains = np.where(theta_hat[k] == 0, space.scale[k], theta_hat[k])  # 0 is a failed actuator's
     relative = confidence.covariance[np.ix_(k, k)] / np.outer(gains, gains)
     return np.sqrt(np.maximum(np.diag(share @ relative @ share), 0.0))
-
-
-def _within(covariance: Array, basis: Array, scale: Array) -> Array:
-    return basis.T @ (covariance / np.outer(scale, scale)) @ basis

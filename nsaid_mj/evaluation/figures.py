@@ -44,7 +44,7 @@ def midpoints(
     """
     k = np.arange(0, len(log.t) - 1, stride)
     t, q, v, u = log.t, log.q, log.v, log.u[k]
-    steps = [0.5 * system.difference(q[i], q[i + 1]) for i in k]
+    steps = 0.5 * system.moves(q)[k]
     middle = np.array([system.integrate(q[i], step) for i, step in zip(k, steps, strict=True)])
     mean = 0.5 * (v[k] + v[k + 1])
     rate = (v[k + 1] - v[k]) / (t[k + 1] - t[k])[:, None]
@@ -98,8 +98,8 @@ def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
         "theta_perp_ratio_initial": float(ratio[0]),
         "plant_direction_error": plant_direction_error(system, theta[-1], truth.theta),
         "actuator_ratio_error": actuator_ratio_error(system, theta[-1], truth.theta),
-        "force_residual_ratio": force_residual_ratio(
-            system, truth.held_out, theta[-1], truth.exact
+        "force_residual_ratio": residual_ratio(
+            system, held_out_rows(system, truth.held_out, truth.exact), theta[-1]
         ),
         "velocity_error_rms": error,
     }
@@ -146,28 +146,22 @@ def converged_at(t: Array, distance: Array) -> float | None:
     return float(t[first]) if first < len(t) else None
 
 
-def force_residual_ratio(
-    system: SecondOrderSystem, later: Log | None, theta_hat: Array, truth: Array | None
-) -> float | None:
-    """rms of W(t, x, v, v̇) θ̂ with the true v̇, over rms of the actuator forces under θ̂.
-
-    `later` is a trajectory that the estimate has not seen, `truth` (p,) is θ for v̇ by (29). It is
-    None if no θ describes the plant: v̇ is then the finite difference of measured velocities,
-    half-way between samples. None without a trajectory, or if the actuators exert no force along
-    it.
-    """
-    return residual_ratio(system, held_out_rows(system, later, truth), theta_hat)
-
-
 def held_out_rows(
     system: SecondOrderSystem, later: Log | None, truth: Array | None
 ) -> Array | None:
-    """(k, n, p) W along a held-out trajectory, with v̇ as in `force_residual_ratio`."""
+    """(k, n, p) W(t, x, v, v̇) along a trajectory that the estimate has not seen; None without one.
+
+    The arguments are those of `timed_rows`.
+    """
     return None if later is None else timed_rows(system, later, truth)[1]
 
 
 def timed_rows(system: SecondOrderSystem, log: Log, truth: Array | None) -> tuple[Array, Array]:
-    """(k,) times and (k, n, p) W along a log, with v̇ as in `force_residual_ratio`."""
+    """(k,) times and (k, n, p) W(t, x, v, v̇) along a log, with the true v̇.
+
+    `truth` (p,) is θ for v̇ by (29). It is None if no θ describes the plant: v̇ is then the finite
+    difference of measured velocities, half-way between samples.
+    """
     stride = stride_of(len(log.t), system)
     if truth is not None:
         t, x, v, u = states(log, stride)

@@ -34,7 +34,7 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
     actuator was reversed, do not count.
     """
     record, identifier = run.record, run.identifiers[""]
-    if not identifier.proven:
+    if not isinstance(identifier, NullspaceIdentifier):
         return dict.fromkeys(("lyapunov_violations", "lyapunov_largest_rise", "lyapunov_bound"))
     V = energy(run, truth)
     rises, bound = lyapunov_rises(V, identifier, record)
@@ -104,7 +104,7 @@ def lyapunov_rises(V: Array, identifier: Identifier, record: Record) -> tuple[Ar
     conserved = kept(identifier, record)
     defect = np.max(np.abs(np.diff(conserved)), initial=0.0)
     bound = np.maximum(V[1:], conserved[1:])  # in place: there may be millions of rows
-    bound += identifier.cancelling
+    bound += identifier.metric.cancelling
     bound *= 8 * np.finfo(float).eps
     bound += defect
     return np.diff(V), bound

@@ -70,12 +70,13 @@ def whiteness(e: Array) -> Whiteness:
     power = np.abs(np.fft.rfft(e, axis=0)) ** 2 / len(e)
     upper = len(power) // 2
     level = np.maximum(1.0, power[upper:].mean(axis=0))
-    edges = np.array([0, *_octaves(upper)])
-    octaves = np.add.reduceat(power[:upper], edges[:-1], axis=0)
+    octaves = (2**k - 1 for k in range(1, upper.bit_length() + 1))  # 1, 3, 7, 15 …
+    edges = np.array([0, *(edge for edge in octaves if edge < upper), upper])
+    sums = np.add.reduceat(power[:upper], edges[:-1], axis=0)
     lines = np.arange(1, upper)
     found = [
         _judged(power[lines] / level, np.ones(len(lines)), lines, level),
-        _judged(octaves / level, np.where(edges[:-1], np.diff(edges), 0.5), edges[:-1], level),
+        _judged(sums / level, np.where(edges[:-1], np.diff(edges), 0.5), edges[:-1], level),
     ]
     chance = min(2.0 * one.chance for one in found)  # two families of tests
     energy = max(one.energy for one in found)
@@ -96,14 +97,6 @@ def _judged(sums: Array, shape: Array, first: Indices, level: Array) -> Whitenes
     band, channel = np.unravel_index(np.argmin(chance), chance.shape)
     period = 1 / first[band] if first[band] else np.inf
     return Whiteness(float(chance.min() * chance.size), energy, int(channel), float(period))
-
-
-def _octaves(upper: int) -> list[int]:
-    """Edges of the octaves, as indices of frequencies: 1, 3, 7, 15 … and `upper`."""
-    edges = [1]
-    while 2 * edges[-1] + 1 < upper:
-        edges.append(2 * edges[-1] + 1)
-    return [*edges, upper] if edges[-1] < upper else edges
 
 
 NONE, SOME, CONTRADICTS = LEVELS = ("none", "some", "contradicts")
@@ -195,7 +188,7 @@ def _drifted(alone: FilterAlone, along: Array, variance: float, log: Log) -> Mis
     """
     space = alone.space
     k, minutes = space.actuators, float(log.t[-1] - log.t[0]) / 60
-    alone.law = alone.law._replace(walk=walks(len(space), k, 0.0, variance))
+    alone.law = alone.law._replace(walk=walks(space, 0.0, variance))
     theta = _sound(space, np.array(along[0]), np.array(along[-1]))
     replay = alone.replay(theta, _VAGUE**2 * alone.covariance(theta), log)
     one, energy = _judged_pass(replay, log)

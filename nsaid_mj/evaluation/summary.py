@@ -12,7 +12,7 @@ from ..experiment.loop import Run
 from ..laws import ConventionalAID, IdentifierConfig
 from ..nullspace import directions
 from ..numerics.threads import single_threaded
-from ..parameters import Array, ParameterSpace, rounded
+from ..parameters import ParameterSpace, rounded
 from .confidence import Determined, determined, known
 from .excitation import motion_figures, persistence_figures
 from .figures import held_out_rows, judge, residual_floor
@@ -222,7 +222,11 @@ def confidence(run: Run, truth: Truth | None, widening: float = 1.0) -> dict[str
         },
         "correlations": _correlations(single, space),
         "worst_known": [
-            {"deviation": float(s), "below_noise": bool(low), "parameters": leading(d, space)}
+            {
+                "deviation": float(s),
+                "below_noise": bool(low),
+                "parameters": {space.names[i]: float(d[i]) for i in np.argsort(-np.abs(d))[:3]},
+            }
             for s, low, d in zip(
                 found.deviation[worst],
                 found.below_noise[worst],
@@ -246,12 +250,6 @@ def _correlations(found: Determined, space: ParameterSpace) -> dict[str, Any]:
         [round(float(r), 3) for r in found.correlation[n, order[:i]]] for i, n in enumerate(order)
     ]
     return {"parameters": [space.names[found.indices[n]] for n in order], "lower": rows}
-
-
-def leading(direction: Array, space: ParameterSpace, count: int = 3) -> dict[str, float]:
-    """The `count` largest components of a direction in θ/scale, by parameter name."""
-    most = np.argsort(-np.abs(direction))[:count]
-    return {space.names[i]: float(direction[i]) for i in most}
 
 
 def versions() -> dict[str, str]:

@@ -19,6 +19,7 @@ from ..experiment.loop import Run, reopen
 from ..experiment.record import Record
 from ..laws import ConventionalAID
 from ..laws import Status as Ended
+from ..laws.nullspace_aid import NullspaceIdentifier
 from ..numerics.threads import single_threaded
 from ..parameters import number, rounded
 from ..resources import write_json
@@ -99,13 +100,10 @@ def _check_length(folder: Path, record: Record) -> None:
 
 def _lyapunov(run: Run, summary: dict[str, Any], premises: str) -> _Outcome:
     """(69): V decreases in every time step, up to the integration error."""
-    broken = premises
-    if not broken and getattr(run.identifiers[""], "anchor", 0.0) > 0:  # V need not decrease
-        broken = "the anchor pulls towards the prior; see docs/theory.md"
-    if not run.identifiers[""].proven:
-        broken = "this law is not (44, 45); the theorem does not apply"
-    if broken:
-        return _no(broken)
+    if not isinstance(run.identifiers[""], NullspaceIdentifier):
+        return _no("this law is not (44, 45); the theorem does not apply")
+    if premises:
+        return _no(premises)
     count, rise = summary["lyapunov_violations"], summary["lyapunov_largest_rise"]
     bound = summary["lyapunov_bound"]
     if bound > BLIND:

@@ -126,7 +126,7 @@ class Ending:
 class Cost:
     """Computing times of a run. Only `compile` includes the compilation of kernels."""
 
-    wall: float = 0.0  # wall time of the whole loop [s]
+    wall: float = 0.0  # wall time of the whole loop [s], in which plant and identifiers may overlap
     plant: float = 0.0  # time in MuJoCo [s]
     identifier: float = 0.0  # time in the identifiers [s]
     steps: int = 0  # number of time steps
@@ -174,7 +174,7 @@ def segment_steps(scenario: Scenario) -> int:
 
 @dataclass
 class Loop:
-    """The loop of a run: for each segment, first the robot moves, then the identifiers follow."""
+    """The loop of a run: for each segment, the robot moves and the identifiers follow."""
 
     scenario: Scenario
     robot: Robot
@@ -217,10 +217,9 @@ class Loop:
             self._keep(0, 0, log, {name: Estimates.of(s) for name, s in self.states.items()})
             k = 0
             while k < scenario.steps and self.ending.status is Status.completed:
-                begin = clock()
                 own, steps = self.following[""].state.theta_hat, min(most, scenario.steps - k)
                 segment = source.segment(log.at(-1), k, steps, own)
-                self.cost.plant += clock() - begin
+                self.cost.plant += segment.seconds
                 k, log = self._absorb(k, segment)
                 if self.stopped or (segment.end and segment.end[0] is Status.completed):
                     break

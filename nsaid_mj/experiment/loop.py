@@ -117,7 +117,8 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
     """
     with locked(folder):
         compiled, setup = compile_seconds(), Setup.of(scenario)
-        source = Simulation(setup.plant, setup.driver(), setup.sensors(), scenario.dt)
+        moved = setup.plant, setup.driver(), setup.sensors()
+        source = Simulation(*moved, scenario.dt, scenario.steps)
         robot = Robot(setup.system, setup.prior, setup.plant)
         metadata: dict[str, Any] = {}
         if setup.plant.targets:

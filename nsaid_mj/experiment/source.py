@@ -1,8 +1,9 @@
 """Sources of a run's measurements: a simulated plant, logs, or anything else."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from ..control import Driver, InformedDriver
 from ..laws import Status
 from ..log import Log, Measurement
+from ..numerics.stopwatch import clock
 from ..parameters import Array
 from ..plants import Plant, Sensors
 
@@ -25,11 +27,13 @@ class Segment(NamedTuple):
             one after a gap.
         resumed: whether measurements are missing between this segment and the previous one.
         end: how the source ended with this segment, with the signal that shows it; else None.
+        seconds: computing time of a simulated plant [s].
     """
 
     log: Log
     resumed: bool = False
     end: tuple[Status, str] | None = None
+    seconds: float = 0.0
 
 
 class Source(ABC):
@@ -62,29 +66,52 @@ class Source(ABC):
 
 
 class Simulation(Source):
-    """A simulated plant with sensors, moved by a driver, which receives estimates on request."""
+    """A simulated plant with sensors, moved by a driver, which receives estimates on request.
 
-    def __init__(self, plant: Plant, driver: Driver, sensors: Sensors, dt: float):
+    While the identifiers follow a segment, a second thread simulates the next one, if it is
+    compiled code that does so and the driver waits for no estimate. `steps` is the number of time
+    steps of the run, dt [s] their length.
+    """
+
+    def __init__(self, plant: Plant, driver: Driver, sensors: Sensors, dt: float, steps: int):
         self.plant, self._driver, self._sensors = plant, driver, sensors
-        self._inform = informing_steps(driver, dt)
+        self._inform, self._steps = informing_steps(driver, dt), steps
+        self._next: Future[Segment] | None = None
 
-    def running(self) -> AbstractContextManager[None]:
-        """The plant's own context."""
-        return self.plant.running()
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """The plant's own context, and the second thread's."""
+        with self.plant.running(), ThreadPoolExecutor(1) as self._thread:
+            yield
 
     def begin(self) -> Segment:
         """The plant's first measurement."""
+        self._next = None
         return self._sound(Log.unchecked_of([self.plant.begin(self._driver, self._sensors)]))
 
     def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
         """Informs the driver if due; moves the plant, at most to its next request for that."""
-        if k and k % self._inform == 0 and isinstance(self._driver, InformedDriver):
+        if k and self._informs(k) and isinstance(self._driver, InformedDriver):
             self._driver.inform(theta_hat)
-        steps = int(min(steps, self._inform - k % self._inform))
-        return self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
+        found = self._next.result() if self._next else self._simulate(last, k, steps)
+        self._next, k = None, k + len(found.log.t) - 1
+        steps = min(steps, self._steps - k)
+        if not (found.end or self._informs(k)) and steps:
+            last = found.log.at(-1)
+            if self.plant.law(self._driver, self.plant.times(last.t, steps)) is not None:
+                self._next = self._thread.submit(self._simulate, last, k, steps)
+        return found
 
     def stop(self) -> None:
         """Does nothing: a simulation does not wait."""
+
+    def _informs(self, k: int) -> bool:
+        return k % self._inform == 0
+
+    def _simulate(self, last: Measurement, k: int, steps: int) -> Segment:
+        begin, steps = clock(), int(min(steps, self._inform - k % self._inform))
+        found = self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
+        return found._replace(seconds=clock() - begin)
 
     def _sound(self, log: Log) -> Segment:
         return Segment(log, end=ended(self.plant, log.at(-1)))

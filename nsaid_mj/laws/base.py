@@ -16,6 +16,7 @@ from ..parameters import Array
 from ..structure.system import SecondOrderSystem, checked
 from .faults import FaultEvent
 from .memory.statistics import Memory
+from .metric import Metric
 
 
 class Status(Enum):
@@ -106,11 +107,8 @@ class Identifier(ABC):
     """An adaptive identifier of a system's θ: pure, bitwise reproducible functions of a state."""
 
     system: SecondOrderSystem  # the structure it knows
+    metric: Metric  # maps Wᵀ Δv to θ̂̇ (45)
     conserves: bool  # whether the law has a conserved quantity
-    proven: bool = True  # whether V (66) is proven not to rise
-    # size of the terms that cancel in V's second term, besides V itself [J]; their rounding errors
-    # bound the accuracy of V
-    cancelling: float
 
     @abstractmethod
     def init(self, first: Measurement) -> State:
@@ -169,25 +167,13 @@ class Identifier(ABC):
         θ̂ and its statistics are kept; v̂ and all other states of the motion are reinitialised.
         """
 
-    @abstractmethod
     def conserved(self, theta_hat: Array) -> Array:
-        """(...,) the law's conserved quantity for estimates (..., p); constant along a run."""
+        """(...,) the metric's conserved quantity for estimates (..., p); constant along a run."""
+        return self.metric.conserved(theta_hat)
 
-    @abstractmethod
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
         """(...,) the second term of V (66) at θ (p,) and estimates (..., p)."""
-
-    @abstractmethod
-    def implicit(self, t: Array) -> np.ndarray:
-        """(N−1,) whether a memory's implicit step lies between consecutive times (N,) of a run."""
-
-    @abstractmethod
-    def slacks(self, log: Log, theta: Array) -> Array:
-        """(N−1,) bounds on the rise of V [J] in a memory's updates, under the true θ (p,).
-
-        Sensor noise and quadrature error leave a residual even at the true θ, so V may rise. The
-        bounds are 0 in steps without an update. The law follows the log, of a whole run, again.
-        """
+        return self.metric.divergence(theta, theta_hat)
 
     @abstractmethod
     def confidence(self, state: State) -> Confidence | None:

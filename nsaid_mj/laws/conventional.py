@@ -5,6 +5,8 @@ on the held parameters is the textbook identifier with known forces τ(u). Holdi
 at 1 gives the identifier of the reduced form (17).
 """
 
+from typing import Any
+
 import numpy as np
 
 from ..bounds import Name, Positive, config
@@ -69,16 +71,12 @@ def known_mask(space: ParameterSpace, known: tuple[str, ...]) -> np.ndarray:
         InvalidInput: all parameters are held, or none.
     """
     held = np.zeros(len(space), dtype=bool)
-    blocks = {block.name: place for block, place in space}
+    places: dict[str, Any] = {name: i for i, name in enumerate(space.names)}
+    places |= {block.name: place for block, place in space} | {"actuators": space.actuators}
     for name in known:
-        if name == "actuators":
-            held[space.actuators] = True
-        elif name in blocks:
-            held[blocks[name]] = True
-        elif name in space.names:
-            held[space.index(name)] = True
-        else:
-            raise UnknownName("parameter or block", name, ["actuators", *blocks, *space.names])
+        if name not in places:
+            raise UnknownName("parameter or block", name, places)
+        held[places[name]] = True
     if held.all() or not held.any():
         raise InvalidInput(
             "known",

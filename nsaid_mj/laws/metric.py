@@ -1,25 +1,23 @@
 """Metrics, which map Wᵀ Δv to θ̂̇ (45), in Python and for compiled loops.
 
 A `Metric` is the Python side: the gain, the conserved quantity, the metric's term of V. Compiled
-loops get a tuple of arrays with a chart, the coordinates in which θ̂ is integrated: `Flat` is the
-paper's law, with η = θ̂ and θ̂̇ = Γ Wᵀ Δv; `Curved` is the cone's, with a chart that cannot leave
-the cone. The type of the tuple selects the code that is compiled.
+loops get a `Law` with a chart, the coordinates η in which θ̂ is integrated: in the paper's law η = θ̂
+and θ̂̇ = Γ Wᵀ Δv; the cone's chart cannot leave the cone.
 """
 
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
-from numba.extending import overload
+from numba import types
 
 from ..errors import InvalidInput
-from ..numerics.compiler import FAST
+from ..numerics.kernels import boolean, f8, matrix, routine, vector, void
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
-from ..quotient.cone import Cone
+from ..quotient.cone import CONE, NO_CONE, Cone
 from .cone.chart import (
-    chart_workspace,
+    CHART,
     confine,
     dense_rate_into,
     from_chart_into,
@@ -32,24 +30,17 @@ ACCURACY = 1e-7
 """Largest change of the conserved quantity in one step of the cone's law, relative to μν."""
 
 
-class Flat(NamedTuple):
-    """The paper's law, for compiled loops."""
+class Law(NamedTuple):
+    """(44) and (45) for compiled loops, in the paper's metric or the cone's."""
 
-    K: Array  # (n,) or (n, n) gain of the identification plant [1/s]
-    Gamma: Array  # (p,) or (p, p) adaptation gain
-
-
-class Curved(NamedTuple):
-    """The law in the cone's metric Γ⁻¹ + μ ∇²b(θ̂), for compiled loops."""
-
-    K: Array  # (n,) or (n, n) gain of the identification plant [1/s]
-    cone: Cone
-    pairing: Array  # (e,) `barrier.coordinates` of the cone
-    stiffness: Array  # (p,) or (p, p) Γ⁻¹
-    mu: float  # weight μ of the barrier [J]
+    K: Array  # (n, n) gain of the identification plant, or its diagonal (1, n) [1/s]
+    gain: Array  # (p, p), or a diagonal (1, p): Γ of the paper's law, Γ⁻¹ of the cone's
+    cone: Cone = NO_CONE
+    pairing: Array = np.empty(0)  # (e,) `coordinates` of the cone
+    mu: float = 0.0  # weight μ of the barrier [J]; 0 for the paper's law
 
 
-Law = Flat | Curved
+LAW = types.NamedTuple((matrix, matrix, CONE, vector, f8), Law)
 
 
 class Metric(ABC):
@@ -90,9 +81,9 @@ class ConstantMetric(Metric):
         self.Gamma = positive_gain("Gamma", Gamma, size, self.moving)
         self.conserves = bool(self.moving.all())
 
-    def law(self, K: Array) -> Flat:
+    def law(self, K: Array) -> Law:
         """K and Γ for compiled loops."""
-        return Flat(K, self.Gamma)
+        return Law(np.atleast_2d(K), np.atleast_2d(self.Gamma))
 
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) θ̂ᵀ Γ⁻¹ θ̂ over the parameters that are not held.
@@ -111,94 +102,69 @@ class ConstantMetric(Metric):
         return 0.5 * self.conserved(theta_hat - theta)
 
 
-# -- compiled functions, selected by the law's type -----------------------------------------------
+# -- compiled functions ----------------------------------------------------------------------------
 
 
-def _by_law(flat: Any, curved: Any, dense: Any = None, options: Any = FAST) -> Any:
-    """A function of a law for compiled code: `flat` if the law is a `Flat`, else `curved`.
-
-    `dense` is that for a Γ that is not diagonal, where it differs.
-    """
-
-    def chosen(law, *given):
-        raise NotImplementedError  # called by compiled code only
-
-    def function_of(law, *_):
-        if law.instance_class is Flat:
-            return flat
-        return curved if dense is None or _diagonal(law) else dense
-
-    overload(chosen, jit_options=options, strict=False)(function_of)
-    return chosen
+@routine(void(LAW, vector, vector, CHART))
+def enter(law, theta, eta, chart):
+    """Writes η (p,) of θ̂ (p,)."""
+    if law.mu > 0.0:
+        to_chart_into(law.cone, theta, eta, chart)
+    else:
+        copy_into(theta, eta)
 
 
-def _diagonal(law: Any) -> bool:
-    """Whether Γ is diagonal, given the type of a `Curved`."""
-    return law.types[law.fields.index("stiffness")].ndim == 1
+@routine(void(LAW, vector, vector, CHART))
+def leave(law, eta, theta, chart):
+    """Writes θ̂ (p,) of η (p,)."""
+    if law.mu > 0.0:
+        from_chart_into(law.cone, eta, law.pairing, theta, chart)
+    else:
+        copy_into(eta, theta)
 
 
-@njit(**FAST)
+@routine(void(LAW, vector, vector, vector, vector, CHART))
+def adapt(law, eta, theta, gradient, rate, chart):
+    """Writes η̇ (p,) of (45) from Wᵀ Δv (p,), at η and θ̂ (p,)."""
+    if law.mu == 0.0:
+        times_into(law.gain, gradient, rate)
+    elif law.gain.shape[0] == 1:
+        natural_rate_into(law.cone, eta, theta, law.gain[0], law.mu, gradient, rate, chart)
+    else:
+        dense_rate_into(law.cone, eta, theta, law.gain, law.mu, gradient, rate)
+
+
+@routine(void(LAW, vector, vector))
+def hold(law, start, eta):
+    """Shortens the step from `start` (p,) to η (p,), in place, where θ̂ would leave its domain."""
+    if law.mu > 0.0:
+        confine(law.cone, start, eta)
+
+
+@routine(f8(matrix, vector))
 def stored(stiffness, theta):
-    """θᵀ Γ⁻¹ θ at θ (p,), for Γ⁻¹ (p,) or (p, p)."""
+    """θᵀ Γ⁻¹ θ at θ (p,), for Γ⁻¹ (p, p) or its diagonal (1, p)."""
     total = 0.0
-    if stiffness.ndim == 1:
-        for i in range(theta.shape[0]):
-            total += stiffness[i] * theta[i] * theta[i]
-        return total
     for i in range(theta.shape[0]):
+        if stiffness.shape[0] == 1:
+            total += stiffness[0, i] * theta[i] * theta[i]
+            continue
         for j in range(theta.shape[0]):
             total += theta[i] * stiffness[i, j] * theta[j]
     return total
 
 
-def _accurate(law, start, eta, before, theta, scratch):
-    change = stored(law.stiffness, theta) - stored(law.stiffness, before)
-    b = height(law.cone, eta, theta, scratch) - height(law.cone, start, before, scratch)
+@routine(boolean(LAW, vector, vector, vector, vector, CHART))
+def accurate(law, start, eta, before, theta, chart):
+    """Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate.
+
+    In the cone's metric it is not where θ̂ is outside the cone, as only rounding could bring about.
+    """
+    if law.mu == 0.0:
+        return True
+    change = stored(law.gain, theta) - stored(law.gain, before)
+    b = height(law.cone, eta, theta, chart) - height(law.cone, start, before, chart)
     return abs(change - 2 * law.mu * b) <= ACCURACY * law.mu * law.cone.degree
-
-
-chart = _by_law(lambda law: None, lambda law: chart_workspace(law.cone), options={})  # allocates
-"""Allocates the chart's workspace, the argument `scratch` of the functions below."""
-
-enter = _by_law(
-    lambda law, theta, eta, scratch: copy_into(theta, eta),
-    lambda law, theta, eta, scratch: to_chart_into(law.cone, theta, eta, scratch),
-)
-"""Writes η (p,) of θ̂ (p,)."""
-
-leave = _by_law(
-    lambda law, eta, theta, scratch: copy_into(eta, theta),
-    lambda law, eta, theta, scratch: from_chart_into(law.cone, eta, law.pairing, theta, scratch),
-)
-"""Writes θ̂ (p,) of η (p,)."""
-
-adapt = _by_law(
-    lambda law, eta, theta, gradient, rate, scratch: times_into(law.Gamma, gradient, rate),
-    lambda law, eta, theta, gradient, rate, scratch: natural_rate_into(
-        law.cone, eta, theta, law.stiffness, law.mu, gradient, rate, scratch
-    ),
-    lambda law, eta, theta, gradient, rate, scratch: dense_rate_into(
-        law.cone, eta, theta, law.stiffness, law.mu, gradient, rate
-    ),
-)
-"""Writes η̇ (p,) of (45) from Wᵀ Δv (p,)."""
-
-hold = _by_law(lambda law, start, eta: None, lambda law, start, eta: confine(law.cone, start, eta))
-"""Shortens the step from `start` (p,) to η (p,), in place, where θ̂ would leave its domain."""
-
-accurate = _by_law(lambda law, start, eta, before, theta, scratch: True, _accurate)
-"""Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate.
-
-It is not where θ̂ is outside the cone, as only rounding could bring about.
-"""
-
-
-def charts(law: Any, *_: Any) -> tuple[Any, ...]:
-    """The kernels that the functions above call, given the type of a law."""
-    if law.instance_class is Flat:
-        return ()
-    rate = natural_rate_into if _diagonal(law) else dense_rate_into
-    return confine, from_chart_into, height, rate, to_chart_into
 
 
 # -- gains ----------------------------------------------------------------------------------------

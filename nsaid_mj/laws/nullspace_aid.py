@@ -13,7 +13,7 @@ from ..structure.motion import Motion
 from ..structure.system import SecondOrderSystem, checked
 from .base import Confidence, Estimates, Identifier, State, Status
 from .memory.implicit import ImplicitMemory
-from .metric import ConstantMetric, Curved, Metric, positive_gain
+from .metric import ConstantMetric, Metric, positive_gain
 from .rk4 import follow
 
 RK4_LIMIT = 2.5  # bound of |λ| dt, below RK4's stability limit of 2.785 on the negative real axis
@@ -71,8 +71,7 @@ class NullspaceIdentifier(Identifier):
         self.system, self.metric, self.memory = system, metric, memory
         self.prior, self.hermite = system.space.check(prior, "prior"), hermite
         self.K = positive_gain("K", K, system.n)
-        self.conserves, self.cancelling = metric.conserves, metric.cancelling
-        self.law = metric.law(self.K)
+        self.conserves, self.law = metric.conserves, metric.law(self.K)
         fastest = np.abs(self.K).max() if self.K.ndim == 1 else np.linalg.eigvalsh(self.K)[-1]
         if not fastest * dt <= RK4_LIMIT:
             raise InvalidInput(
@@ -89,7 +88,7 @@ class NullspaceIdentifier(Identifier):
             InvalidInput: the measurement has a wrong shape or is not finite.
         """
         first = checked(self.system, first)
-        memory = self.memory.begin(first) if self.memory else None
+        memory = self.memory.recorder.begin(first) if self.memory else None
         theta = self.prior.copy()
         return State(first.t, first.v.copy(), theta, np.inf, Status.completed, memory)
 
@@ -98,7 +97,7 @@ class NullspaceIdentifier(Identifier):
         here = checked(self.system, here)
         memory = state.memory
         if self.memory is not None and memory is not None:
-            memory = self.memory.resume(memory, here)
+            memory = self.memory.recorder.resume(memory, here)
         return state._replace(t=here.t, v_hat=here.v.copy(), memory=memory)
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
@@ -142,16 +141,8 @@ class NullspaceIdentifier(Identifier):
             InvalidInput: the log's widths are not the system's.
         """
         self.check(log)
-        estimates = Estimates(
-            np.empty((len(log.t), self.system.n)),
-            np.empty((len(log.t), self.system.p)),
-            np.empty(len(log.t)),
-            np.full(len(log.t), state.spent),
-        )
-        for start, part in zip(
-            estimates, (state.v_hat, state.theta_hat, state.pivot), strict=False
-        ):
-            start[0] = part
+        start = Estimates.of(state)
+        estimates = Estimates(*(np.repeat(part, len(log.t), axis=0) for part in start))
         if state.status is not Status.completed:
             return state, estimates.first(1)
         return end_of(state, log, estimates, self._follow(log, estimates, motion))
@@ -180,7 +171,7 @@ class NullspaceIdentifier(Identifier):
         """
         v_hats, theta_hats, pivots = rows
         row = follow(self.law, motion, v_hats, theta_hats, pivots, 1)
-        while row < len(log.t) and divided < _DIVISIONS and isinstance(self.law, Curved):
+        while row < len(log.t) and divided < _DIVISIONS and self.law.mu > 0:
             step = log.part(row - 1, row + 1)
             if not all(np.isfinite(part).all() for part in step):
                 break
@@ -205,14 +196,6 @@ class NullspaceIdentifier(Identifier):
             made[-1][1::2] = half
         return Log.unchecked(*made)
 
-    def conserved(self, theta_hat: Array) -> Array:
-        """(...,) the metric's conserved quantity for estimates (..., p)."""
-        return self.metric.conserved(theta_hat)
-
-    def divergence(self, theta: Array, theta_hat: Array) -> Array:
-        """(...,) the second term of V (66) in the metric, at θ (p,) and estimates (..., p)."""
-        return self.metric.divergence(theta, theta_hat)
-
     def implicit(self, t: Array) -> np.ndarray:
         """(N−1,) whether an update by the memory lies between consecutive times (N,) of a run."""
         if self.memory is None:
@@ -220,7 +203,11 @@ class NullspaceIdentifier(Identifier):
         return self.memory.updates(t)
 
     def slacks(self, log: Log, theta: Array) -> Array:
-        """(N−1,) bounds on the rise of V [J] in the memory's updates along a log, at θ (p,)."""
+        """(N−1,) bounds on the rise of V [J] in the memory's updates, under the true θ (p,).
+
+        Sensor noise and quadrature error leave a residual even at the true θ, so V may rise. The
+        bounds are 0 in steps without an update. The law follows the log, of a whole run, again.
+        """
         slacks, at = np.zeros(len(log.t) - 1), 0
         if self.memory is not None:
             for before, after, estimates in self._updates(self.init(log.at(0)), log):

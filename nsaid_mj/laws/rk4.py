@@ -1,52 +1,64 @@
 """RK4 integration of (44) and (45), compiled: one loop for every metric."""
 
+from typing import NamedTuple
+
 import numpy as np
-from numba import njit
+from numba import types
 
-from ..numerics.compiler import FAST
-from ..numerics.kernels import kernel
+from ..numerics.kernels import f8, i8, kernel, matrix, routine, vector, void
 from ..numerics.linalg import copy_into, times_into
-from ..structure.motion import stage, stage_workspace
-from .metric import accurate, adapt, chart, charts, enter, hold, leave
-
-# -- one step --------------------------------------------------------------------------------------
-
-
-@kernel()
-def workspace(law, n, p):
-    """Allocates the workspace of a step: start, stage z = (v̂, η), weighted sum, rate, θ̂, chart."""
-    start, z, total, rate = np.zeros(n + p), np.zeros(n + p), np.zeros(n + p), np.zeros(n + p)
-    return start, z, total, rate, np.zeros(p), chart(law)
+from ..parameters import Array
+from ..structure.arrays import Workspace, workspace
+from ..structure.compiled import WORKSPACE
+from ..structure.motion import MOTION, Motion, stage
+from .cone.chart import CHART, Chart, chart_of
+from .metric import LAW, Law, accurate, adapt, enter, hold, leave
 
 
-@njit(**FAST)
+class Step(NamedTuple):
+    """Workspace of a step, with z = (v̂, η)."""
+
+    start: Array  # (n + p,) z at the start
+    z: Array  # (n + p,) of a stage
+    total: Array  # (n + p,) weighted sum
+    rate: Array  # (n + p,) of a stage
+    theta: Array  # (p,) θ̂ of a stage
+    a_hat: Array  # (n,) â of (29)
+    gradient: Array  # (p,) Wᵀ Δv
+    chart: Chart
+    stage: Workspace
+
+
+STEP = types.NamedTuple((*(vector,) * 7, CHART, WORKSPACE), Step)
+
+
+@routine(void(LAW, STEP, vector, vector))
 def begin(law, work, v_hat, theta_hat):
     """Initialises a step's workspace at v̂ (n,) and θ̂ (p,)."""
-    start, z, total, _, theta, scratch = work
     n = v_hat.shape[0]
-    copy_into(v_hat, start[:n])
-    enter(law, theta_hat, start[n:], scratch)
-    copy_into(start, z)
-    copy_into(start, total)
-    copy_into(theta_hat, theta)
+    copy_into(v_hat, work.start[:n])
+    enter(law, theta_hat, work.start[n:], work.chart)
+    copy_into(work.start, work.z)
+    copy_into(work.start, work.total)
+    copy_into(theta_hat, work.theta)
 
 
-@njit(**FAST)
-def advance(law, work, v, a_hat, gradient, weight, reach):
+@routine(void(LAW, STEP, vector, f8, f8))
+def advance(law, work, v, weight, reach):
     """Adds a stage's rates to the weighted sum; moves z and θ̂ to the next stage or the step's end.
 
-    v (n,) is measured, a_hat (n,) is â of (29), gradient (p,) Wᵀ Δv; `weight` is the stage's in the
-    step [s], `reach` the time from the step's start to the next stage [s], 0 after the last.
+    v (n,) is measured; `weight` is the stage's in the step [s], `reach` the time from the step's
+    start to the next stage [s], 0 after the last.
     """
-    start, z, total, rate, theta, scratch = work
+    start, z, total, rate = work.start, work.z, work.total, work.rate
     n = v.shape[0]
     dv, eta = z[:n], z[n:]
     for i in range(n):
         dv[i] -= v[i]  # (37)
     times_into(law.K, dv, rate[:n])
     for i in range(n):
-        rate[i] = a_hat[i] - rate[i]  # (44)
-    adapt(law, eta, theta, gradient, rate[n:], scratch)  # (45)
+        rate[i] = work.a_hat[i] - rate[i]  # (44)
+    adapt(law, eta, work.theta, work.gradient, rate[n:], work.chart)  # (45)
     for i in range(z.shape[0]):
         total[i] += weight * rate[i]
     if reach > 0.0:
@@ -55,14 +67,12 @@ def advance(law, work, v, a_hat, gradient, weight, reach):
     else:
         copy_into(total, z)
     hold(law, start[n:], eta)
-    leave(law, eta, theta, scratch)
+    leave(law, eta, work.theta, work.chart)
 
 
-# -- along a log -----------------------------------------------------------------------------------
-
-
-@kernel(None, charts)
-def follow(law, motion, v_hats, theta_hats, pivots, first):
+def follow(
+    law: Law, motion: Motion, v_hats: Array, theta_hats: Array, pivots: Array, first: int
+) -> int:
     """Integrates (44, 45) along a motion of N samples.
 
     v_hats (N, n), theta_hats (N, p) and pivots (N,), M̂'s smallest in the step that ends at the
@@ -73,15 +83,24 @@ def follow(law, motion, v_hats, theta_hats, pivots, first):
         N if none.
     """
     n, p = v_hats.shape[1], theta_hats.shape[1]
-    stages, work = stage_workspace(motion), workspace(law, n, p)
-    a_hat, gradient = np.zeros(n), np.zeros(p)
-    return _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient)
+    work = Step(
+        np.zeros(n + p),
+        np.zeros(n + p),
+        np.zeros(n + p),
+        np.zeros(n + p),
+        np.zeros(p),
+        np.zeros(n),
+        np.zeros(p),
+        chart_of(law.cone),
+        workspace(len(motion.structure.bodies), n),
+    )
+    return _follow(law, motion, v_hats, theta_hats, pivots, first, work)
 
 
-@njit(**FAST)
-def _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat, gradient):
+@kernel(i8(LAW, MOTION, matrix, matrix, vector, i8, STEP))
+def _follow(law, motion, v_hats, theta_hats, pivots, first, work):
     """Integrates (44, 45) along a motion, in workspace from `follow`."""
-    t, start, z, theta = motion.t, work[0], work[1], work[4]
+    t, start, z, theta = motion.t, work.start, work.z, work.theta
     n = v_hats.shape[1]
     v_hat = z[:n]
     for k in range(first, t.shape[0]):
@@ -94,13 +113,13 @@ def _follow(law, motion, v_hats, theta_hats, pivots, first, stages, work, a_hat,
             (1, motion.vm[k - 1], dt / 3, dt),
             (2, motion.v[k], dt / 6, 0.0),
         ):
-            pivot = stage(motion, at, k, v_hat, theta, stages, a_hat, gradient)
+            pivot = stage(motion, at, k, v_hat, theta, work.stage, work.a_hat, work.gradient)
             if not pivot > 0.0:
                 pivots[k] = pivot
                 return k
             pivots[k] = min(pivots[k], pivot)
-            advance(law, work, v, a_hat, gradient, weight, reach)
-        if not accurate(law, start[n:], z[n:], theta_hats[k - 1], theta, work[5]):
+            advance(law, work, v, weight, reach)
+        if not accurate(law, start[n:], z[n:], theta_hats[k - 1], theta, work.chart):
             return k
         copy_into(v_hat, v_hats[k])
         copy_into(theta, theta_hats[k])

@@ -9,7 +9,7 @@ from ..parameters import Array
 from ..robot.model import RobotModel
 from .checks import limits
 from .matching import candidates, match_targets, words
-from .tables import Table, channel_names
+from .tables import Table, channel_names, values_of
 from .units import FACTORS, Quantity, of_name
 
 _WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
@@ -102,14 +102,7 @@ def _servos(
 ) -> list[str]:
     """The joints of an arm by position targets; their unit, if names and values imply it."""
     values = {
-        joint: np.concatenate(
-            [
-                table.channels[name].values
-                for table in tables
-                for name in (measured[joint], targets[joint])
-                if name in table.channels
-            ]
-        )
+        joint: np.concatenate([values_of(own[joint], tables) for own in (measured, targets)])
         for joint in robot.joints
     }
     ends = {joint: limits(robot, joint)[:2] for joint in robot.joints}
@@ -120,11 +113,11 @@ def _servos(
         low, high = (round(end, 6) for end in ends[joint])
         if all(inside):
             choices = ['unit = "rad"']
-        elif np.nanmin(arm) >= 0 and not np.nanmax(arm % 1):
+        elif len(arm) and arm.min() >= 0 and not (arm % 1).any():
             choices = ['unit = "ticks", counts_per_turn = 4096, offset = -3.141593']
         elif _is_gripper(joint):
             choices = [f"points = [[0, {low}], [100, {high}]]"]
-        elif np.nanmax(np.abs(arm)) > _WHOLE:
+        elif np.abs(arm).max(initial=0.0) > _WHOLE:
             choices = ['unit = "deg"']
         else:  # the values fit both
             choices = ['unit = "deg"', f"points = [[-100, {low}], [100, {high}]]"]
@@ -140,7 +133,7 @@ def _inside(values: Array, low: float, high: float) -> bool:
     """Whether values are within limits, or within a turn where there are none."""
     margin = 0.05 * (high - low) if np.isfinite(high - low) else 0.0
     low, high = np.clip([low - margin, high + margin], -2 * np.pi, 2 * np.pi)
-    return bool(np.nanmin(values) >= low and np.nanmax(values) <= high)
+    return len(values) > 0 and bool(values.min() >= low and values.max() <= high)
 
 
 def _is_gripper(joint: str) -> bool:
@@ -179,9 +172,8 @@ def _joint(joint: str, found: dict[Quantity, dict[str, dict[str, str]]]) -> str:
 def _entry(quantity: Quantity, name: str, several: bool) -> str:
     """A line for one column; commented out if there are several candidates."""
     stated = of_name(name, FACTORS[quantity])[1]
-    if stated or several:
-        return _line(quantity, name, f'unit = "{stated}"' if stated else "", several=several)
-    return _line(quantity, name, remark="state its unit")
+    unit, remark = (f'unit = "{stated}"', "") if stated else ("", "state its unit")
+    return _line(quantity, name, unit, remark, several=several)
 
 
 def _line(key: str, name: str, more: str = "", remark: str = "", *, several: bool = False) -> str:
@@ -193,7 +185,7 @@ def _line(key: str, name: str, more: str = "", remark: str = "", *, several: boo
 
 def _vehicle(tables: Sequence[Table], robot: RobotModel) -> str:
     """Pose, velocities and commands of a vehicle."""
-    channels = {name: column for table in tables for name, column in table.channels.items()}
+    channels = channel_names(tables)
     spatial = robot.system.m == 7
     lines = ["\n[vehicle]\n"]
     for key, choices in (_IN_SPACE if spatial else _IN_PLANE).items():
@@ -208,7 +200,7 @@ def _vehicle(tables: Sequence[Table], robot: RobotModel) -> str:
         means, low, high = _means(robot, k)
         for column in [by_joint[name] for by_joint in groups.values()] or ["…"]:
             scaled = ""
-            if column in channels and high and _is_pulse(channels[column].values):
+            if column in channels and high and _is_pulse(values_of(column, tables)):
                 width = _PULSE[1] - _PULSE[0]
                 ratio = (high - low) / width
                 scaled = f"ratio = {ratio:g}, offset = {low - ratio * _PULSE[0]:g}"
@@ -237,7 +229,7 @@ def _means(robot: RobotModel, k: int) -> tuple[str, float, float]:
 
 def _is_pulse(values: Array) -> bool:
     """Whether values are pulse widths of a radio-control servo or speed controller [µs]."""
-    return bool(np.nanmin(values) >= 800 and np.nanmax(values) <= 2200 and np.nanmax(values) > 1000)
+    return len(values) > 0 and bool(values.min() >= 800 and 1000 < values.max() <= 2200)
 
 
 def _quoted(text: str) -> str:

@@ -13,29 +13,24 @@ import numpy as np
 from ..parameters import Array
 from ..robot.model import RobotModel
 from .mapping import Column, Map, Vehicle
-from .tables import Table, channel_names
+from .tables import Table, channel_names, values_of
 
 _X = np.array([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]])
 """Sides of motors 1 to 4, forward and left."""
 
 
 class _Controller(NamedTuple):
-    """Names of a flight controller's channels.
+    """Names of a flight controller's channels."""
 
-    Attributes:
-        name: name of its firmware.
-        vehicle: pose and twist.
-        motors: choices of the motors' channels, the best first: a pattern with the motor's number
-            in it, the first number, and factor and offset to a share of the full command.
-        speeds: choices of their measured speeds [rpm]: a pattern and the first number.
-        functions: pattern of the channels that say which motor a speed controller drives, and the
-            number there of the first motor; "" if there are none.
-    """
-
-    name: str
-    vehicle: Vehicle
+    name: str  # name of its firmware
+    vehicle: Vehicle  # pose and twist
+    # choices of the motors' channels, the best first: a pattern with the motor's number in it, the
+    # first number, and factor and offset to a share of the full command
     motors: tuple[tuple[str, int, float, float], ...]
+    # choices of their measured speeds [rpm]: a pattern and the first number
     speeds: tuple[tuple[str, int], ...]
+    # pattern of the channels that say which motor a speed controller drives, and the number there
+    # of the first motor; "" if there are none
     functions: tuple[str, int] = ("", 0)
 
 
@@ -98,7 +93,7 @@ def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | 
             elif speeds:
                 columns = [
                     Column(
-                        column=x, unit="rpm", sign=-1 if np.median(_values(x, tables)) < 0 else 1
+                        column=x, unit="rpm", sign=-1 if np.median(values_of(x, tables)) < 0 else 1
                     )
                     for x in speeds  # some controllers count one direction of rotation as negative
                 ]
@@ -118,7 +113,7 @@ def _speeds(
     pattern, lowest = controller.functions
     numbers = {i: i for i in order}
     for i in order:
-        said = {x for x in _values(pattern.format(i), tables).tolist() if x >= lowest > 0}
+        said = {x for x in values_of(pattern.format(i), tables).tolist() if x >= lowest > 0}
         if len(said) == 1:
             numbers[int(said.pop()) - lowest] = i
     if sorted(numbers[i] for i in order) != sorted(order):
@@ -138,20 +133,13 @@ def _unusable(speeds: Sequence[str], robot: RobotModel, tables: Sequence[Table])
     if not np.isfinite(robot.top_speed):
         return "are not used: the sheet has no top speed to which they relate"
     for name in speeds:
-        values = _values(name, tables)
+        values = values_of(name, tables)
         if len(values) < 2 or not np.ptp(values) > 0:
             return f"are not used: {name} is {values[0] if len(values) else 'empty'} throughout"
     times = [table.channels[speeds[0]].t for table in tables if speeds[0] in table.channels]
     steps = np.concatenate([np.diff(t) for t in times])
     rate = 1 / np.median(steps) if len(steps) and np.median(steps) > 0 else 0.0
     return "" if rate >= _ENOUGH else f"are not used: they come at {rate:.3g} Hz only"
-
-
-def _values(name: str, tables: Sequence[Table]) -> Array:
-    """All numbers of a channel."""
-    found = [table.channels[name].values for table in tables if name in table.channels]
-    values = np.concatenate([np.zeros(0), *found])
-    return values[np.isfinite(values)]
 
 
 def _order(robot: RobotModel) -> list[int] | None:

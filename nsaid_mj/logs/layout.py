@@ -100,8 +100,12 @@ def _mixed(raw: Array, matrix: Array | None) -> Array:
     return raw if matrix is None else raw @ matrix.T
 
 
-def layout(mapping: Map | None, robot: RobotModel, tables: Sequence[Table]) -> Layout:
+def layout(
+    mapping: Map | None, robot: RobotModel, tables: Sequence[Table], targets: bool = False
+) -> Layout:
     """The layout of a map, or of channels matched by name if the map lists none.
+
+    `targets` is whether the commands are position targets, converted as positions are.
 
     Raises:
         UnmatchedChannels: there is no map, and the names are ambiguous.
@@ -127,7 +131,7 @@ def layout(mapping: Map | None, robot: RobotModel, tables: Sequence[Table]) -> L
     made = Layout(
         tuple(_source("position", j.position, _turns(j.position)) for j in joints),
         tuple(_source("velocity", j.velocity) if j.velocity else None for j in joints),
-        tuple(_source("command", j.command) if j.command else None for j in joints),
+        tuple(_command(j.command, targets) if j.command else None for j in joints),
         np.linalg.inv(matrix("position", mapping.coupling.position, n)),
         matrix("torque", mapping.coupling.torque, n),
     )
@@ -161,6 +165,10 @@ def _source(quantity: Quantity, column: Column, angle: bool = False) -> Source:
     return Source(quantity, column, column.factor(quantity), angle)
 
 
+def _command(column: Column, target: bool) -> Source:
+    return Source("command", column, column.factor("position" if target else "command"))
+
+
 def _turns(column: Column) -> bool:
     """Whether a position is an angle."""
     return column.unit_as("position") not in ("m", "mm")
@@ -183,17 +191,14 @@ def _of_vehicle(
     assumed = ""
     if mapping.vehicle is None and (standard := flight_map(robot, tables)) is not None:
         mapping, assumed = standard
-    if mapping.vehicle is None:
-        names = {
-            x: [f"{x}_{k}" for k in range(w)] for x, w in zip("qvu", (m, n, count), strict=True)
-        }
-        if not {name for each in names.values() for name in each} <= set(channels):
+    vehicle = mapping.vehicle
+    if vehicle is None:
+        widths = {"q": m, "v": n, "u": count}
+        parts = [[Column(column=f"{x}_{k}") for k in range(w)] for x, w in widths.items()]
+        if not {column.column for part in parts for column in part} <= set(channels):
             reason = "The map of a vehicle has [vehicle] and [actuators]."
             raise UnmatchedChannels(["pose, velocities and commands"], [reason], channels)
-        parts = [[Column(column=name) for name in names[x]] for x in "qvu"]
-        vehicle = None
     else:
-        vehicle = mapping.vehicle
         _check_vehicle(vehicle, m, n)
         twist = [*(vehicle.linear or ()), *(vehicle.angular or ())]
         actuators = {name.replace("_", " "): column for name, column in mapping.actuators.items()}
@@ -256,11 +261,10 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
         x, y, heading = raw.T
         return np.column_stack([y, x, np.pi / 2 - heading]) if ned else raw
     count = 0 if vehicle.position is None else 3
-    places = raw[:, :count] @ _NED.T if ned and count else raw[:, :count]
-    if not count:
-        places = np.zeros((len(raw), 3))
+    places = raw[:, :3] if count else np.zeros((len(raw), 3))
     turns = _rotations(vehicle, raw[:, count:])
     if ned:
+        places = places @ _NED.T
         turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
     quaternions = turns.as_quat()
     return np.column_stack([places, quaternions * continuous_signs(quaternions)[:, None]])
@@ -277,12 +281,11 @@ def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
     """Twists along the body's axes (N, n), in our axes, at our poses q."""
     ned = vehicle.frame == "NED/FRD"
     if raw.shape[1] == 3:
-        linear = raw * [1.0, -1.0, -1.0] if ned and vehicle.twist == "body" else raw.copy()
-        if vehicle.twist == "world":
-            east, north, rate = (raw[:, 1], raw[:, 0], -raw[:, 2]) if ned else raw.T
-            c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
-            linear = np.column_stack([c * east + s * north, c * north - s * east, rate])
-        return linear
+        if vehicle.twist == "body":
+            return raw * [1.0, -1.0, -1.0] if ned else raw.copy()
+        east, north, rate = (raw[:, 1], raw[:, 0], -raw[:, 2]) if ned else raw.T
+        c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+        return np.column_stack([c * east + s * north, c * north - s * east, rate])
     linear, angular = raw[:, :3], raw[:, 3:]
     if vehicle.twist == "world":
         world = linear @ _NED.T if ned else linear

@@ -1,6 +1,5 @@
 """`map.toml`: the columns of a log that are a robot's positions, velocities and commands."""
 
-import math
 import os
 import tomllib
 from dataclasses import field
@@ -10,29 +9,20 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from ..bounds import LARGEST, Flag, Name, NonNegative, Number, Positive, config, shown
+from ..bounds import Flag, Name, NonNegative, Number, Positive, config, shown
 from ..errors import InvalidInput
 from .units import FACTORS, Quantity, canonical, of_name
 
+_SPELT = BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text)
 Unit = Annotated[
     Literal[
         "rad", "deg", "turns", "ticks", "m", "mm",
         "rad/s", "deg/s", "turns/s", "rpm", "ticks/s", "m/s", "mm/s",
         "N·m", "mN·m", "N", "A", "mA", "V", "%", "raw",
     ],
-    BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text),
+    _SPELT,
 ]  # fmt: skip
-TimeUnit = Annotated[
-    Literal["s", "ms", "us", "ns", "date"],
-    BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text),
-]
-
-
-def _number(value: Any) -> Any:
-    """A whole number of a TOML file as a float, so that `ratio = 100` needs no point."""
-    if not isinstance(value, int) or isinstance(value, bool):
-        return value
-    return float(value) if abs(value) < LARGEST else math.inf
+TimeUnit = Annotated[Literal["s", "ms", "us", "ns", "date"], _SPELT]
 
 
 def _not_zero(value: float) -> float:
@@ -47,11 +37,8 @@ def _two_points(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, f
     return points
 
 
-Plain = Annotated[Number, BeforeValidator(_number)]
-Ratio = Annotated[Number, BeforeValidator(_number), AfterValidator(_not_zero)]
-Count = Annotated[Positive, BeforeValidator(_number)]
-Level = Annotated[NonNegative, BeforeValidator(_number)]
-Points = Annotated[tuple[tuple[Plain, Plain], tuple[Plain, Plain]], AfterValidator(_two_points)]
+Ratio = Annotated[Number, AfterValidator(_not_zero)]
+Points = Annotated[tuple[tuple[Number, Number], tuple[Number, Number]], AfterValidator(_two_points)]
 Three = Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
 Four = Annotated[tuple[Name, ...], Field(min_length=4, max_length=4)]
 
@@ -63,23 +50,18 @@ class Column:
     Positions and velocities become `sign · value · unit / ratio + offset`, commands
     `sign · value · unit · ratio + offset`: `ratio` is a gear ratio, motor turns per joint turn.
     Two `points` of the line from value to position replace all these.
-
-    Attributes:
-        column: name of the column.
-        unit: unit of its values; None if the name states it (`q1_deg`), or it is SI.
-        sign: −1 if the column counts against the joint's axis.
-        offset: added last [rad, m, rad/s, m/s, or the command's unit].
-        ratio: ratio of the gear between the motor and the joint.
-        counts_per_turn: counts per turn of an encoder, for `ticks` and `ticks/s`.
-        points: two values of the column, each with the position that it represents [rad or m].
     """
 
-    column: Name
+    column: Name  # name of the column
+    # unit of its values; None if the name states it (`q1_deg`), or it is SI
     unit: Unit | None = None
+    # −1 if the column counts against the joint's axis
     sign: Annotated[Literal[-1, 1], BeforeValidator(lambda x: int(x) if x in (1, -1) else x)] = 1
-    offset: Plain = 0.0
-    ratio: Ratio = 1.0
-    counts_per_turn: Count | None = None
+    offset: Number = 0.0  # added last [rad, m, rad/s, m/s, or the command's unit]
+    ratio: Ratio = 1.0  # ratio of the gear between the motor and the joint
+    # counts per turn of an encoder, for `ticks` and `ticks/s`
+    counts_per_turn: Positive | None = None
+    # two values of the column, each with the position that it represents [rad or m]
     points: Points | None = None
 
     @property
@@ -129,109 +111,78 @@ class Column:
 
 @config
 class Profile:
-    """Limits and smoothing of a target by a controller; 0 where there is none.
+    """Limits and smoothing of a target by a controller; 0 where there is none."""
 
-    Attributes:
-        speed: largest speed of the limited target [rad/s or m/s].
-        acceleration: largest acceleration of the limited target [rad/s² or m/s²].
-        lag: time constant of a first-order filter [s].
-    """
-
-    speed: Level = 0.0
-    acceleration: Level = 0.0
-    lag: Level = 0.0
+    speed: NonNegative = 0.0  # largest speed of the limited target [rad/s or m/s]
+    acceleration: NonNegative = 0.0  # largest acceleration of the limited target [rad/s² or m/s²]
+    lag: NonNegative = 0.0  # time constant of a first-order filter [s]
 
 
 @config
 class Joint:
-    """The columns of one joint.
+    """The columns of one joint."""
 
-    Attributes:
-        position: position of the joint, or of its motor (then with `ratio`).
-        command: current, torque, or any other command or measurement of the actuator; None for a
-            joint that is passive in the model file.
-        velocity: None to differentiate the position.
-        rest: rows with a lower speed are not used [rad/s or m/s]; the speed's noise sets another
-            limit, and the higher one applies.
-        profile: of the target of a position servo; None for that of all, or of the model file.
-    """
-
-    position: Column
+    position: Column  # position of the joint, or of its motor (then with `ratio`)
+    # current, torque, or any other command or measurement of the actuator; None for a joint that is
+    # passive in the model file
     command: Column | None = None
-    velocity: Column | None = None
-    rest: Level = 0.0
+    velocity: Column | None = None  # None to differentiate the position
+    # rows with a lower speed are not used [rad/s or m/s]; the speed's noise sets another limit, and
+    # the higher one applies
+    rest: NonNegative = 0.0
+    # of the target of a position servo; None for that of all, or of the model file
     profile: Profile | None = None
 
 
 @config
 class Time:
-    """The time of every file.
+    """The time of every file."""
 
-    Attributes:
-        column: name of the column; None to find it.
-        unit: None to detect it.
-        rate: rows per second of files without a time [Hz].
-    """
-
-    column: Name | None = None
-    unit: TimeUnit | None = None
-    rate: Count | None = None
+    column: Name | None = None  # name of the column; None to find it
+    unit: TimeUnit | None = None  # None to detect it
+    rate: Positive | None = None  # rows per second of files without a time [Hz]
 
 
 @config
 class File:
-    """The properties of one file.
+    """The properties of one file."""
 
-    Attributes:
-        offset: added to the file's times, to put several files on one clock [s].
-        p: register to which the stiffness of position servos is proportional, in any unit.
-    """
-
-    offset: Plain = 0.0
-    p: Count | None = None
+    offset: Number = 0.0  # added to the file's times, to put several files on one clock [s]
+    # register to which the stiffness of position servos is proportional, in any unit
+    p: Positive | None = None
 
 
-Matrix = Annotated[tuple[tuple[Plain, ...], ...], Field(min_length=1)]
+Matrix = Annotated[tuple[tuple[Number, ...], ...], Field(min_length=1)]
 
 
 @config
 class Coupling:
-    """Joints driven by several motors, as in a wrist. Rows and columns are in the robot's order.
+    """Joints driven by several motors, as in a wrist. Rows and columns are in the robot's order."""
 
-    Attributes:
-        position: (n, n) R with q_motor = R (q − offset); the same for velocities.
-        torque: (n, n) R_τ with τ_joint = R_τ τ_motor.
-    """
-
+    # (n, n) R with q_motor = R (q − offset); the same for velocities
     position: Matrix | None = None
-    torque: Matrix | None = None
+    torque: Matrix | None = None  # (n, n) R_τ with τ_joint = R_τ τ_motor
 
 
 @config
 class Vehicle:
-    """Pose and twist of a vehicle, three or four columns for each part.
+    """Pose and twist of a vehicle, three or four columns for each part."""
 
-    Attributes:
-        position: x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle
-            in the plane.
-        quaternion: from body to world; not used in the plane.
-        euler: roll, pitch and yaw [deg] instead, the turns about x, y' and z'' from the world's
-            axes to the body's, yaw first.
-        linear: velocity; None to differentiate the pose. In the plane: surge, sway, yaw rate.
-        angular: velocity in the body's axes [rad/s]; None to differentiate the pose.
-        order: order of the quaternion's columns.
-        frame: axes of world and body: north-east-down with forward-right-down, or ours,
-            east-north-up with forward-left-up.
-        twist: whether `linear` is given along the body's or the world's axes.
-    """
-
+    # x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle in the plane
     position: Three | None = None
-    quaternion: Four | None = None
+    quaternion: Four | None = None  # from body to world; not used in the plane
+    # roll, pitch and yaw [deg] instead, the turns about x, y' and z'' from the world's axes to the
+    # body's, yaw first
     euler: Three | None = None
+    # velocity; None to differentiate the pose. In the plane: surge, sway, yaw rate
     linear: Three | None = None
+    # velocity in the body's axes [rad/s]; None to differentiate the pose
     angular: Three | None = None
-    order: Literal["xyzw", "wxyz"] = "xyzw"
+    order: Literal["xyzw", "wxyz"] = "xyzw"  # order of the quaternion's columns
+    # axes of world and body: north-east-down with forward-right-down, or ours, east-north-up with
+    # forward-left-up
     frame: Literal["ENU/FLU", "NED/FRD"] = "ENU/FLU"
+    # whether `linear` is given along the body's or the world's axes
     twist: Literal["body", "world"] = "body"
 
     @property
@@ -247,28 +198,19 @@ class Vehicle:
 
 @config
 class Map:
-    """The meaning and units of columns.
+    """The meaning and units of columns."""
 
-    Attributes:
-        time: time of every file.
-        files: by name of the file.
-        joints: by the robot's joint names; empty to match columns by name.
-        coupling: coupling of the joints with their motors.
-        vehicle: pose and twist, for a vehicle instead of joints.
-        actuators: commands of a vehicle by the names of its actuators.
-        hold: whether a command holds from row to row (True) or is interpolated (False).
-        drop_rest: whether rows at rest are left out of the fit.
-        profile: profile of all joints' targets; None for that of the model file.
-    """
-
-    time: Time = field(default_factory=Time)
-    files: dict[str, File] = field(default_factory=dict)
+    time: Time = field(default_factory=Time)  # time of every file
+    files: dict[str, File] = field(default_factory=dict)  # by name of the file
+    # by the robot's joint names; empty to match columns by name
     joints: dict[str, Joint] = field(default_factory=dict)
-    coupling: Coupling = field(default_factory=Coupling)
-    vehicle: Vehicle | None = None
+    coupling: Coupling = field(default_factory=Coupling)  # coupling of the joints with their motors
+    vehicle: Vehicle | None = None  # pose and twist, for a vehicle instead of joints
+    # commands of a vehicle by the names of its actuators
     actuators: dict[str, Column] = field(default_factory=dict)
-    hold: Flag = False
-    drop_rest: Flag = True
+    hold: Flag = False  # whether a command holds from row to row (True) or is interpolated (False)
+    drop_rest: Flag = True  # whether rows at rest are left out of the fit
+    # profile of all joints' targets; None for that of the model file
     profile: Profile | None = None
 
 

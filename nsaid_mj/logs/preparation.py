@@ -16,7 +16,7 @@ from .mapping import Map
 from .recordings import Recordings, Segment
 from .rest import Rest, cut_rest, limits_stated, moving_part, rows_of
 from .signals import Signal
-from .tables import Table, join
+from .tables import Table, join, values_of
 from .unusable import UnusableLog
 
 HIGHEST_RATE = 1000.0
@@ -109,8 +109,7 @@ def _without_dead_velocities(
         if velocity is None or made.vehicle is not None:
             continue
         name = velocity.column.column
-        values = np.concatenate([recording.channels[name].values for recording in recordings])
-        values = values[np.isfinite(values)]
+        values = values_of(name, recordings)
         if len(values) < 10 or np.ptp(values) == 0:
             kept[j] = None
             text = "the velocity has one value or none; the position is differentiated instead"
@@ -297,10 +296,8 @@ def _saturated(
         if share == 0:
             continue
         if share > _MOST:
-            text = (
-                f"{100 * share:.0f} % of the rows are at an extreme, as of a command that switches "
-            )
-            text += "between levels or saturates; the rows are used"
+            text = f"{100 * share:.0f} % of the rows are at an extreme, as of a command that "
+            text += "switches between levels or saturates; the rows are used"
             findings.append(Finding("warning", "saturated", where, text, data={"share": share}))
             continue
         edges = signals.runs(flat)

@@ -12,39 +12,28 @@ from ..robot.model import RobotModel
 
 
 class Segment(NamedTuple):
-    """A stretch of a log without gaps, resampled to a constant rate.
+    """A stretch of a log without gaps, resampled to a constant rate."""
 
-    Attributes:
-        log: t [s], q, v, u of N samples in the system's own order and units. q are one coordinate
-            for each joint (N, n) for a tree of joints on a fixed base (angles [rad], also of
-            continuous joints, or travels [m]), and the system's own (N, m) for a vehicle.
-        usable: (N, n) whether a fit may use the row of a velocity: neither at rest nor saturated,
-            nor interpolated across a drop-out or an outlier.
-        source: file name.
-        rows: (first, last) row of the file, for messages.
-    """
-
+    # t [s], q, v, u of N samples in the system's own order and units. q are one coordinate for each
+    # joint (N, n) for a tree of joints on a fixed base (angles [rad], also of continuous joints, or
+    # travels [m]), and the system's own (N, m) for a vehicle
     log: Log
+    # (N, n) whether a fit may use the row of a velocity: neither at rest nor saturated, nor
+    # interpolated across a drop-out or an outlier
     usable: NDArray[np.bool_]
-    source: str
-    rows: tuple[int, int]
+    source: str  # file name
+    rows: tuple[int, int]  # (first, last) row of the file, for messages
 
 
 @dataclass(frozen=True)
 class Recordings:
-    """All segments of one or more logs, at one rate.
+    """All segments of one or more logs, at one rate."""
 
-    Attributes:
-        segments: in order of files and time; at least one.
-        rate: samples per second.
-        command_units: (n_u,) unit of each command, such as "A", "N·m" or "" if unknown.
-        findings: how the data were processed, and what was noticed.
-    """
-
-    segments: tuple[Segment, ...]
-    rate: float
+    segments: tuple[Segment, ...]  # in order of files and time; at least one
+    rate: float  # samples per second
+    # (n_u,) unit of each command, such as "A", "N·m" or "" if unknown
     command_units: tuple[str, ...]
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()  # how the data were processed, and what was noticed
 
     def driven(self, robot: RobotModel) -> list[int]:
         """Numbers of the joints with a motor, from 0.

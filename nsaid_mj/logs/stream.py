@@ -5,7 +5,7 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import BinaryIO, Literal, get_args
 
 import numpy as np
@@ -39,10 +39,6 @@ class Counts:
     duplicates: int = 0  # dropped because their time equalled that of the sample before
     late: int = 0  # dropped because a later sample had come before
     unreadable: int = 0  # lines that are not samples
-
-    def keys(self) -> dict[str, int]:
-        """The numbers by name."""
-        return asdict(self)
 
 
 class Cleaner:

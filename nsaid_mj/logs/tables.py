@@ -47,6 +47,13 @@ def channel_names(tables: Sequence[Table]) -> list[str]:
     return list(dict.fromkeys(name for table in tables for name in table.channels))
 
 
+def values_of(name: str, tables: Sequence[Table]) -> Array:
+    """All finite values of a channel."""
+    found = [table.channels[name].values for table in tables if name in table.channels]
+    values = np.concatenate([np.zeros(0), *found])
+    return values[np.isfinite(values)]
+
+
 def read(path: str | os.PathLike[str], time: Time = _FOUND) -> Table:
     """Reads a log file, or the folder of a run or of a ROS 2 bag, of any known format.
 

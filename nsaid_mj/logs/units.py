@@ -50,9 +50,7 @@ _ALIASES = {
     }.items()
     for alias in aliases.split()
 }
-_KNOWN = {name.lower(): name for names in FACTORS.values() for name in names} | {
-    name: name for name in TIME
-}
+_KNOWN = {name.lower(): name for names in (*FACTORS.values(), TIME) for name in names}
 
 
 def canonical(text: str) -> str:

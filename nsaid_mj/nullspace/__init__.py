@@ -3,7 +3,6 @@
 from .persistence import PersistenceMonitor as PersistenceMonitor
 from .persistence import level as level
 from .subspace import TOLERANCE as TOLERANCE
-from .subspace import Direction as Direction
 from .subspace import Nullspace as Nullspace
 from .subspace import directions as directions
 from .subspace import parts_of as parts_of

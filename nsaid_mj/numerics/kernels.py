@@ -35,9 +35,9 @@ def routine(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], An
     return lambda f: f if config.DISABLE_JIT else Part(f, signature, options)
 
 
-def kernel(signature: Any = None, *calls: Any, **options: Any) -> Any:
+def kernel(signature: Any = None, **options: Any) -> Any:
     """Marks a function that Python calls, or several compiled ones; see `Kernel`."""
-    return lambda f: f if config.DISABLE_JIT else Kernel(f, signature, *calls, **options)
+    return lambda f: f if config.DISABLE_JIT else Kernel(f, signature, **options)
 
 
 def inlined(kernel: Any) -> Any:
@@ -50,17 +50,14 @@ class Kernel(Compiled):
 
     Numba recompiles every other function with each of its direct and indirect callers. With a
     signature, it is compiled with `FAST`; without, for the types that Python calls it with, and as
-    part of every compiled function that calls it. `calls` are compiled functions it calls that its
-    text does not name, as overloads do, or functions that return them, given the types of its
-    arguments; only compiled functions call an `inner` one, and Python in tests; `options` are those
-    of `numba.njit`.
+    part of every compiled function that calls it. Only compiled functions call an `inner` one, and
+    Python in tests; `options` are those of `numba.njit`.
     """
 
     def __init__(
         self,
         function: Callable[..., Any],
         signature: Any = None,
-        *calls: Any,
         inner: bool = False,
         **options: Any,
     ):
@@ -68,7 +65,7 @@ class Kernel(Compiled):
         own = {"cache": True, "no_cpython_wrapper": inner, "pipeline_class": FastCompiler}
         own |= self._options
         self.function = self._called = _njit(**own)(function)
-        self.calls, self._loaded = calls, False
+        self._loaded = False
         if inner:
             self._called = njit(lambda *x: self(*x))  # noqa: PLW0108
         self.symbol = f"{function.__module__}.{function.__name__}"
@@ -85,24 +82,19 @@ class Kernel(Compiled):
         self.load(*map(typeof, arguments))
         return self._called(*arguments)
 
-    def called(self, *given: Any) -> Iterator[Any]:
-        """Its `calls` for given types of its arguments."""
-        for each in self.calls:
-            yield from each(*given) if inspect.isfunction(each) else (each,)
-
     def load(self, *given: Any) -> None:
         """Compiles it after all that it calls, or loads it from the cache.
 
         If it has no signature, the types of the arguments are given.
         """
-        for callee in callees((*self.called(*given), *named(self.py_func))):
+        for callee in callees(named(self.py_func)):
             assert callee.address  # by its name it is found from code that comes from the cache
         function, signature = self.function, self.signature or given
         with one_process(self.symbol):
             function.disable_compile(False)
             try:
                 timed(function, signature)
-            except (NumbaError, AssertionError):  # a mistake in a text, or in `calls`
+            except (NumbaError, AssertionError):  # a mistake in a text
                 raise
             except Exception as error:  # unpickling damaged bytes may raise anything
                 kind = NoKernelCache if isinstance(error, OSError) else DamagedKernelCache
@@ -140,7 +132,7 @@ class Kernel(Compiled):
 
     def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         """Code that calls the function at `address`."""
-        missing = f"{self.symbol} is missing in the `calls` of a kernel"
+        missing = f"{self.symbol} is not named in the text of a kernel that calls it"
         assert self._loaded and self.address, missing
         convention, given = context.call_conv, (signature.return_type, signature.args)
         kind, module = convention.get_function_type(*given), builder.module

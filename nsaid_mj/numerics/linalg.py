@@ -1,10 +1,8 @@
 """Compiled linear algebra for the small matrices of one stage. No fastmath, so NaN propagates."""
 
 import numpy as np
-from numba import njit
 
-from .compiler import FAST
-from .kernels import f8, inlined, kernel, matrix, vector, void
+from .kernels import boolean, f8, helper, inlined, kernel, matrix, vector, void
 
 
 @kernel(f8(matrix, matrix))
@@ -97,19 +95,19 @@ def invert_lower(L, inverse):
             inverse[i, k] /= L[i, i]
 
 
-@njit(**FAST)
+@helper(void(vector, vector))
 def copy_into(source, target):
     """Writes the numbers of an array (k,) into another: faster than a slice where k is small."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
 
-@njit(**FAST)
+@helper(void(matrix, vector, vector))
 def times_into(gain, vector, product):
-    """Writes a symmetric gain (k, k), or its diagonal (k,), times a vector (k,) into product."""
-    if gain.ndim == 1:
+    """Writes a symmetric gain (k, k), or its diagonal (1, k), times a vector (k,) into product."""
+    if gain.shape[0] == 1:
         for i in range(vector.shape[0]):
-            product[i] = gain[i] * vector[i]
+            product[i] = gain[0, i] * vector[i]
         return
     for i in range(vector.shape[0]):
         product[i] = 0.0
@@ -137,3 +135,37 @@ def subtract_square(A, C, square):
     for i in range(C.shape[0]):
         for j in range(C.shape[0]):
             C[i, j] -= square[i, j]
+
+
+@kernel(void(matrix, matrix, boolean), inner=True, _nrt=True)
+def add_square(A, C, root):
+    """Adds Aᵀ A to C (d, d), for A (k, d).
+
+    With `root`, an upper triangular U stands in C for Uᵀ U, and Householder's reflections, which
+    overwrite A, make one of both. Nothing is squared: rounding then hides what is below 1e-32 of
+    the largest eigenvalue of Uᵀ U, instead of 1e-16.
+    """
+    if not root:
+        C += np.dot(A.T, A)
+        return
+    size, shares = C.shape[0], np.empty(C.shape[0])
+    for j in range(size):
+        square = 0.0
+        for i in range(A.shape[0]):
+            square += A[i, j] * A[i, j]
+        if square == 0.0:
+            continue
+        norm = np.copysign(np.sqrt(C[j, j] * C[j, j] + square), C[j, j])
+        first = C[j, j] + norm  # of the vector of the reflection; its others are A's column
+        for c in range(j, size):
+            shares[c] = first * C[j, c]
+        for i in range(A.shape[0]):
+            for c in range(j, size):
+                shares[c] += A[i, j] * A[i, c]
+        for c in range(j, size):
+            shares[c] /= norm * first
+            C[j, c] -= shares[c] * first
+        for i in range(A.shape[0]):
+            own = A[i, j]
+            for c in range(j, size):
+                A[i, c] -= shares[c] * own

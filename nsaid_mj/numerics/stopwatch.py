@@ -1,12 +1,14 @@
 """The time spent compiling."""
 
 import gc
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 _spent = 0.0
+_own = threading.local()  # `seconds`: spent by this thread
 _WATCHERS: list[Callable[[], None]] = []
 
 
@@ -16,8 +18,8 @@ def compile_seconds() -> float:
 
 
 def clock() -> float:
-    """A clock [s] that stops while kernels are compiled, to measure the cost of a run."""
-    return time.perf_counter() - _spent
+    """A clock [s] that stops while this thread compiles, to measure the cost of a run."""
+    return time.perf_counter() - getattr(_own, "seconds", 0.0)
 
 
 @contextmanager
@@ -35,7 +37,7 @@ def timed(function: Any, signature: Any) -> None:
 
     Python's search for cycles is off meanwhile: it takes a tenth of the time of compiling.
     """
-    global _spent  # noqa: PLW0603 (as global as the compiler)
+    global _spent
     collecting, begin = gc.isenabled(), time.perf_counter()
     gc.disable()
     try:
@@ -44,6 +46,7 @@ def timed(function: Any, signature: Any) -> None:
         if collecting:
             gc.enable()
     if not function.stats.cache_hits[signature]:
-        _spent += time.perf_counter() - begin
+        took = time.perf_counter() - begin
+        _spent, _own.seconds = _spent + took, getattr(_own, "seconds", 0.0) + took
         for watcher in _WATCHERS:
             watcher()

@@ -6,7 +6,7 @@ b(sθ) = b(θ) − ν log s, so that ∇b·θ = −ν and ∇²b θ = −∇b.
 
 import numpy as np
 
-from ..numerics.kernels import f8, kernel, matrix, vector, void
+from ..numerics.kernels import kernel, matrix, vector, void
 from ..parameters import Array
 from .cone import (
     CONE,
@@ -14,51 +14,21 @@ from .cone import (
     compiled,
     factor_in_place,
     factor_into,
+    height_of,
     inverse_into,
     solve_in_place,
 )
 
 
-@kernel(f8(CONE, vector), _nrt=True)
-def _barrier(cone, theta):
-    total, k = 0.0, 0
-    for j in cone.positive:
-        if not theta[j] > 0:
-            return np.inf
-        total -= np.log(theta[j])
-    for block in range(cone.blocks.shape[0]):
-        k = max(k, cone.blocks[block, 2])
-    L = np.empty((k, k))
-    for block in range(cone.blocks.shape[0]):
-        factor_into(cone, block, theta, L)
-        k = cone.blocks[block, 2]
-        if not L[k - 1, k - 1] < np.inf:  # what follows a pivot that is not > 0 is NaN
-            return np.inf
-        for i in range(k):
-            total += 2 * np.log(L[i, i])
-    return total
-
-
 def barrier(cone: Cone, theta: Array) -> float:
     """b(θ) at θ (p,); infinite outside the cone."""
-    return _barrier(cone, np.array(theta, dtype=np.float64))
-
-
-@compiled
-def block_gradient(cone, block, S, gradient):
-    """Writes a block's part −tr(P⁻¹E_l) of ∇b into gradient (p,), from S = P⁻¹."""
-    row = cone.blocks[block]
-    for i in range(row[0], row[1]):
-        gradient[i] = 0.0
-    for e in range(row[3], row[4]):
-        i, j, at = cone.entries[e, 0], cone.entries[e, 1], cone.entries[e, 2]
-        gradient[at] -= cone.weights[e] * S[i, j]
+    return height_of(cone, np.array(theta, dtype=np.float64))
 
 
 @kernel(void(CONE, matrix, vector))
 def _barriers(cone, thetas, found):
     for k in range(thetas.shape[0]):
-        found[k] = _barrier(cone, thetas[k])
+        found[k] = height_of(cone, thetas[k])
 
 
 def barriers(cone: Cone, thetas: Array) -> Array:
@@ -70,12 +40,12 @@ def barriers(cone: Cone, thetas: Array) -> Array:
 
 @kernel(void(CONE, vector, matrix, vector, vector), _nrt=True)
 def _gaps(cone, theta, thetas, gradient, found):
-    own = _barrier(cone, theta)
+    own = height_of(cone, theta)
     nothing = np.empty((0, 0))
     for k in range(thetas.shape[0]):
         estimate = thetas[k]
         _differentiate(cone, estimate, gradient, nothing)
-        found[k] = own - _barrier(cone, estimate)
+        found[k] = own - height_of(cone, estimate)
         for i in range(theta.shape[0]):
             found[k] -= gradient[i] * (theta[i] - estimate[i])
 
@@ -124,9 +94,11 @@ def _differentiate(cone, theta, gradient, hessian):
         start, c, first, last = row[0], row[1] - row[0], row[3], row[4]
         factor_into(cone, block, theta, L)
         inverse_into(L, L, S, row[2])
-        block_gradient(cone, block, S, gradient)
+        entries, weights = cone.entries[first:last], cone.weights[first:last]
+        gradient[start : row[1]] = 0.0
+        for e in range(last - first):
+            gradient[entries[e, 2]] -= weights[e] * S[entries[e, 0], entries[e, 1]]
         if whole:
-            entries, weights = cone.entries[first:last], cone.weights[first:last]
             part = hessian[start : row[1], start : row[1]]
             hessian_into(entries, weights, start, S, part, c)
             for i in range(c):

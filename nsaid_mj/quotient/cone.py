@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from ..numerics.kernels import boolean, i8, kernel, table, vector
+from ..numerics.kernels import boolean, f8, i8, kernel, table, vector
 from ..parameters import Array, Block, Indices, ParameterSpace
 
 compiled = kernel(error_model="numpy", _nrt=True)  # division by 0 gives inf or NaN
@@ -33,6 +33,13 @@ class Cone(NamedTuple):
 
 
 CONE = types.NamedTuple((i8[::1], table, table, vector, vector, i8[::1], i8[::1], i8), Cone)
+
+
+_NONE = np.empty(0, dtype=np.intp)
+NO_CONE = Cone(
+    _NONE, _NONE.reshape(0, 5), _NONE.reshape(0, 3), np.empty(0), np.empty(0), _NONE, _NONE, 0
+)
+"""The cone of free parameters."""
 
 
 def cone_of(space: ParameterSpace) -> Cone:
@@ -199,22 +206,31 @@ def inverse_into(L, X, S, k):
             S[i, j] = S[j, i] = total
 
 
-@kernel(boolean(CONE, vector), _nrt=True)
-def inside(cone, theta):
-    """Whether θ (p,) is inside the cone: every number > 0, every matrix positive definite."""
+@kernel(f8(CONE, vector), _nrt=True)
+def height_of(cone, theta):
+    """The barrier of `quotient.barrier` at θ (p,); infinite outside the cone."""
+    total, k = 0.0, 0
     for j in cone.positive:
         if not theta[j] > 0:
-            return False
-    k = 0
+            return np.inf
+        total -= np.log(theta[j])
     for block in range(cone.blocks.shape[0]):
         k = max(k, cone.blocks[block, 2])
     L = np.empty((k, k))
     for block in range(cone.blocks.shape[0]):
         factor_into(cone, block, theta, L)
         k = cone.blocks[block, 2]
-        if not L[k - 1, k - 1] < np.inf:
-            return False
-    return True
+        if not L[k - 1, k - 1] < np.inf:  # what follows a pivot that is not > 0 is NaN
+            return np.inf
+        for i in range(k):
+            total += 2 * np.log(L[i, i])
+    return total
+
+
+@kernel(boolean(CONE, vector), _nrt=True)
+def inside(cone, theta):
+    """Whether θ (p,) is inside the cone: every number > 0, every matrix positive definite."""
+    return height_of(cone, theta) < np.inf
 
 
 @compiled

@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 
 from ..calibration import words
 from ..calibration.result import Curves as Commands
-from ..calibration.result import Identification, own_shifts, recording_shifts, shifts
+from ..calibration.result import Identification, recording_shifts, shifts
 from ..calibration.servos import Replayed, ServoIdentification
 from ..evaluation.confidence import INTERVAL
 from ..pages.identification import brief
@@ -47,10 +47,9 @@ def record(result: Identification, file: Path) -> Path:
     moving = zip(shifts, (segment.log for segment in result.recordings.segments), strict=True)
     camera, draw = moving_robot(result.robot, [(log.t + s, log.q, log.v) for s, log in moving])
     history = _history(result)
-    commands = [_commands(result, result.curves, shifts, "")]
+    commands = [_commands(result, result.curves, "")]
     if result.validation is not None:
-        checked = result.validation
-        commands.append(_commands(result, checked, own_shifts(checked), "validation/"))
+        commands.append(_commands(result, result.validation, "validation/"))
     curves = [curve for _, some in commands for curve in some] + [curve for _, curve in history]
     ends = [float(times[-1]) for times, _ in commands if len(times)]
     plots = Plots(curves, max(ends) if ends else None)
@@ -109,7 +108,7 @@ def _scene(robot: RobotModel) -> Scene | None:
 
 
 def _commands(
-    result: Identification, commands: Commands, shifts: Array, prefix: str
+    result: Identification, commands: Commands, prefix: str
 ) -> tuple[Array, list[Curves]]:
     """Measured and predicted command and residual of every joint, with gaps between logs.
 
@@ -119,9 +118,7 @@ def _commands(
     segment = commands.segment
     if not len(segment):
         return np.zeros(0), []
-    t, (left, right) = lines(
-        commands.t + shifts[segment], segment, [commands.measured, commands.predicted]
-    )
+    t, (left, right) = lines(commands.t, segment, [commands.measured, commands.predicted])
     found = []
     for j, fit in enumerate(result.joints):
         measured, predicted = left[:, j : j + 1], right[:, j : j + 1]

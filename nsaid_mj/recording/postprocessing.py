@@ -18,7 +18,7 @@ from ..experiment.record import Record
 from ..laws import Status
 from ..numerics.threads import single_threaded
 from ..pages import report
-from ..pages.page import __package__, write_html
+from ..pages.page import write_html
 from ..pages.progress import Progress
 from ..resources import json_of, locked, write_json, write_text
 
@@ -62,7 +62,7 @@ def _check_record(run: Run) -> None:
 def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
     say("evaluating the estimate")
     # half a second of matplotlib, which the page needs last
-    Thread(target=import_module, args=[f"{__package__}.drawings"], daemon=True).start()
+    Thread(target=import_module, args=["..pages.drawings", __package__], daemon=True).start()
     truth = evaluation.truth_of(run)
     summary = evaluation.summarize(run, truth)
     write_json(run.folder / SUMMARY, summary)

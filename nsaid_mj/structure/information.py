@@ -7,14 +7,14 @@ recursive filtering, IEEE TAC 14, 1969):
     P̄ = F_x P F_xᵀ,    Ψ̄ = F_x Ψ + F_c B S Z,    S_k = P̄ + R,
     J ← J + Ψ̄ᵀ S_k⁻¹ Ψ̄,    Ψ ← R S_k⁻¹ Ψ̄,    P ← R S_k⁻¹ P̄,
 
-where F_x, F_c and B are those of `transition.step` and θ_⊥ = Zᵀ θ/scale. Workspaces are those of
-`arrays.memory_of`.
+where F_x, F_c and B are those of `transition.step` and θ/scale = Z θ_⊥ + const. Workspaces are
+those of `arrays.memory_of`.
 """
 
 import numpy as np
 
 from ..numerics.kernels import kernel
-from ..numerics.linalg import cholesky, invert_lower
+from ..numerics.linalg import add_square, cholesky, invert_lower
 from .forces import ALL, write_forces
 from .kinematics import place
 from .slopes import linearise
@@ -25,7 +25,7 @@ _BLOCK = 16  # samples whose rows enter J together: one product of matrices inst
 
 
 @kernel()
-def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q, v, u, J):
+def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q, v, u, J, root):
     """Adds a motion's information about θ_⊥ to J (d, d); returns whether M and S stayed ≻ 0.
 
     Args:
@@ -34,7 +34,7 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
         slopes: workspace.
         theta: (p,) at which the system is linearised.
         scale: (p,) scale of θ.
-        basis: (p, d) Z, orthonormal.
+        basis: (p, d) Z.
         R0: (2n,) variances of the state at the first sample.
         R: (2n,) variances of the noise at all others.
         t: (N,) times [s].
@@ -42,6 +42,7 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
         v: (N, n) velocities.
         u: (N, n_u) commands.
         J: (d, d) information.
+        root: whether J holds an upper triangular A with Aᵀ A in its place; see `add_square`.
     """
     n, m, p, d = v.shape[1], q.shape[1], scale.shape[0], basis.shape[1]
     size = 2 * n
@@ -68,7 +69,7 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
         rows[filled : filled + size] = white
         filled += size
         if filled == rows.shape[0]:
-            J += np.dot(rows.T, rows)
+            add_square(rows, J, root)
             filled = 0
         back = inverse.T.copy()
         for i in range(size):
@@ -77,7 +78,7 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
         psi = np.dot(back, white)
         P = np.dot(back, np.dot(inverse, P))
     rows[filled:] = 0.0
-    J += np.dot(rows.T, rows)
+    add_square(rows, J, root)
     return True
 
 

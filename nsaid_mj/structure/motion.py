@@ -7,14 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
-from ..numerics.compiler import FAST, INLINE
-from ..numerics.kernels import boolean, cube, f8, helper, kernel, matrix, routine, vector, void
+from ..numerics.kernels import boolean, cube, f8, helper, i8, kernel, matrix, routine, vector, void
 from ..numerics.linalg import copy_into
 from ..parameters import Array
-from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST, StructureArrays, workspace
+from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST, StructureArrays
 from .compiled import STRUCTURE, WORKSPACE
 from .forces import ALL, COMMANDED, MOVING, forces_inline, write_forces
 from .inertia import add_power, add_weight
@@ -54,13 +53,8 @@ class Motion(NamedTuple):
     outside: Outside = NOTHING_OUTSIDE  # entries of Wᵀ Δv that are not the structure's
 
 
-_workspace = njit(workspace)
-
-
-@kernel()
-def stage_workspace(motion):
-    """Allocates the workspace of `stage`."""
-    return _workspace(motion.structure.bodies.shape[0], motion.v.shape[1])
+OUTSIDE = types.NamedTuple((i8, vector, vector, vector), Outside)
+MOTION = types.NamedTuple((STRUCTURE, vector, *(matrix,) * 4, cube, OUTSIDE), Motion)
 
 
 def _call(_: Any, address: Any, at: Any, k: Any) -> Any:
@@ -78,12 +72,12 @@ def _call(_: Any, address: Any, at: Any, k: Any) -> Any:
 call: Any = intrinsic(_call)
 
 
-@njit(**FAST, **INLINE)
+@helper(f8(MOTION, i8, i8, vector, vector, WORKSPACE, vector, vector))
 def stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
     """Writes â (n,) of (29) and Wᵀ Δv (p,) at one stage of the step from sample k − 1 to k.
 
     `at` is 0, 1 or 2 for the step's start, middle or end; C multiplies v_hat (n,), theta (p,) is
-    the estimate, `work` is of `stage_workspace`. Returns M̂'s smallest pivot, > 0 on success.
+    the estimate, `work` is workspace. Returns M̂'s smallest pivot, > 0 on success.
     """
     state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
     v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]

@@ -48,7 +48,6 @@ from .arrays import (
 from .compiled import STRUCTURE, WORKSPACE
 from .inertia import (
     add_common_power,
-    add_square,
     write_momentum,
     write_rigid,
     write_square,
@@ -124,10 +123,14 @@ def _add_square_wrench(state, frame, inertia, at, motion, own, x):
     for i in range(6):
         x[_X + i] = motion[own + DRIFT + i]
     add_turned(motion, own + VELOCITY, state, frame + TWIST, 0.5, x, _X)
-    add_square(inertia, at, x, _X, 1.0, motion, own + WRENCH)
-    clear(x, 0, 12)
-    add_square(inertia, at, motion, own + VELOCITY, 0.5, x, 0)
-    add_square(inertia, at, state, frame + TWIST, 0.5, x, 6)
+    for r in range(6):
+        force, own_half, other_half, row = 0.0, 0.0, 0.0, at + 6 * r
+        for c in range(6):
+            force += inertia[row + c] * x[_X + c]
+            own_half += inertia[row + c] * motion[own + VELOCITY + c]
+            other_half += inertia[row + c] * state[frame + TWIST + c]
+        motion[own + WRENCH + r] += force
+        x[r], x[6 + r] = 0.5 * own_half, 0.5 * other_half
     add_pushed(state, frame + TWIST, x, 0, 1.0, motion, own + WRENCH)
     add_pushed(motion, own + VELOCITY, x, 6, 1.0, motion, own + WRENCH)
 
@@ -292,8 +295,11 @@ def _add_square_gradient(structure, b, state, ground, motion, own, x, gradient):
     for k in range(bodies[b, TERM], bodies[b, TERMS]):
         total, at = 0.0, ground + FRAME + 36 * k
         for r in range(6):
+            force, momentum = 0.0, 0.0
             for c in range(6):
-                total += state[at + 6 * r + c] * (x[_D + r] * x[_X + c] + x[_T + r] * x[_H + c])
+                force += state[at + 6 * r + c] * x[_X + c]
+                momentum += state[at + 6 * r + c] * x[_H + c]
+            total += x[_D + r] * force + x[_T + r] * momentum
         gradient[terms[k, OF]] += total
     if bodies[b, TERM] == bodies[b, TERMS]:  # a base: its axes are the common frame's
         for e in range(bodies[b, FIRST], bodies[b, LAST]):
@@ -332,9 +338,14 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
         gradient[rotors[r, 2]] += a[j] * (w[i] - v[i])
         if i != j:
             gradient[rotors[r, 2]] += a[i] * (w[j] - v[j])
-    for z in range(nonzeros.shape[0]):
-        i = nonzeros[z, 0]
-        gradient[nonzeros[z, 1]] -= F[z] * (w[i] - v[i])
+    z = 0
+    while z < nonzeros.shape[0]:  # a column's sum in a register does not wait for memory
+        k, power = nonzeros[z, 1], 0.0
+        while z < nonzeros.shape[0] and nonzeros[z, 1] == k:
+            i = nonzeros[z, 0]
+            power += F[z] * (w[i] - v[i])
+            z += 1
+        gradient[k] -= power
     return pivot
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.timing import Drive
+from nsaid_mj.calibration.timing import Timing
 from nsaid_mj.cli.commands import command
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
@@ -248,11 +248,11 @@ def test_an_underwater_vehicle_is_not_taken_for_a_quadrotor(flight, tmp_path):
 def test_a_held_command_gives_the_thrust_of_its_curve(mix):
     u = np.tile([[0.2, -0.5, 1.0]], (400, 1))
     for lag in (0.0, 0.03):
-        thrust = np.sign(u) * Drive(mix, lag).speeds(u, 200.0) ** 2
+        thrust = np.sign(u) * Timing(0.0, mix, lag).speeds(u, 200.0) ** 2
         np.testing.assert_allclose(thrust, mix * u * np.abs(u) + (1 - mix) * u, atol=1e-12)
 
 
 def test_a_lag_answers_a_ramp_as_its_equation_does():
     t = np.arange(2000) / 1000
-    found = Drive(1.0, 0.05).speeds(t[:, None], 1000.0)[:, 0]
+    found = Timing(0.0, 1.0, 0.05).speeds(t[:, None], 1000.0)[:, 0]
     np.testing.assert_allclose(found, t - 0.05 * (1 - np.exp(-t / 0.05)), atol=1e-9)

@@ -296,6 +296,7 @@ def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, flawed, tm
     [
         ("the sign of its force", lambda u: np.where(u < 0, u / 0.8, u)),
         ("a dead zone of its force", lambda u: u + 0.2 * np.sign(u) * np.abs(u).mean()),
+        ("its force times the time", lambda u: u * np.linspace(0.9, 1.1, len(u))),
     ],
 )
 def test_a_drive_that_is_no_multiple_of_its_command_is_told(tmp_path, words, change):
@@ -308,6 +309,20 @@ def test_a_drive_that_is_no_multiple_of_its_command_is_told(tmp_path, words, cha
     assert any(words in f.text for f in told), told
     gain = found.parameters[[p.name for p in found.parameters].index("gain_2")]
     assert found.explains == "partly" or gain.low <= true["gain_2"] <= gain.high
+
+
+def test_gains_that_all_fade_are_told(tmp_path):
+    """As with a battery that empties: in the end, every force needs 1.1 times the current."""
+    robot = two_joints()
+    values, true = arm_log(robot, 4)
+    for name in robot.joints:
+        values[f"{name}_current"] *= np.linspace(1.0, 1.1, len(values["time"]))
+    found = identify(
+        robot, write_csv(tmp_path / "log.csv", values), known={"gain_1": true["gain_1"]}
+    )
+    told = [f for f in found.findings if f.code == "residuals" and not f.where]
+    (share,) = [f.data["share"] for f in told if "all forces times the time" in f.text]
+    assert isinstance(share, float) and share > 0.5
 
 
 def test_a_structure_that_is_right_is_not_doubted(ur5, tmp_path):

@@ -15,7 +15,7 @@ from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.evaluation import energy, mark_of, summarize, truth_of
-from nsaid_mj.evaluation.figures import force_residual_ratio
+from nsaid_mj.evaluation.figures import held_out_rows, residual_ratio
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.experiment.scenario import Scenario
@@ -218,7 +218,7 @@ def test_the_estimate_is_judged_against_the_truth_at_the_end(
 def test_the_held_out_trajectory_has_the_fault_from_its_start(failed: SimulatedRun):
     later, system = truth_of(failed).held_out, failed.plant.system
     weak, sound = (
-        force_residual_ratio(system, later, theta, None)
+        residual_ratio(system, held_out_rows(system, later, None), theta)
         for theta in (truth_of(failed).theta, failed.plant.truth)
     )
     assert weak is not None and sound is not None
@@ -272,7 +272,8 @@ def test_a_run_that_ends_before_the_fault_is_judged_as_sound(tmp_path):
     done = run(early, tmp_path)
     assert (truth_of(done).theta == done.plant.truth).all()
     later = truth_of(done).held_out
-    residual = force_residual_ratio(done.plant.system, later, done.plant.truth, None)
+    rows = held_out_rows(done.plant.system, later, None)
+    residual = residual_ratio(done.plant.system, rows, done.plant.truth)
     assert residual is not None and residual < 1e-3
 
 

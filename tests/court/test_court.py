@@ -13,10 +13,10 @@ import pytest
 
 from nsaid_mj.evaluation.confidence import gain_deviations
 from nsaid_mj.evaluation.misfit import filter_of, judged_estimate, widened
-from scripts.court.cases import LAWS, Case, drawn
-from scripts.court.command import cases, line_of
-from scripts.court.simulation import simulated
-from scripts.court.table import kind_of, unseen, worst
+from tests.court.cases import LAWS, Case, drawn
+from tests.court.command import cases, line_of
+from tests.court.simulation import simulated
+from tests.court.table import kind_of, unseen, worst
 
 FEW = {
     (1, "efficient"): (0, 1, 3, 5, 6, 7, 8, 9),

@@ -11,14 +11,14 @@ import pytest
 from nsaid_mj.laws.faults import FaultEvent
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.kinds import Loss
-from scripts.court import command
-from scripts.court.cases import LAWS, Case, drawn
-from scripts.court.effects import EFFECTS
-from scripts.court.judging import Judgement, judge_gains, judge_online
-from scripts.court.online import Stated, trace_of
-from scripts.court.robots import random_tree, rotation, with_wrong_masses
-from scripts.court.simulation import NotRun, simulated
-from scripts.court.table import bars, by_effect, kind_of, moved, overall, unseen
+from tests.court import command
+from tests.court.cases import LAWS, Case, drawn
+from tests.court.effects import EFFECTS
+from tests.court.judging import Judgement, judge_gains, judge_online
+from tests.court.online import Stated, trace_of
+from tests.court.robots import random_tree, rotation, with_wrong_masses
+from tests.court.simulation import NotRun, simulated
+from tests.court.table import bars, by_effect, kind_of, moved, overall, unseen
 
 
 def least_moment(urdf: str) -> float:

@@ -1,4 +1,4 @@
-"""The predicted information against the filter's covariance, the noise density, and gradients."""
+"""The predicted information against least squares, the noise density, and gradients."""
 
 from dataclasses import replace
 
@@ -8,12 +8,8 @@ import pytest
 from nsaid_mj.design import Experiment
 from nsaid_mj.design.information import PRIOR, gramian, predicted
 from nsaid_mj.experiment.library import load
-from nsaid_mj.laws.efficient.filter import Law, filter_at
-from nsaid_mj.laws.efficient.kalman import covariance_along
-from nsaid_mj.laws.efficient.steps import margin_of
 from nsaid_mj.log import Log
-from nsaid_mj.nullspace import parts_of
-from nsaid_mj.quotient.cone import cone_of
+from tests.support.batch import batch_bound
 
 
 @pytest.fixture(scope="module", params=["double_pendulum", "bluerov2"])
@@ -27,20 +23,14 @@ def motion(experiment: Experiment, every: int = 1) -> Log:
     return Log.unchecked(*(np.ascontiguousarray(part[::every]) for part in log))
 
 
-def test_the_information_equals_the_covariance_of_the_filter(experiment):
+def test_the_information_is_that_of_least_squares(experiment):
     system, log = experiment.system, motion(experiment)
-    scale = np.array(system.space.scale)
-    cone, rest = cone_of(system.space), (np.zeros(system.p), np.zeros(0), parts_of(system))
-    law = Law(system.forward, cone, scale, margin_of(cone, scale), 0.0, 1, *rest)
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
-    basis = experiment.bases[0]
-    prior = PRIOR**2 * basis @ basis.T
-    filter = filter_at(log.q[0], log.v[0], experiment.draws[0], prior)
-    filter.Pxx[:] = np.diag(R)
-    assert covariance_along(law, filter, R, *log) == len(log.t) - 1
+    G, theta = PRIOR * experiment.bases[0], np.array(experiment.draws[0])
+    root = G @ np.linalg.inv(batch_bound(system, theta, R, G, log))
     P = predicted(experiment, log, 0)
-    np.testing.assert_allclose(P, filter.Ptt, atol=1e-5 * np.abs(P).max())
-    np.testing.assert_allclose(np.diag(P), np.diag(filter.Ptt), rtol=2e-3, atol=1e-12)
+    np.testing.assert_allclose(P, root @ root.T, atol=1e-9 * np.abs(P).max())
+    np.testing.assert_allclose(np.diag(P), np.diag(root @ root.T), rtol=1e-6)
 
 
 def test_coarser_steps_with_the_same_noise_density_have_nearly_the_same_bound(experiment):

@@ -22,7 +22,7 @@ from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Measurement
 from nsaid_mj.recording.postprocessing import rebuild
 from nsaid_mj.resources import scenarios
-from scripts.campaign import fields
+from tests.campaign import fields
 from tests.support.faulty import PENDULUM, ROV, flat, shell
 
 # -- on the command line -------------------------------------------------------------------------

@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from scripts import campaign
-from scripts.campaign import commands, files, tries
+from tests import campaign
+from tests.campaign import commands, files, tries
 from tests.support.faulty import shell
 
 FEW = {"urdfs": 80, "commands": 12, "scripts": 8, "logs": 6, "fields": 40, "MJCF files": 40}

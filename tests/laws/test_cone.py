@@ -43,7 +43,7 @@ def build(name: str, prior: np.ndarray, gain: float = 1.0, mu: float = 1.0) -> N
 
 def natural_rate(cone, eta, theta, stiffness, mu, gradient):
     """(p,) η̇ of the cone's law."""
-    rate, room = np.empty(len(eta)), chart.chart_workspace(cone)
+    rate, room = np.empty(len(eta)), chart.chart_of(cone)
     if stiffness.ndim == 1:
         chart.natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, room)
     else:

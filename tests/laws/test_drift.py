@@ -9,6 +9,7 @@ from nsaid_mj.evaluation.words import verdict
 from nsaid_mj.laws.cone.prior import drawn_covariance
 from nsaid_mj.laws.efficient.drift import Rival, Rivals, walks
 from nsaid_mj.laws.efficient.filter import filter_at
+from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.text import parse_faults
 
 from .test_never_wrong import known_of, misfit, ran, system_of
@@ -81,7 +82,12 @@ def test_gains_that_walk_fast_or_explain_nothing_do_not_drift() -> None:
 
 
 def test_gains_walk_in_addition_to_all_of_theta() -> None:
-    np.testing.assert_array_equal(walks(4, np.array([1, 3]), 0.1, 0.5), [0.1, 0.6, 0.1, 0.6])
+    blocks = (
+        Block(name, (name,), ("1",), np.ones(1), actuator=name.startswith("gain"))
+        for name in ("mass", "gain 1", "drag", "gain 2")
+    )
+    space = ParameterSpace(tuple(blocks))
+    np.testing.assert_array_equal(walks(space, 0.1, 0.5), [0.1, 0.6, 0.1, 0.6])
 
 
 def test_a_verdict_names_the_drift() -> None:

@@ -20,7 +20,6 @@ from nsaid_mj.laws.efficient.faults.events import event_of
 from nsaid_mj.laws.efficient.faults.evidence import Jump
 from nsaid_mj.laws.efficient.faults.hypotheses import (
     Hypothesis,
-    appear_slowly,
     everything,
     hypotheses_of,
     inexact,
@@ -29,7 +28,7 @@ from nsaid_mj.laws.efficient.faults.hypotheses import (
 from nsaid_mj.laws.efficient.faults.isolation import Isolation
 from nsaid_mj.laws.efficient.faults.signals import Signals
 from nsaid_mj.laws.efficient.faults.trials import Trials, Verdict
-from nsaid_mj.laws.efficient.faults.watch import Watch
+from nsaid_mj.laws.efficient.faults.watch import Snapshot
 from nsaid_mj.laws.efficient.filter import Filter, Law, Memory, filter_at
 from nsaid_mj.laws.efficient.kalman import _linear_share
 from nsaid_mj.laws.efficient.state import EfficientState
@@ -217,12 +216,9 @@ def isolated(inside_: EfficientState, hypothesis: Hypothesis, size: Any) -> Effi
         settled=lambda *_: (inside_.filter, inside_.signals.under(hypothesis)),
         theta=inside_.filter.theta,
     )
-    law = SimpleNamespace(
+    law: Any = SimpleNamespace(
         system=made.system,
-        law=SimpleNamespace(scale=made.system.space.scale),
-        _noted=lambda state, h, _b, t, found: state._replace(
-            events=(*state.events, event_of(h, found[0], t, size, 1.0))
-        ),
+        _noted=lambda *given: Isolation._noted(law, *given),
     )
     log = Log.unchecked(np.array([3.0]), *np.zeros((3, 1, 1)))
     return Isolation._isolated(law, inside_, Verdict(trial, 1.0), 2.0, log)  # type: ignore[arg-type]
@@ -263,7 +259,7 @@ def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.Mo
     window, lengths = 10, []
     tried: Any = SimpleNamespace(evidence=0.0)
     tried.followed = lambda *_: tried
-    monkeypatch.setattr(trying, "_hopeful", lambda _, each: each)
+    monkeypatch.setattr(trying, "_hopeful", lambda each: each)
     monkeypatch.setattr(
         trying, "_repeated", lambda one, a, b, trials, c: lengths.append(len(trials.log.t)) or one
     )
@@ -288,7 +284,7 @@ def test_trials_follow_the_same_blocks_however_samples_come(
 ) -> None:
     """Their bits, and a share of their cost, depend on the blocks."""
     followed: list[int] = []
-    monkeypatch.setattr(trying, "_hopeful", lambda _, each: each)
+    monkeypatch.setattr(trying, "_hopeful", lambda each: each)
     one: Any = SimpleNamespace(hypothesis=SimpleNamespace(offset=0.0, kind="loss"), evidence=0.0)
     one.followed = lambda _law, _system, part: followed.append(len(part.t) - 1) or one
     log, law = Log(np.arange(51) * 0.002, *np.zeros((3, 51, 1))), SimpleNamespace(window=50)
@@ -320,11 +316,10 @@ def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fa
     )  # fmt: skip
     log = Log(np.array([0.0, 0.01]), *np.zeros((3, 2, 1)))
     trials = Trials(each, None, None, log, 10)  # type: ignore[arg-type]
-    law: Any = Law(0, None, None, None, 0.0, 10, None, None, None)  # type: ignore[arg-type]
-    assert trying.verdict(law, trials, 0.11) is None
-    late = trying.verdict(law, trials, 1.2)
+    assert trying.verdict(trials, 0.11) is None
+    late = trying.verdict(trials, 1.2)
     assert late is not None and late.trial is each[0]
-    left = [trial.hypothesis.kind for trial in trying.narrowed(law, trials, 0.1).each]
+    left = [trial.hypothesis.kind for trial in trying.narrowed(trials, 0.1).each]
     assert left == ["none", "payload", "loss"]
 
 
@@ -334,10 +329,9 @@ def test_hopeless_faults_are_dropped_within_a_window_once_one_explains_the_motio
     free = everything(made.system, made.truth), inexact(made.system, made.truth)[-1]
     best, near, far = tried(what["loss"], 0.0), tried(what["bias"], -999.0), what["payload"]
     each = best, near, tried(far, -1001.0), tried(free[0], -5000.0), tried(free[1], 5000.0)
-    law: Any = Law(0, None, None, None, 0.0, 10, None, None, None)  # type: ignore[arg-type]
-    assert trying._hopeful(law, each) == (*each[:2], *each[3:])
+    assert trying._hopeful(each) == (*each[:2], *each[3:])
     best.squares = 1e6
-    assert trying._hopeful(law, each) == each, "another one may have yet to learn a large change"
+    assert trying._hopeful(each) == each, "another one may have yet to learn a large change"
 
 
 def test_a_slow_change_that_leaves_no_covariance_is_rounding(
@@ -351,12 +345,11 @@ def test_a_slow_change_that_leaves_no_covariance_is_rounding(
     after = truth.copy()
     after[k] += 0.05 * scale[k]
     kalman = filter_at(np.zeros(system.m), np.zeros(system.n), after, 0.5 * P)
-    watch = Watch((0.0, 0.5), (truth, truth), (P, P), (np.ones(2 * system.n),) * 2)
-    what = appear_slowly(hypotheses_of(system, truth))
-    found = watching.slow_change(watch, kalman, system.space, lambda: what)
+    watch = tuple(Snapshot(t, truth, P, np.ones(2 * system.n)) for t in (0.0, 0.5))
+    found = watching.slow_change(watch, kalman, system)
     assert found is not None and found.hypothesis.names == (system.space.names[k],)
     monkeypatch.setattr(watching, "with_jump", lambda *_: (np.zeros(p), np.diag([-1.0] * p)))
-    assert watching.slow_change(watch, kalman, system.space, lambda: what) is None
+    assert watching.slow_change(watch, kalman, system) is None
 
 
 # -- the misfit ------------------------------------------------------------------------------------

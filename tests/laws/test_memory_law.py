@@ -189,7 +189,9 @@ def test_a_rise_of_v_beyond_its_bound_is_counted(implicit, tmp_path):
     done = run(scenario("bluerov2", duration=6.0), tmp_path)
     truth, record = metrics.truth_of(done), done.record
     assert lyapunov_figures(done, truth)["lyapunov_violations"] == 0
-    own, stepped = done.identifiers[""], done.identifiers[""].implicit(record["t"])
+    own = done.identifiers[""]
+    assert isinstance(own, NullspaceIdentifier)
+    stepped = own.implicit(record["t"])
     slacks, steps = own.slacks(record.log, truth.theta), np.flatnonzero(stepped == implicit)
     k = int(steps[np.argmin(slacks[steps])])
     V = energy(done, truth)

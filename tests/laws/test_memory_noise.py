@@ -11,7 +11,7 @@ from nsaid_mj.laws.memory.feedback import FedBack
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array
 from nsaid_mj.quotient.cost import without_noise
-from nsaid_mj.quotient.forgetting import forgetting
+from nsaid_mj.quotient.gramians import forgetting
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=25)

@@ -389,7 +389,7 @@ def test_a_verdict_waits_while_two_faults_explain_the_motion(monkeypatch) -> Non
             SimpleNamespace(hypothesis=h, evidence=e)
             for h, e in zip(pair, (np.log(odds), 0.0), strict=True)
         ]
-        found = trials.verdict(None, SimpleNamespace(each=each, begin=0.0), t)  # type: ignore[arg-type]
+        found = trials.verdict(SimpleNamespace(each=each, begin=0.0), t)  # type: ignore[arg-type]
         return "" if found is None or found.trial is None else found.trial.hypothesis.kind
 
     assert named(2.0, 1.05) == named(2.0, 4.9) == named(30.0, 0.9) == ""
@@ -416,7 +416,8 @@ def test_a_failed_actuators_gain_has_finite_intervals() -> None:
 def test_a_change_whose_interval_contains_none_is_no_event(
     kind: str, interval: tuple[float, float, float], expected: bool
 ) -> None:
-    assert without_effect(kind, interval) is expected
+    event = FaultEvent(1.0, 2.0, kind, "a part", (), *interval, "1", 1.0)
+    assert without_effect(event) is expected
 
 
 def test_that_nothing_has_failed_is_more_probable_beforehand_than_any_fault() -> None:

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws.efficient.relearning import _with_scales_of, learned
-from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone
+from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone, with_scales_of
 from nsaid_mj.log import Log, extended
 from nsaid_mj.parameters import Array
 from tests.support.plants import plant
@@ -51,7 +50,7 @@ def test_passes_along_a_log_converge_from_where_one_does_not(name: str, seed: in
     alone = cautious(setup)
     prior = np.array(setup.prior)
     assert alone.replay(prior, alone.covariance(prior), log).contradictions
-    found = learned(alone, prior, log)
+    found = alone.learned(prior, log)
     assert found is not None and error(setup, found.theta) < 1e-3
 
 
@@ -81,7 +80,7 @@ def test_what_the_structure_lacks_is_not_learned() -> None:
     setup, log = far("bluerov2", 2)
     alone = cautious(setup)
     late = log._replace(u=np.roll(log.u, 20, axis=0))
-    assert learned(alone, setup.plant.truth, late) is None
+    assert alone.learned(setup.plant.truth, late) is None
 
 
 def test_no_part_changes_its_scale_between_passes() -> None:
@@ -91,7 +90,7 @@ def test_no_part_changes_its_scale_between_passes() -> None:
     parts[0, : system.p // 2] = parts[1, system.p // 2 :] = 1.0
     theta = plant("ur5").truth
     moved = theta * np.where(parts[0] > 0, 3.0, 0.2)
-    found = _with_scales_of(theta, moved, law._replace(parts=parts))
+    found = with_scales_of(theta, moved, law._replace(parts=parts))
     np.testing.assert_allclose(found, theta)
 
 

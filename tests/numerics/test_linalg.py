@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.numerics.linalg import cholesky, solve_positive, times_into
+from nsaid_mj.numerics.linalg import add_square, cholesky, solve_positive, times_into
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=40)
@@ -59,7 +59,7 @@ def test_NaN_in_M_is_not_positive(at):
 def test_times_into_takes_a_diagonal_or_a_matrix(seed, n):
     rng = np.random.default_rng(seed)
     d, x = rng.standard_normal(n), rng.standard_normal(n)
-    for gain, dense in ((d, np.diag(d)), (spd(rng, n),) * 2):
+    for gain, dense in ((d[None], np.diag(d)), (spd(rng, n),) * 2):
         product = np.full(n, np.nan)
         times_into(gain, x, product)
         np.testing.assert_allclose(product, dense @ x, rtol=1e-13, atol=1e-13)
@@ -79,3 +79,31 @@ def test_solve_positive_equals_numpy_and_returns_the_smallest_pivot(seed, n):
 @pytest.mark.parametrize("bad", [-1.0, 0.0, np.nan])
 def test_an_indefinite_matrix_has_no_positive_pivot(bad):
     assert not solve_positive(np.diag([2.0, bad, 1.0]), np.empty((3, 3)), np.ones(3)) > 0
+
+
+@FEW
+@given(seeds, sizes, st.integers(1, 30))
+def test_a_square_is_added_to_a_matrix_or_to_its_root(seed, d, k):
+    rng = np.random.default_rng(seed)
+    A, root = rng.standard_normal((k, d)), np.triu(rng.standard_normal((d, d)))
+    A[:, rng.integers(d)] = 0.0
+    expected = root.T @ root + A.T @ A
+    C = root.T @ root
+    add_square(A.copy(), C, False)
+    add_square(A.copy(), root, True)
+    np.testing.assert_allclose(C, expected, atol=1e-12)
+    np.testing.assert_allclose(root.T @ root, expected, atol=1e-12)
+    assert (np.tril(root, -1) == 0).all()
+
+
+@FEW
+@given(seeds, st.integers(2, 8))
+def test_a_root_keeps_what_its_square_would_round_away(seed, d):
+    """Of a direction with 1e-20 of the information of the others."""
+    rng = np.random.default_rng(seed)
+    basis = np.linalg.qr(rng.standard_normal((d, d)))[0]
+    root = np.eye(d)
+    for _ in range(10):
+        strong = 1e10 * rng.standard_normal((3 * d, d - 1)) @ basis[:, 1:].T
+        add_square(strong, root, True)
+    assert np.linalg.norm(np.linalg.solve(root.T, basis[:, 0])) == pytest.approx(1.0, rel=1e-4)

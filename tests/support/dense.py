@@ -112,14 +112,14 @@ def half_way(dq: Array, v0: Array, v1: Array, dt: float, hermite: bool, group: i
 def to_chart(cone, theta: Array) -> Array:
     """(p,) η of θ (p,)."""
     eta = np.empty(len(theta))
-    chart.to_chart_into(cone, theta, eta, chart.chart_workspace(cone))
+    chart.to_chart_into(cone, theta, eta, chart.chart_of(cone))
     return eta
 
 
 def from_chart(cone, eta: Array, pairing: Array) -> Array:
     """(p,) θ of η (p,)."""
     theta = np.empty(len(eta))
-    chart.from_chart_into(cone, eta, pairing, theta, chart.chart_workspace(cone))
+    chart.from_chart_into(cone, eta, pairing, theta, chart.chart_of(cone))
     return theta
 
 

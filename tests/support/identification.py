@@ -14,6 +14,7 @@ from nsaid_mj.calibration.result import (
     Gain,
     Identification,
     JointFit,
+    recording_shifts,
 )
 from nsaid_mj.evaluation.result import Parameter, Status
 from nsaid_mj.experiment.loop import Ending
@@ -84,7 +85,7 @@ def identification(
     parameters = _parameters(names)
     theta = np.array([one.value for one in parameters])
     curves = Curves(
-        np.tile(t, segments),
+        np.concatenate([t + shift for shift in recording_shifts(recordings)]),
         np.repeat(np.arange(segments), len(t)),
         np.tile(u, (segments, 1)),
         np.tile(u, (segments, 1)) + 0.02,

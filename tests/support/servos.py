@@ -26,22 +26,13 @@ def identified_servos(used, file=None):
     robot = RobotModel("arm", None, "mjcf", model, NAMES, none, none, none, none + 1, none + np.inf)
     if file is not None:
         robot = load_tree(str(file))
-    joint = JointEstimate(
-        np.log([0.06, 0.02, 0.08, 2e-3, 0.015]),
-        0.01 * np.eye(5),
-        np.full(6, 2.0),
-        True,
-        0.0,
-        2e-3,
-        2e-2,
-    )
+    x, C, quantile = np.log([0.06, 0.02, 0.08, 2e-3, 0.015]), 0.01 * np.eye(5), np.full(6, 2.0)
+    joints = [JointEstimate(name, x, C, quantile, True, 0.0, 2e-3, 2e-2) for name in NAMES]
     scale = MassScale(np.log(1.3), 0.03, 2.0, np.zeros(3), np.full(3, 0.01))
     return ServoIdentification(
         explains="yes", verdict="The servo model explains the motion.", robot=robot,
-        servos=tuple(servo(name, joint, scale) for name in NAMES),
-        parameters=tuple(
-            p for k, name in enumerate(NAMES, 1) for p in parameters(name, k, joint, scale)
-        ),
+        servos=tuple(servo(joint, scale) for joint in joints),
+        parameters=tuple(p for k, j in enumerate(joints, 1) for p in parameters(k, j, scale)),
         scale=masses(scale), used=used,
         findings=(weighed(Load("b.csv", 0.2), "elbow", scale),), seconds=1.0,
     )  # fmt: skip

@@ -46,6 +46,7 @@ _STILL = 1e-3  # error of a simple prediction for a joint that hardly moves [rad
 class JointEstimate(NamedTuple):
     """The estimate of one servo."""
 
+    name: str  # name of the joint
     x: Array  # (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
     # (5, 5) covariance of ln θ̂, by a jackknife over logs or blocks; 0 for fixed ones. If a load
     # was weighed, g is that under the true masses
@@ -133,14 +134,14 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
     for j, fit in enumerate(fitted.fits):
         found = covariance_of(fit, cluster, zero[[j]])
         one = _judged(
-            fit.of.logs, fit.x, fit.residual, fitted.used,
+            robot.joints[j], fit.of.logs, fit.x, fit.residual, fitted.used,
             covariance=found.covariance,
             quantile=np.array([found.quantile(c) for c in _directions(fit.x)]),
             gravity=bool(known[j]), offset=float(found.moved[GRAVITY, 0]),
             zero=float(zero[j]), slides=slide[j],
         )  # fmt: skip
         if not one.poor:
-            named = effects_of(robot.joints[j], one.unit, fit, cluster)
+            named = effects_of(one.name, one.unit, fit, cluster)
             effects += named
             sizes = [f.data["size"] for f in named if f.data["effect"] == "stribeck"]
             excess = float(np.sum(np.array(sizes, dtype=np.float64)))  # of friction at rest
@@ -219,17 +220,16 @@ def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> Estimate
         directions[:, at[j] : at[j] + len(one)] = _directions(one)
         directions[GRAVITY, scale] = 1.0  # −ln kp = ln g + ln μ − ln m
         made = _judged(
-            [log.joint(j) for log in own], one, residuals[j] * arm.sigma[j], used,
+            given.robot.joints[j], [log.joint(j) for log in own], one,
+            residuals[j] * arm.sigma[j], used,
             covariance=directions[:5] @ whole @ directions[:5].T,
             quantile=np.array([spread.quantile(c) for c in directions]),
             gravity=bool(known[j]), offset=float(moved[at[j] + GRAVITY, j]) if known[j] else 0.0,
             zero=float(zero[j]), slides=slide[j],
         )  # fmt: skip
         joints.append(made)
-    deviation, quantile = (
-        np.sqrt(np.diag(whole)[scale:]),
-        spread.quantile(np.eye(len(fit.x))[scale]),
-    )
+    deviation = np.sqrt(np.diag(whole)[scale:])
+    quantile = spread.quantile(np.eye(len(fit.x))[scale])
     log = float(fit.prior.mean[scale] - fit.x[scale])
     mass = MassScale(log, float(deviation[0]), quantile, fit.x[scale + 1 :], deviation[1:])
     return Estimate(_moderated(joints, cluster), used, mass)
@@ -257,13 +257,13 @@ def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[Joint
 
 
 def _judged(
-    logs: Sequence[JointLog], x: Array, residual: Array, used: Array, **own: Any
+    name: str, logs: Sequence[JointLog], x: Array, residual: Array, used: Array, **own: Any
 ) -> JointEstimate:
     """An estimate x (5,) with its `own` figures, and the error of predictions without a model."""
     error, simple, travel = _errors(logs, residual, used)
     rate, limit = effective_rate(logs, residual), logs[0].limit
     return JointEstimate(
-        x, error=error, simple=simple, limit=limit, travel=travel, effective=rate, **own
+        name, x, error=error, simple=simple, limit=limit, travel=travel, effective=rate, **own
     )
 
 

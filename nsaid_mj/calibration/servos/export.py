@@ -182,12 +182,9 @@ def hold_others(mj: Any, data: Any, where: JointMap) -> None:
     """
     others = np.setdiff1d(np.arange(mj.nv), where.dof)
     mj.dof_armature[others] = _IMMOVABLE
-    held = [
-        mj.joint(j) for j in set(mj.dof_jntid[others]) if mj.jnt_limited[j] and mj.joint(j).name
-    ]
-    ends = {
-        joint.name: joint.range for joint in held if joint.type[0] != mujoco.mjtJoint.mjJNT_BALL
-    }
+    ball, held = mujoco.mjtJoint.mjJNT_BALL, map(mj.joint, set(mj.dof_jntid[others]))
+    limited = [joint for joint in held if mj.jnt_limited[joint.id] and joint.type[0] != ball]
+    ends = {joint.name: joint.range for joint in limited if joint.name}
     if ends:
         middle = [np.clip(0.0, *limits) for limits in ends.values()]
         JointMap(mj, list(ends)).write(data, np.array(middle), np.zeros(len(ends)))

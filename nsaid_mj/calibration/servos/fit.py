@@ -37,15 +37,10 @@ class Prior(NamedTuple):
 
 
 class Simulated(Protocol):
-    """Open-loop simulations whose parameters are fitted.
+    """Open-loop simulations whose parameters are fitted."""
 
-    Attributes:
-        used: (N,) 1 of samples that count, 0 of masked ones.
-        spacing: (N,) time that each sample stands for [s].
-    """
-
-    used: Array
-    spacing: Array
+    used: Array  # (N,) 1 of samples that count, 0 of masked ones
+    spacing: Array  # (N,) time that each sample stands for [s]
 
     def residual(self, x: Array) -> Array:
         """(N,) simulated minus measured position."""
@@ -78,18 +73,11 @@ class OutputError(NamedTuple, Generic[_Of]):
     jacobian: Array  # (N, free) derivatives of the residual by the free parameters
 
 
-def _offset(log: JointLog | ServoLog, zero: Array, _: Array) -> Array:
-    return log.target + zero
-
-
-def _play(log: JointLog | ServoLog, zero: Array, g: Array) -> Array:
+def _play(log: JointLog, zero: Array, g: Array) -> Array:
+    """(N,) change of the target that moves a joint as play of `PLAY` times its `zero` does."""
     sunk = g * log.load / log.stiffer
     side = sunk / (np.abs(sunk) + zero / 4)  # friction holds a joint that hardly sinks
-    return log.target - PLAY * zero * (side - side.mean(axis=0))  # a constant side is an offset
-
-
-SHIFTS = _offset, _play
-"""Targets (N,) or (N, n) as offsets `zero`, and play, move the joints, from log, zero and g."""
+    return -PLAY * zero * (side - side.mean())  # a constant side is an offset
 
 
 class JointFit:
@@ -107,8 +95,8 @@ class JointFit:
     def moved(self, x: Array, zero: Array) -> Array:
         """(N, 2) change of the residual by an offset `zero` (1,) of the targets, and by play."""
         g, found = np.exp(x[GRAVITY]), []
-        for shift in SHIFTS:
-            logs = [log._replace(target=shift(log, zero, g)) for log in self.logs]
+        for shift in (lambda _: zero, lambda log: _play(log, zero, g)):
+            logs = [log._replace(target=log.target + shift(log)) for log in self.logs]
             found.append(JointFit(logs, self.used).residual(x) - self.residual(x))
         return np.column_stack(found)
 
@@ -188,19 +176,19 @@ def _winsorised(residual: Array) -> float:
     return max(sigma, 1e-6)
 
 
-def windows(logs: Sequence[JointLog]) -> Indices:
-    """(N,) number of the two-second window that each sample belongs to, over all logs."""
+def _blocks(logs: Sequence[JointLog | ServoLog], length: float) -> Indices:
+    """(N,) number of the block of time, of a length [s], of each sample, over all logs."""
     found, count = [], 0
     for log in logs:
-        own = ((log.t - log.t[0]) / _WINDOW).astype(int)
-        found.append(own + count)
-        count += own[-1] + 1
+        own = ((log.t - log.t[0]) / length).astype(int) + count
+        found.append(own)
+        count = own[-1] + 1
     return np.concatenate(found)
 
 
 def effective_rate(logs: Sequence[JointLog], residual: Array) -> float:
     """Independent samples per second of a residual (N,), from the variance of windows' means."""
-    window = windows(logs)
+    window = _blocks(logs, _WINDOW)
     mean = np.bincount(window, residual) / np.maximum(np.bincount(window), 1)
     correlated = _WINDOW * float(np.var(mean)) + 1e-300
     most = 1 / float(np.median(np.diff(logs[0].t)))
@@ -212,7 +200,7 @@ def undisturbed(logs: Sequence[JointLog], residual: Array, sigma: float) -> Arra
 
     Causes are, for example, a gripper that rests on a table or a hand that pushes the arm.
     """
-    window = windows(logs)
+    window = _blocks(logs, _WINDOW)
     count = np.bincount(window)
     rms = np.sqrt(np.bincount(window, residual**2) / np.maximum(count, 1))
     position = np.concatenate([log.position for log in logs])
@@ -236,13 +224,8 @@ def clusters(logs: Sequence[ServoLog]) -> Indices:
     """(N,) number of the cluster of each sample: its log, or a block of time of few logs."""
     if len(logs) >= _FEWEST:
         return np.repeat(np.arange(len(logs)), [len(log.t) for log in logs])
-    length = max(_BLOCK, sum(log.t[-1] - log.t[0] for log in logs) / _BLOCKS)
-    found, count = [], 0
-    for log in logs:
-        own = ((log.t - log.t[0]) / length).astype(int) + count
-        found.append(own)
-        count = own[-1] + 1
-    return np.concatenate(found)
+    duration = sum(log.t[-1] - log.t[0] for log in logs)
+    return _blocks(logs, max(_BLOCK, duration / _BLOCKS))
 
 
 def zeros(logs: Sequence[ServoLog]) -> Array:
@@ -285,9 +268,8 @@ class Spread(NamedTuple):
         M = np.diag(np.einsum("gi,gi->g", scores, left_out)) - 2 * seen @ scores.T
         M += seen @ own.sum(axis=0) @ seen.T
         M += M.mean() - M.mean(axis=0) - M.mean(axis=1)[:, None]
-        degrees = (
-            np.trace(M) ** 2 / np.sum(M**2) * (direction @ self.covariance @ direction / part) ** 2
-        )
+        whole = direction @ self.covariance @ direction
+        degrees = np.trace(M) ** 2 / np.sum(M**2) * (whole / part) ** 2
         return float(stats.t.ppf(0.975, np.clip(degrees, 1.0, most)))
 
 

@@ -24,10 +24,10 @@ _CHANGES = np.array([1e-4, 1e-3, 0.02, 0.02, 0.02])  # of numerical derivatives:
 
 
 class Followed(NamedTuple):
-    """A filter along all logs of a joint, in a row."""
+    """A filter at the end of all logs of a joint, in a row."""
 
-    x: Array  # (N, 3) ln T, ln f, ln g
-    deviation: Array  # (N, 3) their standard deviations; 0 of what is the batch fit's
+    x: Array  # (3,) ln T, ln f, ln g
+    deviation: Array  # (3,) their standard deviations; 0 of what is the batch fit's
 
 
 def follow(
@@ -57,23 +57,18 @@ def _followed(logs: Sequence[JointLog], fit: JointEstimate, x: Array, used: Arra
     x, P = np.r_[0.0, 0.0, x], np.diag(np.r_[0.0, 0.0, _SPREAD**2])
     if not fit.gravity:
         x[2 + GRAVITY], P[2 + GRAVITY] = fit.x[GRAVITY], 0.0
-    found, begin = [], 0
+    begin = 0
     for log in logs:
         counts, h = used[begin : begin + len(log.t)], float(np.median(np.diff(log.t)))
         begin += len(log.t)
-        noise, out = power / h, np.empty((len(log.t), 6))
         x[:2], P[:2], P[:, :2] = (log.position[0], 0.0), 0.0, 0.0
-        P[0, 0] = noise
-        _follow(*log, log.own(theta), x, P, counts, noise, power / (EFFECTIVE * h) / J**2, out)
-        found.append(out)
-    rows = np.concatenate(found)
-    return Followed(rows[:, :3], rows[:, 3:])
+        P[0, 0] = noise = power / h
+        _follow(*log, log.own(theta), x, P, counts, noise, power / (EFFECTIVE * h) / J**2)
+    return Followed(x[2:], np.sqrt(np.diag(P)[2:]))
 
 
 @njit(cache=True)
-def _follow(
-    t, target, position, load, inertia, limit, stiffer, theta, x, P, used, noise, power, out
-):
+def _follow(t, target, position, load, inertia, limit, stiffer, theta, x, P, used, noise, power):
     """Predicts and corrects at every sample; x (5,) is q, v, ln T, ln f, ln g, P (5, 5) is of it.
 
     `noise` is the variance of a position [rad²], `power` the density of accelerations [rad²/s³].
@@ -107,9 +102,6 @@ def _follow(
                     x[j] += row[j] / variance * off
                     for k in range(5):
                         P[j, k] -= row[j] * row[k] / variance
-        out[i, :3] = x[2:]
-        for k in range(3):
-            out[i, 3 + k] = np.sqrt(P[2 + k, 2 + k])
 
 
 @njit(cache=True)

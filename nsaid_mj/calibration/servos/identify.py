@@ -130,18 +130,12 @@ def identify_servos(
     found = estimate(given, report)
     if profile:
         found = found._replace(joints=tuple(j.widened(DELAY, _TRADED) for j in found.joints))
-    names, joints, used = given.robot.joints, found.joints, found.used
-    pairs = list(zip(names, joints, strict=True))
-    servos = tuple(servo(name, joint, found.scale) for name, joint in pairs)
-    own = tuple(
-        p
-        for k, (name, joint) in enumerate(pairs, 1)
-        for p in parameters(name, k, joint, found.scale)
-    )
-    explains, sentence, doubts = verdict(servos, joints)
-    notes = [*_masked(given.logs, used), *gravity_notes(servos, joints), *saturation_notes(servos)]
+    joints, used = found.joints, found.used
+    own = tuple(p for k, j in enumerate(joints, 1) for p in parameters(k, j, found.scale))
+    explains, sentence, doubts = verdict(joints)
+    notes = [*_masked(given.logs, used), *gravity_notes(joints), *saturation_notes(joints)]
     if given.load is not None and found.scale is not None:
-        carrying = names[carrier(given.robot.model, given.load)[0] - 1]
+        carrying = joints[carrier(given.robot.model, given.load)[0] - 1].name
         notes.append(weighed(given.load, carrying, found.scale))
     along: tuple[Parameter, ...] = ()
     if law == "efficient":
@@ -155,7 +149,7 @@ def identify_servos(
         law=along,
         findings=(*doubts, *profile, *found.findings, *notes, *given.findings),
         robot=given.robot,
-        servos=servos,
+        servos=tuple(servo(joint, found.scale) for joint in joints),
         scale=masses(found.scale),
         used=used,
         seconds=time.perf_counter() - begin,
@@ -182,14 +176,8 @@ def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:
     theta = np.array([joint.theta for joint in found.joints])
     apart = [coupled(log, theta)[1] for log in free]
     own = [[log.joint(j) for log in apart] for j in range(len(theta))]
-    filters = follow(own, found.joints, used)
-    return tuple(
-        p
-        for k, (name, fit, one) in enumerate(
-            zip(given.robot.joints, found.joints, filters, strict=True), 1
-        )
-        for p in by_filter(name, k, fit, one, found.scale)
-    )
+    pairs = zip(found.joints, follow(own, found.joints, used), strict=True)
+    return tuple(p for k, pair in enumerate(pairs, 1) for p in by_filter(k, *pair, found.scale))
 
 
 def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:

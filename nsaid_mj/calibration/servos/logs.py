@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Container, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from ...logs import Map, signals
 from ...logs.checks import beyond_limits
 from ...logs.cleaning import clean
 from ...logs.formats.run import FOLLOWED
-from ...logs.layout import Layout, Source
+from ...logs.layout import Layout, layout
 from ...logs.mapping import Column, Joint
 from ...logs.matching import candidates, lacking_targets, match_targets
 from ...logs.tables import Table, join
@@ -54,10 +55,7 @@ class ServoLog(NamedTuple):
 
     def part(self, rows: slice) -> ServoLog:
         """Some of the rows."""
-        t, issued, target, position, load, mass = (x[rows] for x in self[1:7])
-        return self._replace(
-            t=t, issued=issued, target=target, position=position, load=load, mass=mass
-        )
+        return self._replace(**{name: getattr(self, name)[rows] for name in self._fields[1:7]})
 
     def halves(self) -> list[ServoLog]:
         """The first and the second half of the rows."""
@@ -136,16 +134,12 @@ def read_servo_logs(
         InvalidInput: a column or joint of the map does not exist.
         UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
-    made = _layout(columns, robot.joints)
-    names = [source.column.column for source in made.sources]
-    known = {name for table in tables for name in table.channels}
-    for name in names:
-        if name not in known:
-            raise InvalidInput("map: column", "a column of the log", name, "Correct map.toml.")
-    recordings, findings = join(tables, mapping or Map(), names)
+    mapping = replace(mapping or Map(), joints=columns)
+    made = layout(mapping, robot, tables, targets=True)._replace(velocities=())
+    recordings, findings = join(tables, mapping, [s.column.column for s in made.sources])
     logs: list[ServoLog] = []
     assert robot.servos is not None
-    model, stiffer = without_armature(robot.model), _stiffer(recordings, mapping or Map())
+    model, stiffer = without_armature(robot.model), _stiffer(recordings, mapping)
     for recording in recordings:
         stretches, said = _stretches(recording, made, robot.servos)
         loaded, kp = recording.source in carrying, stiffer.get(recording.source, 1.0)
@@ -198,20 +192,6 @@ def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
         return ()
     text = "most joints move before their targets do: the columns of both seem to be swapped"
     return (Finding("refusal", "swapped_targets", "", text, "Swap them, in a map.toml."),)
-
-
-def _layout(columns: dict[str, Joint], joints: Sequence[str]) -> Layout:
-    """The layout with targets, which are converted as positions are, in place of commands."""
-    for name in set(columns) ^ set(joints):
-        remedy = f"The robot's actuated joints are {', '.join(joints)}."
-        raise InvalidInput("map: joints", "one entry for each actuated joint", name, remedy)
-    parts = [(columns[j].position, columns[j].command) for j in joints]
-    measured, wanted = zip(*parts, strict=True)
-    return Layout(
-        tuple(Source("position", c, c.factor("position"), angle=True) for c in measured),
-        (),
-        tuple(Source("command", c, c.factor("position")) for c in wanted),
-    )
 
 
 def _stretches(

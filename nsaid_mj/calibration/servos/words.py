@@ -30,9 +30,7 @@ _UNMOVED = "the joint hardly moves"
 _CONVENTION = "a convention: gravity hardly loads this joint; only kv/kp, f/kp, armature/kp count"
 
 
-def parameters(
-    name: str, k: int, joint: JointEstimate, scale: MassScale | None
-) -> tuple[Parameter, ...]:
+def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[Parameter, ...]:
     """Six parameters of a joint, numbered k, with 95 % intervals, under the true masses."""
     found, C = [], joint.covariance
     ln_kp = (0.0 if scale is None else scale.log) - joint.x[GRAVITY]
@@ -56,20 +54,20 @@ def parameters(
         value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
         if half > 1.0 and short != "kp":
             low = 0.0  # the motion is linear in all but kp, and hardly differs without it
-        about = f"{short}_{k}", f"{label} of {name}", "servo", units[joint.slides]
+        about = f"{short}_{k}", f"{label} of {joint.name}", "servo", units[joint.slides]
         found.append(Parameter(*about, value, low, high, np.nan, status, combination))
     return tuple(found)
 
 
 def by_filter(
-    name: str, k: int, fit: JointEstimate, filtered: Followed, scale: MassScale | None
+    k: int, fit: JointEstimate, filtered: Followed, scale: MassScale | None
 ) -> tuple[Parameter, ...]:
     """T, f/kp and kp of a joint, numbered k, at a filter's end, under the true masses."""
     x, variance = fit.x.copy(), np.zeros(len(fit.x))
-    x[:3], variance[:3] = filtered.x[-1], filtered.deviation[-1] ** 2
+    x[:3], variance[:3] = filtered.x, filtered.deviation**2
     variance[GRAVITY] += fit.offset**2 + (0.0 if scale is None else scale.deviation**2)
     own = fit._replace(x=x, covariance=np.diag(variance), quantile=np.full(6, INTERVAL))
-    return tuple(p for p in parameters(name, k, own, scale) if p.name[:1] in "Tfk")
+    return tuple(p for p in parameters(k, own, scale) if p.name[:1] in "Tfk")
 
 
 def apart(along: Sequence[Parameter], fitted: Sequence[Parameter]) -> list[Finding]:
@@ -94,13 +92,13 @@ def _lag(joint: JointEstimate) -> str:
     )
 
 
-def servo(name: str, joint: JointEstimate, scale: MassScale | None) -> Servo:
+def servo(joint: JointEstimate, scale: MassScale | None) -> Servo:
     """The joint's servo in MuJoCo's terms, under the true masses."""
     T, f, g, a, d = (float(value) for value in joint.theta)
     g /= 1.0 if scale is None else float(np.exp(scale.log))
     limit = joint.limit if np.isfinite(joint.limit) else None
     numbers = 1 / g, T / g, a / g, f / g, d
-    return Servo(name, *numbers, joint.gravity, joint.error, joint.simple, limit)
+    return Servo(joint.name, *numbers, joint.gravity, joint.error, joint.simple, limit)
 
 
 def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
@@ -131,26 +129,22 @@ def weighed(load: Load, joint: str, scale: MassScale) -> Finding:
     return Finding(level, "weighed", "", text, remedy, {"place": scale.place.tolist()})
 
 
-def verdict(
-    servos: Sequence[Servo], joints: Sequence[JointEstimate]
-) -> tuple[Explains, str, tuple[Finding, ...]]:
+def verdict(joints: Sequence[JointEstimate]) -> tuple[Explains, str, tuple[Finding, ...]]:
     """Whether the model explains the logs better than predictions without a model."""
-    moving = [k for k, joint in enumerate(joints) if joint.judged]
-    poor, findings = [k for k, joint in enumerate(joints) if joint.poor], []
-    for k in poor:
-        one = joints[k]
+    still = [joint.name for joint in joints if not joint.judged]
+    poor, findings = [joint for joint in joints if joint.poor], []
+    for one in poor:
         simple, error = (f"({x * 1e3:.1f} {one.unit})" for x in (one.simple, one.error))
         text = "the delayed target itself or a constant position predicts the motion nearly as "
         text += f"well {simple} as the servo's model {error}; its parameters are meaningless"
         remedy = "Record faster motions, stops and reversals; check that targets and positions "
         remedy += "have the same zero, unit and sign."
-        findings.append(Finding("warning", "no_better_than_simple", servos[k].name, text, remedy))
-    still = [servos[k].name for k in range(len(servos)) if k not in moving]
+        findings.append(Finding("warning", "no_better_than_simple", one.name, text, remedy))
     if still:
         text = "it hardly moves, or follows its target exactly, so its model cannot be validated"
         findings.append(Finding("note", "hardly_moved", ", ".join(still), text))
     explains: Explains = "yes" if not poor else "partly"
-    if len(poor) == len(moving):
+    if len(poor) == len(joints) - len(still):
         explains = "no"
     ours, late = 1e3 * np.mean([(joint.error, joint.simple) for joint in joints], axis=0)
     unit = " or ".join(sorted({joint.unit for joint in joints}, reverse=True))
@@ -163,32 +157,29 @@ def verdict(
     return explains, sentence, tuple(findings)
 
 
-def gravity_notes(servos: Sequence[Servo], joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
+def gravity_notes(joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
     """Reports the source of kp, and its sensitivity to an offset."""
-    by_gravity = [s.name for s in servos if s.gravity]
-    others = [s.name for s in servos if not s.gravity]
+    others = [joint.name for joint in joints if not joint.gravity]
     found = []
     if others:
-        source = "the mean of the others" if by_gravity else "the model file's"
+        source = "the mean of the others" if len(others) < len(joints) else "the model file's"
         source += " unless the motion contradicts that"
         text = f"gravity does not determine kp, which is {source}; the motion depends on kv/kp, "
         text += "f/kp and armature/kp"
         found.append(Finding("note", "kp_convention", ", ".join(others), text))
-    for s, joint in zip(servos, joints, strict=True):
+    for joint in joints:
         size = abs(joint.offset)
-        if s.gravity and size > 0.02:
-            text = "kp cannot be separated from an offset of target against position: "
-            text += (
-                f"{1e3 * joint.zero:.2g} {joint.unit} would change kp by {100 * size:.0f} %; the "
-            )
-            text += "interval includes this"
-            found.append(Finding("note", "offset_trade", s.name, text, data={"relative": size}))
+        if joint.gravity and size > 0.02:
+            zero = f"{1e3 * joint.zero:.2g} {joint.unit}"
+            text = f"kp cannot be separated from an offset of target against position: {zero} "
+            text += f"would change kp by {100 * size:.0f} %; the interval includes this"
+            found.append(Finding("note", "offset_trade", joint.name, text, data={"relative": size}))
     return tuple(found)
 
 
-def saturation_notes(servos: Sequence[Servo]) -> tuple[Finding, ...]:
+def saturation_notes(joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
     """Reports servos that reached the largest force stated by the model file."""
-    found = [f"{s.name} {s.limit:g}" for s in servos if s.limit is not None]
+    found = [f"{joint.name} {joint.limit:g}" for joint in joints if np.isfinite(joint.limit)]
     if not found:
         return ()
     text = "these servos saturated, at the largest forces of the model file: " + ", ".join(found)

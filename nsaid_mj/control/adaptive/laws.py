@@ -8,19 +8,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
 
+from ...laws.cone.chart import CHART, Chart, chart_of
 from ...laws.cone.law import ConeMetric
-from ...laws.metric import (
-    ConstantMetric,
-    Metric,
-    adapt,
-    chart,
-    charts,
-    enter,
-    hold,
-    leave,
-)
-from ...numerics.kernels import kernel
+from ...laws.metric import LAW, ConstantMetric, Metric, adapt, enter, hold, leave
+from ...numerics.kernels import boolean, f8, kernel, vector, void
 from ...numerics.linalg import copy_into
 from ...parameters import Array, ParameterSpace
 from .reference import PriorMotion, loop_frequency
@@ -41,7 +34,8 @@ class Estimate:
         self.metric, self._prior = metric, np.array(prior, dtype=np.float64)
         if metric is not None:
             self._law = metric.law(np.zeros(1))
-            self._work = workspace(self._law, len(self._prior))
+            first, second, ahead, guess = np.empty((4, len(prior)))
+            self._work = Descent(first, second, ahead, guess, chart_of(self._law.cone))
         self.reset()
 
     def reset(self) -> None:
@@ -62,19 +56,26 @@ class Estimate:
                 self.theta = theta
 
 
-@kernel(None, charts)
-def workspace(law, p):
-    """Allocates the workspace of `descend`: rates at both ends, η and θ̂ after a first step."""
-    return np.empty(p), np.empty(p), np.empty(p), np.empty(p), chart(law)
+class Descent(NamedTuple):
+    """Workspace of `descend`."""
+
+    first: Array  # (p,) rate at the start
+    second: Array  # (p,) rate after a first step
+    ahead: Array  # (p,) η after it
+    guess: Array  # (p,) θ̂ after it
+    chart: Chart
 
 
-@kernel(None, charts)
+DESCENT = types.NamedTuple((vector, vector, vector, vector, CHART), Descent)
+
+
+@kernel(void(LAW, DESCENT, vector, vector))
 def begin(law, work, theta, eta):
     """Writes the chart's η (p,) of θ̂ (p,)."""
-    enter(law, theta, eta, work[4])
+    enter(law, theta, eta, work.chart)
 
 
-@kernel(None, charts)
+@kernel(boolean(LAW, DESCENT, vector, f8, vector, vector, vector))
 def descend(law, work, slope, step, eta, theta, moved):
     """A step of Heun's method in the chart, which θ̂ cannot leave; returns whether it is finite.
 

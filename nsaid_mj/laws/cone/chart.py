@@ -9,15 +9,18 @@ them not every η is inside; instead `confine` limits a step to a Dikin ellipsoi
 An arm's links are evaluated in one SIMD lane each, with the formulas of other blocks.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
 from ...numerics.kernels import cube, f8, kernel, vector, void
 from ...numerics.small_matrices import LANES, over_lanes
-from ...parameters import Block, ParameterSpace
+from ...parameters import Array, Block, ParameterSpace
 from ...quotient.barrier import hessian_into, metric_solve
 from ...quotient.cone import (
     CONE,
+    Cone,
     compiled,
     cone_of,
     coordinates,
@@ -31,17 +34,26 @@ from ...quotient.cone import (
 )
 
 _REACH = 0.9  # of a step of a tied block, in the metric ∇²b; a Dikin ellipsoid is inside up to 1
-_WORK = types.Tuple((cube, f8[:, ::1], vector, vector))
 
 
-@compiled
-def chart_workspace(cone):
-    """Workspace of the functions below: matrices (4, k, k), (c, c), (c,), and links in lanes."""
-    k, c = 1, 1
-    for block in cone.others:
-        k = max(k, cone.blocks[block, 2])
-        c = max(c, cone.blocks[block, 1] - cone.blocks[block, 0])
-    return np.empty((4, k, k)), np.empty((c, c)), np.empty(c), np.ones(30 * LANES)
+class Chart(NamedTuple):
+    """Workspace of the functions below."""
+
+    matrices: Array  # (4, k, k) for matrices of the largest block
+    metric: Array  # (c, c) for its c parameters
+    x: Array  # (c,) for its parameters
+    rows: Array  # (30 · LANES,) for links in lanes
+
+
+CHART = types.NamedTuple((cube, f8[:, ::1], vector, vector), Chart)
+
+
+def chart_of(cone: Cone) -> Chart:
+    """Allocates the workspace of the functions below."""
+    blocks = cone.blocks[cone.others]
+    k = blocks[:, 2].max(initial=1)
+    c = (blocks[:, 1] - blocks[:, 0]).max(initial=1)
+    return Chart(np.empty((4, k, k)), np.empty((c, c)), np.empty(c), np.ones(30 * LANES))
 
 
 @kernel(void(CONE, vector, vector), _nrt=True)
@@ -68,7 +80,7 @@ def confine(cone, start, eta):
                 eta[at] = start[at] + _REACH / length * (eta[at] - start[at])
 
 
-@kernel(void(CONE, vector, vector, _WORK), _nrt=True)
+@kernel(void(CONE, vector, vector, CHART), _nrt=True)
 def to_chart_into(cone, theta, eta, work):
     """Writes η (p,) of θ (p,), with NaN in every block that is outside the cone."""
     eta[:] = theta
@@ -76,7 +88,7 @@ def to_chart_into(cone, theta, eta, work):
         eta[j] = np.log(theta[j]) if theta[j] > 0 else np.nan
     for block in cone.others:
         start, end, k, first, last = cone.blocks[block]
-        L = work[0][0]
+        L = work.matrices[0]
         own = cone.entries[first:last]
         matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
         factor_in_place(L, k)
@@ -90,7 +102,7 @@ def to_chart_into(cone, theta, eta, work):
                 at += i + 1
         if not is_inside:
             eta[start:end] = np.nan
-    rows = work[3]
+    rows = work.rows
     for group in range(0, cone.links.shape[0], LANES):
         links = cone.links[group : group + LANES]
         gather(links, theta, rows, 0, 1.0)
@@ -153,20 +165,20 @@ def squared_into(L, P, k):
             P[i, j] = total
 
 
-@kernel(void(CONE, vector, vector, vector, _WORK), _nrt=True)
+@kernel(void(CONE, vector, vector, vector, CHART), _nrt=True)
 def from_chart_into(cone, eta, pairing, theta, work):
     """Writes θ (p,) of η (p,); `pairing` is `coordinates(cone)`."""
     theta[:] = eta
     for j in cone.positive:
         theta[j] = np.exp(eta[j])
-    L, P = work[0][0], work[0][1]
+    L, P = work.matrices[0], work.matrices[1]
     for block in cone.others:
         if not tied(cone, block):
             start, end, k, first, last = cone.blocks[block]
             unpack(eta[start:end], 1.0, L, k)
             squared_into(L, P, k)
             read_into(cone.entries[first:last], pairing[first:last], start, P, theta[start:end])
-    rows = work[3]
+    rows = work.rows
     for group in range(0, cone.links.shape[0], LANES):
         links = cone.links[group : group + LANES]
         gather_factors(links, eta, 1.0, rows)
@@ -174,7 +186,7 @@ def from_chart_into(cone, eta, pairing, theta, work):
         scatter(links, rows, theta)
 
 
-@kernel(f8(CONE, vector, vector, _WORK), _nrt=True)
+@kernel(f8(CONE, vector, vector, CHART), _nrt=True)
 def height(cone, eta, theta, work):
     """The barrier b at η (p,) and its θ (p,), from the logarithms in η; NaN outside the cone."""
     total = 0.0
@@ -183,7 +195,7 @@ def height(cone, eta, theta, work):
     for block in range(cone.blocks.shape[0]):
         start, end, k, first, last = cone.blocks[block]
         if tied(cone, block):
-            L, own = work[0][0], cone.entries[first:last]
+            L, own = work.matrices[0], cone.entries[first:last]
             matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
             factor_in_place(L, k)
             for i in range(k):
@@ -245,19 +257,20 @@ def dense_rate_into(cone, eta, theta, stiffness, mu, gradient, rate):
     rate[:] = chart_rate(cone, eta, metric_solve(cone, theta, stiffness, mu, gradient))
 
 
-@kernel(void(CONE, vector, vector, vector, f8, vector, vector, _WORK), _nrt=True)
+@kernel(void(CONE, vector, vector, vector, f8, vector, vector, CHART), _nrt=True)
 def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, work):
     """Writes η̇ (p,) for θ̇ = (Γ⁻¹ + μ ∇²b(θ))⁻¹ times a gradient (p,).
 
     No matrix with a chart needs factorising, since η contains its Cholesky factor. theta (p,) is θ
-    of eta (p,), stiffness (p,) is the diagonal of Γ⁻¹; `work` is made by `chart_workspace`.
+    of eta (p,), stiffness (p,) is the diagonal of Γ⁻¹; `work` is made by `chart_of`.
     """
     for j in range(rate.shape[0]):
         rate[j] = gradient[j] / stiffness[j]
     for j in cone.positive:
         rate[j] = gradient[j] / (stiffness[j] * theta[j] + mu / theta[j])
     share = 1 / mu
-    (L, X, S, P_rate), metric, x, rows = work
+    L, X, S, P_rate = work.matrices
+    metric, x, rows = work.metric, work.x, work.rows
     for block in cone.others:
         start, end, k, first, last = cone.blocks[block]
         c, entries, values = end - start, cone.entries[first:last], cone.values[first:last]

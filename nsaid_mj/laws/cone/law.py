@@ -13,7 +13,7 @@ from ...errors import InvalidInput
 from ...parameters import Array, ParameterSpace
 from ...quotient.barrier import barrier, barriers, gaps, gradient_and_hessian
 from ...quotient.cone import cone_of, coordinates, inside
-from ..metric import ConstantMetric, Curved, Metric
+from ..metric import ConstantMetric, Law, Metric
 
 
 class ConeMetric(Metric):
@@ -57,9 +57,10 @@ class ConeMetric(Metric):
         self.cancelling = self.mu * (2 * abs(self._offset) + self.cone.degree)
         self.stiffness = (stiffness if whole else np.diag(stiffness)) / self.mu
 
-    def law(self, K: Array) -> Curved:
+    def law(self, K: Array) -> Law:
         """K (n,) or (n, n) and the metric, for compiled loops."""
-        return Curved(K, self.cone, self._pairing, self._inverse_gain, self.mu)
+        gains = np.atleast_2d(K), np.atleast_2d(self._inverse_gain)
+        return Law(*gains, self.cone, self._pairing, self.mu)
 
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) θ̂ᵀ Γ⁻¹ θ̂ − 2 μ (b(θ̂) − b(θ̂₀)) of estimates (..., p)."""

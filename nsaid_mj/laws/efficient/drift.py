@@ -20,10 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ...log import Log
-from ...parameters import Array, Indices
-from .covariance import keep_above_rounding
-from .filter import COMPLETED, Along, Filter, Law
-from .kalman import follow_filter
+from ...parameters import Array, ParameterSpace
+from .filter import Filter, Law
+from .kalman import carry
 
 _WALKS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Relative variances per second of a gain's random walk [1/s]; the last counts as no drift."""
@@ -31,7 +30,8 @@ _ALL = (1e-8, 1e-6)  # those of all of θ
 _FREED = 0.1  # initial standard deviation of θ in rivals, over that of a prior
 _MEMORY = 20.0  # time in which evidence is forgotten [s]
 _EARLIEST = 5.0  # time after which they are compared [s]
-_LONGEST = 30.0  # time after which gains that seem constant are taken for constant [s]
+LONGEST = 30.0
+"""Time after which gains that seem constant are taken for constant [s]."""
 _SURE = 15.0  # logarithm of the likelihood ratio at which a model is accepted
 _BEHIND = 50.0  # evidence, below the best, at which a model restarts
 _WHITE = 1.1  # largest mean squared normalised innovation of gains that drift
@@ -51,22 +51,12 @@ class Rival(NamedTuple):
         found = float(-0.5 * (self.filter.tally[2] + self.filter.tally[3]))
         return found if np.isfinite(found) else -np.inf
 
-    @property
-    def white(self) -> bool:
-        """Whether its innovations agree with their stated covariance."""
-        squares, number = self.filter.totals
-        return bool(squares <= _WHITE * number)
-
-    def followed(self, law: Law, actuators: Indices, log: Log) -> Rival:
+    def followed(self, law: Law, space: ParameterSpace, log: Log) -> Rival:
         """The rival after a log, under the signals that act."""
-        own, count = self.filter.copied(), len(log.t)
+        own = self.filter.copied()
         fade = np.exp(-(log.t[-1] - log.t[0]) / _MEMORY)
         own.tally[2:] *= fade
-        out = Along.empty(count, log.v.shape[1], len(law.scale))
-        walk = walks(len(law.scale), actuators, self.all_of, self.gains)
-        _, end = follow_filter(law._replace(walk=walk, window=10**9), own, *log, out)
-        keep_above_rounding(own.Ptt, np.empty_like(own.Ptt))
-        own.tally[2] += 0.0 if end == COMPLETED else np.inf
+        carry(law._replace(walk=walks(space, self.all_of, self.gains)), own, *log)
         return self._replace(filter=own)
 
     def led_by(self, best: Rival) -> Rival:
@@ -97,9 +87,9 @@ class Rivals(NamedTuple):
         models = [(0.0, 0.0), *((w, 0.0) for w in _ALL), *((0.0, w) for w in _WALKS)]
         return Rivals(tuple(Rival(start, *model) for model in models), t)
 
-    def followed(self, law: Law, actuators: Indices, log: Log) -> Rivals:
+    def followed(self, law: Law, space: ParameterSpace, log: Log) -> Rivals:
         """The rivals after a log, under the signals that act."""
-        each = tuple(rival.followed(law, actuators, log) for rival in self.each)
+        each = tuple(rival.followed(law, space, log) for rival in self.each)
         best = max(each, key=lambda rival: rival.evidence)
         least = best.evidence - 2 * _BEHIND
         each = tuple(one if one.evidence >= least else one.led_by(best) for one in each)
@@ -115,7 +105,8 @@ class Rivals(NamedTuple):
         evidence = np.array([rival.evidence for rival in self.each])
         first = len(self.each) - len(_WALKS)
         gains, other = first + int(np.argmax(evidence[first:])), int(np.argmax(evidence[:first]))
-        slow = gains + 1 < len(self.each) and self.each[gains].white
+        squares, number = self.each[gains].filter.totals
+        slow = gains + 1 < len(self.each) and bool(squares <= _WHITE * number)
         if drift and (not slow or evidence[other] > evidence[gains] + _SURE):
             return self.each[other]
         if not drift and not (slow and evidence[gains] > evidence[other] + _SURE):
@@ -127,21 +118,9 @@ class Rivals(NamedTuple):
             return None
         return None if now == [wider] else self.each[wider]
 
-    def given_up(self, t: float) -> bool:
-        """Whether the comparison for constant gains has lasted long enough at time t [s]."""
-        return t - self.begin > _LONGEST
 
-
-def walks(count: int, actuators: Indices, all_of: float, gains: float) -> Array:
+def walks(space: ParameterSpace, all_of: float, gains: float) -> Array:
     """(p,) variances per second of all of θ, and of the gains in addition [1/s]."""
-    found = np.full(count, all_of)
-    found[actuators] += gains
+    found = np.full(len(space), all_of)
+    found[space.actuators] += gains
     return found
-
-
-def going_on(rival: Rival) -> Filter:
-    """A rival's filter, with its test of innovations reset."""
-    kalman = rival.filter.copied()
-    kalman.tally[1:] = 0.0
-    kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
-    return kalman

@@ -61,6 +61,12 @@ class Filter(NamedTuple):
         noise = Noise(*(part.copy() for part in parts.pop("noise")))
         return Filter(noise=noise, **{name: part.copy() for name, part in parts.items()})
 
+    def tested_anew(self) -> Filter:
+        """The same filter, with its test of innovations reset."""
+        self.tally[1:] = 0.0
+        self.safe[:], self.safe_P[:] = self.theta, self.Ptt
+        return self
+
 
 def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
     """The filter at its first measurement q (m,), v (n,), with P_θθ (p, p) of θ̂/scale."""

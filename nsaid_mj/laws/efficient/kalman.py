@@ -60,13 +60,12 @@ _FAR = 15.0  # time for which θ̂ may be as far off as a prior [s]
 _SMALLEST = 1e-9  # share of a step, below which θ̂ stays
 
 
-def acceptable(law: Law, filter: Filter) -> float:
-    """Threshold of the sum of squared normalised innovations in a window (χ² tail bound)."""
-    return _acceptable(law.window, filter.v.shape[0], filter.noise.seen[0])
-
-
 @kernel(f8(i8, i8, f8))
-def _acceptable(window, n, seen):
+def acceptable(window, n, seen):
+    """Threshold of the sum of squared normalised innovations in a window (χ² tail bound).
+
+    It holds for n velocities, after `seen` increments from which the noise was estimated.
+    """
     dof = 2.0 * n * window
     vague = 1.0 + 4.0 / np.sqrt(min(seen, MEMORY))  # of R itself
     return vague * (dof + _SIGNIFICANT * np.sqrt(2.0 * dof) + 0.7 * _SIGNIFICANT**2)
@@ -210,7 +209,7 @@ def _follow(law, filter, t, q, v, u, along, memory):
             along.v[k, i] = filter.v[i] if end == COMPLETED else v[k, i]
         if end == BEGINNING:
             continue
-        if end != COMPLETED or tally[2] > _acceptable(law.window, n, filter.noise.seen[0]):
+        if end != COMPLETED or tally[2] > acceptable(law.window, n, filter.noise.seen[0]):
             return k, end if end != COMPLETED else CONTRADICTED
         if tally[1] >= law.window:
             _begin_window(filter, memory.factor)
@@ -229,31 +228,13 @@ def follow_filter(
     return _follow(law, filter, t, q, v, u, along, memory)
 
 
-@kernel(i8(LAW, FILTER, vector, vector, matrix, matrix, matrix, MEMORIES))
-def _cover(law, filter, R, t, q, v, u, memory):
-    """Propagates the covariance along a log, in workspace from `covariance_along`."""
-    for i in range(R.shape[0]):
-        memory.R[i] = R[i]
-    for k in range(1, t.shape[0]):
-        _see(v[k - 1], v[k], memory.seen)
-        if not _move(law, filter, t[k] - t[k - 1], q[k - 1], v[k - 1], u[k - 1], memory) > 0.0:
-            return k - 1
-        for i in range(R.shape[0]):
-            memory.y[i] = 0.0
-        if not innovate(law.scale, filter.Pxx, filter.Pxt, memory) < np.inf:
-            return k - 1
-        update(law.cone, law.margin, law.scale, law.parts, filter, 1.0, memory)
-    return t.shape[0] - 1
+def carry(law: Law, filter: Filter, t: Array, q: Array, v: Array, u: Array) -> None:
+    """Carries one of several competing filters along a log, without a test of its innovations.
 
-
-def covariance_along(
-    law: Law, filter: Filter, R: Array, t: Array, q: Array, v: Array, u: Array
-) -> int:
-    """Overwrites P of a filter with that after a log, along given states and at a given θ.
-
-    The law's γ adds to the covariance as in the filter, whose θ̂ is the θ at which the system is
-    linearised, at q (N, m) and v (N, n). u is (N, n_u), t (N,) in s; R (2n,) are variances of the
-    noise. Returns the last row processed: N − 1, or that where M or S was not positive definite.
+    The arguments are those of `follow_filter`. The sum of squared innovations in its tally is
+    infinite where it has failed.
     """
-    memory = memory_for(law.structure, v.shape[1], q.shape[1], len(law.scale))
-    return _cover(law, filter, R, t, q, v, u, memory)
+    out = Along.empty(len(t), v.shape[1], len(law.scale))
+    _, end = follow_filter(law._replace(window=10**9), filter, t, q, v, u, out)
+    keep_above_rounding(filter.Ptt, np.empty_like(filter.Ptt))
+    filter.tally[2] += 0.0 if end == COMPLETED else np.inf

@@ -9,7 +9,7 @@ detect a change by itself, it pauses between two intervals for a share of the ti
 filter has explained the motion.
 
 Significantly large innovations contradict the filter, because of a far prior, a fault, an inexact
-structure, or a filter that has just started, see `relearning` and `faults.isolation`. If the
+structure, or a filter that has just started, see `replay` and `faults.isolation`. If the
 structure is not exact, θ becomes a random walk, or the gains alone, if that explains the motion
 better, see `drift`; then the law returns the filter's θ̂, as the memory averages over the drift.
 After a restart at the memory's estimate, this estimate is returned until the filter has explained
@@ -20,31 +20,28 @@ continues from that.
 import numpy as np
 
 from ...log import Log, Measurement, extended
-from ...parameters import Array
 from ...quotient.cost import Remembered
 from ...structure.system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status
-from ..memory.statistics import Memory
 from ..nullspace_aid import NullspaceIdentifier
-from .drift import Rivals, going_on, walks
+from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
 from .faults.signals import Signals
 from .faults.trial import LEAD
-from .faults.watch import Watch
 from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
 from .kalman import follow_filter, restart_state
 from .noise import noise_variance
-from .relearning import LATER, LONGEST, learned
 from .replay import EfficientConfig, FilterAlone, repair
 from .state import EfficientState
 
+_BEGINNING = 20.0  # time after which a motion has no beginning to learn from [s]
+_LATER = 1.5  # durations after which learning again is tried once more
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
 _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none, as of quadrature
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is returned [s]
 _DETERMINED = 3  # rows of data per parameter, before the memory's residual can judge
 _PAUSE = 1 / 3  # longest pause of the memory, as a share of the time without a contradiction
 _TOGETHER = 16  # steps that the memory absorbs together, at most
-_FOLLOWS_THE_MOTION = "trials", "rivals", "recent", "waiting"  # parts that a gap ends
 _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
 
 
@@ -57,12 +54,12 @@ class EfficientIdentifier(Identifier):
         InvalidInput: the system has no compiled forward dynamics.
     """
 
-    conserves = proven = False
-    cancelling = 0.0
+    conserves = False
 
     def __init__(self, guard: NullspaceIdentifier, dt: float, config: EfficientConfig):
         assert guard.memory is not None
         self.guard, self.system, self._memory = guard, guard.system, guard.memory
+        self.metric = guard.metric
         self._every, self._interval = guard.memory.every, guard.memory.every * dt
         alone = FilterAlone(guard.system, dt, config)
         self._law, self._covariance = alone.law, alone.covariance
@@ -92,8 +89,9 @@ class EfficientIdentifier(Identifier):
         guard = inside.guard
         if inside.waiting is not None:
             guard = self._memory.absorb(guard, inside.waiting)
-        guard, nothing = self.guard.resume(guard, here), dict.fromkeys(_FOLLOWS_THE_MOTION)
-        inside = inside._replace(filter=kalman, guard=guard, beginning=(), **nothing)
+        guard = self.guard.resume(guard, here)
+        inside = inside._replace(filter=kalman, guard=guard, beginning=())
+        inside = inside._replace(trials=None, rivals=None, recent=None, waiting=None)
         return state._replace(t=here.t, v_hat=here.v.copy(), filter=inside)
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
@@ -127,7 +125,7 @@ class EfficientIdentifier(Identifier):
             inside = self._remembered(inside, inside.signals.acting(self.system, log))
         if inside.rivals is not None and count > 1:
             acting = inside.signals.acting(self.system, log)
-            rivals = inside.rivals.followed(self._law, self.system.space.actuators, acting)
+            rivals = inside.rivals.followed(self._law, self.system.space, acting)
             inside = inside._replace(rivals=rivals)
         inside = inside._replace(step=inside.step + count - 1)
         if inside.step % self._every == 0 and count > 1:
@@ -162,11 +160,6 @@ class EfficientIdentifier(Identifier):
         guard = self._memory.absorb(inside.guard, acting)
         return inside._replace(guard=guard, waiting=None)
 
-    def _walk(self, inside: EfficientState) -> Array:
-        """(p,) variance that θ, relative to itself, gains per second [1/s]."""
-        space, all_of = self.system.space, inside.walk(self._seconds(inside))
-        return walks(len(space), space.actuators, all_of, inside.drift)
-
     def _seconds(self, inside: EfficientState) -> float:
         """Time since the first sample [s]."""
         return inside.step * self._interval / self._every
@@ -176,7 +169,7 @@ class EfficientIdentifier(Identifier):
         guard = inside.guard._replace(
             v_hat=here.v.copy(),
             theta_hat=inside.filter.theta.copy(),
-            memory=self._memory.begin(here),
+            memory=self._memory.recorder.begin(here),
         )
         return inside._replace(guard=guard, pause=0, stale=False)
 
@@ -196,7 +189,7 @@ class EfficientIdentifier(Identifier):
 
     def _filtered(self, inside: EfficientState, log: Log, estimates: Estimates) -> EfficientState:
         """Runs the filter along a log and its contradictions; overwrites estimates."""
-        count, at = len(log.t), 0
+        count, at, space = len(log.t), 0, self.system.space
         along, past = Along.empty(count, self.system.n, self.system.p), log
         thetas, v_hats, pivots, _ = along
         if inside.recent is not None:  # its last sample is the log's first
@@ -211,7 +204,8 @@ class EfficientIdentifier(Identifier):
             else:
                 begun, kalman = bool(inside.filter.tally[0]), inside.filter
                 piece = inside.signals.acting(self.system, log.part(at, count))
-                law = self._law._replace(walk=self._walk(inside), gamma=self._gamma)
+                walk = walks(space, inside.walk(self._seconds(inside)), inside.drift)
+                law = self._law._replace(walk=walk, gamma=self._gamma)
                 row, end = follow_filter(law, kalman, *piece, along.part(at))
                 last, calm = at + row, inside.calm + float(log.t[at + row] - log.t[at]) * begun
                 thetas[at + 1 : last + 1] *= inside.factors
@@ -230,7 +224,7 @@ class EfficientIdentifier(Identifier):
                 estimates.theta_hat[own] = thetas[own]
             at = last
         estimates.v_hat[1:], estimates.pivot[1:] = v_hats[1:], pivots[1:]
-        if self._seconds(inside) > LONGEST or inside.events:
+        if self._seconds(inside) > _BEGINNING or inside.events:
             inside = inside._replace(beginning=())
         elif inside.beginning or not inside.step:
             beginning = extended(inside.beginning, log.first(count - 1))
@@ -243,14 +237,14 @@ class EfficientIdentifier(Identifier):
         Also returns whether the filter then explains the motion.
         """
         now = self._seconds(inside) + float(log.t[-1] - log.t[0])
-        if not inside.beginning or now < LATER * inside.learned:
+        if not inside.beginning or now < _LATER * inside.learned:
             return inside, False
         whole = Log.joined(*inside.beginning, log)
-        kalman = learned(self._again, inside.guard.theta_hat, whole)
+        kalman = self._again.learned(inside.guard.theta_hat, whole)
         inside = inside._replace(learned=now)
         if kalman is None:
             return inside, False
-        fresh = {"wander": (0.0, 0.0), "unnamed": 0, "watch": Watch()}
+        fresh = {"wander": (0.0, 0.0), "unnamed": 0, "watch": ()}
         return inside._replace(filter=kalman, calm=now, handed=True, **fresh), True
 
     def _compared(self, inside: EfficientState, before: EfficientState, t: float) -> EfficientState:
@@ -264,12 +258,12 @@ class EfficientIdentifier(Identifier):
             return inside._replace(rivals=Rivals.at(inside.filter, prior, t))
         best = rivals.preferred(t, inside.drift)
         if best is None:
-            over = not inside.drift and rivals.given_up(t)
+            over = not inside.drift and t - rivals.begin > LONGEST
             return inside._replace(rivals=None) if over else inside
         ended = not best.gains
         return inside._replace(
-            filter=going_on(best),
-            watch=Watch(),
+            filter=best.filter.copied().tested_anew(),
+            watch=(),
             wander=(best.all_of * self._seconds(inside), 0.0),
             drift=best.gains,
             since=inside.since if inside.drift else t,
@@ -277,10 +271,6 @@ class EfficientIdentifier(Identifier):
             handed=True,
             stale=inside.stale or ended,
         )
-
-    def _determined(self, memory: Memory) -> bool:
-        """Whether the memory has enough data to test an estimate by its residual."""
-        return memory.means.blocks * self.system.n >= _DETERMINED * self.system.p
 
     def _explains(self, inside: EfficientState) -> bool:
         """Whether the filter's estimate explains the remembered data as well as the memory's."""
@@ -294,28 +284,13 @@ class EfficientIdentifier(Identifier):
             return inside.handed  # the memory averages over the change
         remembered = Remembered.of(memory.means, system.space)
         changed = inside.returns + inside.restarts > 0
-        if remembered is None or not self._determined(memory):
+        determined = memory.means.blocks * system.n >= _DETERMINED * system.p
+        if remembered is None or not determined:
             return inside.handed or not changed  # an estimate from few data fits them too well
         if changed and inside.calm < _PROBATION:
             return inside.handed  # after a change of an actuator the memory holds data from before
         theirs = np.maximum(remembered.levels(inside.guard.theta_hat), _EXPLAINED)
         return bool(np.mean(remembered.levels(kalman.theta) / theirs) <= _WORSE)
-
-    def conserved(self, theta_hat: Array) -> Array:
-        """(...,) the conserved quantity of the law `memory`."""
-        return self.guard.conserved(theta_hat)
-
-    def divergence(self, theta: Array, theta_hat: Array) -> Array:
-        """(...,) the second term of V of the law `memory`, at θ (p,) and estimates (..., p)."""
-        return self.guard.divergence(theta, theta_hat)
-
-    def implicit(self, t: Array) -> np.ndarray:
-        """(N−1,) True: every update of the filter is a step outside (44, 45)."""
-        return np.ones(max(0, len(t) - 1), dtype=bool)
-
-    def slacks(self, log: Log, theta: Array) -> Array:
-        """(N−1,) infinity: nothing is proven about V."""
-        return np.full(max(0, len(log.t) - 1), np.inf)
 
     def confidence(self, state: State) -> Confidence | None:
         """The covariance of the returned estimate.
@@ -331,9 +306,8 @@ class EfficientIdentifier(Identifier):
             kalman = kalman._replace(Ptt=prior)  # too few data: only the prior is known
         squares, number = kalman.totals
         P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
-        units = np.outer(self._law.scale, self._law.scale)
-        sign = np.where(inside.factors < 0, -1.0, 1.0)
-        units = units * np.outer(sign, sign)
+        unit = np.where(inside.factors < 0, -self._law.scale, self._law.scale)
+        units = np.outer(unit, unit)
         samples = np.full(self.system.n, number / (2 * self.system.n))
         excess = max(1.0, squares / number) if number else 1.0
         return Confidence(excess * P * units, prior * units, samples)

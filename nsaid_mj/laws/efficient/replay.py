@@ -1,4 +1,10 @@
-"""The filter alone: its configuration, its prior, and its contradictions by a log."""
+"""The filter alone: its configuration, its prior, and its passes along a log.
+
+Steps of θ̂ from far away are linearised at the wrong θ̂, and count as information what is not: along
+a gentle start, or while one joint moves at a time, a filter becomes sure of a wrong θ̂ before the
+motion contradicts it. Restarted at the end of one pass along the same log, with the covariance of a
+prior, it is linearised closer to the truth in each pass.
+"""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -22,6 +28,7 @@ from .steps import margin_of
 USUAL = 0.3
 """Default of the largest relative error of a prior."""
 _PIECE = 25  # rows between two rests
+_PASSES = 6  # along the log, at most
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
 
 
@@ -125,6 +132,33 @@ class FilterAlone:
             if self.rest:
                 self.rest()
         return Replay(tuple(times), along, kalman)
+
+    def learned(self, theta: Array, log: Log) -> Filter | None:
+        """The filter at the end of a log, from a θ̂ with which no innovation contradicts it.
+
+        It begins with theta (p,); None if all passes are contradicted.
+        """
+        before: tuple[float, ...] = ()
+        for _ in range(_PASSES):
+            times, _, kalman = self.replay(theta, self.covariance(theta), log)
+            if not np.isfinite(kalman.theta).all():
+                return None
+            if not times:
+                return kalman
+            if times == before or np.array_equal(kalman.theta, theta):
+                return None  # a fault, or W lacks an effect
+            before, theta = times, with_scales_of(theta, kalman.theta, self.law)
+        return None
+
+
+def with_scales_of(theta: Array, found: Array, law: Law) -> Array:
+    """(p,) a found θ̂, in which every part has the scale it has in θ (p,), as none is observable.
+
+    Otherwise the passes, each about the last one's end, would carry it away.
+    """
+    own, given = law.parts * found / law.scale, law.parts * theta / law.scale
+    size = np.sum(given * given, axis=1) / np.sum(own * own, axis=1)
+    return found * np.where(law.parts.any(axis=0), np.sqrt(size) @ law.parts, 1.0)
 
 
 def repair(kalman: Filter, here: Measurement) -> None:

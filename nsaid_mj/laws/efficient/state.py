@@ -34,7 +34,7 @@ class EfficientState(NamedTuple):
     factors: Array
     intact: Array  # (p,) θ̂ with the gains of reversed, broken and stuck actuators from before
     recent: Log | None = None  # the last samples, as recorded; None before the first
-    watch: Watch = Watch()  # snapshots, for slow changes
+    watch: Watch = ()  # snapshots, for slow changes
     # filters under hypotheses, of which one will be chosen; None where there are none
     trials: Trials | None = None
     events: tuple[FaultEvent, ...] = ()  # the faults found so far
@@ -51,7 +51,7 @@ class EfficientState(NamedTuple):
     unnamed: int = 0  # consecutive trials in which no hypothesis explained the motion
     waiting: Log | None = None  # samples not yet in the memory, with the acting signals; or None
     # all samples but the newest, until the motion has lasted long, or a fault is found; see
-    # `relearning`
+    # `replay`
     beginning: tuple[Log, ...] = ()
     learned: float = 0.0  # when the filter last learned again from them [s]
 

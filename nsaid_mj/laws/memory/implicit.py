@@ -13,14 +13,13 @@ with D_ψ the Bregman divergence of ψ(θ) = ½ θᵀΓ⁻¹θ + μ b(θ), and �
 import numpy as np
 
 from ...errors import InvalidInput
-from ...log import Log, Measurement, SensorLevels
+from ...log import Log, SensorLevels
 from ...nullspace import parts_of
 from ...parameters import Array
 from ...quotient.cone import inside
 from ...quotient.cost import Quotient, Remembered
 from ...quotient.descent import Rules, minimise
-from ...quotient.intervals import sandwich_root
-from ...quotient.matrices import common_root
+from ...quotient.matrices import common_root, sandwich_root
 from ...structure.system import SecondOrderSystem
 from ..base import Confidence, State
 from ..cone.law import ConeMetric
@@ -82,14 +81,6 @@ class ImplicitMemory:
             covariance += own.T @ own
         self._covariance_prior = np.array(covariance, dtype=np.float64)
 
-    def begin(self, first: Measurement) -> Memory:
-        """The empty memory at a first measurement."""
-        return self.recorder.begin(first)
-
-    def resume(self, memory: Memory, here: Measurement) -> Memory:
-        """The memory at a measurement after a gap, whose data are left out."""
-        return self.recorder.resume(memory, here)
-
     def absorb(self, state: State, log: Log) -> State:
         """The state with a log added to its memory, after an implicit step if one is due."""
         assert state.memory is not None
@@ -111,7 +102,7 @@ class ImplicitMemory:
         view = memory.scores.view
         if not inside(self.metric.cone, theta):
             return self.prior if view is None else view.theta
-        if view is None or self.recorder.rows.levels.exact or np.array_equal(view.theta, theta):
+        if view is None or self.recorder.levels.exact or np.array_equal(view.theta, theta):
             return theta
         remembered = Remembered.of(memory.means, self.system.space)
         if remembered is None:

@@ -15,14 +15,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from ...log import Log, Measurement, Middle, SensorLevels
+from ...log import SensorLevels
 from ...numerics.kernels import cube, f8, i8, kernel, matrix, vector, void
 from ...parameters import Array
-from ...structure.system import SecondOrderSystem
 from .feedback import FedBack
 
-_CORRECTION_TIME = 0.1  # time constant with which drift corrections enter the velocities [s]
-_PIECE = 64  # steps whose regressors are in memory at once: they fit the cache
+CORRECTION_TIME = 0.1  # time constant with which drift corrections enter the velocities [s]
 
 
 class Balance(NamedTuple):
@@ -36,85 +34,13 @@ class Balance(NamedTuple):
     fed: FedBack  # the sensor noise fed back into the commands
 
 
-class Rows:
-    """Computes block means of Y along a log, by pure functions of a `Balance`.
-
-    `window` is the time constant 1/a of the leak [s], `block` the number of samples in a block,
-    `dt` the time between measurements [s], and `levels` are standard deviations of the sensors'
-    noise.
-    """
-
-    def __init__(
-        self, system: SecondOrderSystem, window: float, block: int, dt: float, levels: SensorLevels
-    ):
-        self.system, self.leak, self.block = system, 1 / window, block
-        self.levels, self.gain = levels, steady_gain(levels, dt)
-        # variances of W_M, of ż, and of ż where it follows the commands, in a block
-        drifting = 0.5 * window * dt
-        self._averaging = 1 / block, min(drifting, _CORRECTION_TIME * dt), drifting
-
-    def begin(self, q: Array, v: Array) -> Balance:
-        """The balance at a first sample q (m,), v (n,): Y = 0."""
-        lag, n = self.system._W_M(q, v), self.system.n
-        fed = FedBack.unknown(n, self.system.n_u)
-        return Balance(lag, np.zeros(n), np.zeros(n), np.zeros_like(lag), 0, fed)
-
-    def follow(self, balance: Balance, log: Log, middle: Middle) -> tuple[Balance, Array]:
-        """Advances the balance along a log of N measurements, with the states half-way between.
-
-        Also returns (k, n, p) the means of Y over the k blocks completed on the way.
-        """
-        if not self.levels.exact:
-            moves = self.system.moves(log.q)
-            balance = balance._replace(
-                fed=balance.fed.along(moves, log),
-                ahead=balance.ahead.copy(),
-                pending=balance.pending.copy(),
-            )
-            middle = middle._replace(v=middle.v.copy())
-            _correct_drift(self.gain, log.t, log.v, moves, *balance[1:3], middle.v)
-        lag, total, filled = balance.lag.copy(), balance.total.copy(), balance.filled
-        rows = np.empty(((filled + len(log.t) - 1) // self.block, *lag.shape))
-        made = 0
-        for at in range(0, len(log.t) - 1, _PIECE):
-            piece = log.part(at, at + _PIECE + 1)
-            half = middle.part(at, at + _PIECE)
-            terms = self.system.momentum_balance(self.leak, piece, *half)
-            made, filled = along(
-                self.leak, self.block, piece.t, *terms, lag, total, filled, rows, made
-            )
-        return balance._replace(lag=lag, total=total, filled=filled), rows
-
-    def noise(self, here: Measurement, fed: Array) -> Array:
-        """(n, p, p) Gramians, one for every row, of the sensor noise in a block near a sample.
-
-        To first order, and with noise that is independent from sample to sample: that of W_M(q, v)
-        is averaged over the block, that of ż over the window. Noise fed back by a controller
-        excites the plant, but counts as noise of the commands. fed (k, n_u) are deviations of the
-        commands, each from an independent noise.
-        """
-        system, n, k = self.system, self.system.n, len(fed)
-        count = 2 * n + k + 2
-        many = Log.unchecked(*(np.repeat(np.asarray(part)[None], count, 0) for part in here))
-        for i, step in enumerate(np.eye(n)):
-            many.q[i] = system.integrate(here.q, self.levels.position * step)
-            many.v[n + i] += self.levels.velocity * step
-        many.u[2 * n : 2 * n + k] += fed
-        momenta, rates, *_ = system.momentum_balance(self.leak, many, many.q[1:], many.v[1:])
-        momenta, rates = momenta[:-2] - momenta[-1], rates[:-1] - rates[-1]
-        effects = momenta, rates[: 2 * n], rates[2 * n :]
-        rows = [s**0.5 * part for s, part in zip(self._averaging, effects, strict=True)]
-        both = np.concatenate(rows).transpose(1, 0, 2)
-        return np.matmul(both.transpose(0, 2, 1), both)
-
-
 @kernel(void(f8, vector, matrix, matrix, vector, vector, matrix))
-def _correct_drift(gain, t, v, moves, ahead, pending, middle):
+def correct_drift(gain, t, v, moves, ahead, pending, middle):
     """Corrects the drift of integrated velocities by the positions, in place.
 
     Velocity noise accumulates in the integrals of terms proportional to v, position noise does not.
     A steady-state Kalman filter estimates the position from both, and its updates are added to the
-    velocities half-way between samples over `_CORRECTION_TIME`. The filter's position is as near as
+    velocities half-way between samples over `CORRECTION_TIME`. The filter's position is as near as
     noise to the measured one, so a body's turn in a step does not affect their difference.
 
     `gain` is the filter's, 0 for exact velocities; t (N,) in s, v (N, n) and the tangent steps
@@ -124,7 +50,7 @@ def _correct_drift(gain, t, v, moves, ahead, pending, middle):
     """
     for k in range(moves.shape[0]):
         dt = t[k + 1] - t[k]
-        share = min(1.0, dt / _CORRECTION_TIME)
+        share = min(1.0, dt / CORRECTION_TIME)
         for i in range(ahead.shape[0]):
             found = ahead[i] + moves[k, i] - 0.5 * dt * (v[k, i] + v[k + 1, i])
             correction = share * pending[i]

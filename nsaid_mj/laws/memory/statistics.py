@@ -15,11 +15,13 @@ from ...log import Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...quotient.gramians import Means
 from ...structure.system import SecondOrderSystem
-from .momentum import Balance, Rows
+from .feedback import FedBack
+from .momentum import CORRECTION_TIME, Balance, along, correct_drift, steady_gain
 
 _NEIGHBOURS = 4  # blocks whose residuals may be correlated (Newey and West, Econometrica 55, 1987)
 _DETERMINED = 3  # rows per parameter before the residuals' variance can be estimated
 _FRESH = 16  # blocks buffered before they enter the means, at most
+_PIECE = 64  # steps whose regressors are in memory at once: they fit the cache
 _JUDGED = 50  # blocks, at least, before their scores show an estimate's uncertainty
 
 
@@ -130,18 +132,32 @@ class Recorder:
         levels: SensorLevels,
         hermite: bool = True,
     ):
-        self.system, self.hermite = system, hermite
+        self.system, self.levels, self.hermite = system, levels, hermite
         self.every = max(1, round(config.interval / dt))
         self.block = max(1, round(config.block / dt))
         self._periods = self.every, _FRESH * self.block
-        self.rows = Rows(system, config.window, self.block, dt, levels)
         self.fade = float(np.exp(-self.block * dt / config.horizon)) if config.horizon else 1.0
+        self._leak, self._gain = 1 / config.window, steady_gain(levels, dt)
+        # variances of W_M, of ż, and of ż where it follows the commands, in a block
+        drifting = 0.5 * config.window * dt
+        self._averaging = 1 / self.block, min(drifting, CORRECTION_TIME * dt), drifting
 
     def begin(self, first: Measurement) -> Memory:
         """The empty memory at a first measurement."""
         n, p = self.system.n, self.system.p
-        balance, means = self.rows.begin(first.q, first.v), Means.empty(n, p, self.fade)
-        return Memory(0, balance, np.zeros((0, n, p)), means, Scores.empty(p))
+        means = Means.empty(n, p, self.fade)
+        return Memory(0, self._balance(first), np.zeros((0, n, p)), means, Scores.empty(p))
+
+    def resume(self, memory: Memory, here: Measurement) -> Memory:
+        """The memory at a later sample, without the data in between."""
+        means = memory.means._replace(last=np.zeros_like(memory.means.last))
+        return memory._replace(balance=self._balance(here), means=means)
+
+    def _balance(self, first: Measurement) -> Balance:
+        """The momentum balance that begins at a sample: Y = 0."""
+        n, lag = self.system.n, self.system._W_M(first.q, first.v)
+        fed = FedBack.unknown(n, self.system.n_u)
+        return Balance(lag, np.zeros(n), np.zeros(n), np.zeros_like(lag), 0, fed)
 
     def follow(self, memory: Memory, log: Log) -> Memory:
         """The memory at the end of a log that begins at the memory's sample.
@@ -152,8 +168,7 @@ class Recorder:
         while at < len(log.t) - 1:
             steps = min(period - memory.step % period for period in self._periods)
             piece = log.part(at, at + steps + 1)
-            middle = self.system.midpoints(piece, self.hermite)
-            balance, rows = self.rows.follow(memory.balance, piece, middle)
+            balance, rows = self._balanced(memory.balance, piece)
             memory = memory._replace(
                 step=memory.step + len(piece.t) - 1,
                 balance=balance,
@@ -163,6 +178,30 @@ class Recorder:
                 memory = self.absorb_blocks(memory, piece.at(-1))
             at += steps
         return memory
+
+    def _balanced(self, balance: Balance, log: Log) -> tuple[Balance, Array]:
+        """The momentum balance after a log, and (k, n, p) the means of Y over blocks completed."""
+        middle = self.system.midpoints(log, self.hermite)
+        if not self.levels.exact:
+            moves = self.system.moves(log.q)
+            balance = balance._replace(
+                fed=balance.fed.along(moves, log),
+                ahead=balance.ahead.copy(),
+                pending=balance.pending.copy(),
+            )
+            middle = middle._replace(v=middle.v.copy())
+            correct_drift(self._gain, log.t, log.v, moves, *balance[1:3], middle.v)
+        lag, total, filled = balance.lag.copy(), balance.total.copy(), balance.filled
+        rows = np.empty(((filled + len(log.t) - 1) // self.block, *lag.shape))
+        made = 0
+        for at in range(0, len(log.t) - 1, _PIECE):
+            piece = log.part(at, at + _PIECE + 1)
+            half = middle.part(at, at + _PIECE)
+            terms = self.system.momentum_balance(self._leak, piece, *half)
+            made, filled = along(
+                self._leak, self.block, piece.t, *terms, lag, total, filled, rows, made
+            )
+        return balance._replace(lag=lag, total=total, filled=filled), rows
 
     def absorb_blocks(self, memory: Memory, here: Measurement) -> Memory:
         """Merges the buffered blocks, the last of which ends near a sample, into means and scores.
@@ -176,15 +215,32 @@ class Recorder:
         while first < len(fresh) and blocks * n < _DETERMINED * p:
             blocks, first = self.fade * blocks + 1, first + 1
         noise = means.noise
-        if not self.rows.levels.exact:
-            noise = self.rows.noise(here, memory.balance.fed.deviations())
+        if not self.levels.exact:
+            noise = self._noise(here, memory.balance.fed.deviations())
         return memory._replace(
             fresh=fresh[:0],
             scores=memory.scores.with_blocks(self.fade, fresh[first:], before[first:]),
             means=means.with_blocks(fresh, before, noise),
         )
 
-    def resume(self, memory: Memory, here: Measurement) -> Memory:
-        """The memory at a later sample, without the data in between."""
-        means = memory.means._replace(last=np.zeros_like(memory.means.last))
-        return memory._replace(balance=self.rows.begin(here.q, here.v), means=means)
+    def _noise(self, here: Measurement, fed: Array) -> Array:
+        """(n, p, p) Gramians, one for every row, of the sensor noise in a block near a sample.
+
+        To first order, and with noise that is independent from sample to sample: that of W_M(q, v)
+        is averaged over the block, that of ż over the window. Noise fed back by a controller
+        excites the plant, but counts as noise of the commands. fed (k, n_u) are deviations of the
+        commands, each from an independent noise.
+        """
+        system, n, k = self.system, self.system.n, len(fed)
+        count = 2 * n + k + 2
+        many = Log.unchecked(*(np.repeat(np.asarray(part)[None], count, 0) for part in here))
+        for i, step in enumerate(np.eye(n)):
+            many.q[i] = system.integrate(here.q, self.levels.position * step)
+            many.v[n + i] += self.levels.velocity * step
+        many.u[2 * n : 2 * n + k] += fed
+        momenta, rates, *_ = system.momentum_balance(self._leak, many, many.q[1:], many.v[1:])
+        momenta, rates = momenta[:-2] - momenta[-1], rates[:-1] - rates[-1]
+        effects = momenta, rates[: 2 * n], rates[2 * n :]
+        rows = [s**0.5 * part for s, part in zip(self._averaging, effects, strict=True)]
+        both = np.concatenate(rows).transpose(1, 0, 2)
+        return np.matmul(both.transpose(0, 2, 1), both)

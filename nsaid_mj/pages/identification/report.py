@@ -10,7 +10,7 @@ import numpy as np
 
 from ... import __version__
 from ...calibration import words
-from ...calibration.result import Identification, own_shifts, recording_shifts
+from ...calibration.result import Identification
 from ...evaluation.confidence import INTERVAL
 from ...evaluation.result import STATUSES, Mark, Parameter, counts
 from ...evaluation.words import estimate
@@ -262,13 +262,11 @@ def _commands(result: Identification, validation: bool = False) -> list[AnyPanel
     curves = result.validation if validation else result.curves
     if curves is None or not len(curves.t):
         return []
-    shifts = own_shifts(curves) if validation else recording_shifts(result.recordings)
-    t = curves.t + shifts[curves.segment]
     found: list[AnyPanel] = []
     for j, fit in enumerate(result.joints):
         symbol, unit = words.quantity(result, j)
         panel = Comparison(
-            words.title_of(fit, validation), symbol, unit, t, curves.measured[:, j],
+            words.title_of(fit, validation), symbol, unit, curves.t, curves.measured[:, j],
             curves.predicted[:, j], used=curves.usable[:, j], segment=curves.segment,
         )  # fmt: skip
         found.append(panel)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
 from ...bounds import Config, config
-from ...control.driver import CompiledDriver, Driver
+from ...control.driver import CompiledDriver, Driver, Tracking
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array, Indices
@@ -279,20 +279,33 @@ class Plant(ABC):
         Returns `steps` + 1 measurements, beginning with `last`, that of the plant's current state.
         If the plant diverges or a measurement is not finite, the log ends there.
         """
-        start = round(last.t / self.dt)
-        t = self.dt * np.arange(start, start + steps + 1, dtype=np.float64)
-        faulty = self._held or self._biases is not None
-        delayed = self.delay or self.late is not None or self.profile is not None
-        steady = not delayed and not faulty and self.t + steps * self.dt < self._next_edge
-        law = driver.compiled(t) if steady and isinstance(driver, CompiledDriver) else None
-        if law is None or self.reading is None:
+        t, reading = self.times(last.t, steps), self.reading
+        law = self.law(driver, t)
+        if law is None or reading is None:
             return self._drive_stepwise(driver, last, t, sensors)
         log = Log.unchecked(t, *(np.empty((len(t), len(part))) for part in last[1:]))
         for column, first in zip(log, last, strict=True):
             column[0] = first
         errors = sensors.errors(steps, self.system.n)
         world = World.of(self.model, self.data, self.substeps)
-        return log.first(drive(law, world, self.reading, errors, log))
+        return log.first(drive(law, world, reading, errors, log))
+
+    def times(self, start: float, steps: int) -> Array:
+        """(steps + 1,) times from the sample at `start` [s] on."""
+        first = round(start / self.dt)
+        return self.dt * np.arange(first, first + steps + 1, dtype=np.float64)
+
+    def law(self, driver: Driver, t: Array) -> Array | Tracking | None:
+        """The driver's law, if compiled code can continue the simulation at times t (k,) with it.
+
+        Then it uses no memory of the robot's structure, which other threads may use.
+        """
+        faulty = self._held or self._biases is not None
+        delayed = self.delay or self.late is not None or self.profile is not None
+        steady = not delayed and not faulty and self.t + (len(t) - 1) * self.dt < self._next_edge
+        if not steady or self.reading is None or not isinstance(driver, CompiledDriver):
+            return None
+        return driver.compiled(t)
 
     def _drive_stepwise(self, driver: Driver, last: Measurement, t: Array, sensors: Sensors) -> Log:
         """Drives at times t (k,) [s], calling `command` at each; t[0] is that of `last`."""

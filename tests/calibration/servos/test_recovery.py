@@ -85,7 +85,7 @@ def test_a_filter_leaves_out_what_the_fit_does(given):
     found, joint = estimate(given), 1
     logs = [[log.joint(joint) for log in given.logs]]
     own, pushed = (
-        follow(logs, found.joints[joint : joint + 1], used)[0].x[-1, 2]
+        follow(logs, found.joints[joint : joint + 1], used)[0].x[2]
         for used in (found.used, np.ones(len(found.used)))
     )
     true = -np.log(KP[joint])

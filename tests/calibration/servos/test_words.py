@@ -24,24 +24,26 @@ from .simulated import ARMATURE, DELAY, KP, MODEL, T, log, write
 THETA = np.array([0.06, 0.02, 0.08, 2e-3, 0.015])
 
 
-def joint(deviations=(0.05,) * 5, *, gravity=True, offset=0.0, error=2e-3, simple=20e-3):
+def joint(
+    deviations=(0.05,) * 5, *, name="elbow", gravity=True, offset=0.0, error=2e-3, simple=20e-3
+):
     """A servo of kp 12.5 N·m/rad whose ln θ have the given standard deviations."""
     covariance = np.diag(np.square(deviations))
     return JointEstimate(
-        np.log(THETA), covariance, np.full(6, 2.0), gravity, offset, error, simple
+        name, np.log(THETA), covariance, np.full(6, 2.0), gravity, offset, error, simple
     )  # fmt: skip
 
 
 def status(joint, name, scale=None):
-    (found,) = [p for p in parameters("elbow", 1, joint, scale) if p.name == f"{name}_1"]
+    (found,) = [p for p in parameters(1, joint, scale) if p.name == f"{name}_1"]
     return found.status
 
 
 def test_a_filter_that_excludes_the_fit_is_told_and_no_other():
-    fitted = parameters("elbow", 1, joint(), None)
+    fitted = parameters(1, joint(), None)
     for change, told in ((0.05, False), (0.5, True)):
-        at = Followed(np.log(THETA[None, :3]) + change, np.full((1, 3), 0.05))
-        along = by_filter("elbow", 1, joint(), at, None)
+        at = Followed(np.log(THETA[:3]) + change, np.full(3, 0.05))
+        along = by_filter(1, joint(), at, None)
         assert [p.name for p in along] == ["T_1", "f_1", "kp_1"]
         assert along[2].value == pytest.approx(np.exp(-change) / THETA[2])
         assert [f.code for f in apart(along, fitted)] == ["law"] * told
@@ -49,31 +51,30 @@ def test_a_filter_that_excludes_the_fit_is_told_and_no_other():
 
 def test_a_slide_has_units_of_force_and_length():
     hinge, slide = (
-        {p.name: p.unit for p in parameters("rail", 1, joint()._replace(slides=kind), None)}
+        {p.name: p.unit for p in parameters(1, joint()._replace(slides=kind), None)}
         for kind in (False, True)
     )
     assert hinge["kp_1"] == "N·m/rad" and hinge["f_1"] == "rad" and hinge["armature_1"] == "kg·m²"
     assert slide["kp_1"] == "N/m" and slide["f_1"] == "m" and slide["armature_1"] == "kg"
     one = joint(error=15e-3)._replace(slides=True)
-    _, sentence, _ = verdict([servo("rail", one, None)], [one])
+    _, sentence, _ = verdict([one])
     assert "error is 15.0 mm; " in sentence
 
 
 def test_kp_is_a_convention_where_no_gravity_acts_and_only_there():
-    known, free = joint(), joint(gravity=False)
+    known, free = joint(name="lift"), joint(name="pan", gravity=False)
     assert status(known, "kp") == "identified"
     assert status(free, "kp") == "only in combination"
     assert status(free, "f") == "identified"  # f/kp needs no gravity
-    servos = [servo("lift", known, None), servo("pan", free, None)]
-    (note,) = gravity_notes(servos, [known, free])
+    (note,) = gravity_notes([known, free])
     assert note.code == "kp_convention" and note.where == "pan"
-    assert gravity_notes(servos[:1], [known]) == ()
+    assert gravity_notes([known]) == ()
 
 
 @pytest.mark.parametrize("offset,told", [(0.05, True), (-0.05, True), (0.01, False)])
 def test_an_offset_that_kp_could_be_is_told_if_it_matters(offset, told):
     one = joint(offset=offset)
-    notes = gravity_notes([servo("elbow", one, None)], [one])
+    notes = gravity_notes([one])
     assert [n.code for n in notes] == ["offset_trade"] * told
 
 
@@ -81,7 +82,7 @@ def test_an_offset_that_kp_could_be_is_told_if_it_matters(offset, told):
 def test_damping_armature_and_delay_are_a_lag_where_the_motion_is_slow(name, at):
     wide = np.full(5, 0.05)
     wide[at] = 0.6
-    found = {p.name: p for p in parameters("elbow", 1, joint(wide), None)}
+    found = {p.name: p for p in parameters(1, joint(wide), None)}
     assert found[f"{name}_1"].status == "only in combination"
     assert "kv/kp + delay: 75 ms" in found[f"{name}_1"].combination
     traded = {f"{name}_1"} | ({"armature_1"} if name == "a" else set())
@@ -95,7 +96,7 @@ def test_the_lag_is_as_sure_as_the_sum_of_its_parts():
     covariance = one.covariance.copy()
     slope = np.array([1 / T_, -1 / d])  # a shorter damping for a longer delay
     covariance[np.ix_([0, 4], [0, 4])] += (0.02**2) * np.outer(slope, slope)
-    (own, *_) = parameters("elbow", 1, one._replace(covariance=covariance), None)
+    (own, *_) = parameters(1, one._replace(covariance=covariance), None)
     assert own.status == "only in combination"
     assert own.combination.endswith("75 ms ± 6")
 
@@ -104,9 +105,8 @@ def test_the_lag_is_as_sure_as_the_sum_of_its_parts():
     "errors,explains", [((0.5, 0.5), "yes"), ((0.5, 0.9), "partly"), ((0.9, 0.9), "no")]
 )
 def test_a_model_that_a_late_target_equals_explains_nothing(errors, explains):
-    joints = [joint(error=20e-3 * e) for e in errors]
-    servos = [servo(name, one, None) for name, one in zip("ab", joints, strict=True)]
-    found, sentence, findings = verdict(servos, joints)
+    joints = [joint(name=n, error=20e-3 * e) for n, e in zip("ab", errors, strict=True)]
+    found, sentence, findings = verdict(joints)
     assert found == explains
     poor = [name for name, e in zip("ab", errors, strict=True) if e > 0.8]
     assert [f.where for f in findings if f.code == "no_better_than_simple"] == poor
@@ -115,7 +115,7 @@ def test_a_model_that_a_late_target_equals_explains_nothing(errors, explains):
 
 def test_numbers_of_a_joint_that_stands_still_or_is_not_explained_mean_nothing():
     for own in (joint(error=18e-3), joint()._replace(travel=1e-3)):
-        found = parameters("elbow", 1, own, None)
+        found = parameters(1, own, None)
         assert {p.status for p in found} == {"only in combination"}
         assert all(1e3 * p.low < p.value < 1e-3 * p.high for p in found)
     assert status(joint(), "T") == status(joint(), "kp") == "identified"
@@ -133,9 +133,7 @@ def test_a_variance_that_one_log_decides_gives_a_wide_interval(share, least, mos
 
 
 def test_a_joint_that_hardly_moves_is_not_judged():
-    joints = [joint(), joint(error=0.9e-3, simple=0.9e-3)]
-    servos = [servo(name, one, None) for name, one in zip("ab", joints, strict=True)]
-    found, _, findings = verdict(servos, joints)
+    found, _, findings = verdict([joint(), joint(name="b", error=0.9e-3, simple=0.9e-3)])
     assert found == "yes" and [(f.code, f.where) for f in findings] == [("hardly_moved", "b")]
 
 
@@ -151,11 +149,11 @@ def test_a_load_that_hardly_shows_is_told(deviation, level):
 
 def test_a_scale_multiplies_forces_and_leaves_times_alone():
     scale = MassScale(np.log(1.3), 0.03, 2.0, np.zeros(3), np.zeros(3))
-    plain, heavy = servo("a", joint(), None), servo("a", joint(), scale)
+    plain, heavy = servo(joint(), None), servo(joint(), scale)
     for name in ("kp", "kv", "armature", "friction"):
         assert getattr(heavy, name) == pytest.approx(1.3 * getattr(plain, name))
     assert heavy.delay == plain.delay
-    kp = parameters("a", 1, joint((0.05, 0.05, 0.1, 0.05, 0.05)), scale)[2]
+    kp = parameters(1, joint((0.05, 0.05, 0.1, 0.05, 0.05)), scale)[2]
     assert kp.value == pytest.approx(1.3 * 12.5)
     assert np.log(kp.high / kp.value) == pytest.approx(0.2)
 

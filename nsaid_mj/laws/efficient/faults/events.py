@@ -15,7 +15,8 @@ from .hypotheses import Hypothesis
 
 _SMALL = 0.1  # share of a gain up to which a loss may be the beginning of a slow one
 _WALK = 0.006  # of a loose gain, relative, per second [1/√s]
-_ON = 0.05  # relative change of a loose gain that goes unnoticed
+UNNOTICED = (0.05 / _WALK) ** 2
+"""Time in which such a walk is as large as a change that goes unnoticed [s]."""
 _LOOSE = 10.0  # time for which a gain stays loose after its last change [s]
 _GROWN = 0.01  # change of the lost share from which an event is updated
 SEIZED = ("reversed", "broken", "stuck")
@@ -39,10 +40,6 @@ class Loose(NamedTuple):
         D[self.gains] = _WALK * kalman.theta[self.gains] / scale[self.gains]
         kalman.Ptt[:] += seconds * np.outer(D, D)
 
-    def freed(self, kalman: Filter, scale: Array) -> None:
-        """An earlier filter with the variance to estimate the loss since then."""
-        self.walked(kalman, scale, (_ON / _WALK) ** 2)
-
     def lost(self, kalman: Filter) -> float:
         """The share of its gain, relative to the others, that it has lost so far."""
         ratio = kalman.theta / np.where(self.before == 0, 1.0, self.before)
@@ -51,23 +48,18 @@ class Loose(NamedTuple):
 
 
 def loosened(
-    loose: Loose | None,
-    hypothesis: Hypothesis,
-    space: ParameterSpace,
-    before: Array,
-    size: float,
-    t: float,
+    loose: Loose | None, event: FaultEvent, space: ParameterSpace, before: Array
 ) -> Loose | None:
-    """The loose gain after an isolated fault, given θ̂ (p,) before it, its size and the time."""
-    if hypothesis.kind != "loss":
+    """The loose gain after an isolated fault, given θ̂ (p,) before it."""
+    if event.kind != "loss":
         return None
-    if loose is not None and loose.part == hypothesis.part:
-        return loose._replace(until=t + _LOOSE)
-    if abs(size) > _SMALL:
+    if loose is not None and loose.part == event.part:
+        return loose._replace(until=event.found + _LOOSE)
+    if abs(event.size) > _SMALL:
         return None
-    gains = np.array([space.index(name) for name in hypothesis.names])
+    gains = np.array([space.index(name) for name in event.names])
     others = np.setdiff1d(space.actuators, gains)
-    return Loose(hypothesis.part, gains, others, before.copy(), t + _LOOSE)
+    return Loose(event.part, gains, others, before.copy(), event.found + _LOOSE)
 
 
 def revoked(events: tuple[FaultEvent, ...], part: str) -> tuple[FaultEvent, ...]:
@@ -75,10 +67,9 @@ def revoked(events: tuple[FaultEvent, ...], part: str) -> tuple[FaultEvent, ...]
     return tuple(e for e in events if e.part != part or e.kind not in SEIZED)
 
 
-def without_effect(kind: str, size: tuple[float, float, float]) -> bool:
-    """Whether the interval (size, low, high) of a change contains no change."""
-    _, low, high = size
-    return kind in _MEASURED and low <= 0.0 <= high
+def without_effect(event: FaultEvent) -> bool:
+    """Whether the interval of a change contains no change."""
+    return event.kind in _MEASURED and event.low <= 0.0 <= event.high
 
 
 def event_of(

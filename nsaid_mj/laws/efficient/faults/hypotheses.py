@@ -6,6 +6,7 @@ reversed, 0 if broken, and a typical constant command if stuck, whose effort is 
 gain.
 """
 
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -55,13 +56,15 @@ class Hypothesis(NamedTuple):
 
 def hypotheses_of(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """All single faults of a system with the earlier estimate θ̂ (p,)."""
-    robot = [*_actuators(system, theta), *_frictions(system), *_payload(system)]
-    return [*robot, *_loads(system, theta), *_biases(system)]
+    robot = [*_actuators(system, theta), *_frictions(system), *_payloads(system, theta)]
+    return [*robot, *_biases(system)]
 
 
-def appear_slowly(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
-    """The hypotheses that a slow shift of θ̂ can support."""
-    return [h for h in hypotheses if h.command < 0 and h.channel < 0 and not h.offset]
+def slow_changes(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
+    """The hypotheses that a slow shift of θ̂ (p,) can support."""
+    faults = hypotheses_of(system, theta)
+    slow = [h for h in faults if h.command < 0 and h.channel < 0 and not h.offset]
+    return slow + inexact(system, theta)
 
 
 def command_of(stuck: Hypothesis, held: float, ratio: float) -> float:
@@ -70,6 +73,15 @@ def command_of(stuck: Hypothesis, held: float, ratio: float) -> float:
     sizes, efforts = stuck.curve
     effort = float(np.interp(abs(held), sizes, efforts)) * max(0.0, ratio)
     return float(np.copysign(np.interp(effort, efforts, sizes), held)) + 0.0  # not −0
+
+
+def together(share: Array, hypotheses: Sequence[Hypothesis], k: int) -> float:
+    """Probability of hypothesis k, with that of others of the same kind and part.
+
+    share (h,) are the probabilities of the hypotheses.
+    """
+    alike = [(h.kind, h.part) == (hypotheses[k].kind, hypotheses[k].part) for h in hypotheses]
+    return min(1.0, sum(float(p) for p, same in zip(share, alike, strict=True) if same))
 
 
 def penalty(hypothesis: Hypothesis) -> float:
@@ -104,50 +116,44 @@ def restored(
     is −1 for a reversed actuator, held (n_u,) the command of a stuck one, NaN for the others.
     """
     found, scale = [], system.space.scale
-    for command, k in enumerate(gains_by_command(system)):
-        if not len(k) or (sign[command] == 1 and np.isnan(held[command])):
+    for command, k, part, names in _gains(system):
+        if sign[command] == 1 and np.isnan(held[command]):
             continue
-        D, mean = np.zeros((system.p, len(k))), np.zeros(system.p)
-        D[k, np.arange(len(k))] = _RESTORED * sound[k] / scale[k]
+        D, mean = np.eye(system.p)[:, k] * (_RESTORED * sound[k] / scale[k]), np.zeros(system.p)
         mean[k] = (sound[k] - theta[k]) / scale[k]
-        part, names = " and ".join(system.space.labels[i] for i in k), tuple(_named(system, k))
         size = np.zeros(len(k))
         found.append(Hypothesis("sound", part, names, D, size, "1", command, mean=mean))
     return found
 
 
-def unknown(system: SecondOrderSystem) -> Hypothesis:
-    """A change that no other hypothesis explains."""
-    return nothing(system)._replace(kind="unknown", part="the robot")
-
-
 def everything(system: SecondOrderSystem, theta: Array) -> Hypothesis:
     """All gains have changed independently."""
     k = system.space.actuators
-    D = np.zeros((system.p, len(k)))
-    D[k, np.arange(len(k))] = _GAIN * theta[k] / system.space.scale[k]
-    return Hypothesis(
-        "several", "all actuators", tuple(_named(system, k)), D, np.zeros(len(k)), "1"
-    )
+    D = np.eye(system.p)[:, k] * (_GAIN * theta[k] / system.space.scale[k])
+    return Hypothesis("several", "all actuators", _named(system, k), D, np.zeros(len(k)), "1")
 
 
-def _named(system: SecondOrderSystem, k: Indices) -> list[str]:
-    return [system.space.names[i] for i in k]
+def _named(system: SecondOrderSystem, k: Sequence[int] | Indices) -> tuple[str, ...]:
+    return tuple(system.space.names[i] for i in k)
+
+
+def _gains(system: SecondOrderSystem) -> Iterator[tuple[int, Indices, str, tuple[str, ...]]]:
+    """Every actuator that has gains: its command; their indices, their part, and their names."""
+    for command, k in enumerate(gains_by_command(system)):
+        if len(k):
+            part = " and ".join(system.space.labels[i] for i in k)
+            yield command, k, part, _named(system, k)
 
 
 def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """Loss, reversal and seizure of every actuator that has a gain."""
     found, scale, rng = [], system.space.scale, np.random.default_rng(0)
     typical = np.sqrt(np.mean([system.random_state(rng)[2] ** 2 for _ in range(20)], axis=0))
-    for command, k in enumerate(gains_by_command(system)):
-        if not len(k):
-            continue
+    for command, k, part, names in _gains(system):
         D = np.zeros((system.p, 1 + (len(k) if len(k) > 1 else 0)))
         D[k, 0] = _GAIN * theta[k] / scale[k]
         if len(k) > 1:
             D[k, 1 + np.arange(len(k))] = _OWN * theta[k] / scale[k]
-        part = " and ".join(system.space.labels[i] for i in k)
-        names = tuple(_named(system, k))
         size = D[k[0]] / (theta[k[0]] / scale[k[0]])  # relative change of the first gain
         found.append(Hypothesis("loss", part, names, D, -size, "1"))
         if _odd(system, command, k):
@@ -194,17 +200,23 @@ def _frictions(system: SecondOrderSystem) -> list[Hypothesis]:
             groups.setdefault(same, []).append(i)
     found = []
     for part, k in groups.items():
-        D = np.zeros((system.p, len(k)))
-        D[k, np.arange(len(k))] = _FRICTION
+        D = _FRICTION * np.eye(system.p)[:, k]
         unit, scale = system.space.units[k[0]], float(system.space.scale[k[0]])
-        names = tuple(_named(system, np.array(k)))
         size = _FRICTION * scale * np.eye(len(k))[0]
-        found.append(Hypothesis("friction", part, names, D, size, unit))
+        found.append(Hypothesis("friction", part, _named(system, k), D, size, unit))
     return found
 
 
 def most_changed(space: ParameterSpace, friction: Hypothesis, jump: Jump) -> Hypothesis:
-    """A change of friction or drag, reported as that of its most evident coefficient."""
+    """A change of friction or drag, reported as that of its most evident coefficient.
+
+    It is `none` if not even all of them together have evidently changed. Others are returned as
+    they are.
+    """
+    if friction.kind != "friction":
+        return friction
+    if not jump.evident:
+        return friction._replace(kind="none")
     evident = np.abs(jump.delta) / np.sqrt(np.diag(jump.covariance))
     first = int(np.argmax(evident))
     order = [first, *(i for i in range(len(evident)) if i != first)]
@@ -214,53 +226,42 @@ def most_changed(space: ParameterSpace, friction: Hypothesis, jump: Jump) -> Hyp
     return friction._replace(names=names, part=space.labels[k], size=size, unit=unit)
 
 
-def _payload(system: SecondOrderSystem) -> list[Hypothesis]:
-    """A payload on the last body: its mass, first moments and, in air, second moments."""
-    space = system.space
+def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
+    """Payloads on the last body: its mass, first moments and, in air, second moments.
+
+    A heavy one changes the parameters of a link by far: the filter, linearised at the link's own,
+    would not converge, as its steps are at most a share of these. It therefore starts with a ball
+    of typical mass at the joint.
+    """
+    space, name = system.space, carrier(system.space)
     bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
-    name = carrier(space)
-    if name in bodies:
-        place = bodies[name]
-        scale, total = space.scale[place], sum(space.scale[at][0] for at in bodies.values())
-        mass, length = max(_BODY * scale[0], _LOAD * total), scale[1] / scale[0]
-        D = np.zeros((system.p, 10))
-        D[place] = np.diag(mass * np.r_[1.0, [length] * 3, [length**2] * 6] / scale)
-        size = mass * np.eye(10)[0]
-        return [Hypothesis("payload", f"mass of {name}", tuple(space.names[place]), D, size, "kg")]
-    if not submerged(space):
-        return []
+    if name not in bodies:
+        return [_submerged_payload(space)] if submerged(space) else []
+    place, whole = bodies[name], sum(float(space.scale[at][0]) for at in bodies.values())
+    scale, D = space.scale[place], np.zeros((system.p, 10))
+    mass, length = max(_BODY * scale[0], _LOAD * whole), scale[1] / scale[0]
+    D[place] = np.diag(mass * np.r_[1.0, [length] * 3, [length**2] * 6] / scale)
+    size, names = mass * np.eye(10)[0], tuple(space.names[place])
+    found = [Hypothesis("payload", f"mass of {name}", names, D, size, "kg")]
+    for mass in whole * np.array(_LOADS):
+        mean, square = np.zeros(system.p), (mass / _DENSITY) ** (2 / 3)  # of the ball's radius
+        mean[place] = mass * np.r_[1.0, np.zeros(3), square * np.array([1, 0, 1, 0, 0, 1])]
+        found.append(loaded(found[0], cone_of(space), space.scale, theta, mean / space.scale))
+    return found
+
+
+def _submerged_payload(space: ParameterSpace) -> Hypothesis:
+    """A payload on a body in water."""
     mass = float(space.scale[space["mass matrix"]][0])
     own, reach = point_mass(space, mass, np.zeros(3)), 0.3
     arms = [point_mass(space, mass, reach * e) - own for e in np.eye(3)]
     rows, columns = np.triu_indices(6)
     turning = space["mass matrix"].start + np.flatnonzero((rows >= 3) & (columns >= 3))
-    moments = [mass * reach**2 * np.eye(system.p)[i] for i in turning]
+    moments = [mass * reach**2 * np.eye(len(space))[i] for i in turning]
     D = _BODY * np.stack([own, *arms, *moments], axis=1) / space.scale[:, None]
     names = tuple(space.names[i] for i in np.flatnonzero(np.abs(D).any(axis=1)))
     size = _BODY * mass * np.eye(10)[0]
-    return [Hypothesis("payload", "mass of the body", names, D, size, "kg")]
-
-
-def _loads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
-    """Heavy payloads on the last link, which change its inertial parameters by far.
-
-    The filter, linearised at the link's own parameters, would not converge: its steps are at most a
-    share of these. It therefore starts with a ball of typical mass at the joint.
-    """
-    space = system.space
-    bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
-    name = carrier(space)
-    if name not in bodies:
-        return []
-    place, cone, found = bodies[name], cone_of(space), []
-    whole = sum(float(space.scale[at][0]) for at in bodies.values())
-    for mass in whole * np.array(_LOADS):
-        square = (mass / _DENSITY) ** (2 / 3)  # of its radius
-        mean, size = np.zeros(system.p), np.zeros(10)
-        mean[place] = mass * np.r_[1.0, np.zeros(3), square * np.array([1, 0, 1, 0, 0, 1])]
-        load = Hypothesis("payload", f"mass of {name}", tuple(space.names[place]), mean, size, "kg")
-        found.append(loaded(load, cone, space.scale, theta, mean / space.scale))
-    return found
+    return Hypothesis("payload", "mass of the body", names, D, size, "kg")
 
 
 def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array) -> Hypothesis:

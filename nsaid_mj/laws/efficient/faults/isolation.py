@@ -9,29 +9,28 @@ restarts at the memory's estimate.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from ....log import Log, Measurement
 from ....parameters import Array
 from ....structure.system import SecondOrderSystem
+from ...faults import FaultEvent
 from ..filter import Law
 from ..kalman import restart_state
 from ..noise import noise_variance
 from ..state import EfficientState
-from .events import event_of, grown, loosened, revoked, without_effect
+from .events import UNNOTICED, event_of, grown, loosened, revoked, without_effect
 from .hypotheses import (
     Hypothesis,
-    appear_slowly,
     everything,
     hypotheses_of,
     inexact,
     nothing,
     restored,
-    unknown,
 )
 from .trial import LEAD, onset
 from .trials import Verdict, begin_trials, follow_trials, narrowed, verdict
-from .watch import PERIOD, Watch, slow_change
+from .watch import PERIOD, rewind, slow_change, with_snapshot
 
 _MATURE = 2.0  # time without a contradiction after which one counts as a fault [s]
 _DOUBLINGS = 30  # of that time after trials in vain, at most: to 70 years
@@ -59,10 +58,10 @@ class Isolation(NamedTuple):
         young = inside.calm < doubled * _MATURE and inside.loose is None
         if young and inside.restarts < _STARTS and inside.signals.as_recorded:
             return self.started_again(inside, here)
-        inside.watch.rewind(here.t, kalman)
+        rewind(inside.watch, here.t, kalman)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         if inside.loose is not None:
-            inside.loose.freed(kalman, self.law.scale)
+            inside.loose.walked(kalman, self.law.scale, UNNOTICED)
         theta, signals = kalman.theta.copy(), inside.signals
         what = [nothing(system), *inexact(system, theta)]
         if not young:
@@ -70,7 +69,7 @@ class Isolation(NamedTuple):
         what += restored(system, theta, inside.intact, signals.sign, signals.held)
         k = onset(self.law, kalman, system, signals.acting(system, log))
         trials = begin_trials(self.law, kalman, system, signals, what, log, k)
-        return inside._replace(trials=trials, watch=Watch())
+        return inside._replace(trials=trials, watch=())
 
     def tried(self, inside: EfficientState, log: Log) -> EfficientState:
         """The trials along a log; continues with the best one once there is a verdict."""
@@ -78,16 +77,15 @@ class Isolation(NamedTuple):
         trials = follow_trials(self.law, self.system, inside.trials, log)
         if trials.samples < self.law.window:
             return inside._replace(trials=trials)
-        found = verdict(self.law, trials, float(log.t[-1]))
+        found = verdict(trials, float(log.t[-1]))
         if found is None:
-            window = self.law.window * self.dt
-            trials = narrowed(self.law, trials, window)
+            trials = narrowed(trials, self.law.window * self.dt)
             return inside._replace(trials=trials)
         inside = inside._replace(trials=None)
         if found.trial is None:
             if inside.calm >= _SETTLED:
-                begin, size = trials.begin, (0.0, 0.0, 0.0)
-                event = event_of(unknown(self.system), begin, float(log.t[-1]), size, 1.0)
+                when = trials.begin, float(log.t[-1])
+                event = FaultEvent(*when, "unknown", "the robot", (), 0.0, 0.0, 0.0, "1", 1.0)
                 inside = inside._replace(events=(*inside.events, event), stale=True)
             inside = inside._replace(unnamed=inside.unnamed + 1)
             return self.started_again(inside, inside.here(self.system, log))
@@ -97,12 +95,10 @@ class Isolation(NamedTuple):
         self, inside: EfficientState, found: Verdict, begin: float, log: Log
     ) -> EfficientState:
         """Continues with the filter of a trial, and records the fault if there was one."""
-        trial, t = found.trial, float(log.t[-1])
+        trial = found.trial
         assert trial is not None
         hypothesis, size = trial.reported(self.system.space)
-        kalman, signals = trial.settled(self.system, self.law.scale, log)
-        kalman.tally[1:] = 0.0
-        kalman.safe[:], kalman.safe_P[:] = kalman.theta, kalman.Ptt
+        kalman, signals = trial.settled(self.system, log)
         factors, intact, kind = inside.factors.copy(), inside.intact.copy(), hypothesis.kind
         space, events = self.system.space, inside.events
         hit = [space.index(name) for name in hypothesis.names if name in space.names]
@@ -112,7 +108,7 @@ class Isolation(NamedTuple):
             factors[hit], events = 1.0, revoked(events, hypothesis.part)
         factors[hit] *= {"reversed": -1.0, "broken": 0.0, "stuck": 0.0}.get(kind, 1.0)
         inside = inside._replace(
-            filter=kalman,
+            filter=kalman.tested_anew(),
             signals=signals,
             factors=factors,
             intact=intact,
@@ -121,10 +117,8 @@ class Isolation(NamedTuple):
             returns=inside.returns + 1,
             unnamed=0 if kind != "none" else inside.unnamed,
         )
-        inside = inside.wandered(hypothesis.share)
-        if kind in {"none", "sound"} or without_effect(kind, size):
-            return inside
-        return self._noted(inside, hypothesis, trial.theta, t, (begin, size, found.confidence))
+        event = event_of(hypothesis, begin, float(log.t[-1]), size, found.confidence)
+        return self._noted(inside, hypothesis, event, trial.theta)
 
     def watched(self, inside: EfficientState, t: float) -> EfficientState:
         """At an interval's end: looks for slow changes, and follows a known one."""
@@ -138,41 +132,30 @@ class Isolation(NamedTuple):
         inside = inside._replace(loose=loose)
         watch = inside.watch
         young = inside.calm < _MATURE  # errors of linearisation exceed P_θθ
-        if young or inside.trials or (watch.times and t - watch.times[-1] < PERIOD * (1 - 1e-9)):
+        if young or inside.trials or (watch and t - watch[-1].t < PERIOD * (1 - 1e-9)):
             return inside
         if inside.calm < _SETTLED or loose is not None or inside.drift:
-            return inside._replace(watch=watch.with_snapshot(t, kalman))
-        found = slow_change(watch, kalman, self.system.space, lambda: self._slow(kalman.theta))
+            return inside._replace(watch=with_snapshot(watch, t, kalman))
+        found = slow_change(watch, kalman, self.system)
         if found is None or found.confidence < _ISOLATED:
-            return inside._replace(watch=watch.with_snapshot(t, kalman))
+            return inside._replace(watch=with_snapshot(watch, t, kalman))
         before = kalman.theta.copy()
         kalman.theta[:], kalman.Ptt[:] = found.theta, found.P
         kalman.safe[:], kalman.safe_P[:] = found.theta, found.P
-        noted, hypothesis = (t, found.size, found.confidence, True), found.hypothesis
-        inside = inside._replace(watch=Watch()).wandered(hypothesis.share)
-        if hypothesis.kind == "none" or without_effect(hypothesis.kind, found.size):
-            return inside
-        return self._noted(inside, hypothesis, before, t, noted)
-
-    def _slow(self, theta: Array) -> list[Hypothesis]:
-        """The hypotheses that a slow shift of θ̂ (p,) can support."""
-        return appear_slowly(hypotheses_of(self.system, theta)) + inexact(self.system, theta)
+        event = event_of(found.hypothesis, t, t, found.size, found.confidence, slow=True)
+        return self._noted(inside._replace(watch=()), found.hypothesis, event, before)
 
     def _noted(
-        self, inside: EfficientState, hypothesis: Hypothesis, before: Array, t: float, found: Any
+        self, inside: EfficientState, hypothesis: Hypothesis, event: FaultEvent, before: Array
     ) -> EfficientState:
-        """Records a fault isolated at time t, with θ̂ (p,) before; a known one is only updated.
-
-        `found` are begin, size with its interval, confidence, and whether it is slow.
-        """
-        begin, size, confidence, *slow = found
-        loose = loosened(inside.loose, hypothesis, self.system.space, before, size[0], t)
-        known = inside.loose is not None and loose is not None and loose.part == inside.loose.part
-        inside = inside._replace(loose=loose, stale=True)
-        if known:
+        """Records a change, with θ̂ (p,) before it, if it is a fault; a known loss is followed."""
+        inside = inside.wandered(hypothesis.share)
+        if event.kind in {"none", "sound"} or without_effect(event):
             return inside
-        event = event_of(hypothesis, begin, t, size, confidence, *slow)
-        return inside._replace(events=(*inside.events, event))
+        loose = loosened(inside.loose, event, self.system.space, before)
+        known = inside.loose is not None and loose is not None and loose.part == inside.loose.part
+        events = inside.events if known else (*inside.events, event)
+        return inside._replace(loose=loose, stale=True, events=events)
 
     def started_again(self, inside: EfficientState, here: Measurement) -> EfficientState:
         """The filter at the memory's estimate, with the uncertainty of a prior."""
@@ -180,4 +163,4 @@ class Isolation(NamedTuple):
         kalman.theta[:], kalman.Ptt[:] = theta, self.covariance(theta)
         restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
         restarts = inside.restarts + 1
-        return inside._replace(calm=0.0, handed=False, restarts=restarts, watch=Watch())
+        return inside._replace(calm=0.0, handed=False, restarts=restarts, watch=())

@@ -24,9 +24,8 @@ import numpy as np
 from ....log import Log
 from ....parameters import Array, ParameterSpace
 from ....structure.system import SecondOrderSystem
-from ..covariance import keep_above_rounding
 from ..filter import COMPLETED, Along, Filter, Law
-from ..kalman import follow_filter, restart_state
+from ..kalman import carry, follow_filter, restart_state
 from ..noise import noise_variance
 from .evidence import jumped
 from .hypotheses import Hypothesis, command_of, loaded, most_changed
@@ -38,14 +37,13 @@ _EXCESS = 3.0  # standard deviations of eᵀe that a sample must exceed on avera
 _LEAST = 0.2  # command at which a stuck actuator is tried, over a typical one
 _WALK = 0.012  # of δ per second, as a fault may still grow [1/√s]
 _WIDE = 100.0  # prior standard deviation of an error, relative to that of the sensor's noise
-_COARSE = 10.0  # step of the differences, relative to the same: several times the error of `_jumps`
+_COARSE = 10.0  # step of the differences, relative to the same: several errors of `jumps_at`
 _FINE = 2.0  # once the error is known
 
 
 def increments(system: SecondOrderSystem, log: Log) -> Array:
     """(N−1, 2n) changes of position and velocity from sample to sample."""
-    moved = [system.difference(a, b) for a, b in zip(log.q[:-1], log.q[1:], strict=True)]
-    return np.hstack([np.array(moved), np.diff(log.v, axis=0)])
+    return np.hstack([system.moves(log.q), np.diff(log.v, axis=0)])
 
 
 def started(kalman: Filter, system: SecondOrderSystem, log: Log, k: int) -> Filter:
@@ -58,21 +56,18 @@ def started(kalman: Filter, system: SecondOrderSystem, log: Log, k: int) -> Filt
 
 def onset(law: Law, kalman: Filter, system: SecondOrderSystem, log: Log) -> int:
     """The last sample of a log before a fault, given a filter's θ̂ and P_θθ from before."""
-    own, patient = started(kalman, system, log, LEAD - 1), law._replace(window=10**9)
-    size, count, n = 2.0 * system.n, len(log.t), system.n
-    level = size + _EXCESS * np.sqrt(2.0 * size)
-    out = Along.empty(2, n, len(own.theta))
-    total, before = 0.0, count - 2
-    for k in range(LEAD, count):
-        squares = own.tally[2]
-        _, end = follow_filter(patient, own, *log.part(k - 1, k + 1), out)
-        excess = own.tally[2] - squares - level if end == COMPLETED else np.inf
+    own, rest = started(kalman, system, log, LEAD - 1), log.part(LEAD - 1, len(log.t))
+    out = Along.empty(len(rest.t), system.n, system.p)
+    last, end = follow_filter(law._replace(window=10**9), own, *rest, out)
+    level = 2 * system.n + _EXCESS * np.sqrt(4.0 * system.n)
+    excess = np.sum(out.innovation[1:] ** 2, axis=1) - level
+    excess[last if end == COMPLETED else last - 1 :] = np.inf  # where the filter fails
+    total, before = 0.0, len(log.t) - 2
+    for k, one in enumerate(excess, LEAD):
         if total <= 0.0:
             total, before = 0.0, k - 1
-        total += excess
-        if total == np.inf:
-            break
-    return before if total > 0.0 else count - 2
+        total += one
+    return before if total > 0.0 else len(log.t) - 2
 
 
 class Trial(NamedTuple):
@@ -107,16 +102,12 @@ class Trial(NamedTuple):
         self, law: Law, system: SecondOrderSystem, log: Log, before: Signals | None = None
     ) -> Trial:
         """The trial after a log; `before` are the signals at its first sample, if different."""
-        own, count = self.filter.copied(), len(log.t)
+        own = self.filter.copied()
         t, q, v, u = self.signals.acting(system, log)
         if before is not None:
             sound = before.acting(system, log.first(1))
             q, v = np.concatenate([sound.q, q[1:]]), np.concatenate([sound.v, v[1:]])
-        out = Along.empty(count, system.n, system.p)
-        _, end = follow_filter(law._replace(window=10**9), own, t, q, v, u, out)
-        keep_above_rounding(own.Ptt, np.empty_like(own.Ptt))
-        own.tally[1] = self.filter.tally[1] + count - 1
-        own.tally[2] += 0.0 if end == COMPLETED else np.inf
+        carry(law, own, t, q, v, u)
         return self._replace(filter=own)
 
     def freed(self, seconds: float) -> None:
@@ -158,10 +149,7 @@ class Trial(NamedTuple):
             return hypothesis, (0.0, 0.0, 0.0)
         shift = (kalman.theta - self.theta) / space.scale
         jump = jumped(self.P, kalman.Ptt, shift, hypothesis.D)
-        if hypothesis.kind == "friction" and not jump.evident:
-            hypothesis = hypothesis._replace(kind="none")
-        elif hypothesis.kind == "friction":
-            hypothesis = most_changed(space, hypothesis, jump)
+        hypothesis = most_changed(space, hypothesis, jump)
         change = jump.interval(hypothesis.size)
         if hypothesis.kind != "stuck":
             size, low, high = (hypothesis.offset + x for x in change)
@@ -170,12 +158,7 @@ class Trial(NamedTuple):
         size, *ends = (command_of(hypothesis, held, 1 + x) for x in change)
         return hypothesis, (size, min(ends), max(ends))
 
-    def settled(
-        self,
-        system: SecondOrderSystem,
-        scale: Array,
-        log: Log,
-    ) -> tuple[Filter, Signals]:
+    def settled(self, system: SecondOrderSystem, log: Log) -> tuple[Filter, Signals]:
         """The filter that continues after the log that ended the trials, and its signals."""
         return self.filter, self.signals
 
@@ -186,34 +169,34 @@ class Trial(NamedTuple):
 class BiasTrial(NamedTuple):
     """Three filters under evenly spaced errors of one sensor."""
 
-    trials: tuple[Trial, Trial, Trial]  # under each error
+    trials: tuple[Trial, ...]  # under each of the three errors
     middle: float  # error of the second one
     step: float  # between two
     prior: float  # standard deviation of the error
     coarse: bool = True  # whether this is the first trial, in which the filter is not quite linear
 
     @staticmethod
-    def begin(
-        start: Filter,
-        signals: Signals,
-        hypothesis: Hypothesis,
-        system: SecondOrderSystem,
-        log: Log,
-        k: int,
-    ) -> BiasTrial:
-        """A trial from a filter at sample k of a log, after which the error begins."""
-        channel = hypothesis.channel
-        sigma = float(np.sqrt(noise_variance(start.noise)[channel]))
-        middle, step = float(_jumps(system, log, k)[channel]), _COARSE * sigma
-        trials = _three(start, signals, hypothesis, middle, step)
-        return BiasTrial(trials, middle, step, _WIDE * sigma)
+    def begin(start: Filter, signals: Signals, hypothesis: Hypothesis, jumps: Array) -> BiasTrial:
+        """A trial from a filter just before the error; `jumps` (2n,) are those of the sensors."""
+        sigma = float(np.sqrt(noise_variance(start.noise)[hypothesis.channel]))
+        middle = float(jumps[hypothesis.channel])
+        own = BiasTrial((), middle, _COARSE * sigma, _WIDE * sigma)
+        return own._started(start, signals, hypothesis)
 
     def again(self, start: Filter) -> BiasTrial:
         """A trial from the same start, close to this one's estimate."""
         middle, step = self.middle + self._fit()[0], self.step * _FINE / _COARSE
         signals = self.trials[1].signals.biased(self.hypothesis.channel, -self.middle)
-        trials = _three(start, signals, self.hypothesis, middle, step)
-        return self._replace(trials=trials, middle=middle, step=step, coarse=False)
+        own = self._replace(middle=middle, step=step, coarse=False)
+        return own._started(start, signals, self.hypothesis)
+
+    def _started(self, start: Filter, signals: Signals, hypothesis: Hypothesis) -> BiasTrial:
+        """The trials at the three errors, from a filter and the signals before."""
+        errors = (self.middle + i * self.step for i in (-1, 0, 1))
+        each = (signals.biased(hypothesis.channel, error) for error in errors)
+        scale = np.ones(len(start.theta))  # θ does not jump
+        trials = (Trial.begin(start, biased, hypothesis, scale) for biased in each)
+        return self._replace(trials=tuple(trials))
 
     @property
     def hypothesis(self) -> Hypothesis:
@@ -258,31 +241,27 @@ class BiasTrial(NamedTuple):
         self, law: Law, system: SecondOrderSystem, log: Log, before: Signals | None = None
     ) -> BiasTrial:
         """The trials after a log; `before` are the signals at its first sample, if different."""
-        one, two, three = (trial.followed(law, system, log, before) for trial in self.trials)
-        return self._replace(trials=(one, two, three))
+        trials = (trial.followed(law, system, log, before) for trial in self.trials)
+        return self._replace(trials=tuple(trials))
 
     def freed(self, seconds: float) -> None:
         """Does nothing: a bias is constant."""
 
     def forgetting(self) -> BiasTrial:
         """The trial, its evidence counted from here."""
-        one, two, three = (trial.forgetting() for trial in self.trials)
-        return self._replace(trials=(one, two, three))
+        return self._replace(trials=tuple(trial.forgetting() for trial in self.trials))
 
-    def reported(
-        self,
-        space: ParameterSpace,  # as of any trial
-    ) -> tuple[Hypothesis, tuple[float, float, float]]:
+    def reported(self, space: ParameterSpace) -> tuple[Hypothesis, tuple[float, float, float]]:
         """The sensor, and its error with the 95 % interval."""
         change, precision, _ = self._fit()
         b, wide = self.middle + change, 1.96 * precision**-0.5
         return self.hypothesis, (b, b - wide, b + wide)
 
-    def settled(self, system: SecondOrderSystem, scale: Array, log: Log) -> tuple[Filter, Signals]:
+    def settled(self, system: SecondOrderSystem, log: Log) -> tuple[Filter, Signals]:
         """The filter at the estimate of b, its state as measured, and the signals without b."""
         change, precision, _ = self._fit()
         one, two, three = self.trials
-        slope = (three.filter.theta - one.filter.theta) / (2 * self.step)
+        slope, scale = (three.filter.theta - one.filter.theta) / (2 * self.step), system.space.scale
         own, signals = two.filter, two.signals.biased(self.hypothesis.channel, change)
         own.theta[:] += change * slope
         own.Ptt[:] += np.outer(slope / scale, slope / scale) / precision
@@ -291,17 +270,7 @@ class BiasTrial(NamedTuple):
         return own, signals
 
 
-def _three(
-    start: Filter, signals: Signals, hypothesis: Hypothesis, middle: float, step: float
-) -> tuple[Trial, Trial, Trial]:
-    """Trials at three errors, from a filter and the signals before."""
-    errors = [signals.biased(hypothesis.channel, middle + i * step) for i in (-1, 0, 1)]
-    scale = np.ones(len(start.theta))  # its θ does not jump
-    one, two, three = (Trial.begin(start, biased, hypothesis, scale) for biased in errors)
-    return one, two, three
-
-
-def _jumps(system: SecondOrderSystem, log: Log, k: int) -> Array:
+def jumps_at(system: SecondOrderSystem, log: Log, k: int) -> Array:
     """(2n,) jump of every sensor from sample k to the next, beyond what the motion explains."""
     n, places = system.n, {6: 3, 3: 2}.get(system.group, 0)
     earlier, now = increments(system, log.part(k - 1, k + 2))

@@ -16,9 +16,9 @@ from ....structure.system import SecondOrderSystem
 from ..filter import Filter, Law
 from ..kalman import acceptable
 from .evidence import posterior
-from .hypotheses import Hypothesis, penalty
+from .hypotheses import Hypothesis, penalty, together
 from .signals import Signals
-from .trial import BiasTrial, Trial, started
+from .trial import BiasTrial, Trial, jumps_at, started
 
 _DROPPED = 1e-9  # probability below which a hypothesis is dropped
 _HOPELESS = 1000.0  # evidence below that of the best single fault at which another one is dropped
@@ -66,15 +66,16 @@ def begin_trials(
     `kalman` has θ̂ and P_θθ from before the fault, when `signals` acted.
     """
     before = signals.acting(system, log)
-    start, each = started(kalman, system, before, k), []
-    for h in hypotheses:
-        if h.channel >= 0:
-            each.append(BiasTrial.begin(start, signals, h, system, before, k))
-        else:
-            each.append(Trial.begin(start, signals.under(h), h, law.scale))
-    rest = log.part(k, len(log.t))
-    tried = tuple(trial.followed(law, system, rest, signals) for trial in each)
-    return Trials(tried, start, signals, rest, len(rest.t) - 1, reached=len(rest.t) - 1)
+    start, rest = started(kalman, system, before, k), log.part(k, len(log.t))
+    jumps = jumps_at(system, before, k)
+    each = tuple(
+        BiasTrial.begin(start, signals, h, jumps)
+        if h.channel >= 0
+        else Trial.begin(start, signals.under(h), h, law.scale)
+        for h in hypotheses
+    )
+    each = tuple(trial.followed(law, system, rest, signals) for trial in each)
+    return Trials(each, start, signals, rest, len(rest.t) - 1, reached=len(rest.t) - 1)
 
 
 def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log) -> Trials:
@@ -89,7 +90,7 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
     samples = trials.samples + len(log.t) - 1
     while reached < last if samples >= law.window else reached + _TOGETHER <= last:
         some = known.part(reached, min(reached + _TOGETHER, last) + 1)
-        each = _hopeful(law, tuple(trial.followed(law, system, some) for trial in each))
+        each = _hopeful(tuple(trial.followed(law, system, some) for trial in each))
         reached += len(some.t) - 1
     trials = trials._replace(each=each, log=known, samples=samples, reached=reached)
     if samples < law.window:
@@ -102,14 +103,14 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
     return trials._replace(each=each, due=2 * len(known.t) - 1)
 
 
-def _hopeful(law: Law, each: tuple[Trial | BiasTrial, ...]) -> tuple[Trial | BiasTrial, ...]:
+def _hopeful(each: tuple[Trial | BiasTrial, ...]) -> tuple[Trial | BiasTrial, ...]:
     """The trials without hopeless single faults, most of all after a few samples, if one explains.
 
     Those with much of θ free are excluded from the comparison, as in `narrowed`.
     """
     single = [trial for trial in each if _is_single(trial.hypothesis)]
     best = max(single, key=lambda trial: trial.evidence, default=None)
-    if best is None or not explains(law, best):
+    if best is None or not explains(best):
         return each
     least = best.evidence - _HOPELESS
     return tuple(t for t in each if t.evidence >= least or not _is_single(t.hypothesis))
@@ -120,7 +121,7 @@ def _is_single(hypothesis: Hypothesis) -> bool:
     return hypothesis.share == 0 and hypothesis.kind != "several"
 
 
-def narrowed(law: Law, trials: Trials, window: float) -> Trials:
+def narrowed(trials: Trials, window: float) -> Trials:
     """The trials that continue at the end of a window [s], free to follow a growing fault.
 
     Improbable ones are dropped, single faults only by comparison with one another: with much of θ
@@ -134,7 +135,7 @@ def narrowed(law: Law, trials: Trials, window: float) -> Trials:
     if np.isnan(share).all():
         return trials._replace(samples=0)
     best = trials.each[int(np.argmax(share))]
-    if not explains(law, best) or best.hypothesis.kind == "several":
+    if not explains(best) or best.hypothesis.kind == "several":
         each = tuple(trial.forgetting() for trial in trials.each)
         trials = trials._replace(counted=len(trials.log.t) - 1)
     else:
@@ -181,10 +182,11 @@ def _along(trial: T, law: Law, system: SecondOrderSystem, trials: Trials) -> T:
     return trial.followed(law, system, log.part(split, len(log.t)))
 
 
-def explains(law: Law, trial: Trial | BiasTrial) -> bool:
+def explains(trial: Trial | BiasTrial) -> bool:
     """Whether the innovations of a trial agree with their covariance."""
-    count = int(trial.filter.tally[1])
-    return trial.squares <= acceptable(law._replace(window=count), trial.filter)
+    kalman = trial.filter
+    samples, seen = int(kalman.tally[1]), kalman.noise.seen[0]
+    return trial.squares <= acceptable(samples, len(kalman.v), seen)
 
 
 def posterior_of(trials: Trials) -> Array:
@@ -200,16 +202,15 @@ class Verdict(NamedTuple):
     confidence: float = 0.0  # its probability, with that of other trials of the same fault
 
 
-def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
+def verdict(trials: Trials, t: float) -> Verdict | None:
     """The verdict at time t [s], at the end of a window; None while undecided."""
     share = posterior_of(trials)
     late = t - trials.begin
     if np.isnan(share).all():
         return Verdict(None)
     best = int(np.argmax(share))
-    trial, fits = trials.each[best], explains(law, trials.each[best])
-    alike = [(t.hypothesis.kind, t.hypothesis.part) for t in trials.each]
-    confidence = sum(float(p) for p, one in zip(share, alike, strict=True) if one == alike[best])
+    trial, fits = trials.each[best], explains(trials.each[best])
+    confidence = together(share, [trial.hypothesis for trial in trials.each], best)
     patient = trial.hypothesis.kind in _PATIENT or trial.hypothesis.share > 0
     sure = fits and confidence >= _CERTAIN and not patient
     if late >= _LONGEST and not fits:
@@ -217,4 +218,4 @@ def verdict(law: Law, trials: Trials, t: float) -> Verdict | None:
     likely = confidence >= _LIKELY or late >= _PATIENCE
     if not sure and not (late >= _LONGEST and likely):
         return None
-    return Verdict(trial, min(1.0, confidence))
+    return Verdict(trial, confidence)

@@ -6,15 +6,15 @@ Without a change, θ̂ shifts by no more than the decrease of its covariance exp
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from ....parameters import Array, ParameterSpace
+from ....parameters import Array
+from ....structure.system import SecondOrderSystem
 from ..filter import Filter
 from .evidence import most_evident, posterior, shift_jumps
-from .hypotheses import Hypothesis, most_changed, penalty
+from .hypotheses import Hypothesis, most_changed, penalty, slow_changes, together
 
 PERIOD = 0.5
 """Time between two snapshots [s]."""
@@ -24,36 +24,36 @@ _TOLERANCE = 1e-3  # relative change of a sound robot's parameter
 _SURE = 25.0  # log likelihood ratio, averaged, at which a change counts: odds of 1e-11
 
 
-class Watch(NamedTuple):
-    """Snapshots of a filter, the latest last."""
+class Snapshot(NamedTuple):
+    """A filter's estimate at a time."""
 
-    times: tuple[float, ...] = ()  # when they were taken [s]
-    thetas: tuple[Array, ...] = ()  # (p,) θ̂ of each
-    covariances: tuple[Array, ...] = ()  # (p, p) P_θθ of each
-    noises: tuple[Array, ...] = ()  # (2n,) variance of the sensors' noise of each
+    t: float  # when it was taken [s]
+    theta: Array  # (p,) θ̂
+    P: Array  # (p, p) P_θθ
+    noise: Array  # (2n,) variance of the sensors' noise
 
-    def rewind(self, t: float, kalman: Filter) -> None:
-        """Sets θ̂, P_θθ and noise back to a while before time t [s].
 
-        A fault may have begun undetected, and a sensor's jump resembles noise.
-        """
-        if not self.times:
-            kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
-            return
-        old = [i for i, time in enumerate(self.times) if t - time >= _BACK]
-        i = old[-1] if old else 0
-        kalman.theta[:], kalman.Ptt[:] = self.thetas[i], self.covariances[i]
-        kalman.noise.variance[:] = self.noises[i]
+Watch = tuple[Snapshot, ...]
+"""Snapshots of a filter, the latest last."""
 
-    def with_snapshot(self, t: float, kalman: Filter) -> Watch:
-        """The watch with the filter's estimate at time t [s], and without snapshots too old."""
-        last = -_SPANS[-1]
-        return Watch(
-            (*self.times, t)[last - 1 :],
-            (*self.thetas, kalman.theta.copy())[last - 1 :],
-            (*self.covariances, kalman.Ptt.copy())[last - 1 :],
-            (*self.noises, kalman.noise.variance.copy())[last - 1 :],
-        )
+
+def rewind(watch: Watch, t: float, kalman: Filter) -> None:
+    """Sets θ̂, P_θθ and noise of a filter back to a while before time t [s].
+
+    A fault may have begun undetected, and a sensor's jump resembles noise.
+    """
+    if not watch:
+        kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
+        return
+    old = [one for one in watch if t - one.t >= _BACK]
+    _, theta, P, noise = old[-1] if old else watch[0]
+    kalman.theta[:], kalman.Ptt[:], kalman.noise.variance[:] = theta, P, noise
+
+
+def with_snapshot(watch: Watch, t: float, kalman: Filter) -> Watch:
+    """The watch with the filter's estimate at time t [s], and without snapshots too old."""
+    now = kalman.theta.copy(), kalman.Ptt.copy(), kalman.noise.variance.copy()
+    return (*watch, Snapshot(t, *now))[-_SPANS[-1] - 1 :]
 
 
 class Found(NamedTuple):
@@ -67,27 +67,25 @@ class Found(NamedTuple):
     evidence: float  # logarithm of the averaged likelihood ratio against no change
 
 
-def slow_change(
-    watch: Watch, kalman: Filter, space: ParameterSpace, what: Callable[[], list[Hypothesis]]
-) -> Found | None:
+def slow_change(watch: Watch, kalman: Filter, system: SecondOrderSystem) -> Found | None:
     """The most evident change since any of the snapshots; None if none is evident.
 
-    ½ Δᵀ V⁻¹ Δ bounds the evidence of every jump, see `evidence`, so the hypotheses, of `what`, are
-    compared only where that is enough.
+    ½ Δᵀ V⁻¹ Δ bounds the evidence of every jump, see `evidence`, so the hypotheses are compared
+    only where that is enough.
     """
     best: Found | None = None
-    scale, hypotheses = space.scale, None
+    scale, hypotheses = system.space.scale, list[Hypothesis]()
     tolerance = _TOLERANCE * np.maximum(np.abs(kalman.theta / scale), 0.1)
     for span in _SPANS:
-        if span > len(watch.times):
+        if span > len(watch):
             break
-        theta, P = watch.thetas[-span], watch.covariances[-span]
+        _, theta, P, _ = watch[-span]
         shift = (kalman.theta - theta) / scale
         least = max(_SURE, best.evidence if best else 0.0)
         try:
             if most_evident(P, kalman.Ptt, shift, tolerance) <= least:
                 continue
-            hypotheses = hypotheses or what()
+            hypotheses = hypotheses or slow_changes(system, kalman.theta)
             jumps = shift_jumps(P, kalman.Ptt, shift, tolerance, [h.D for h in hypotheses])
         except (np.linalg.LinAlgError, ValueError):
             continue  # exact data leave a covariance that rounding made indefinite, or infinite
@@ -99,26 +97,16 @@ def slow_change(
             new, new_P = with_jump(P, kalman.Ptt, shift, hypothesis.D)
             if not np.linalg.eigvalsh(new_P)[0] > 0.0:
                 continue  # P_s is singular to rounding, and so is all that was computed from it
-            if hypothesis.kind == "friction" and not jump.evident:
-                hypothesis = hypothesis._replace(kind="none")
-            elif hypothesis.kind == "friction":
-                hypothesis = most_changed(space, hypothesis, jump)
+            hypothesis = most_changed(system.space, hypothesis, jump)
             best = Found(
                 hypothesis,
-                _together(posterior(evidence), k, hypotheses),
+                together(posterior(evidence), hypotheses, k),
                 jump.interval(hypothesis.size),
                 theta + scale * new,
                 new_P,
                 float(evidence[k]),
             )
     return best
-
-
-def _together(share: Array, k: int, hypotheses: list[Hypothesis]) -> float:
-    """Probability of hypothesis k, with that of others of the same kind and part."""
-    best = hypotheses[k].kind, hypotheses[k].part
-    alike = [(h.kind, h.part) == best for h in hypotheses]
-    return float(min(1.0, share[alike].sum()))
 
 
 def with_jump(Ps: Array, Pt: Array, shift: Array, D: Array) -> tuple[Array, Array]:

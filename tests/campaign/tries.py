@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from nsaid_mj.errors import NsaidError
-from tests.support.faulty import shell
+
+from ..support.faulty import shell
 
 LIMIT = 600
 """Wall time after which a try counts as hanging [s]; compiling kernels may take minutes."""

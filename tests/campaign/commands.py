@@ -20,8 +20,8 @@ from nsaid_mj.calibration.session import Session
 from nsaid_mj.experiment.scenario import field_at
 from nsaid_mj.recording.postprocessing import finish
 from nsaid_mj.resources import scenarios
-from tests.support.faulty import strict
 
+from ..support.faulty import strict
 from . import fields, texts
 from .tries import Draw, Kind, nsaid, typed
 
@@ -30,7 +30,7 @@ _WORDS = ("", "x", "[/x]", "[red]", "\udcff", "ünicode", "a" * 3000, "--", "-",
 _LAWS = ("paper", "cone", "memory", "efficient")
 
 
-def of_fields(rng: random.Random, here: Path) -> Kind:  # noqa: ARG001
+def of_fields(rng: random.Random, here: Path) -> Kind:
     """Values of fields, replaced in Python, in JSON, or by flags."""
     way, name, values = fields.drawn(rng)
 

@@ -234,7 +234,7 @@ def _renamed(columns: Columns, name: str, rng: random.Random) -> None:
     columns[rng.choice(("", "time", "q_j1", "x,y", '"', "é", "a" * 500))] = columns.pop(name)
 
 
-def _dropped(columns: Columns, name: str, rng: random.Random) -> None:  # noqa: ARG001
+def _dropped(columns: Columns, name: str, rng: random.Random) -> None:
     del columns[name]
 
 

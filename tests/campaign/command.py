@@ -1,14 +1,13 @@
-"""Prints failures and the table."""
+"""The command: carries out the tries, prints failures and the table."""
 
 import argparse
-import sys
 
-from . import FAMILIES, __doc__, carry_out
+from . import FAMILIES, carry_out
 
 
-def main() -> int:
+def main(description: str) -> int:
     """Runs the families; returns the exit code."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("families", nargs="*", help=", ".join(FAMILIES))
     parser.add_argument("--tries", type=int, default=100, help="of each family")
     parser.add_argument("--seed", type=int, default=0)
@@ -27,7 +26,3 @@ def main() -> int:
     for row in [*table, ("all", sum(t for _, t, _ in table), sum(f for *_, f in table))]:
         print("| {} | {} | {} |".format(*row))
     return int(any(failed for *_, failed in table))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

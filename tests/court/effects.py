@@ -187,7 +187,7 @@ def friction_force(
     at, coulomb = plant.joints.motors, _true(plant, "Coulomb friction")
     speed = plant.system.friction_speed
 
-    def force(u: Array, h: float) -> tuple[Array, Array]:  # noqa: ARG001
+    def force(u: Array, h: float) -> tuple[Array, Array]:
         v, found = plant.data.qvel[at], np.zeros(plant.model.nv)
         if name == "stribeck":
             found[at] = -size * coulomb * np.tanh(v / speed) * np.exp(-((v / (4 * speed)) ** 2))

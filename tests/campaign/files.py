@@ -16,8 +16,8 @@ from nsaid_mj.logs.unusable import UnusableLog
 from nsaid_mj.plants import ArmPlant
 from nsaid_mj.robot.loading import load_robot
 from tests.support import damaged
-from tests.support.faulty import NSAID, strict
 
+from ..support.faulty import NSAID, strict
 from . import texts
 from .commands import desk
 from .tries import Draw, Kind, nsaid, typed

@@ -1,9 +1,7 @@
 """The fault campaign: random input of many kinds, which must end well or in a typed error.
 
-    python -m scripts.campaign [FAMILY …] [--tries 100] [--seed 0]
-
-Prints the tries that went wrong, and a table of tried and failed per family. Killed processes,
-signals, full disks, closed streams and planted links are in tests/faults.
+`scripts/campaign.py` prints the tries that went wrong, and a table of tried and failed per family.
+Killed processes, signals, full disks, closed streams and planted links are in tests/faults.
 """
 
 from __future__ import annotations

@@ -1,1 +1,0 @@
-"""The adversarial study; `scripts/court.py` is its command."""
