@@ -81,7 +81,6 @@ from .structure.multibody import CompiledMultibody as CompiledMultibody
 from .structure.multibody import Multibody as Multibody
 from .structure.single_body import Operation as Operation
 from .structure.single_body import SingleBody as SingleBody
-from .structure.structured import StructuredSystem as StructuredSystem
 from .structure.system import SecondOrderSystem as SecondOrderSystem
 
 __version__: str

@@ -31,7 +31,6 @@ from ..structure.optional import pin
 from ..structure.parts import Column, Inertia, Rotor
 from ..structure.single_body import LEVEL
 from ..structure.structure import Structure
-from ..structure.structured import StructuredSystem
 from ..structure.system import SecondOrderSystem
 from .joints import COLUMNS, STRIBECK, joint_of
 from .measured import MeasuredRobot, identifiers_of
@@ -69,7 +68,7 @@ class Parameters:
         )  # fmt: skip
 
 
-class LoggedArm(JointTree, StructuredSystem):
+class LoggedArm(JointTree):
     """A tree of joints with any columns.
 
     `model` has no inertia; speed (n,) and command (n_u,) are the largest in operation.
@@ -93,10 +92,10 @@ class LoggedArm(JointTree, StructuredSystem):
         self.friction_speed = unit
 
 
-class LoggedVehicle(StructuredSystem):
+class LoggedVehicle(SecondOrderSystem):
     """A vehicle `own` with further columns, which `structure` includes."""
 
-    def __init__(self, own: StructuredSystem, structure: Structure, space: ParameterSpace):
+    def __init__(self, own: SecondOrderSystem, structure: Structure, space: ParameterSpace):
         super().__init__(structure, space, own.mounts)
         self._vehicle = own
 
@@ -154,7 +153,7 @@ class LogRobot(MeasuredRobot):
         check_consistency(system)
         return system
 
-    def _vehicle(self, model: RobotModel) -> StructuredSystem:
+    def _vehicle(self, model: RobotModel) -> SecondOrderSystem:
         """The vehicle's own system, with damping and offsets of its velocities where chosen."""
         own, space = model.system, self._space
         more = [
@@ -195,7 +194,7 @@ class LogRobot(MeasuredRobot):
         return found
 
 
-def _of_velocity(system: StructuredSystem, name: str, i: int, parameter: int) -> Column:
+def _of_velocity(system: SecondOrderSystem, name: str, i: int, parameter: int) -> Column:
     """The column of damping or of a constant force along velocity i of a vehicle.
 
     Raises:

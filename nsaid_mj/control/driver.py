@@ -10,9 +10,10 @@ import numpy as np
 from numba import types
 
 from ..bounds import Config, config
+from ..numerics.kernels import f8, i8, kernel, matrix, vector, void
 from ..parameters import Array, Indices
 from ..structure.arrays import AT_Q, CIRCLE, KIND, Slopes, StructureArrays, Workspace, memory_of
-from ..structure.compiled import SLOPES, STRUCTURE, WORKSPACE, f8, i8, kernel, matrix, vector, void
+from ..structure.compiled import SLOPES, STRUCTURE, WORKSPACE
 from ..structure.forces import ALL, write_forces
 from ..structure.kinematics import place
 from ..structure.stage import require

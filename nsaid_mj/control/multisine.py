@@ -1,6 +1,7 @@
 """Open-loop multisine commands."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -104,25 +105,21 @@ def pushes(system: SecondOrderSystem, theta: Array) -> Array:
     )
 
 
+@dataclass(eq=False)
 class _MultisineDriver(CompiledDriver):
     """Plays a multisine in open loop, from rest, distributed over the actuators by `share`."""
 
-    def __init__(
-        self,
-        n: int,
-        signal: Multisine,
-        share: Array | None = None,
-        mean: Sequence[float] = (0.0,),
-    ):
-        self._n, self._share, self._mean = n, share, np.array(mean)
-        self._multisine = signal
+    n: int
+    signal: Multisine
+    share: Array | None = None
+    mean: Sequence[float] = (0.0,)
 
     def _signal(self, t: float | Array) -> Array:
-        signal = self._multisine(t) + self._mean
-        return signal if self._share is None else np.clip(signal @ self._share.T, -1.0, 1.0)
+        signal = self.signal(t) + np.array(self.mean)
+        return signal if self.share is None else np.clip(signal @ self.share.T, -1.0, 1.0)
 
     def start(self) -> tuple[Array, Array]:
-        return np.zeros(self._n), np.zeros(self._n)
+        return np.zeros(self.n), np.zeros(self.n)
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         return self._signal(t)

@@ -1,5 +1,8 @@
 """Holds a body at a slowly moving pose with a controller based on the prior, plus dither."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..bounds import Flag, NonNegative, Positive, Tones, config
@@ -51,22 +54,21 @@ class PoseHold(DriverConfig):
         return _PoseHold(self, system, allocation, lambda t: bound * reference(t), dither)
 
 
+@dataclass(eq=False)
 class _PoseHold(Driver):
     """u = bias + dither + B⁺ M̂₀ (ω² e − 2 ω ν), B (6, n_u) the prior's wrench per unit command."""
 
-    def __init__(
-        self, config: PoseHold, system: SecondOrderSystem, allocation: Array, reference, dither
-    ):
-        self._system, self._reference, self._dither = system, reference, dither
-        self._bias, self._low = config.bias, 0.0 if config.one_sided else -1.0
-        self._omega = 2 * np.pi * config.bandwidth
-        self._allocation = allocation
+    config: PoseHold
+    system: SecondOrderSystem
+    allocation: Array  # B⁺ M̂₀
+    reference: Callable[[float], Array]
+    dither: Multisine
 
     def start(self) -> tuple[Array, Array]:
-        return self._reference(0.0), np.zeros(6)
+        return self.reference(0.0), np.zeros(6)
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        error = self._system.difference(q, self._system.position(self._reference(t)))
-        desired = self._omega**2 * error - 2 * self._omega * v
-        u = self._bias + self._dither(t) + self._allocation @ desired
-        return np.clip(u, self._low, 1.0)
+        omega, low = 2 * np.pi * self.config.bandwidth, 0.0 if self.config.one_sided else -1.0
+        error = self.system.difference(q, self.system.position(self.reference(t)))
+        desired = omega**2 * error - 2 * omega * v
+        return np.clip(self.config.bias + self.dither(t) + self.allocation @ desired, low, 1.0)

@@ -16,10 +16,10 @@ from ..bounds import Positive, config
 from ..numerics.kernels import f8, index, kernel, matrix, routine, vector, void
 from ..parameters import Array
 from ..structure.blocks import GRAVITY
+from ..structure.configuration import plain
 from ..structure.kinematics import write_rotation
 from ..structure.single_body import SingleBody, single_body
 from ..structure.spatial import dot3
-from ..structure.structured import plain
 from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig
 from .signals import Multisine

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from ..errors import InvalidInput
 from ..numerics.kernels import f8, kernel, matrix, vector, void
 from ..parameters import Array
-
-_NONE = np.zeros(0)
+from ..structure.joints import JointTree
+from ..structure.system import SecondOrderSystem
 
 
 class Series(NamedTuple):
@@ -85,24 +85,24 @@ class FourierTrajectory:
 
     @staticmethod
     def within(
-        limits: tuple[Array, Array],
-        reach: float,
-        speed: Array,
-        harmonics: tuple[float, int],
-        rng: np.random.Generator,
-        base: tuple[Array, Array] = (_NONE, _NONE),
+        config: Any, system: SecondOrderSystem, rng: np.random.Generator, base: ArrayLike = ()
     ) -> FourierTrajectory:
-        """A trajectory about the middle of joints' ranges, after a base's about 0.
+        """A trajectory about the middle of a tree's joint ranges, after a base's about 0.
 
-        It uses a share `reach` of the k joints' ranges [rad or m], up to their largest speeds (k,).
-        `harmonics` are the first one's frequency [Hz] and their number; `base` holds its largest
-        displacements (b,) and speeds (b,).
+        It has the fields of `config`: `reach`, a share of the joints' ranges, up to the largest
+        `speed` [rad/s or m/s], None for that share of the nominal ones; `fundamental` [Hz] and the
+        number of `harmonics`. `base` (b,) are the base's largest displacements [m or rad].
         """
-        low, high = limits
-        centre, half = 0.5 * (low + high), 0.5 * reach * (high - low)
-        most, fastest = base
-        ends = np.r_[-most, centre - half], np.r_[most, centre + half]
-        return FourierTrajectory(*ends, np.r_[fastest, speed], *harmonics, rng)
+        bounds = system.limits if isinstance(system, JointTree) else np.zeros((2, system.group))
+        low, high = (bound[system.group :] for bound in bounds)
+        centre, half = 0.5 * (low + high), 0.5 * config.reach * (high - low)
+        speed = np.full(len(low), config.speed)
+        if config.speed is None and isinstance(system, JointTree):
+            speed = config.reach * system.scales.speed
+        fastest = 2 * np.pi * config.fundamental * config.harmonics * np.maximum(base, 1e-9)
+        ends = np.r_[np.negative(base), centre - half], np.r_[base, centre + half]
+        tones = config.fundamental, config.harmonics
+        return FourierTrajectory(*ends, np.r_[fastest, speed], *tones, rng)
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         """(n,) position, velocity and acceleration at time t [s]."""

@@ -16,8 +16,8 @@ from pydantic import Field, model_validator
 from ..bounds import Number, Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array, Indices
+from ..structure.configuration import plain
 from ..structure.joints import JointTree
-from ..structure.structured import plain
 from ..structure.system import SecondOrderSystem
 from .driver import (
     CompiledDriver,
@@ -66,14 +66,7 @@ class FourierTracking(DriverConfig):
             raise InvalidInput(
                 "excitation.joints", f"numbers from 1 to {system.n}", self.joints, "Leave it out."
             )
-        nominal = self.reach * system.scales.speed
-        trajectory = FourierTrajectory.within(
-            system.limits,
-            self.reach,
-            nominal if self.speed is None else np.full(system.n, self.speed),
-            (self.fundamental, self.harmonics),
-            rng,
-        )
+        trajectory = FourierTrajectory.within(self, system, rng)
         moving &= np.isin(np.arange(system.n), system.driven)
         trajectory.series.coefficients[~moving] = 0.0
         return follow(system, prior, trajectory.series, self.bandwidth, self.limit)

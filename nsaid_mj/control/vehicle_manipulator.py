@@ -1,5 +1,7 @@
 """Vehicles with an arm: the base swims or hovers while the arm tracks a trajectory."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..bounds import Positive, PositiveShare, Tones, config
@@ -45,51 +47,40 @@ class SwimAndReach(DriverConfig):
         system = _carried(system, "thruster", "an underwater vehicle with an arm", remedy)
         thrusters = system.n_u - len(system.joints)
         signal = Multisine(thrusters, self.low, self.high, self.tones, self.amplitude, rng)
-        path = FourierTrajectory.within(
-            tuple(bound[6:] for bound in system.limits),  # type: ignore[arg-type]  # two of them
-            self.reach,
-            np.full(len(system.joints), self.speed),
-            (self.fundamental, self.harmonics),
-            rng,
-        )
+        path = FourierTrajectory.within(self, system, rng)
         return _SwimAndReach(system, prior, signal, path, 2 * np.pi * self.bandwidth)
 
 
+@dataclass(eq=False)
 class _SwimAndReach(Driver):
     """Open-loop thrusters; computed torque for the motors, on the floating base they move."""
 
-    def __init__(
-        self,
-        system: JointTree,
-        prior: Array,
-        signal: Multisine,
-        path: FourierTrajectory,
-        omega: float,
-    ):
-        self._system, self._prior = system, prior
-        self._signal, self._path, self._omega = signal, path, omega
-        self._gain = prior[system.space["motor gain"]]
+    system: JointTree
+    prior: Array  # (p,)
+    signal: Multisine  # of the thrusters
+    path: FourierTrajectory  # of the joints
+    omega: float  # bandwidth of the joints' loops [rad/s]
 
     def start(self) -> tuple[Array, Array]:
-        position, rate, _ = self._path(0.0)
+        position, rate, _ = self.path(0.0)
         still = np.zeros(6)
         return np.concatenate([still, position]), np.concatenate([still, rate])
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        system, prior, thrust = self._system, self._prior, self._signal(t)
+        system, prior, thrust = self.system, self.prior, self.signal(t)
         u = np.concatenate([np.zeros(len(system.joints)), thrust])
         free = system.evaluate_at(t, q, v, u, v, prior).a
         M = system.mass_matrix(np.concatenate([q, v]), prior)
         # the joints' accelerations are those without motors plus (M⁻¹)_jj τ
         torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], self._desired(t, q, v) - free[6:])
-        return np.concatenate([np.clip(torque / self._gain, -1, 1), thrust])
+        return np.concatenate([np.clip(torque / prior[system.space["motor gain"]], -1, 1), thrust])
 
     def _desired(self, t: float, q: Array, v: Array) -> Array:
         """(k,) desired joint accelerations: feedforward plus PD feedback."""
-        position, rate, acceleration = self._path(t)
+        position, rate, acceleration = self.path(t)
         numbers = np.concatenate([np.zeros(6), position])
-        error = self._system.difference(q, self._system.position(numbers))[6:]
-        return acceleration + 2 * self._omega * (rate - v[6:]) + self._omega**2 * error
+        error = self.system.difference(q, self.system.position(numbers))[6:]
+        return acceleration + 2 * self.omega * (rate - v[6:]) + self.omega**2 * error
 
 
 @config
@@ -130,14 +121,7 @@ class HoverAndReach(DriverConfig):
         """Makes the driver; raises `InvalidInput` unless the system is a flying arm."""
         system = _carried(system, "rotor", "a flying arm", "Use another driver.")
         bound = np.r_[np.full(3, self.travel), self.turn]
-        path = FourierTrajectory.within(
-            tuple(bound[6:] for bound in system.limits),  # type: ignore[arg-type]  # two of them
-            self.reach,
-            np.full(len(system.joints), self.speed),
-            (self.fundamental, self.harmonics),
-            rng,
-            (bound, 2 * np.pi * self.fundamental * self.harmonics * bound),
-        )
+        path = FourierTrajectory.within(self, system, rng, bound)
         rotors = system.n_u - len(system.joints)
         dither = Multisine(rotors, self.low, self.high, self.tones, self.dither, rng)
         return _HoverAndReach(self, system, prior, path, dither)

@@ -1,5 +1,6 @@
 """Quadrotors: four rotors of unknown gain; Hummingbird and Crazyflie are included."""
 
+from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -8,10 +9,9 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..structure.blocks import GRAVITY, inertial_block
+from ..structure.blocks import GRAVITY, Term, alike, guessed, inertial_block, numbered, term
 from ..structure.parts import Column
 from ..structure.single_body import Operation
-from ..structure.terms import Term, guessed, numbered, term
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import Inertia, hidden
 from .world.sheet import NotNegative, Number, Positive, Table, check_inertia, one, several
@@ -88,7 +88,7 @@ class QuadrotorSheet(VehicleSheet):
         body = guessed(np.array([self.mass, *self.inertia]))
         speed = np.array(self.guess.speed)
         return Blueprint(
-            inertial_block("body", body[0], self.guess.offset, body[1:]),
+            inertial_block(body[0], self.guess.offset, body[1:]),
             Inertia(self.mass, np.zeros(3), np.diag(self.inertia)).matrix(),
             self._terms(),
             Operation((-speed, speed), (np.full(4, 0.1), np.ones(4))),
@@ -102,7 +102,6 @@ class QuadrotorSheet(VehicleSheet):
         rotors, top = self.rotors, self.rotors.top_speed
         places = np.c_[rotors.arm / np.sqrt(2) * np.array(rotors.places), np.zeros(4)]
         at: list[dict[str, Any]] = [{"body": 0, "point": p, "direction": _UP} for p in places]
-        turning = [np.multiply(sign, _UP) for sign in rotors.spin]
         drag = top * np.array(rotors.drag)
         thrust, torque = rotors.thrust * top**2, rotors.torque * top**2
         return [
@@ -124,25 +123,13 @@ class QuadrotorSheet(VehicleSheet):
                 },
                 drag,
             ),
-            term(
-                [Column("speed_drag", i, body=0, axes=e) for i, e in enumerate(np.eye(6)[:3])],
+            alike(
+                "speed_drag",
                 {f"drag_{axis}": f"body drag along {axis}" for axis in "xyz"},
                 self.body_drag,
+                axes=np.eye(6)[:3],
             ),
-            term(
-                [Column("rotor", i, input=i, **there) for i, there in enumerate(at)],
-                numbered("thrust", "thrust of rotor", 4),
-                thrust,
-            ),
-            term(
-                [
-                    Column("rotor_torque", i, body=0, input=i, direction=e)
-                    for i, e in enumerate(turning)
-                ],
-                numbered("torque", "torque of rotor", 4),
-                torque,
-                spread=0.5,
-            ),
+            *rotor_terms(places, rotors.spin, thrust, torque, spread=0.5),
         ]
 
     def _hidden_body(self, spread: float, rng: np.random.Generator) -> Array:
@@ -155,6 +142,25 @@ class QuadrotorSheet(VehicleSheet):
         centre = np.array(self.centre_of_mass) * rng.uniform(-1, 1, 3)
         second = hidden(moments.sum() / 2 - moments, spread, rng)
         return Inertia(mass, centre, np.diag(second.sum() - second)).matrix()
+
+
+def rotor_terms(
+    points: Array, spins: Sequence[float], thrust: float, torque: float, spread: float = 1.0
+) -> list[Term]:
+    """Thrust [N] along z and torque [N·m] about z of r rotors at full command, each with its own.
+
+    points (r, 3) are on the first body [m]; spins (r,) ±1 are the signs of the torques; `spread` is
+    that of the torque, see `Term`.
+    """
+    count = len(points)
+    along = {"input": range(count), "direction": [_UP] * count}
+    about = {"input": range(count), "direction": [np.multiply(sign, _UP) for sign in spins]}
+    lift = numbered("thrust", "thrust of rotor", count)
+    turn = numbered("torque", "torque of rotor", count)
+    return [
+        alike("rotor", lift, thrust, point=points, **along),
+        alike("rotor_torque", turn, torque, spread=spread, **about),
+    ]
 
 
 @config

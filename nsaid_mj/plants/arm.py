@@ -15,25 +15,23 @@ from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
 from ..parameters import Array
 from ..robot.loading import Base, load_robot
-from ..robot.model import RobotModel
 from ..robot.tree import set_inertias, tree_spec
+from ..structure.blocks import guessed
 from ..structure.joints import Actuator, JointScales, JointTree
 from ..structure.multibody import CompiledMultibody, Multibody
 from ..structure.optional import pin
-from ..structure.terms import guessed
-from .world.body import hidden
-from .world.plant import ParametricPlantConfig, Plant
 from .world.quiet import quiet
-from .world.simulated import SimulatedRobot
+from .world.simulated import Known, KnownPlant, SimulatedRobot
 
 Backend = Literal["compiled", "pinocchio"]
 """Implementation of a robot's regressors: its structure's, or Pinocchio's."""
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
+_SAMPLES = 5  # random states at which they are compared
 
 
 @config
-class ArmPlant(ParametricPlantConfig):
+class ArmPlant(KnownPlant):
     """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 
     Joints without an actuator in the robot's file are passive. Friction, rotor inertia and gain
@@ -69,28 +67,12 @@ class ArmPlant(ParametricPlantConfig):
     _base: ClassVar[Base] = "held"
     _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Loads the robot, draws the hidden parameters, compares MuJoCo with Pinocchio.
+    def _published(self) -> Known:
+        """The robot's description and structure; θ of its file and data sheet.
 
         Raises:
             BadRobot: the robot cannot be simulated, or has no joint for a motor.
-            EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
         """
-        robot, system = self._published()
-        theta, rng = published_theta(robot.model, system), np.random.default_rng(seed)
-        for block, place in system.space:
-            if block.geometry == "positive":  # of the joints
-                theta[place] = hidden(theta[place], self.spread, rng)
-        return self._plant(dt, robot, system, theta)
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the robot with the true parameters θ (p,), or those of its file and data sheet."""
-        robot, system = self._published()
-        true = published_theta(robot.model, system) if theta is None else theta
-        return self._plant(dt, robot, system, true)
-
-    def _published(self) -> tuple[RobotModel, JointTree]:
-        """The robot's description, and the structure for identifiers."""
         robot = load_robot(self.robot, self._base)
         if robot.model.joints[robot.model.njoints - 1].nv != 1:
             raise BadRobot(self.robot, "", "it has no joint for a motor", "Use FlyingArmPlant.")
@@ -114,13 +96,22 @@ class ArmPlant(ParametricPlantConfig):
             nominal = replace(nominal, gain=gain, command=command, driven=tuple(driven))
         structure = CompiledMultibody if self.backend == "compiled" else Multibody
         speed = np.full(len(nominal.viscous), self.friction_speed)
-        return robot, structure(robot.model, nominal, speed)
+        system = structure(robot.model, nominal, speed)
+        joints = [block.name for block in system.space.blocks if block.geometry == "positive"]
+        unsure = [(name, 1.0) for name in joints]
+        return Known(robot, system, published_theta(robot.model, system), unsure)
 
-    def _plant(self, dt: float, robot: RobotModel, system: JointTree, theta: Array) -> Plant:
+    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+        """Makes the plant, and compares MuJoCo with Pinocchio.
+
+        Raises:
+            BadRobot: MuJoCo rejects it, or its friction is too fast for the time step.
+            EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
+        """
+        robot, system = known.source, known.system
         model, space, acting = true_model(robot.model, theta), system.space, np.zeros(system.p)
-        acting[space["Coulomb friction"]] = theta[
-            space["Coulomb friction"]
-        ]  # `frictionloss` creeps
+        coulomb = space["Coulomb friction"]
+        acting[coulomb] = theta[coulomb]  # `frictionloss` creeps
         if system.scales.actuator == "servo":
             acting[space["servo gain"]] = theta[space["servo gain"]]
         spec = arm_spec(model, system, theta, dt)
@@ -140,7 +131,7 @@ class ArmPlant(ParametricPlantConfig):
         with quiet():
             compare_engines(made, robot.name, model)
             check_stiffness(made, robot.name)
-        return made.failing(self.faults, self)
+        return made
 
 
 @config
@@ -194,7 +185,7 @@ def give_rotors(spec: Any, system: JointTree, theta: Array) -> None:
             spec.joint(name).armature = inertia
 
 
-def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model, samples: int = 5) -> None:
+def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model) -> None:
     """Compares M and bias forces of MuJoCo and Pinocchio at random states, with the true inertias.
 
     Raises:
@@ -203,7 +194,7 @@ def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model, samples:
     rng, joints = np.random.default_rng(0), plant.joints
     data, rotor = model.createData(), np.zeros(model.nv)
     rotor[plant.system.group :] = plant.model.dof_armature[joints.motors]
-    for _ in range(samples):
+    for _ in range(_SAMPLES):
         coordinates = rng.uniform(*plant.system.limits)  # type: ignore[attr-defined]  # a tree
         v = rng.uniform(-1, 1, model.nv)
         q = plant.position(coordinates)

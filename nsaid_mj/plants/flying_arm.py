@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,23 +12,24 @@ from ..errors import UnknownName
 from ..parameters import Array
 from ..resources import numbers
 from ..robot.loading import load_robot
-from ..robot.model import RobotModel
 from ..robot.tree import tree_spec
-from ..structure.joints import Carrier, JointScales, JointTree, link_blocks
+from ..structure.joints import Carrier, JointScales, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
-from ..structure.parts import Column, Inertia, columns_at
-from ..structure.terms import guessed, numbered, term
+from ..structure.parts import Inertia
+from .aerial import rotor_terms
 from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
-from .world.body import command_inputs, hidden
-from .world.plant import ParametricPlantConfig, Plant
-from .world.simulated import SimulatedRobot
+from .world.body import command_inputs
+from .world.simulated import Known, KnownPlant, SimulatedRobot
 
-_TORQUE = "rotor torque gain"
+_UNSURE = (
+    ("rotor inertia", 1.0), ("rotor thrust gain", 1.0), ("rotor torque gain", 0.25),
+    ("viscous friction", 1.0), ("Coulomb friction", 1.0), ("motor gain", 1.0),
+)  # fmt: skip
 
 
 @config
-class FlyingArmPlant(ParametricPlantConfig):
+class FlyingArmPlant(KnownPlant):
     """A flying robot of example-robot-data; rotor parameters and sources in assets/flying_arm.
 
     Attributes:
@@ -42,67 +44,36 @@ class FlyingArmPlant(ParametricPlantConfig):
     robot: Name = "borinot"
     spread: Share = 0.2
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant.
+    def _published(self) -> Known:
+        """The robot's description, its structure, and its published or nominal θ.
 
         Raises:
             UnknownName: assets/flying_arm/vehicle.toml does not list this robot's rotors.
         """
-        robot, system, theta = self._published()
-        rng, space = np.random.default_rng(seed), system.space
-        names = ("rotor inertia", "rotor thrust gain", _TORQUE, "viscous friction")
-        for name in (*names, "Coulomb friction", "motor gain"):
-            if name in {block.name for block in space.blocks}:
-                spread = self.spread / (4 if name == _TORQUE else 1)
-                theta[space[name]] = hidden(theta[space[name]], spread, rng)
-        return self._plant(dt, robot, system, theta)
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the robot with the true parameters θ (p,), or the published ones."""
-        robot, system, nominal = self._published()
-        return self._plant(dt, robot, system, nominal if theta is None else theta)
-
-    def _published(self) -> tuple[RobotModel, JointTree, Array]:
-        """The description, the structure, and the published or nominal θ (p,)."""
         known = numbers("flying_arm")
         if self.robot not in known:
             remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
             raise UnknownName("flying robot", self.robot, known, remedy)
         robot, d = load_robot(self.robot, "free"), known[self.robot]
-        spins = np.array(d["spins"], dtype=float)
-        gains = np.array([d["thrust"], d["torque"]])
-        system = flying_arm(
-            robot.model,
-            nominal_scales(robot.model, ArmPlant()),
-            guessed(gains),
-            np.array(d["speed"]),
-            ArmPlant().friction_speed,
-            np.array(d["positions"]),
-            spins,
-        )
-        theta = published_theta(robot.model, system)
-        theta[-2 * len(spins) :] = np.repeat(gains, len(spins))
-        return robot, system, theta
+        sheet = ArmPlant()
+        scales = nominal_scales(robot.model, sheet)
+        system = flying_arm(robot.model, scales, sheet.friction_speed, d)
+        theta, count = published_theta(robot.model, system), len(d["spins"])
+        theta[-2 * count :] = np.repeat([d["thrust"], d["torque"]], count)
+        return Known(robot, system, theta, _UNSURE)
 
-    def _plant(self, dt: float, robot: RobotModel, system: JointTree, theta: Array) -> Plant:
+    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+        robot, system = known.source, known.system
         model, acting = true_model(robot.model, theta), theta.copy()
         spec, names = tree_spec(model, dt), list(model.names)[1:]
         give_rotors(spec, system, theta)
         acting[~np.isin(np.arange(system.p), [c.parameter for c in system.structure.columns])] = 0.0
         command_inputs(spec, system.n_u, names[0])
-        looks = robot.visuals
-        made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
-        return made.failing(self.faults, self)
+        return SimulatedRobot(system, theta, acting, spec, names, self.mismatch, robot.visuals)
 
 
 def flying_arm(
-    model: pin.Model,
-    joints: JointScales,
-    gains: Array,
-    speed: Array,
-    friction_speed: float,
-    positions: Array,
-    spins: Array,
+    model: pin.Model, joints: JointScales, friction_speed: float, d: Mapping[str, Any]
 ) -> CompiledMultibody:
     """A base with rotors, with or without an arm.
 
@@ -113,29 +84,16 @@ def flying_arm(
     Args:
         model: Pinocchio's, its root a free flyer; its inertias are discarded.
         joints: guesses of base, links and joints.
-        gains: (2,) guesses of a rotor's thrust [N] and torque [N·m] at full speed.
-        speed: (6,) the base's velocities of operation [m/s, rad/s].
         friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
-        positions: (r, 3) positions of the rotors on the base [m].
-        spins: (r,) ±1, the sense of the torque on the base about z.
+        d: the robot's table of assets/flying_arm/vehicle.toml.
     """
-    count, up = len(positions), np.array([0.0, 0.0, 1.0])
-    lifting = columns_at("rotor", positions, np.tile(up, (count, 1)))
-    turning = [
-        Column("rotor_torque", i, body=0, input=i, direction=spin * up)
-        for i, spin in enumerate(spins)
-    ]
-    thrust, torque = gains
-    rotors = [
-        term(lifting, numbered("thrust", "thrust of rotor", count), thrust, thrust),
-        term(turning, numbered("torque", "torque of rotor", count), torque, torque),
-    ]
+    places, gains, count = np.array(d["positions"]), (d["thrust"], d["torque"]), len(d["spins"])
     carrier = Carrier(
         [Inertia(b, 10 * b) for b in range(model.njoints - 1)],
         link_blocks(model, joints),
-        rotors,
+        rotor_terms(places, d["spins"], *gains),
         (np.full(count, 0.1), np.ones(count)),
-        np.vstack([positions, np.full((count, 3), np.nan)]),  # a torque acts at no point
-        speed,
+        np.vstack([places, np.full((count, 3), np.nan)]),  # a torque acts at no point
+        np.array(d["speed"]),
     )
     return CompiledMultibody(model, joints, np.full(len(joints.gain), friction_speed), carrier)

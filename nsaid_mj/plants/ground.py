@@ -7,9 +7,9 @@ import numpy as np
 
 from ..bounds import Name, Share, config
 from ..parameters import Array, Block
-from ..structure.parts import Column, tied
+from ..structure.blocks import alike, guessed
+from ..structure.parts import tied
 from ..structure.single_body import Operation
-from ..structure.terms import Term, guessed, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import hidden
 from .world.sheet import Positive, Table, one, several
@@ -93,7 +93,7 @@ def single_track(
     rigid (6, 6) is from `planar_mass`, `operating` from `operation`; forces (6,) are θ from C_f on,
     scale (9,) guesses of θ.
     """
-    half, place = wheelbase / 2, (-wheelbase / 2, 0.0, 0.0)
+    half, place, air = wheelbase / 2, (-wheelbase / 2, 0.0, 0.0), "air drag"
     mass = Block(
         "mass matrix",
         ("m", "h", "I_z"),
@@ -102,26 +102,16 @@ def single_track(
         "spd",
         labels=("mass", "first moment m·cx", "yaw inertia"),
     )
-    front, rear = Column("tyre", 0, body=0, input=1, arm=half), Column("tyre", 1, body=0, arm=-half)
-    tyres = term(
-        [front, rear],
-        {"C_f": "cornering stiffness in front", "C_r": "cornering stiffness at the rear"},
-        forces[:2],
-        scale[3:5],
-    )
-
-    def one_term(k: int, name: str, symbol: str, column: Column) -> Term:
-        return term([column], {symbol: name}, forces[k], scale[3 + k], name, "positive")
-
+    tyres = {"C_f": "cornering stiffness in front", "C_r": "cornering stiffness at the rear"}
     return Blueprint(
         mass,
         rigid,
         [
-            tyres,
-            one_term(2, "drive gain", "k_d", Column("drive", 0, body=0, input=0, point=place)),
-            one_term(3, "drive loss", "k_v", Column("drive_loss", 0, body=0, input=0)),
-            one_term(4, "rolling resistance", "c_0", Column("rolling", 0, body=0, speed=CREEP)),
-            one_term(5, "air drag", "c_D", Column("drag", 0, body=0, axes=(1, 0, 0, 0, 0, 0))),
+            alike("tyre", tyres, forces[:2], scale[3:5], input=[1, -1], arm=[half, -half]),
+            alike("drive", {"k_d": "drive gain"}, forces[2], scale[5], input=[0], point=[place]),
+            alike("drive_loss", {"k_v": "drive loss"}, forces[3], scale[6], input=[0]),
+            alike("rolling", {"c_0": "rolling resistance"}, forces[4], scale[7], speed=[CREEP]),
+            alike("drag", {"c_D": air}, forces[5], scale[8], air, "positive", axes=np.eye(6)[:1]),
         ],
         operating,
         tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)]),

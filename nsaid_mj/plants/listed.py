@@ -8,11 +8,10 @@ from pydantic import ConfigDict, Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block
-from ..structure.blocks import inertial_block, mass_block
+from ..structure.blocks import Term, guessed, inertial_block, mass_block, term
 from ..structure.columns import KINDS, curve
 from ..structure.parts import Column, full
 from ..structure.single_body import LEVEL, Operation
-from ..structure.terms import Term, guessed, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import Inertia
 from .world.sheet import LARGEST, NotNegative, Number, Positive, Table, check_inertia, one, several
@@ -131,7 +130,7 @@ class ListedSheet(VehicleSheet):
             return mass_block(guessed(np.diag(rigid + added)[axes]), axes)
         size = float(np.sqrt(max(self.inertia) / self.mass))
         moments = guessed(np.array(self.inertia))
-        return inertial_block("body", float(guessed(self.mass)), 0.1 * size, moments)
+        return inertial_block(float(guessed(self.mass)), 0.1 * size, moments)
 
 
 def _term(rows: list[ColumnRow]) -> Term:

@@ -9,8 +9,8 @@ from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import asset, numbers
 from ..robot.tree import set_options
+from ..structure.blocks import guessed
 from ..structure.single_body import SingleBody
-from ..structure.terms import guessed
 from .ground import operation, planar_mass, single_track
 from .world.body import BODY, hidden
 from .world.coordinates import LevelMap
@@ -75,7 +75,8 @@ class Rover(Plant):
         spec.option.wind = mismatch.flow
         self._compile(spec, mismatch)
         self.body = LevelMap(self.model, "pose")
-        self._radius, self._arms = d["radius"], _arms(self.model)
+        self._radius = d["radius"]
+        self._arms = np.array([self.model.body(wheel).pos for wheel in WHEELS])  # (4, 3) [m]
         self._spins = np.array([self.model.joint(f"roll_{w}").dofadr[0] for w in WHEELS])
         self._rest = self._settled()
         self._truth = self._effective(d)
@@ -173,9 +174,8 @@ def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Gener
     hull.explicitinertial = True
     hull.mass = float(draw(d["mass"])) - 4 * d["wheel_mass"] - spec.body("rack").mass
     hull.ipos, hull.iquat = draw(d["centre"]), [1, 0, 0, 0]
-    hull.inertia = float(draw(1.0)) * np.array(
-        d["inertia"]
-    )  # one factor for all: keeps the triangle inequality
+    # one factor for all keeps the triangle inequality
+    hull.inertia = float(draw(1.0)) * np.array(d["inertia"])
     friction = float(draw(contact["friction"]))
     for wheel in WHEELS:
         body = spec.body(wheel)
@@ -191,9 +191,7 @@ def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Gener
         motors.wrap_joint(f"roll_{wheel}", float(draw(d["torque"])))
     drive = spec.add_actuator(name="drive", target="motors", trntype=mujoco.mjtTrn.mjTRN_TENDON)
     drive.gaintype = mujoco.mjtGain.mjGAIN_AFFINE
-    nothing_left = (
-        2 * d["torque"] * d["top_speed"] / d["radius"]
-    )  # speed of the tendon at top speed
+    nothing_left = 2 * d["torque"] * d["top_speed"] / d["radius"]  # the tendon's speed at the top
     drive.gainprm[:3] = [1.0, 0.0, -float(draw(1 / nothing_left))]
     servo = spec.add_actuator(name="steering", target="rack", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     stiffness, damping = (float(draw(d[f"servo_{what}"])) for what in ("stiffness", "damping"))
@@ -215,11 +213,6 @@ def ackermann(offset: float, limit: float) -> Array:
     wheel = np.arctan(np.tan(angle) / (1 - offset * np.tan(angle)))
     coefficients = np.polynomial.Polynomial.fit(angle, wheel, 4).convert().coef
     return np.asarray(coefficients, dtype=np.float64)
-
-
-def _arms(model: Any) -> Array:
-    """(4, 3) positions of the wheels' centres relative to the hull's origin [m]."""
-    return np.array([model.body(wheel).pos for wheel in WHEELS])
 
 
 def _stiffness(model: Any, data: Any, axle: str) -> float:

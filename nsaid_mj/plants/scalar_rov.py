@@ -9,16 +9,15 @@ from ..bounds import Number, Positive, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..resources import VehicleFiles, asset
+from ..structure.blocks import Term, alike
 from ..structure.parts import Column, tied
 from ..structure.single_body import Operation
-from ..structure.terms import Term
-from .world.blueprint import Blueprint, simulated
+from .world.blueprint import Blueprint, BodyPlant
 from .world.body import hidden
-from .world.plant import ParametricPlantConfig, Plant
 
 
 @config
-class ScalarRovPlant(ParametricPlantConfig):
+class ScalarRovPlant(BodyPlant):
     """The heave axis of a BlueROV2 Heavy; parameters and sources in assets/scalar_rov.
 
     Attributes:
@@ -48,17 +47,11 @@ class ScalarRovPlant(ParametricPlantConfig):
             )
         return self
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        drawn = self._blueprint().drawn(self.spread, np.random.default_rng(seed))
-        return self.simulating(dt, drawn)
+    @property
+    def _files(self) -> VehicleFiles:
+        return VehicleFiles(*(asset("scalar_rov", name) for name in ("SOURCE.md", "model.xml")))
 
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (4,), or the published ones."""
-        files = VehicleFiles(*(asset("scalar_rov", name) for name in ("SOURCE.md", "model.xml")))
-        return simulated(self._blueprint(), files, self, dt, theta)
-
-    def _blueprint(self) -> Blueprint:
+    def _published(self) -> Blueprint:
         nominal = np.array([self.mass, self.drag, self.net_weight, self.gain])
         speed = float(np.sqrt(self.gain / self.drag))  # where drag balances full thrust
         return heaving(nominal, speed)
@@ -74,26 +67,19 @@ def heaving(nominal: Array, speed: float = 1.0) -> Blueprint:
     that of operation, for random probes of the structure.
     """
     m, d, g, a = np.abs(nominal)[:, None]
-
-    def term(block: Block, column: Column, k: int) -> Term:
-        return Term(block, [column], nominal[k : k + 1])
-
+    drag, gain = {"drag": "drag"}, "thruster gain"
     mass = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     fastest, most = np.array([2 * speed]), np.ones(1)
     return Blueprint(
         Block("mass", ("mass",), ("kg",), m, "positive"),
         nominal[0] * mass,
         [
-            term(
-                Block("drag", ("drag",), ("N·s²/m²",), d, "positive"),
-                Column("quadratic", 0, dof=0),
-                1,
-            ),
-            term(Block("net weight", ("net weight",), ("N",), g), Column("weight", 0, body=0), 2),
-            term(
-                Block("thruster gain", ("thruster gain",), ("N",), a, "positive", actuator=True),
-                Column("motor", 0, dof=0, input=0),
-                3,
+            alike("quadratic", drag, nominal[1], d, "drag", "positive", sliding=[True], dof=[0]),
+            alike("weight", {"net weight": "net weight"}, nominal[2], g),
+            Term(
+                Block(gain, (gain,), ("N",), a, "positive", actuator=True),
+                [Column("motor", 0, dof=0, input=0)],
+                nominal[3:],
             ),
         ],
         Operation((-fastest, fastest), (-most, most)),

@@ -6,10 +6,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
-from ..structure.blocks import inertial_block
-from ..structure.parts import columns_at
+from ..structure.blocks import alike, inertial_block, numbered
 from ..structure.single_body import Operation
-from ..structure.terms import numbered, term
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import NED, Inertia
 from .world.sheet import Number, Positive, Table, check_directions, check_inertia, one, several
@@ -72,13 +70,16 @@ class FreeFlyerSheet(VehicleSheet):
         thrust = np.abs(directions) @ np.array(self.nozzles.force) / 2
         count, guess, speed = len(positions), self.guess, np.array(self.guess.speed)
         return Blueprint(
-            inertial_block("body", guess.mass, guess.offset, np.array(guess.inertia)),
+            inertial_block(guess.mass, guess.offset, np.array(guess.inertia)),
             Inertia(self.mass, NED * self.centre, np.diag(self.inertia)).matrix(),
             [
-                term(
-                    columns_at("nozzle", positions, directions),
+                alike(
+                    "nozzle",
                     numbered("nozzle", "thrust of nozzle", count),
                     thrust,
+                    input=range(count),
+                    point=positions,
+                    direction=directions,
                 )
             ],
             Operation((-speed, speed), (np.zeros(count), np.ones(count)), reach=1.0),

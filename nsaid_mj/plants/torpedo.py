@@ -8,9 +8,9 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array, Block
-from ..structure.parts import Column, columns_at, tied
+from ..structure.blocks import Term, alike, guessed, numbered, term
+from ..structure.parts import Column, tied
 from ..structure.single_body import Operation
-from ..structure.terms import Term, guessed, numbered, term
 from .underwater import WATER
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.sheet import Negative, Number, Positive, Table, check_inertia, one, several
@@ -20,12 +20,27 @@ _FLUID = WATER._replace(
     replaced=("mass matrix", "quadratic drag", "body lift"),
 )
 _DRAG = ((1, 0, 0, 0, 0, 0), (0, 1, 1, 0, 0, 0), (0, 0, 0, 1, 0, 0), (0, 0, 0, 0, 1, 1))
-"""Axes of the drag along, across, in roll and turning."""
+_DRAGS = {
+    "dq_along": "quadratic drag along the hull",
+    "dq_across": "quadratic drag across the hull",
+    "dq_roll": "quadratic drag in roll",
+    "dq_turn": "quadratic drag in pitch and yaw",
+}
+"""Names and labels of the drags, which act on the axes above."""
 _MASS = (
     (0, 0, 0, 1.0), (1, 1, 1, 1.0), (2, 2, 1, 1.0), (3, 3, 2, 1.0), (4, 4, 3, 1.0), (5, 5, 3, 1.0),
     (5, 1, 4, 1.0), (4, 2, 4, -1.0), (4, 0, 5, 1.0), (3, 1, 5, -1.0),
 )  # fmt: skip
 """Rows (i, j, l, value), i ≥ j: M of a body of revolution about x has value · θ_l at i, j."""
+_INERTIA = (
+    ("M_11", "kg", "effective surge mass", (0, 0)),
+    ("M_22", "kg", "effective sway and heave mass", (1, 1)),
+    ("M_44", "kg·m²", "effective roll inertia", (3, 3)),
+    ("M_55", "kg·m²", "effective pitch and yaw inertia", (5, 5)),
+    ("M_26", "kg·m", "sway–yaw and heave–pitch coupling of M", (1, 5)),
+    ("M_15", "kg·m", "surge–pitch and sway–roll coupling of M", (0, 4)),
+)
+"""Name, unit and label of these θ_l, and a place in M for the guess."""
 
 
 class AddedMass(Table):
@@ -172,32 +187,14 @@ class TorpedoSheet(VehicleSheet):
         lift = [-self.lift.Y_uv - fins.Y_uudr, munk + fins.N_uudr - self.lift.M_uw]
         righting = self.gravity_centre[2] * self.mass * self.gravity
         return [
-            term(
-                [Column("drag", i, body=0, axes=axes) for i, axes in enumerate(_DRAG)],
-                {
-                    "dq_along": "quadratic drag along the hull",
-                    "dq_across": "quadratic drag across the hull",
-                    "dq_roll": "quadratic drag in roll",
-                    "dq_turn": "quadratic drag in pitch and yaw",
-                },
-                drag,
-                geometry="positive",
-            ),
+            alike("drag", _DRAGS, drag, geometry="positive", axes=_DRAG),
             term(
                 [Column("lift", 0, body=0), Column("lift_moment", 1, body=0)],
                 {"lift_body": "body lift", "lift moment_body": "body lift moment"},
                 lift,
             ),
-            term(
-                [Column("weight", 0, body=0)],
-                {"net weight": "net weight"},
-                self.net_weight,
-            ),
-            term(
-                [Column("righting", 0, body=0, axis=[0, 0, 1])],
-                {"righting_z": "righting moment"},
-                righting,
-            ),
+            alike("weight", {"net weight": "net weight"}, self.net_weight),
+            alike("righting", {"righting_z": "righting moment"}, righting, axis=[[0, 0, 1]]),
         ]
 
     def _actuators(self) -> list[Term]:
@@ -205,6 +202,7 @@ class TorpedoSheet(VehicleSheet):
         fins, p = self.fins, self.propeller
         x, r = fins.N_uudr / fins.Y_uudr, fins.radius
         positions = np.array([[x, 0, r], [x, 0, -r], [x, r, 0], [x, -r, 0]])
+        fins_at = {"input": range(4), "point": positions}
         lifts = np.array([[0.0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
         n, wide = p.shaft_speed, p.diameter
         slope = (p.K_T[0] - p.K_T[1]) / p.advance
@@ -222,38 +220,16 @@ class TorpedoSheet(VehicleSheet):
                 {"thrust": "propeller thrust", "torque": "propeller torque"},
                 gains,
             ),
-            term(
-                columns_at("fin", positions, lifts),
-                numbered("fin lift", "lift of fin", 4),
-                lift,
-            ),
-            term(
-                columns_at("fin_drag", positions),
-                numbered("fin drag", "drag of fin", 4),
-                drag,
-            ),
+            alike("fin", numbered("fin lift", "lift of fin", 4), lift, **fins_at, direction=lifts),
+            alike("fin_drag", numbered("fin drag", "drag of fin", 4), drag, **fins_at),
         ]
 
 
 def _mass_block(M: Array) -> Block:
     """The six parameters of a body of revolution; guesses from its nominal M (6, 6)."""
-    nominal = M[[0, 1, 3, 5, 1, 0], [0, 1, 3, 5, 5, 4]]
-    return Block(
-        "mass matrix",
-        ("M_11", "M_22", "M_44", "M_55", "M_26", "M_15"),
-        ("kg", "kg", "kg·m²", "kg·m²", "kg·m", "kg·m"),
-        guessed(nominal),
-        "tied",
-        entries=_MASS,
-        labels=(
-            "effective surge mass",
-            "effective sway and heave mass",
-            "effective roll inertia",
-            "effective pitch and yaw inertia",
-            "sway–yaw and heave–pitch coupling of M",
-            "surge–pitch and sway–roll coupling of M",
-        ),
-    )
+    names, units, labels, places = zip(*_INERTIA, strict=True)
+    scale = guessed([M[place] for place in places])
+    return Block("mass matrix", names, units, scale, "tied", entries=_MASS, labels=labels)
 
 
 @config

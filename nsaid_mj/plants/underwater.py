@@ -8,11 +8,10 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..structure.blocks import AXES, mass_block
+from ..structure.blocks import AXES, alike, guessed, mass_block, numbered
 from ..structure.columns.curve import odd
-from ..structure.parts import Column, columns_at, full
+from ..structure.parts import full
 from ..structure.single_body import Operation
-from ..structure.terms import guessed, numbered, term
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import NED
 from .world.sheet import (
@@ -157,39 +156,41 @@ class UnderwaterSheet(VehicleSheet):
         rigid, added = np.diag([self.mass] * 3 + self.inertia), np.diag(self.added_mass)
         righting = NED * self.buoyancy_centre * self.buoyancy
         full_thrust = sum(self.thrusters.curve)
-        each = list(enumerate(np.eye(6)))
         curve = odd(*np.divide(self.thrusters.curve, full_thrust))
         count, speed = len(positions), np.array(self.guess.speed)
         return Blueprint(
             mass_block(guessed(np.diag(rigid + added))),
             rigid,
             [
-                term(
-                    [Column("linear_drag", i, body=0, axes=axis) for i, axis in each],
+                alike(
+                    "linear_drag",
                     {f"d_{axis}": f"linear drag in {axis}" for axis in AXES},
                     self.linear_drag,
                     np.array(self.guess.linear_drag),
+                    axes=np.eye(6),
                 ),
-                term(
-                    [Column("drag", i, body=0, axes=axis) for i, axis in each],
+                alike(
+                    "drag",
                     {f"dq_{axis}": f"quadratic drag in {axis}" for axis in AXES},
                     self.quadratic_drag,
+                    axes=np.eye(6),
                 ),
-                term(
-                    [Column("weight", 0, body=0)],
-                    {"net weight": "net weight"},
-                    self.net_weight,
-                ),
-                term(
-                    [Column("righting", i, body=0, axis=axis) for i, axis in enumerate(np.eye(3))],
+                alike("weight", {"net weight": "net weight"}, self.net_weight),
+                alike(
+                    "righting",
                     {f"righting_{axis}": f"righting moment about {axis}" for axis in "xyz"},
                     righting,
                     guessed(righting[2]),
+                    axis=np.eye(3),
                 ),
-                term(
-                    columns_at("thruster", positions, directions, curve=curve),
+                alike(
+                    "thruster",
                     numbered("thrust", "thrust of thruster", count),
                     full_thrust,
+                    input=range(count),
+                    point=positions,
+                    direction=directions,
+                    curve=[curve] * count,
                 ),
             ],
             Operation((-speed, speed), (-np.ones(count), np.ones(count))),

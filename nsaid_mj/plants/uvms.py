@@ -11,18 +11,16 @@ from ..bounds import Share, config
 from ..parameters import Array, Block
 from ..resources import numbers, vehicle_files
 from ..robot.tree import set_inertias, tree_spec
-from ..structure.blocks import GRAVITY
-from ..structure.joints import Carrier, JointScales, JointTree, body_names, link_blocks
+from ..structure.blocks import GRAVITY, alike, guessed
+from ..structure.joints import Carrier, JointScales, body_names, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
-from ..structure.parts import Column, Inertia, cylinder, full
-from ..structure.terms import guessed, term
+from ..structure.parts import Inertia, cylinder, full
 from .arm import extent, give_rotors
 from .underwater import UnderwaterSheet
-from .world.blueprint import Blueprint
-from .world.body import command_inputs, hidden, vehicle_spec
-from .world.plant import ParametricPlantConfig, Plant
-from .world.simulated import SimulatedRobot
+from .world.body import Inertia as RigidBody
+from .world.body import command_inputs, vehicle_spec
+from .world.simulated import Known, KnownPlant, SimulatedRobot
 
 BASE = "base"
 """Name of the free joint and of the base body."""
@@ -38,7 +36,7 @@ _UNSURE = (
 
 
 @config
-class UvmsPlant(ParametricPlantConfig):
+class UvmsPlant(KnownPlant):
     """A BlueROV2 Heavy with a Reach Alpha 5; parameters and sources in assets/uvms.
 
     No hydrodynamics of the arm are published; those used here are of cylinders.
@@ -52,21 +50,12 @@ class UvmsPlant(ParametricPlantConfig):
 
     spread: Share = 0.2
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        system, _, theta = uvms()
-        rng, space = np.random.default_rng(seed), system.space
-        for name in _UNSURE:
-            theta[space[name]] = hidden(theta[space[name]], self.spread, rng)
-        return self.simulating(dt, theta)
+    def _published(self) -> Known:
+        return uvms()
 
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (p,), or the published ones.
-
-        See `Blueprint.split` for how M of the base is divided into rigid-body and added mass.
-        """
-        system, base, published = uvms()
-        arm, space, theta = numbers("uvms"), system.space, published if theta is None else theta
+    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+        """See `Blueprint.split` for how M of the base is divided into rigid-body and added mass."""
+        base, system, arm, space = known.source, known.system, numbers("uvms"), known.system.space
         body, added = base.split(theta[:21])
         rigid = body.matrix()
         links = slice(21, 21 + 10 * len(arm["links"]))
@@ -80,11 +69,10 @@ class UvmsPlant(ParametricPlantConfig):
         _add_visual_geoms(spec, arm)
         command_inputs(spec, system.n_u, BASE)
         names = list(model.names)[1:]
-        made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch)
-        return made.failing(self.faults, self)
+        return SimulatedRobot(system, theta, acting, spec, names, self.mismatch)
 
 
-def uvms() -> tuple[JointTree, Blueprint, Array]:
+def uvms() -> Known:
     """The structure of the vehicle with its arm, its base alone, and the published θ (p,).
 
     θ = [base's M with its added mass (21), links (10 k), links' added mass (k), joints, linear drag
@@ -100,28 +88,25 @@ def uvms() -> tuple[JointTree, Blueprint, Array]:
     for i in range(k):
         added = cylinder(links.centres[i], links.axes[i], links.lengths[i])
         inertias += [Inertia(1 + i, 21 + 10 * i), Inertia(1 + i, 21 + 10 * k + i, added)]
-    resisting = Block(
-        "added mass",
-        tuple(f"added_{i + 1}" for i in range(k)),
-        ("kg",) * k,
-        guessed(links.added),
-        "positive",
-        labels=tuple(f"added mass of {name}" for name in names),
-    )
+    own, labels = (f"added_{i + 1}" for i in range(k)), (f"added mass of {name}" for name in names)
+    size = guessed(links.added)
+    resisting = Block("added mass", tuple(own), ("kg",) * k, size, "positive", labels=tuple(labels))
     *forces, thrust = base.terms
-    drag = term(
-        [
-            Column("strip_drag", i, body=1 + i, axis=axis, strips=strips(centre, axis, length))
-            for i, (centre, axis, length) in enumerate(zip(*links[:3], strict=True))
-        ],
+    drag = alike(
+        "strip_drag",
         {f"link_drag_{i + 1}": f"drag of {name}" for i, name in enumerate(names)},
         links.drag,
+        body=range(1, k + 1),
+        axis=links.axes,
+        strips=[strips(*cylinder) for cylinder in zip(*links[:3], strict=True)],
     )
-    buoyancy = term(
-        [Column("buoyancy", i, body=1 + i, point=c) for i, c in enumerate(links.centres)],
+    buoyancy = alike(
+        "buoyancy",
         {f"buoyancy_{i + 1}": f"buoyancy of {name}" for i, name in enumerate(names)},
         links.buoyancy,
         block="link buoyancy",
+        body=range(1, k + 1),
+        point=links.centres,
     )
     terms, ranges = [*forces, drag, buoyancy, thrust], base.operation
     bodies = [base.body, *link_blocks(model, joints)[1:], resisting]
@@ -134,7 +119,8 @@ def uvms() -> tuple[JointTree, Blueprint, Array]:
     on_joints = joints.rotor, joints.viscous, joints.coulomb, joints.gain
     beyond = [each.nominal for each in terms]
     theta = np.concatenate([base.theta[:21], *inertial, links.added, *on_joints, *beyond])
-    return CompiledMultibody(model, joints, speed, carrier), base, theta
+    unsure = [(name, 1.0) for name in _UNSURE]
+    return Known(base, CompiledMultibody(model, joints, speed, carrier), theta, unsure)
 
 
 class Cylinders(NamedTuple):
@@ -179,17 +165,9 @@ def uvms_model(rigid: Array, arm: dict[str, Any]) -> pin.Model:
     parent, place = root, _placement(arm["mount"]["position"], arm["mount"]["angles"])
     for i, link in enumerate(arm["links"]):
         place = place * _placement(link["origin"], link["angles"])
-        low, high = link["limits"]
-        parent = model.addJoint(
-            parent,
-            pin.JointModelRevoluteUnaligned(np.array(link["axis"])),
-            place,
-            f"joint {i + 1}",
-            np.array([np.inf]),
-            np.array([arm["joints"]["speed"]]),
-            np.array([low]),
-            np.array([high]),
-        )
+        joint = pin.JointModelRevoluteUnaligned(np.array(link["axis"]))
+        limits = (np.array([x]) for x in (np.inf, arm["joints"]["speed"], *link["limits"]))
+        parent = model.addJoint(parent, joint, place, f"joint {i + 1}", *limits)
         inertia = pin.Inertia(link["mass"], np.array(link["centre"]), np.diag(link["inertia"]))
         model.appendBodyToJoint(parent, inertia, pin.SE3.Identity())
         place = pin.SE3.Identity()
@@ -200,48 +178,32 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
     """Scales of the arm's joints and links, guessed from its data sheet."""
     d, k = arm["joints"], len(arm["links"])
     bodies = list(model.inertias)[1:]
+    stated = ("viscous", "coulomb", "gain", "speed", "rotor")
+    known: dict[str, Any] = {name: np.full(k, d[name]) for name in stated}
     return JointScales(
         mass=guessed(np.array([inertia.mass for inertia in bodies])),
         length=guessed(np.array([extent(inertia) for inertia in bodies])),
-        viscous=np.full(k, d["viscous"]),
-        coulomb=np.full(k, d["coulomb"]),
-        gain=np.full(k, d["gain"]),
-        speed=np.full(k, d["speed"]),
         command=np.full(k, 0.5),
-        rotor=np.full(k, d["rotor"]),
+        **known,
     )
 
 
 def _add_visual_geoms(spec: Any, arm: dict[str, Any]) -> None:
     """Adds visual geoms without mass: the BlueROV2's to the base, cylinders to the links."""
-    hull = vehicle_spec(vehicle_files("bluerov2"), 1.0, 1.0, np.zeros(3), np.eye(3)).compile()
+    unit = RigidBody(1.0, np.zeros(3), np.eye(3))
+    hull = vehicle_spec(vehicle_files("bluerov2"), 1.0, unit).compile()
     for i in range(hull.ngeom):
-        spec.body(BASE).add_geom(
-            name=hull.geom(i).name,
-            type=hull.geom_type[i],
-            size=hull.geom_size[i],
-            pos=hull.geom_pos[i],
-            quat=hull.geom_quat[i],
-            rgba=hull.geom_rgba[i],
-            mass=0.0,
-        )
+        shown = ("type", "size", "pos", "quat", "rgba")
+        own = {key: getattr(hull, f"geom_{key}")[i] for key in shown}
+        spec.body(BASE).add_geom(name=hull.geom(i).name, mass=0.0, **own)
+    kinds = mujoco.mjtGeom
     for i, link in enumerate(arm["links"]):
         shape, body = link["cylinder"], spec.body(f"joint {i + 1}")
-        body.add_geom(
-            name=f"link {i + 1}",
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            fromto=[*shape["start"], *shape["end"]],
-            size=[shape["radius"], 0, 0],
-            rgba=_LINK_COLOR,
-            mass=0.0,
-        )
-        body.add_geom(
-            name=f"joint {i + 1}",
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[1.15 * shape["radius"], 0, 0],
-            rgba=_JOINT_COLOR,
-            mass=0.0,
-        )
+        ends, radius = [*shape["start"], *shape["end"]], shape["radius"]
+        tube = {"type": kinds.mjGEOM_CYLINDER, "fromto": ends, "size": [radius, 0, 0]}
+        ball = {"type": kinds.mjGEOM_SPHERE, "size": [1.15 * radius, 0, 0]}
+        body.add_geom(name=f"link {i + 1}", rgba=_LINK_COLOR, mass=0.0, **tube)
+        body.add_geom(name=f"joint {i + 1}", rgba=_JOINT_COLOR, mass=0.0, **ball)
 
 
 def _placement(position: list[float], angles: list[float]) -> pin.SE3:

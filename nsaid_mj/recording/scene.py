@@ -10,7 +10,6 @@ from ..experiment.loop import Looks
 from ..parameters import Array
 from ..structure.joints import JointTree, bones
 from ..structure.single_body import SingleBody
-from ..structure.structured import StructuredSystem
 from ..structure.system import SecondOrderSystem
 
 ROBOT = "robot"
@@ -54,7 +53,7 @@ class Scene:
         self._system, self._looks = system, looks
         self._meshes = looks.visuals() if looks is not None else []
         self._rigid = (
-            isinstance(system, StructuredSystem) and len(system.structure.bodies) == 1
+            system.forward is not None and len(system.structure.bodies) == 1
         )  # all meshes on one body
         home = BODY if self._rigid else ROBOT
         plain = ["".join(c if c.isalnum() else "_" for c in mesh.name) for mesh in self._meshes]

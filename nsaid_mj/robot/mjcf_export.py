@@ -81,10 +81,8 @@ def _calibrated(robot: RobotModel, values: Identified, folder: Path) -> tuple[No
     if robot.kind == "mjcf" and robot.file and robot.file.suffix.lower() != ".mjb":
         root, also = _edited(robot, robot.file, values, folder)
     else:
-        root, also = (
-            _built(robot, values),
-            ("It has no shapes: they stay in the robot's own file.",),
-        )
+        root = _built(robot, values)
+        also = ("It has no shapes: they stay in the robot's own file.",)
     joints = {joint.get("name"): joint for joint in joints_of_file(root)}
     for k, name in enumerate(robot.joints):
         joints[name].set("armature", numbers(values.rotor[k]))
@@ -144,10 +142,8 @@ def _built(robot: RobotModel, values: Identified) -> Node:
         body.set("quat", numbers(wxyz(model.jointPlacements[i].rotation)))
         _set_inertial(body, model.inertias[i])
         kind = "slide" if own.joint == "slide" else "hinge"
-        joint = SubElement(
-            body, "joint", name=robot.joints[i - 1], axis=numbers(np.asarray(own.axis))
-        )
-        joint.set("type", kind)
+        axis = numbers(np.asarray(own.axis))
+        joint = SubElement(body, "joint", name=robot.joints[i - 1], axis=axis, type=kind)
         at = model.joints[i].idx_q
         low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
         if model.joints[i].nq == 1 and np.isfinite([low, high]).all() and low < high:

@@ -56,13 +56,10 @@ def set_options(spec: Any, dt: float) -> None:
     """
     if not (np.isfinite(dt) and dt > 0):
         raise InvalidInput("dt", "a step > 0 s", dt, "Try 1e-3 for an arm.")
-    spec.option.timestep = dt
+    spec.option.timestep, off = dt, mujoco.mjtDisableBit
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-    spec.option.disableflags |= int(
-        mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        | mujoco.mjtDisableBit.mjDSBL_CONTACT
-        | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
-    )
+    unused = off.mjDSBL_AUTORESET | off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT
+    spec.option.disableflags |= int(unused)
 
 
 def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
@@ -320,15 +317,11 @@ def _stated(mj: Any, name: str, count: int, most: float, expected: str) -> Array
 
 def is_motor(mj: Any, actuator: int) -> bool:
     """Whether an actuator's force is a constant gain times its command or activation."""
-    return bool(
-        mj.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
-        and mj.actuator_gainprm[actuator, 0] != 0
-        and mj.actuator_gear[actuator, 0] != 0
-        and (
-            mj.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
-            or not mj.actuator_biasprm[actuator].any()
-        )
-    )
+    constant = mj.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_FIXED
+    unbiased = mj.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_NONE
+    unbiased |= not mj.actuator_biasprm[actuator].any()
+    acts = mj.actuator_gainprm[actuator, 0] != 0 and mj.actuator_gear[actuator, 0] != 0
+    return bool(constant and unbiased and acts)
 
 
 def _limit(mj: Any, actuator: int, joint: int, gear: float, gain: float) -> float:

@@ -121,19 +121,14 @@ def workspace(bodies: int, n: int) -> Workspace:
     )
 
 
-def slopes(bodies: int, n: int, terms: int, nonzeros: int) -> Slopes:
-    """Workspace for derivatives, for so many bodies, velocities, terms and entries of F."""
-    return Slopes(
+def memory_of(structure: StructureArrays, n: int) -> tuple[Workspace, Slopes]:
+    """Workspaces of a stage and for derivatives, for a structure with n velocities."""
+    bodies, terms = len(structure.bodies), len(structure.terms)
+    return workspace(bodies, n), Slopes(
         np.zeros((bodies + n + 1 + 2 * terms) * FRAME),
         np.zeros(bodies * SLOPE),
         np.zeros(n * FRAME),
-        np.zeros(nonzeros),
+        np.zeros(len(structure.nonzeros)),
         np.zeros((n, 2 * n)),
         np.zeros((4 * n, 3 * n)),
     )
-
-
-def memory_of(structure: StructureArrays, n: int) -> tuple[Workspace, Slopes]:
-    """Workspaces of a stage and for derivatives, for a structure with n velocities."""
-    bodies, terms, nonzeros = structure.bodies, structure.terms, structure.nonzeros
-    return workspace(len(bodies), n), slopes(len(bodies), n, len(terms), len(nonzeros))

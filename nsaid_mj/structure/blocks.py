@@ -1,17 +1,21 @@
-"""Blocks of θ that many robots have: a body's inertial parameters, and a full mass matrix."""
+"""Blocks of θ: inertias that many robots have, and forces with the columns that a block scales."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ..parameters import Array, Block
+from ..parameters import Array, Block, Geometry, ParameterSpace
+from .columns import KINDS
+from .parts import Column
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 GRAVITY = 9.81
 """Acceleration of gravity [m/s²], known: weight is a column of the mass."""
 INERTIAL = ("m", "hx", "hy", "hz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
-INERTIAL_LABELS = ("mass", "m·cx", "m·cy", "m·cz", *INERTIAL[4:])
-INERTIAL_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
+_LABELS = ("mass", "m·cx", "m·cy", "m·cz", *INERTIAL[4:])
+_UNITS = ("kg",) + ("kg·m",) * 3 + ("kg·m²",) * 6
 
 
 def of_a_body(start: int, p: int) -> Array:
@@ -31,8 +35,8 @@ def of_a_body(start: int, p: int) -> Array:
     return tensor
 
 
-def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Block:
-    """The ten inertial parameters of a body, in the order of `of_a_body`.
+def inertial_block(mass: float, offset: float, inertia: Array) -> Block:
+    """The ten inertial parameters of the body of a vehicle, in the order of `of_a_body`.
 
     Guesses are the mass [kg], the largest distance `offset` of the centre of mass from the origin
     [m], and moments of inertia (3,) [kg·m²], of which products are a quarter.
@@ -40,15 +44,7 @@ def inertial_block(name: str, mass: float, offset: float, inertia: Array) -> Blo
     x, y, z = inertia
     products = 0.25 * np.sqrt([x * y, x * z, y * z])
     moments = [x, products[0], y, products[1], products[2], z]
-    scale = np.array([mass, *[mass * offset] * 3, *moments])
-    return Block(
-        name, INERTIAL, INERTIAL_UNITS, scale, "pseudo_inertia", labels=inertial_labels(name)
-    )
-
-
-def inertial_labels(body: str) -> tuple[str, ...]:
-    """Labels of a body's ten inertial parameters; m·cx is the first moment of mass along x."""
-    return tuple(f"{label} of {body}" for label in INERTIAL_LABELS)
+    return _inertial("body", "body", "", np.array([mass, *[mass * offset] * 3, *moments]))
 
 
 def link_block(number: int, name: str, mass: float, length: float) -> Block:
@@ -56,14 +52,13 @@ def link_block(number: int, name: str, mass: float, length: float) -> Block:
 
     `mass` [kg] and `length` [m] are guesses.
     """
-    return Block(
-        f"link {number}" if number else "base",
-        tuple(f"{name}_{number}" for name in INERTIAL),
-        INERTIAL_UNITS,
-        mass * np.repeat([1.0, length, length**2], [1, 3, 6]),
-        "pseudo_inertia",
-        labels=inertial_labels(name),
-    )
+    scale = mass * np.repeat([1.0, length, length**2], [1, 3, 6])
+    return _inertial(f"link {number}" if number else "base", name, f"_{number}", scale)
+
+
+def _inertial(block: str, body: str, end: str, scale: Array) -> Block:
+    names, labels = ((f"{x}{end}" for x in INERTIAL), (f"{x} of {body}" for x in _LABELS))
+    return Block(block, tuple(names), _UNITS, scale, "pseudo_inertia", labels=tuple(labels))
 
 
 def mass_block(diagonal: Array, axes: Sequence[int] = range(6)) -> Block:
@@ -93,3 +88,109 @@ def _mass_label(i: int, j: int) -> str:
     if i == j:
         return f"effective {AXES[i]} {'mass' if i < 3 else 'inertia'}"
     return f"{AXES[i]}–{AXES[j]} coupling of M"
+
+
+# -- forces ----------------------------------------------------------------------------------------
+
+
+class Term(NamedTuple):
+    """A block of θ, and the columns of F that it scales."""
+
+    block: Block  # names, units and guesses of the parameters
+    columns: Sequence[Column]  # their parameters count from the block's first
+    nominal: Array  # (k,) published values of the parameters
+    spread: float = 1.0  # relative deviation of true values over the vehicle's assumed spread
+
+
+def placed(space: ParameterSpace, terms: Sequence[Term], command: int = 0) -> list[Column]:
+    """The columns of terms at the places of their blocks, their commands counted from `command`."""
+    return [
+        column.shifted(space[term.block.name].start, command)
+        for term in terms
+        for column in term.columns
+    ]
+
+
+def guessed(value: ArrayLike) -> Array:
+    """The nearest powers of two of |value|: a guess by order of magnitude."""
+    exponent = np.round(np.log2(np.abs(np.asarray(value, dtype=np.float64))))
+    return np.exp2(exponent).astype(np.float64)
+
+
+def term(
+    columns: Sequence[Column],
+    labels: Mapping[str, str],
+    nominal: ArrayLike,
+    scale: ArrayLike | None = None,
+    block: str = "",
+    geometry: Geometry | None = None,
+    spread: float = 1.0,
+    sliding: Sequence[bool] = (),
+) -> Term:
+    """A block of columns; the columns' kinds determine its parameters.
+
+    Args:
+        columns: their parameters count from 0.
+        labels: name of every parameter, with its readable description.
+        nominal: (k,) or a number, the published values.
+        scale: (k,) or a number, guesses of their magnitudes; `guessed` from them if left out.
+        block: name of the block; that of the first column's kind if left out.
+        geometry: which values are physical; that of the first column's kind if left out.
+        spread: see `Term`.
+        sliding: (k,) whether the joint slides on which a parameter acts; for columns of joints.
+    """
+    first = [next(c for c in columns if c.parameter == k) for k in range(len(labels))]
+    kind = KINDS[first[0].kind]
+    known = np.broadcast_to(np.asarray(nominal, dtype=np.float64), len(labels))
+    return Term(
+        Block(
+            block or kind.block,
+            tuple(labels),
+            tuple(map(_unit, first, sliding or [False] * len(first))),
+            guessed(known) if scale is None else np.broadcast_to(scale, len(labels)),
+            geometry or kind.geometry,
+            kind.actuator,
+            labels=tuple(labels.values()),
+        ),
+        columns,
+        known,
+        spread,
+    )
+
+
+def alike(
+    kind: str,
+    labels: Mapping[str, str],
+    nominal: ArrayLike,
+    scale: ArrayLike | None = None,
+    block: str = "",
+    geometry: Geometry | None = None,
+    spread: float = 1.0,
+    sliding: Sequence[bool] = (),
+    **rows: Any,
+) -> Term:
+    """A block of columns of one kind, one for each label, by default on the first body.
+
+    `rows` hold an argument of `Column` for each of them: `body`, `dof`, `input`, or a constant of
+    the kind. The others are those of `term`.
+    """
+    if "dof" not in rows:
+        rows.setdefault("body", [0] * len(labels))
+    each = [{name: row[k] for name, row in rows.items()} for k in range(len(labels))]
+    columns = [Column(kind, k, **row) for k, row in enumerate(each)]
+    return term(columns, labels, nominal, scale, block, geometry, spread, sliding)
+
+
+def _unit(column: Column, slides: bool) -> str:
+    """The unit of a column's parameter: of a moment on a hinge, or if it acts about an axis."""
+    unit = KINDS[column.kind].unit
+    if isinstance(unit, str):
+        return unit
+    axes = column.constants.get("axes")
+    turns = not slides if axes is None else np.any(np.ravel(axes)[3:])
+    return unit[0 if turns else 1]
+
+
+def numbered(letter: str, label: str, count: int) -> dict[str, str]:
+    """Labels of like parameters: {"thrust_1": "thrust of rotor 1", …} from "thrust of rotor"."""
+    return {f"{letter}_{i}": f"{label} {i}" for i in range(1, count + 1)}

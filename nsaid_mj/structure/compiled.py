@@ -6,28 +6,8 @@ every function has one signature, which its decorator states.
 
 from numba import types
 
-from ..numerics.compiler import FAST
-from ..numerics.kernels import (
-    boolean,
-    cube,
-    f8,
-    helper,
-    i8,
-    index,
-    inlined,
-    kernel,
-    matrix,
-    routine,
-    table,
-    vector,
-    void,
-)
+from ..numerics.kernels import matrix, table, vector
 from .arrays import Slopes, StructureArrays, Workspace
-
-__all__ = [  # for the files here, beside the types below
-    "FAST", "boolean", "cube", "f8", "helper", "i8", "index", "inlined", "kernel", "matrix",
-    "routine", "table", "vector", "void",
-]  # fmt: skip
 
 STRUCTURE = types.NamedTuple(
     (table, vector, vector, table, table, vector, table, table, vector, table), StructureArrays

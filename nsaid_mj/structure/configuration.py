@@ -10,10 +10,9 @@ from ..log import Log, Middle
 from ..numerics.spatial import pose_jacobian, quaternion_of
 from ..parameters import Array
 from .arrays import CIRCLE, FREE, PLANAR
-from .motion import Motion, along, between
+from .motion import between
 from .parts import Column
 from .poses import difference, integrate, write_moves
-from .regressor import write_regressors
 from .structure import Structure
 
 SPATIAL_UNITS = ("m/s",) * 3 + ("rad/s",) * 3
@@ -34,9 +33,8 @@ class _Memory(threading.local):
     """The workspaces of each thread."""
 
     def __init__(self, structure: Structure):
-        self.structure, self.work = structure, structure.workspace()
-        self.state = np.zeros(structure.state_size)
-        self.F = np.zeros(len(structure.arrays.nonzeros))
+        self.structure, (self.work, own) = structure, structure.memory()
+        self.state, self.F = own.state, own.F
 
     def __reduce__(self) -> tuple[type[_Memory], tuple[Structure]]:
         return _Memory, (self.structure,)  # another process has threads of its own
@@ -59,8 +57,8 @@ class StructuredKinematics:
         self.structure, self.group = structure, structure.group
         self.n, self.m, self.n_u = structure.n, structure.m, structure.n_u
         self.velocity_units: tuple[str, ...] = sum((UNITS[b.joint] for b in structure.bodies), ())
-        self.motion_steps = max(64, min(500, _CACHED // structure.state_size))
         self._memory, self._still = _Memory(structure), np.zeros(structure.n)
+        self.motion_steps = max(64, min(500, _CACHED // len(self._memory.state)))
 
     def columns(self, kind: str) -> list[Column]:
         """The columns of a kind, in order."""
@@ -128,35 +126,6 @@ class StructuredKinematics:
             else:
                 block[:] = given
         return q.reshape(*coordinates.shape[:-1], self.m)
-
-    def _along(
-        self, q: Array, v: Array, qm: Array, vm: Array, u: Array
-    ) -> tuple[Array, Array, Array]:
-        """States at N samples and half-way, and F; see `motion.along`."""
-        size, own = len(self._memory.state), self.structure.arrays
-        states, middles = np.empty((len(q), size)), np.empty((len(qm), size))
-        F = np.empty((3, len(qm), len(own.nonzeros)))
-        along(own, q, v, qm, vm, u, self._memory.work, states, middles, F)
-        return states, middles, F
-
-    def _own_motion(self, log: Log, hermite: bool) -> tuple[Motion, Array]:
-        """The structure's own motion along a log of N samples, and (N−1, m) positions half-way."""
-        t, q, v, u = (plain(x) for x in (log.t, log.q, log.v, log.u))
-        qm, vm = self.midpoints(log, hermite)
-        own = self._along(q, v, qm, vm, u)
-        return Motion(self.structure.arrays, t, v, vm, *own), qm
-
-    def _own_regressors(
-        self, q: Array, v: Array, u: Array, w: Array, a: Array, weight: float
-    ) -> Array:
-        """(N, n, p) W of N samples by the kernels; see `regressor.write_regressors`."""
-        W, own, given = np.empty((len(q), self.n, self.structure.p)), self._memory, (q, v, u, w, a)
-        if weight == 0.0:
-            own.F[:] = 0.0
-        write_regressors(
-            self.structure.arrays, *map(plain, given), weight, own.state, own.F, own.work, W
-        )  # fmt: skip
-        return W
 
 
 def plain(x: Array) -> Array:

@@ -1,5 +1,6 @@
 """The force regressor F at one sample, as its entries that can differ from 0."""
 
+from ..numerics.kernels import f8, helper, index, inlined, kernel, table, vector, void
 from .arrays import (
     AT,
     AT_V,
@@ -23,7 +24,7 @@ from .columns.fluid import F as WRENCH
 from .columns.joint import MOTOR, STRIBECK, coordinate, friction, joint_force
 from .columns.thrust import THRUST_KINDS, write_thrust
 from .columns.wheels import write_wheel
-from .compiled import STRUCTURE, f8, helper, index, inlined, kernel, table, vector, void
+from .compiled import STRUCTURE
 from .spatial import clear, dot, into_body, out_of_body, unrotate
 
 BODY_KINDS = 100

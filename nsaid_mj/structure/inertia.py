@@ -4,6 +4,7 @@ Ten rigid-body parameters m, h = m c and Ī (about the frame's origin, in the or
 xz, yz, zz) have formulas of their own. All other inertias are 6×6 matrices.
 """
 
+from ..numerics.kernels import f8, helper, index, matrix, table, vector, void
 from .arrays import (
     FIRST,
     FRAME,
@@ -18,7 +19,6 @@ from .arrays import (
     TERM,
     TERMS,
 )
-from .compiled import f8, helper, index, matrix, table, vector, void
 from .spatial import add_cross, clear, dot3, rotate
 
 _PRODUCT = void(vector, index, vector, index, f8, vector, index)

@@ -22,13 +22,12 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ..parameters import Array, Block, ParameterSpace
-from .blocks import link_block
+from .blocks import Term, alike, link_block, placed
 from .columns import KINDS
 from .optional import pin
-from .parts import Body, Column, Inertia, Rotor
+from .parts import Body, Inertia, Rotor
 from .structure import Structure
 from .system import SecondOrderSystem
-from .terms import Term, placed, term
 
 Actuator = Literal["motor", "servo"]
 """A joint's command: a motor's torque over its gain, or a servo's target."""
@@ -294,14 +293,11 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
         return []
     first, every = model.nv - len(names), tuple(range(len(names)))
 
-    def of(kind: str, own: tuple[int, ...], scale: Array, **constants: Sequence[Any]) -> Term:
+    def of(kind: str, own: tuple[int, ...], scale: Array, **constants: Any) -> Term:
         letter, part = KINDS[kind].letter, KINDS[kind].block.removeprefix("motor ")
-        columns = [
-            Column(kind, k, dof=first + i, **{key: row[k] for key, row in constants.items()})
-            for k, i in enumerate(own)
-        ]
         labels = {f"{letter}_{i + 1}": f"{part} of {names[i]}" for i in own}
-        return term(columns, labels, scale, scale, sliding=[sliding[i] for i in own])
+        slides, dofs = [sliding[i] for i in own], [first + i for i in own]
+        return alike(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
 
     driven = every if s.driven is None else s.driven
     acting: dict[str, Sequence[Any]] = {"input": range(len(driven))}
@@ -314,14 +310,10 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
     ]
     if s.rotor is None:
         return terms
-    rotor = Block(
-        "rotor inertia",
-        tuple(f"rotor_{i + 1}" for i in every),
-        tuple("kg" if slide else "kg·m²" for slide in sliding),
-        s.rotor,
-        "positive",
-        labels=tuple(f"rotor inertia of {name}" for name in names),
-    )
+    own = tuple(f"rotor_{i + 1}" for i in every)
+    units = tuple("kg" if slide else "kg·m²" for slide in sliding)
+    labels = tuple(f"rotor inertia of {name}" for name in names)
+    rotor = Block("rotor inertia", own, units, s.rotor, "positive", labels=labels)
     return [Term(rotor, [], s.rotor), *terms]
 
 

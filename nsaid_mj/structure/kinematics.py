@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..numerics.kernels import helper, index, inlined, kernel, matrix, table, vector, void
 from .arrays import (
     AT_Q,
     AT_V,
@@ -27,7 +28,7 @@ from .arrays import (
     TO,
     TWIST,
 )
-from .compiled import STRUCTURE, helper, index, inlined, kernel, matrix, table, vector, void
+from .compiled import STRUCTURE
 from .spatial import add_cross, add_turned, clear, rotate, turn_square, unrotate
 
 

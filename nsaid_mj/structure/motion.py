@@ -10,23 +10,11 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from ..numerics.kernels import boolean, cube, f8, helper, i8, kernel, matrix, routine, vector, void
 from ..numerics.linalg import copy_into
 from ..parameters import Array
 from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST, StructureArrays
-from .compiled import (
-    STRUCTURE,
-    WORKSPACE,
-    boolean,
-    cube,
-    f8,
-    helper,
-    i8,
-    kernel,
-    matrix,
-    routine,
-    vector,
-    void,
-)
+from .compiled import STRUCTURE, WORKSPACE
 from .forces import ALL, COMMANDED, MOVING, forces_inline, write_forces
 from .inertia import add_power, add_weight
 from .kinematics import place, place_along

@@ -14,7 +14,6 @@ from ..parameters import Array
 from .joints import Carrier, JointScales, JointTree
 from .motion import Motion, Outside
 from .optional import pin
-from .structured import StructuredSystem
 
 AGREEMENT = 1e-10
 """Largest accepted difference from Pinocchio, relative to the largest entry."""
@@ -24,7 +23,7 @@ _SAMPLES = 20  # random states at which both are compared
 _REGRESSOR = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
 
 
-class CompiledMultibody(JointTree, StructuredSystem):
+class CompiledMultibody(JointTree):
     """A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
 
     Without thrusters they are compared with Pinocchio's `computeJointTorqueRegressor`, `crba` and
@@ -104,68 +103,75 @@ class Multibody(JointTree):
 
     def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
         super().__init__(model, scales, friction_speed)
-        light = pin.Model(self.model)
+        self.reference = PinocchioLinks(self)
+
+
+class PinocchioLinks:
+    """The regressors of a tree's links by Pinocchio."""
+
+    def __init__(self, system: JointTree):
+        self._system, self._links = system, 10 * system.bodies
+        light = pin.Model(system.model)
         light.gravity.setZero()
-        self._heavy, self._weightless = ((own, own.createData()) for own in (self.model, light))
-        self._links = 10 * self.bodies
+        self._heavy, self._weightless = ((own, own.createData()) for own in (system.model, light))
 
     def _torques(self, q: Array, v: Array, a: Array, heavy: float = 0.0) -> Array:
         """(n, 10 b) Pinocchio's regressor, with gravity if `heavy`; the next call overwrites it."""
         model, data = self._heavy if heavy else self._weightless
         return np.atleast_2d(pin.computeJointTorqueRegressor(model, data, q, v, a))
 
-    def _regressors(
-        self, q: Array, v: Array, u: Array, w: Array, a: Array, weight: float = 1.0
-    ) -> Array:
-        W = self._own_regressors(q, v, u, w, a, weight)
+    def overwrite(self, W: Array, q: Array, v: Array, w: Array, a: Array, weight: float) -> None:
+        """Overwrites the links' columns of W (N, n, p); see `SecondOrderSystem._regressors`."""
         for k, rows in enumerate(W):
-            turning = 0.5 * bracket(self.group, v[k], w[k])
+            turning = 0.5 * bracket(self._system.group, v[k], w[k])
             rows[:, : self._links] = self._torques(
                 q[k], 0.5 * (v[k] + w[k]), a[k] + turning, weight
             )
-            rows[:, : self._links] -= self._torques(q[k], 0.5 * (v[k] - w[k]), self._still)
-        return W
+            rows[:, : self._links] -= self._torques(q[k], 0.5 * (v[k] - w[k]), self._system._still)
 
-    def _transport(self, q: Array, v: Array) -> Array:
+    def transport(self, q: Array, v: Array) -> Array:
+        """(n, p) regressor of Ṁ v − C v, with Ṁ v by central differences."""
+        system = self._system
         step = DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))  # Ṁ v to about 1e-10
-        ahead, behind = self.integrate(q, step * v), self.integrate(q, -step * v)
-        return (self._W_M(ahead, v) - self._W_M(behind, v)) / (2 * step) - self._W_C(q, v, v)
+        ahead, behind = system.integrate(q, step * v), system.integrate(q, -step * v)
+        return (system._W_M(ahead, v) - system._W_M(behind, v)) / (2 * step) - system._W_C(q, v, v)
 
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
         """Terms of the filtered momentum balance, sample by sample."""
-        t, held = log.t, log.u[:-1]
-        momenta = np.stack([self._W_M(*row) for row in zip(log.q, log.v, strict=True)])
+        system, t, held = self._system, log.t, log.u[:-1]
+        momenta = np.stack([system._W_M(*row) for row in zip(log.q, log.v, strict=True)])
         drive = leak * momenta
-        drive += np.stack([self._transport(*row) for row in zip(log.q, log.v, strict=True)])
-        half = self.forces(t[:-1], q, v, held)
+        drive += np.stack([self.transport(*row) for row in zip(log.q, log.v, strict=True)])
+        half = system.forces(t[:-1], q, v, held)
         half += np.stack(
-            [leak * self._W_M(*row) + self._transport(*row) for row in zip(q, v, strict=True)]
+            [leak * system._W_M(*row) + self.transport(*row) for row in zip(q, v, strict=True)]
         )
-        start = drive[:-1] + self.forces(t[:-1], log.q[:-1], log.v[:-1], held)
-        end = drive[1:] + self.forces(t[1:], log.q[1:], log.v[1:], held)
+        start = drive[:-1] + system.forces(t[:-1], log.q[:-1], log.v[:-1], held)
+        end = drive[1:] + system.forces(t[1:], log.q[1:], log.v[1:], held)
         return momenta, start, half, end
 
-    def motion(self, log: Log, hermite: bool) -> Motion:
-        """The robot's motion along a log, with the links' entries of Wᵀ Δv from Pinocchio.
+    def motion(self, own: Motion, qs: Array, qm: Array) -> Motion:
+        """The structure's own motion, with the links' entries of Wᵀ Δv from Pinocchio.
 
         Only one thread at a time may follow it: its stages pass through the same three arrays.
+        Positions are (N, m) at the samples and (N−1, m) half-way.
         """
-        own, qm = self._own_motion(log, hermite)
-        qs, vs, vm = log.q, own.v, own.vm
-        v_hat, a_hat, leading = np.empty(self.n), np.empty(self.n), np.empty(self._links)
-        own_data = self.model.createData(), self._weightless[0].createData()
+        system, vs, vm = self._system, own.v, own.vm
+        v_hat, a_hat, leading = np.empty(system.n), np.empty(system.n), np.empty(self._links)
+        models = system.model, self._weightless[0]
+        own_data = models[0].createData(), models[1].createData()
         torques = pin.computeJointTorqueRegressor
 
         def write(at: int, k: int) -> None:
             leading.fill(np.nan)  # in case Pinocchio raises: an exception ends here
             row = k - 1 + at // 2
             q, v = (qm[k - 1], vm[k - 1]) if at == 1 else (qs[row], vs[row])
-            a = a_hat + 0.5 * bracket(self.group, v, v_hat) if self.group else a_hat
+            a = a_hat + 0.5 * bracket(system.group, v, v_hat) if system.group else a_hat
             dv = v_hat - v  # (37)
-            weighted = torques(self.model, own_data[0], q, 0.5 * (v + v_hat), a)
-            turning = torques(self._weightless[0], own_data[1], q, 0.5 * dv, self._still)
+            weighted = torques(models[0], own_data[0], q, 0.5 * (v + v_hat), a)
+            turning = torques(models[1], own_data[1], q, 0.5 * dv, system._still)
             np.subtract(dv @ np.atleast_2d(weighted), dv @ np.atleast_2d(turning), out=leading)
 
         function = _REGRESSOR(write)

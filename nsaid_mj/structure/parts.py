@@ -94,24 +94,6 @@ class Column:
         return Column(self.kind, self.parameter + parameter, **place, **constants)
 
 
-def columns_at(
-    kind: str,
-    points: ArrayLike,
-    directions: ArrayLike | None = None,
-    **constants: Any,
-) -> list[Column]:
-    """Columns of the first body's actuators, one for each parameter and command, from 0.
-
-    points (k, 3) are where they act [m], directions (k, 3) unit vectors along which they push, if
-    the kind has a direction, both in the body's axes. All share the constants.
-    """
-    columns = []
-    for i, point in enumerate(np.asarray(points, dtype=float)):
-        along = {} if directions is None else {"direction": np.asarray(directions)[i]}
-        columns.append(Column(kind, i, body=0, input=i, point=point, **along, **constants))
-    return columns
-
-
 # -- tensors of inertias ---------------------------------------------------------------------------
 
 

@@ -6,8 +6,20 @@ for a base, the twist of the group's exponential map in its own axes; for a join
 
 import numpy as np
 
+from ..numerics.kernels import (
+    boolean,
+    f8,
+    helper,
+    i8,
+    index,
+    kernel,
+    matrix,
+    routine,
+    table,
+    vector,
+    void,
+)
 from .arrays import AT_Q, AT_V, CIRCLE, COUNT, FIXED, FREE, KIND, PLANAR
-from .compiled import boolean, f8, helper, i8, index, kernel, matrix, routine, table, vector, void
 from .kinematics import write_rotation
 from .spatial import add_cross, add_turned, clear, dot3, rotate, unrotate
 

@@ -1,5 +1,6 @@
 """The combined regressor W of (10) at one sample, column by column."""
 
+from ..numerics.kernels import cube, f8, helper, index, kernel, matrix, vector, void
 from .arrays import (
     AT_V,
     COUNT,
@@ -13,7 +14,7 @@ from .arrays import (
     TWIST,
     VELOCITY,
 )
-from .compiled import STRUCTURE, WORKSPACE, cube, f8, helper, index, kernel, matrix, vector, void
+from .compiled import STRUCTURE, WORKSPACE
 from .forces import ALL, write_forces
 from .inertia import add_power
 from .kinematics import place

@@ -3,18 +3,14 @@
 import numpy as np
 
 from ..parameters import Array
+from .blocks import AXES
 from .joints import JointTree
 from .single_body import SingleBody
 from .system import SecondOrderSystem
 
-_TWIST = {
-    6: ("surge", "sway", "heave", "roll", "pitch", "yaw"),
-    3: ("surge", "sway", "yaw"),
-}  # components of a body's twist, by its dimension
-_POSE = {
-    6: ("x", "y", "z", "roll", "pitch", "yaw"),
-    3: ("x", "y", "yaw"),
-}  # of its pose
+# components of a body's twist and pose, by its dimension
+_TWIST = {6: AXES, 3: ("surge", "sway", "yaw")}
+_POSE = {6: ("x", "y", "z", *AXES[3:]), 3: ("x", "y", "yaw")}
 
 
 def velocity_labels(system: SecondOrderSystem) -> list[str]:

@@ -7,11 +7,10 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..parameters import Array, Block, ParameterSpace
+from .blocks import Term, placed
 from .parts import Body, Inertia
 from .structure import Structure
-from .structured import StructuredSystem
 from .system import SecondOrderSystem
-from .terms import Term, placed
 
 LEVEL = (0, 1, 5)
 """The axes of a body in the plane, among the six of one in space."""
@@ -39,7 +38,7 @@ class Operation:
     state: Callable[[np.random.Generator], tuple[Array, Array, Array]] | None = None
 
 
-class SingleBody(StructuredSystem):
+class SingleBody(SecondOrderSystem):
     """M ν̇ + C(ν) ν = F θ (4) of one body in space, in the plane, or along the vertical.
 
     θ = [inertia, then the terms' blocks in order]. Axes are x forward, y left, z up.

@@ -23,6 +23,18 @@ Spatial Vector Algebra, IEEE Robotics and Automation Letters 7 (2022), which hol
 6×6 inertia. Columns are differentiated by forward differences of one body or one joint.
 """
 
+from ..numerics.kernels import (
+    boolean,
+    f8,
+    helper,
+    index,
+    kernel,
+    matrix,
+    routine,
+    table,
+    vector,
+    void,
+)
 from ..numerics.linalg import solve_many
 from .arrays import (
     AT,
@@ -64,21 +76,7 @@ from .arrays import (
 from .columns.fluid import F as WRENCH
 from .columns.joint import LOAD as LOAD_FRICTION
 from .columns.joint import SHARED_VISCOUS, coordinate, joint_force, slope_by_other
-from .compiled import (
-    SLOPES,
-    STRUCTURE,
-    WORKSPACE,
-    boolean,
-    f8,
-    helper,
-    index,
-    kernel,
-    matrix,
-    routine,
-    table,
-    vector,
-    void,
-)  # fmt: skip
+from .compiled import SLOPES, STRUCTURE, WORKSPACE
 from .forces import ALL, BODY_KINDS, write_forces, write_surroundings, write_wrench
 from .inertia import add_rigid, add_square, add_turning, write_rigid, write_square
 from .kinematics import place

@@ -3,7 +3,7 @@
 Rows are never sliced: a view of an array costs two atomic operations in numba.
 """
 
-from .compiled import f8, helper, index, vector, void
+from ..numerics.kernels import f8, helper, index, vector, void
 
 _PRODUCT = void(vector, index, vector, index, f8, vector, index)
 _MAP = void(vector, index, vector, index, vector, index)

@@ -16,6 +16,7 @@ with A = [A, α] without T. With h = ∫ r dm and Σ = ∫ r rᵀ dm, f = [m a +
 and the last integral is the vector of B Σ − (B Σ)ᵀ. Dᵀ f is linear in m, h and Σ alike.
 """
 
+from ..numerics.kernels import f8, helper, index, inlined, kernel, matrix, table, vector, void
 from ..numerics.linalg import solve_inline
 from .arrays import (
     AT_V,
@@ -44,19 +45,7 @@ from .arrays import (
     VELOCITY,
     WRENCH,
 )
-from .compiled import (
-    STRUCTURE,
-    WORKSPACE,
-    f8,
-    helper,
-    index,
-    inlined,
-    kernel,
-    matrix,
-    table,
-    vector,
-    void,
-)
+from .compiled import STRUCTURE, WORKSPACE
 from .inertia import (
     add_common_power,
     write_momentum,

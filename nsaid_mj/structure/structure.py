@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,7 +57,8 @@ class Structure:
             _within(f"{what}.start", inertia.start, self.p - size + 1)
             if inertia.tensor is not None:
                 self._check_tensor(what, inertia)
-        if doubled := _twice([i.body for i in self.inertias if i.tensor is None]):
+        rigid = sorted(i.body for i in self.inertias if i.tensor is None)
+        if doubled := [one for one, other in pairwise(rigid) if one == other]:
             raise InvalidInput(
                 "inertias", "at most one rigid body on each body", f"two on {doubled[0]}",
                 "Add the second as a tensor.",
@@ -106,19 +108,9 @@ class Structure:
 
     # -- memory ------------------------------------------------------------------------------------
 
-    def workspace(self) -> Workspace:
-        """Workspace for a stage."""
-        return layout.workspace(len(self.bodies), self.n)
-
-    def slopes(self) -> Slopes:
-        """Workspace for derivatives."""
-        terms, nonzeros = len(self.arrays.terms), len(self.arrays.nonzeros)
-        return layout.slopes(len(self.bodies), self.n, terms, nonzeros)
-
-    @cached_property
-    def state_size(self) -> int:
-        """Numbers s of a state, see `arrays.POSITION`."""
-        return len(self.slopes().state)
+    def memory(self) -> tuple[Workspace, Slopes]:
+        """Workspaces of a stage and for derivatives, with a state, see `arrays.POSITION`."""
+        return layout.memory_of(self.arrays, self.n)
 
     @cached_property
     def arrays(self) -> StructureArrays:
@@ -323,10 +315,6 @@ def _pair(rotor: Rotor) -> tuple[int, int]:
 def _within(name: str, value: int, end: int, first: int = 0) -> None:
     if not first <= value < end:
         raise InvalidInput(name, f"{first} … {end - 1}", value, "Indices count from 0.")
-
-
-def _twice(numbers: list[int]) -> list[int]:
-    return sorted({number for number in numbers if numbers.count(number) > 1})
 
 
 def _integers(rows: list[tuple[int, ...]], width: int) -> layout.Integers:

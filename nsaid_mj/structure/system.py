@@ -1,9 +1,9 @@
 """The paper's class of systems, W(t, x, v, v̇) θ = 0, with the kinematics of a `Structure`.
 
 A `SecondOrderSystem` is structure only: it defines the regressors' columns and holds no parameter
-values. The regressors of N samples, their use along a log, and the range of operation are abstract;
-what follows from them (the paper's W_M, W_C, F, the mass matrix (8), the acceleration (29)) is
-final, as are the kinematics.
+values. Its range of operation is abstract; the regressors, by the structure's kernels, and what
+follows from them (the paper's W_M, W_C, F, the mass matrix (8), the acceleration (29)) are final,
+as are the kinematics.
 
 Symbols: q (m,) position, v (n,) measured velocity, x = (q, v) (m+n,) the combined state (3),
 w (n,) the velocity that C multiplies (the identifier's v̂ or the measured v), a (n,)
@@ -21,8 +21,10 @@ from numpy.typing import ArrayLike
 from ..errors import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array, Indices, ParameterSpace, finite
+from .arrays import StructureArrays
 from .configuration import StructuredKinematics, plain
-from .motion import Motion, accelerate_at
+from .motion import Motion, accelerate_at, along, balance
+from .regressor import write_regressors
 from .structure import Structure
 
 _TOGETHER = 64  # samples whose mass matrices are computed together
@@ -49,37 +51,34 @@ class SecondOrderSystem(StructuredKinematics, ABC):
         n: number of velocities.
         m: number of positions.
         n_u: number of commands.
-        forward: the structure, for compiled simulation; None where the regressors are not its own.
+        reference: the source of the links' regressors, a `multibody.PinocchioLinks`; None where all
+            are the structure's.
     """
 
-    forward: Any = None
+    reference: Any = None
 
     def __init__(self, structure: Structure, space: ParameterSpace, mounts: Array | None = None):
         super().__init__(structure)
         self.space, self.mounts = space, mounts
 
-    # -- what a kind of system defines -----------------------------------------------------------
-
     @abstractmethod
-    def _regressors(
-        self, q: Array, v: Array, u: Array, w: Array, a: Array, weight: float = 1.0
-    ) -> Array:
-        """(N, n, p) combined regressor W = W_M + W_C − F (10) of N samples; unchecked.
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws a state and command (q, v, u) from the range of operation, to probe structure."""
 
-        `weight` is 1, or 0 to omit F and the weight of rigid bodies: W_M θ = M(q, θ) a (8), and
-        W_C θ = C(q, v, θ) w (9) with Ṁ − 2C skew; F θ is the sum of all forces: gravity,
-        dissipation, actuation.
-        """
+    @property
+    def forward(self) -> StructureArrays | None:
+        """The structure, for compiled simulation; None where the regressors are not its own."""
+        return self.structure.arrays if self.reference is None else None
 
-    @abstractmethod
-    def _transport(self, q: Array, v: Array) -> Array:
-        """(n, p) regressor of C(x)ᵀ v = Ṁ v − C v, so that d/dt(M v) = F θ + Cᵀ v."""
+    # -- along a log -----------------------------------------------------------------------------
 
-    @abstractmethod
     def motion(self, log: Log, hermite: bool) -> Motion:
         """The log's `Motion`; arguments are those of `midpoints`."""
+        t, q, v, u = (plain(x) for x in (log.t, log.q, log.v, log.u))
+        qm, vm = self.midpoints(log, hermite)
+        own = Motion(self.structure.arrays, t, v, vm, *self._along(q, v, qm, vm, u))
+        return own if self.reference is None else self.reference.motion(own, log.q, qm)
 
-    @abstractmethod
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
@@ -95,12 +94,46 @@ class SecondOrderSystem(StructuredKinematics, ABC):
             (N, n, p) W_M(q, v) at the samples; and three arrays (N−1, n, p), a W_M(q, v) + F + the
             regressor of Cᵀ v at start, middle and end of every step, with the command held.
         """
+        if self.reference is not None:
+            return self.reference.momentum_balance(leak, log, q, v)
+        own, vm, size = plain(log.v), plain(v), (self.n, self.p)
+        states = self._along(plain(log.q), own, plain(q), vm, plain(log.u))
+        momenta, spare = np.empty((len(own), *size)), np.empty((2, *size))
+        terms, work = np.empty((3, len(vm), *size)), self._memory.work
+        arrays = self.structure.arrays
+        balance(arrays, leak, own, vm, *states, work, *spare, momenta, *terms)
+        return momenta, terms[0], terms[1], terms[2]
 
-    @abstractmethod
-    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws a state and command (q, v, u) from the range of operation, to probe structure."""
+    def _along(
+        self, q: Array, v: Array, qm: Array, vm: Array, u: Array
+    ) -> tuple[Array, Array, Array]:
+        """States at N samples and half-way, and F; see `motion.along`."""
+        size, own = len(self._memory.state), self.structure.arrays
+        states, middles = np.empty((len(q), size)), np.empty((len(qm), size))
+        F = np.empty((3, len(qm), len(own.nonzeros)))
+        along(own, q, v, qm, vm, u, self._memory.work, states, middles, F)
+        return states, middles, F
 
     # -- regressors of samples, unchecked --------------------------------------------------------
+
+    def _regressors(
+        self, q: Array, v: Array, u: Array, w: Array, a: Array, weight: float = 1.0
+    ) -> Array:
+        """(N, n, p) combined regressor W = W_M + W_C − F (10) of N samples.
+
+        `weight` is 1, or 0 to omit F and the weight of rigid bodies: W_M θ = M(q, θ) a (8), and
+        W_C θ = C(q, v, θ) w (9) with Ṁ − 2C skew; F θ is the sum of all forces: gravity,
+        dissipation, actuation.
+        """
+        W, own, given = np.empty((len(q), self.n, self.p)), self._memory, (q, v, u, w, a)
+        if weight == 0.0:
+            own.F[:] = 0.0
+        write_regressors(
+            self.structure.arrays, *map(plain, given), weight, own.state, own.F, own.work, W
+        )  # fmt: skip
+        if self.reference is not None:
+            self.reference.overwrite(W, q, v, w, a, weight)
+        return W
 
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         """(n, p) W of one sample."""

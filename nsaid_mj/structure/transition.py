@@ -10,7 +10,8 @@ The derivatives are held in the step at their values in RK4's third stage, half-
 error is of third order in the step. θ acts through the n components of c alone.
 """
 
-from .compiled import SLOPES, STRUCTURE, WORKSPACE, f8, index, kernel, matrix, routine, vector, void
+from ..numerics.kernels import f8, index, kernel, matrix, routine, vector, void
+from .compiled import SLOPES, STRUCTURE, WORKSPACE
 from .forces import ALL, write_forces
 from .kinematics import place
 from .poses import add_bracket, group_of, integrate

@@ -15,8 +15,8 @@ from nsaid_mj.control import Driver
 from nsaid_mj.control.driver import Tracking, computed_torque, tracking_workspace
 from nsaid_mj.control.signals import Series
 from nsaid_mj.parameters import Array
+from nsaid_mj.structure.configuration import plain
 from nsaid_mj.structure.joints import JointTree
-from nsaid_mj.structure.structured import plain
 
 ARM_MOTIONS = ("own", "own", "lively", "gentle", "one axis", "rest", "chirp", "steps", "small")
 VEHICLE_MOTIONS = ("own", "weak", "rest", "steps")

@@ -17,6 +17,7 @@ from nsaid_mj.laws.memory.statistics import Memory, MemoryConfig, Recorder
 from nsaid_mj.log import EXACT, SensorLevels
 from nsaid_mj.plants import SensorNoise
 from nsaid_mj.quotient.cost import Remembered
+from tests.support.dense import transport
 from tests.support.plants import plant
 from tests.support.remembered import Log, added, blocks, driven, noisy, off, regressors, remember
 from tests.support.vehicles import VEHICLES
@@ -46,10 +47,10 @@ def test_transport_is_the_transposed_coriolis_matrix_times_v(name, seed):
     q, v, _ = system.random_state(rng)
     theta = system.space.scale * rng.standard_normal(system.p)
     C = system.coriolis_matrix(np.r_[q, v], theta)
-    expected, own = C.T @ v, system._transport(q, v) @ theta
+    expected, own = C.T @ v, transport(system, q, v) @ theta
     size = (np.abs(C.T) @ np.abs(v)).max() + np.abs(system._W_M(q, v) * theta).max()
     assert np.abs(own - expected).max() <= (1e-13 if name in EXACTLY else 1e-8) * size
-    assert (system._transport(q, 0 * v) == 0).all()
+    assert (transport(system, q, 0 * v) == 0).all()
 
 
 # From 8, 4 and 2 plant steps to a sample. Drag |v|v has a kink at v = 0, which costs an order.

@@ -9,8 +9,7 @@ from scipy.linalg import block_diag, solve_triangular
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.laws.cone.prior import drawn_covariance, drawn_inside
 from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.structure.blocks import link_block
-from nsaid_mj.structure.terms import guessed
+from nsaid_mj.structure.blocks import guessed, link_block
 from tests.support.remembered import scenario_plant
 
 ROBOTS = ["ur5", "panda", "bluerov2", "crazyflie", "f1tenth", "remus100", "astrobee"]

@@ -13,7 +13,7 @@ from nsaid_mj.nullspace import level
 from nsaid_mj.parameters import Array, Block, ParameterSpace
 from nsaid_mj.structure.parts import Body, Column, Inertia, tied
 from nsaid_mj.structure.structure import Structure
-from nsaid_mj.structure.structured import StructuredSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 from tests.support.bench import accelerations, columns
 
 
@@ -59,7 +59,7 @@ def test_71_73_both_terms_of_the_error_rate_vanish(converged):
             assert np.abs(vanishing[-tenth:]).max() < 1e-4 * np.abs(vanishing[:tenth]).max()
 
 
-class Cart(StructuredSystem):
+class Cart(SecondOrderSystem):
     """m v̇ = k u: the smallest system with an unknown gain, θ = [m, k], r = 1."""
 
     def __init__(self):

@@ -21,7 +21,7 @@ from nsaid_mj.plants.uvms import published_links
 from nsaid_mj.resources import numbers
 from nsaid_mj.structure.joints import JointScales
 from nsaid_mj.structure.multibody import CompiledMultibody
-from tests.support.dense import Dense, rk4_step
+from tests.support.dense import Dense, rk4_step, transport
 from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near, coupled
 from tests.support.plants import assert_engines_agree, draw_state, drive, plant, wrong_prior
@@ -190,8 +190,9 @@ def branching() -> CompiledMultibody:
     model.addJoint(base, pin.JointModelRZ(), place(), "tail")
     ones = np.ones(4)
     scales = JointScales(np.ones(5), np.ones(5), ones, ones, ones, ones, ones, rotor=ones)
-    sides = np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]])
-    return flying_arm(model, scales, np.ones(2), np.ones(6), 0.2, sides, np.array([1.0, -1.0]))
+    rotors = {"positions": [[0.1, 0.0, 0.0], [-0.1, 0.0, 0.0]], "spins": [1.0, -1.0]}
+    sheet = rotors | {"thrust": 1.0, "torque": 1.0, "speed": [1.0] * 6}
+    return flying_arm(model, scales, 0.2, sheet)
 
 
 SYSTEMS = {**{name: lambda name=name: plant(name).system for name in NAMES}, "tree": branching}
@@ -317,7 +318,7 @@ def test_transport_is_the_rate_of_momentum_along_the_motion(name):
     system = SYSTEMS[name]()
     for seed in range(3):
         q, v = system.split(draw_state(system, seed)[0])
-        assert_near(system._transport(q, v), Dense(system).transport(q, v), 1e-8)
+        assert_near(transport(system, q, v), Dense(system).transport(q, v), 1e-8)
 
 
 @systems
@@ -489,7 +490,7 @@ def test_an_arm_in_water_follows_its_path_while_the_base_swims():
             numbers, v = p.coordinates()
             u = driver.command(k * p.dt, p.position(numbers), v)
             assert (np.abs(u) <= 1).all()
-            errors.append(np.abs(numbers[6:] - driver._path(k * p.dt)[0]).max())  # pyright: ignore
+            errors.append(np.abs(numbers[6:] - driver.path(k * p.dt)[0]).max())  # pyright: ignore
             travelled = np.maximum(travelled, np.abs(v[:6]))
             p.step(u)
     assert max(errors) < 0.2 and (travelled > 0.1).all()

@@ -41,7 +41,7 @@ from nsaid_mj.structure.columns.curve import LINEAR, polynomial
 from nsaid_mj.structure.joints import JointTree
 from nsaid_mj.structure.parts import Body, Column, Inertia, tied
 from nsaid_mj.structure.structure import Structure
-from nsaid_mj.structure.structured import StructuredSystem
+from nsaid_mj.structure.system import SecondOrderSystem
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.faulty import heard
 from tests.support.fossen import published
@@ -446,7 +446,7 @@ def test_meshes_of_a_vehicle_move_rigidly_as_in_mujoco(vehicle: SimulatedRun) ->
         np.testing.assert_allclose(R @ there, world, atol=1e-6)
 
 
-class Sled(StructuredSystem):
+class Sled(SecondOrderSystem):
     """In the plane: a jet astern, one abeam, a torque, which has no place, and a weak fin."""
 
     def __init__(self) -> None:

@@ -25,6 +25,7 @@ from nsaid_mj.robot.loading import Base, load_robot
 from nsaid_mj.structure import multibody
 from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
 from tests.support.dense import Dense
+from tests.support.dense import transport as transported
 
 FEW = [
     "double_pendulum held",
@@ -104,7 +105,7 @@ def check_regressors(robot: str, seeds) -> None:
         # Cᵀv from Pinocchio's C, without differences; ours knows of no C: C + Cᵀ = Ṁ along v
         transport = np.stack([v @ theirs._W_C(q, v, e) for e in np.eye(ours.n)])
         size = np.abs(v) @ np.abs([theirs._W_C(q, v, e) for e in np.eye(ours.n)])
-        assert (np.abs(ours._transport(q, v) - transport) <= BAR * size.max()).all()
+        assert (np.abs(transported(ours, q, v) - transport) <= BAR * size.max()).all()
 
 
 def check_evaluate(robot: str, seeds) -> None:

@@ -144,7 +144,7 @@ def test_a_step_is_of_fifth_order_and_its_derivatives_of_third(base, longest):
     system, rng = Evaluation(structure), np.random.default_rng(5)
     q, v, _, _, u = random_motion(structure, rng)
     theta, n = physical_theta(structure, rng), structure.n
-    work, slopes = structure.workspace(), structure.slopes()
+    work, slopes = structure.memory()
 
     def ends(q, v, dt, parts=1):
         F, B = np.zeros((2 * n, 3 * n)), np.zeros((n, structure.p))

@@ -21,7 +21,6 @@ from nsaid_mj.plants import ArmPlant, AstrobeePlant, BlueROV2Plant, PlantConfig,
 from nsaid_mj.plants.world.plant import Plant
 from nsaid_mj.structure.parts import Body, Column, Inertia, tied
 from nsaid_mj.structure.structure import Structure
-from nsaid_mj.structure.structured import StructuredSystem
 from nsaid_mj.structure.system import SecondOrderSystem
 
 
@@ -245,7 +244,7 @@ def swing() -> tuple[Bench, Motion]:
     )
 
 
-class TwoVehicles(StructuredSystem):
+class TwoVehicles(SecondOrderSystem):
     """Two vehicles (16) that do not touch: θ = [m₁, d₁, g₁, a₁, m₂, d₂, g₂, a₂], r = 2."""
 
     def __init__(self):

@@ -14,9 +14,30 @@ from nsaid_mj.numerics.spatial import bracket
 from nsaid_mj.parameters import Array
 from nsaid_mj.quotient import barrier
 from nsaid_mj.quotient import cone as geometry
+from nsaid_mj.structure.arrays import FALL, FRAME
+from nsaid_mj.structure.configuration import plain
+from nsaid_mj.structure.kinematics import place
+from nsaid_mj.structure.motion import balance
 from nsaid_mj.structure.system import SecondOrderSystem, Stage
 
 DIFFERENCE = 1e-5  # step of central differences along v [s·(1 + |v|)]
+
+
+def transport(system: SecondOrderSystem, q: Array, v: Array) -> Array:
+    """(n, p) regressor of Cᵀ v = Ṁ v − C v, so that d/dt(M v) = F θ + Cᵀ v."""
+    if system.reference is not None:
+        return system.reference.transport(q, v)
+    v, size, own, arrays = plain(v), (system.n, system.p), system._memory, system.structure.arrays
+    place(arrays, plain(q), v, own.state)
+    fall = (len(arrays.bodies) + system.n) * FRAME + FALL
+    own.state[fall : fall + 3] = 0.0  # without weight
+    terms, none, F = np.zeros((2, *size)), np.empty((0, *size)), np.empty((3, 0, 0))
+    empty, out = np.empty((0, 0)), np.empty(size)
+    balance(
+        arrays, 0.0, v[None], empty, own.state[None], empty, F,
+        own.work, out, terms[0], terms[1:], none, none, none,
+    )  # fmt: skip
+    return out
 
 
 class Dense:
@@ -50,7 +71,7 @@ class Dense:
         def rows(q: Array, v: Array, u: Array) -> Array:
             each = zip(log.t, q, v, u, strict=False)
             return np.stack(
-                [leak * s._W_M(q, v) + s._transport(q, v) + s._F(t, q, v, u) for t, q, v, u in each]
+                [leak * s._W_M(q, v) + transport(s, q, v) + s._F(t, q, v, u) for t, q, v, u in each]
             )
 
         momenta = np.stack([s._W_M(*row) for row in zip(log.q, log.v, strict=True)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,8 @@ from nsaid_mj.structure.kinematics import place
 from nsaid_mj.structure.slopes import linearise
 from nsaid_mj.structure.stage import stage
 from nsaid_mj.structure.structure import Structure
-from nsaid_mj.structure.structured import StructuredSystem
+from nsaid_mj.structure.system import SecondOrderSystem
+from tests.support.dense import transport
 
 
 class Stage(NamedTuple):
@@ -23,7 +25,7 @@ class Stage(NamedTuple):
     pivot: float
 
 
-class Nameless(StructuredSystem):
+class Nameless(SecondOrderSystem):
     """A structure as a system, its parameters called 0, 1, …"""
 
     def __init__(self, structure: Structure):
@@ -41,7 +43,8 @@ class Evaluation:
     def __init__(self, structure: Structure):
         self.structure, self.arrays, self.system = structure, structure.arrays, Nameless(structure)
         self.W_M, self.W_C = self.system._W_M, self.system._W_C
-        self.mass_tensor, self.transport = self.system._mass_tensor, self.system._transport
+        self.mass_tensor = self.system._mass_tensor
+        self.transport = partial(transport, self.system)
         self.integrate, self.difference = self.system.integrate, self.system.difference
 
     def regressor(self, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
@@ -67,7 +70,8 @@ class Evaluation:
     def stage(self, q: Array, v: Array, w: Array, u: Array, theta: Array) -> Stage:
         """â of (29), Wᵀ Δv and M̂'s smallest pivot."""
         s = self.structure
-        work, state, F = s.workspace(), np.zeros(s.state_size), np.zeros(len(s.arrays.nonzeros))
+        (work, slopes), F = s.memory(), np.zeros(len(s.arrays.nonzeros))
+        state = slopes.state
         a, gradient = np.zeros(s.n), np.zeros(s.p)
         place(s.arrays, q, v, state)
         write_forces(s.arrays, state, q, v, u, ALL, work.scratch, F)
@@ -78,6 +82,6 @@ class Evaluation:
     ) -> tuple[Array, Array, Array]:
         """v̇ (n,), its derivatives by q and v (n, 2n), and those by θ/scale (n, p)."""
         s = self.structure
-        slopes, a, B = s.slopes(), np.zeros(s.n), np.zeros((s.n, s.p))
-        linearise(s.arrays, q, v, u, theta, scale, s.workspace(), slopes, a, B, v[:0])
+        (work, slopes), a, B = s.memory(), np.zeros(s.n), np.zeros((s.n, s.p))
+        linearise(s.arrays, q, v, u, theta, scale, work, slopes, a, B, v[:0])
         return a, slopes.by_state, B

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import Mismatch, Plant
 from nsaid_mj.plants.underwater import UnderwaterSheet
-from nsaid_mj.plants.world.body import NED, command_inputs, hidden, vehicle_spec
+from nsaid_mj.plants.world.body import NED, Inertia, command_inputs, hidden, vehicle_spec
 from nsaid_mj.plants.world.simulated import SimulatedRobot
 from nsaid_mj.resources import vehicle_files
 from tests.support.matrices import skew
@@ -199,9 +199,8 @@ def vehicle(true: Hydrodynamics, dt: float, mismatch: Mismatch = Mismatch()) -> 
     system = SHEET.blueprint().system
     m, S_c = true.rigid[0, 0], true.rigid[3:, :3] / true.rigid[0, 0]
     centre = np.array([S_c[2, 1], S_c[0, 2], S_c[1, 0]])
-    spec = vehicle_spec(
-        vehicle_files("bluerov2"), dt, m, centre, true.rigid[3:, 3:] + m * S_c @ S_c
-    )
+    body = Inertia(m, centre, true.rigid[3:, 3:] + m * S_c @ S_c)
+    spec = vehicle_spec(vehicle_files("bluerov2"), dt, body)
     command_inputs(spec, system.n_u)
     acting = replace(true, rigid=np.zeros((6, 6))).theta()
     return SimulatedRobot(system, true.theta(), acting, spec, ("pose",), mismatch)

@@ -129,41 +129,35 @@ class TrackingLaw:
 
 
 def conventional(
-    space: ParameterSpace,
-    prior: Array,
-    motion: PriorMotion,
-    shape: Array,
-    frequency: float,
-    damping: Array,
-) -> TrackingLaw:
-    """θ̂̇ = −Γ Wᵀ s of the plant; the gains are the prior's.
+    space: ParameterSpace, motion: PriorMotion, shape: Array, frequency: float
+) -> ConstantMetric:
+    """The metric of θ̂̇ = −Γ Wᵀ s of the plant; the gains are the prior's.
 
     `shape` (p,) is the diagonal of Γ⁻¹ at γ = 1, and the frequency [rad/s] of the adaptation's loop
-    sets γ; `damping` (n,) is K_d.
+    sets γ.
     """
     known = np.isin(np.arange(len(space)), space.actuators)
     unit = np.where(known, 0.0, 1 / shape)
     gain = (frequency / loop_frequency(motion, np.diag(unit))) ** 2
-    return TrackingLaw(Estimate(prior, ConstantMetric(gain * unit, known)), damping)
+    return ConstantMetric(gain * unit, known)
 
 
 def nullspace(
     space: ParameterSpace,
-    prior: Array,
     motion: PriorMotion,
     shape: Array,
     frequency: float,
-    damping: Array,
+    prior: Array,
     barrier: float,
-) -> TrackingLaw:
-    """θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s, of plant and actuators together.
+) -> ConeMetric:
+    """The metric of θ̂̇ = −(∇²ψ(θ̂))⁻¹ Wᵀ s, of plant and actuators together.
 
     V = ½ sᵀ M s + D_ψ(θ‖θ̂) has V̇ = −sᵀ K_d s, and the gains that u is divided by stay positive;
     see docs/theory.md. ψ(θ) = ½ θᵀ Γ⁻¹ θ + μ b(θ), with μ = `barrier` in units of Γ⁻¹ at the scale;
-    the other arguments are those of `conventional`, with the prior inside the cone.
+    the other arguments are those of `conventional`, and the prior, inside the cone.
     """
     mu = barrier * float(np.median(shape * space.scale**2))
     unit = ConeMetric(space, 1 / shape, prior, mu)
     mobility = np.asarray(np.linalg.inv(mu * unit.mirror(prior)[1]), dtype=np.float64)
     gain = (frequency / loop_frequency(motion, mobility)) ** 2
-    return TrackingLaw(Estimate(prior, ConeMetric(space, gain / shape, prior, mu / gain)), damping)
+    return ConeMetric(space, gain / shape, prior, mu / gain)

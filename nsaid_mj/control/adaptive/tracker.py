@@ -161,26 +161,14 @@ class AdaptiveTracking(DriverConfig):
         period = 1 / self.fundamental
         motion = prior_motion(system, prior, reference, actuation, period)
         shape = stiffness(motion, system.space.scale, damping, self.floor)
-        known = system.space, prior, motion, shape, self.adaptation, damping
+        known = system.space, motion, shape, self.adaptation
         if self.law == "conventional":
-            return conventional(*known)
-        return nullspace(*known, self.barrier)
+            return TrackingLaw(Estimate(prior, conventional(*known)), damping)
+        return TrackingLaw(Estimate(prior, nullspace(*known, prior, self.barrier)), damping)
 
     def _reference(self, system: SecondOrderSystem, rng: np.random.Generator) -> Reference:
-        base = np.repeat([self.travel, self.tilt, self.heading], [3, 2, 1])
-        base = base[: system.group]
-        tree = isinstance(system, JointTree)
-        limits = system.limits if tree else (np.zeros(system.group), np.zeros(system.group))
-        low, high = (bound[system.group :] for bound in limits)
-        path = FourierTrajectory.within(
-            (low, high),
-            self.reach,
-            np.full(len(low), self.speed),
-            (self.fundamental, self.harmonics),
-            rng,
-            (base, 2 * np.pi * self.fundamental * self.harmonics * np.maximum(base, 1e-9)),
-        )
-        return Reference(system, path, self.rate)
+        base = np.repeat([self.travel, self.tilt, self.heading], [3, 2, 1])[: system.group]
+        return Reference(system, FourierTrajectory.within(self, system, rng, base), self.rate)
 
 
 def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:

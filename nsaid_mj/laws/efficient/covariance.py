@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...numerics.kernels import f8, kernel, matrix, vector, void
 from ...numerics.linalg import (
     cholesky,
     invert_lower,
@@ -11,7 +12,6 @@ from ...numerics.linalg import (
     subtract_square,
 )
 from ...quotient.cone import CONE
-from ...structure.compiled import f8, kernel, matrix, vector, void
 from .filter import FILTER, MEMORIES
 from .steps import carry_scale, project_inside
 

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
+from ...numerics.kernels import cube, f8, i8, matrix, vector
 from ...parameters import Array
 from ...quotient.cone import CONE, Cone
 from ...structure.arrays import Slopes, StructureArrays, Workspace, memory_of
-from ...structure.compiled import SLOPES, STRUCTURE, WORKSPACE, cube, f8, i8, matrix, vector
+from ...structure.compiled import SLOPES, STRUCTURE, WORKSPACE
 from .noise import NOISE, Noise
 
 COMPLETED, CONTRADICTED, ROUNDED, BEGINNING = 0, 1, 2, 3

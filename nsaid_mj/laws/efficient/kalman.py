@@ -28,9 +28,9 @@ reverses is neither linear nor stable.
 import numpy as np
 from numba import types
 
+from ...numerics.kernels import f8, i8, kernel, matrix, vector, void
 from ...parameters import Array
 from ...quotient.cone import inside
-from ...structure.compiled import f8, i8, kernel, matrix, vector, void
 from ...structure.forces import ALL, write_forces
 from ...structure.kinematics import place
 from ...structure.poses import difference, integrate

@@ -15,14 +15,12 @@ from ...bounds import Name, Share, config
 from ...errors import InvalidInput
 from ...parameters import Array, Block
 from ...resources import VehicleFiles, vehicle_files
-from ...structure.blocks import of_a_body
+from ...structure.blocks import Term, of_a_body
 from ...structure.single_body import Operation, SingleBody
-from ...structure.terms import Term
 from .body import BODY, JOINTS, Inertia, command_inputs, hidden, vehicle_spec
 from .mismatch import Mismatch
-from .plant import ParametricPlantConfig, Plant
 from .sheet import Sheet
-from .simulated import SimulatedRobot
+from .simulated import KnownPlant, SimulatedRobot
 
 _NOTHING = np.zeros((6, 6))
 
@@ -119,37 +117,35 @@ class Blueprint:
         return np.array([M[i, j] / self._tensor[i, j, k] for k, (i, j) in enumerate(places)])
 
 
-def simulated(
-    blueprint: Blueprint,
-    files: VehicleFiles,
-    config: ParametricPlantConfig,
-    dt: float,
-    theta: Array | None,
-) -> Plant:
-    """A vehicle of one body with the true parameters θ (p,), or the published ones.
+@config
+class BodyPlant(KnownPlant, ABC):
+    """A vehicle of one body."""
 
-    See `Blueprint.split` for how M is divided into rigid-body and added mass. `config` gives
-    mismatch and faults, `files` the shapes.
-    """
-    theta, system = blueprint.theta if theta is None else theta, blueprint.system
-    try:
-        body, acting = blueprint.split(theta)
-    except ValueError as error:
-        raise _unphysical(files.sheet.parent.name, error) from error
-    spec = vehicle_spec(files, dt, *body, blueprint.size, system.n)
-    spec.option.gravity = [0, 0, -blueprint.gravity]
-    command_inputs(spec, system.n_u)
-    if config.mismatch.fluid == "ellipsoid" and blueprint.fluid is not None:
-        blueprint.fluid.apply(spec, config.mismatch)
-        for name in blueprint.fluid.replaced:
-            acting[system.space[name]] = 0.0
-    try:
-        made = SimulatedRobot(system, theta, acting, spec, JOINTS[system.n], config.mismatch)
-    except InvalidInput:
-        raise
-    except ValueError as error:
-        raise _unphysical(spec.modelname, error) from error
-    return made.failing(config.faults, config)
+    @property
+    @abstractmethod
+    def _files(self) -> VehicleFiles:
+        """The files of its shapes."""
+
+    def _made(self, known: Blueprint, dt: float, theta: Array) -> SimulatedRobot:
+        """See `Blueprint.split` for how M is divided into rigid-body and added mass."""
+        system, files, fluid = known.system, self._files, known.fluid
+        try:
+            body, acting = known.split(theta)
+        except ValueError as error:
+            raise _unphysical(files.sheet.parent.name, error) from error
+        spec = vehicle_spec(files, dt, body, known.size, system.n)
+        spec.option.gravity = [0, 0, -known.gravity]
+        command_inputs(spec, system.n_u)
+        if self.mismatch.fluid == "ellipsoid" and fluid is not None:
+            fluid.apply(spec, self.mismatch)
+            for name in fluid.replaced:
+                acting[system.space[name]] = 0.0
+        try:
+            return SimulatedRobot(system, theta, acting, spec, JOINTS[system.n], self.mismatch)
+        except InvalidInput:
+            raise
+        except ValueError as error:
+            raise _unphysical(spec.modelname, error) from error
 
 
 def _unphysical(name: str, error: ValueError) -> InvalidInput:
@@ -159,7 +155,7 @@ def _unphysical(name: str, error: ValueError) -> InvalidInput:
 
 
 @config
-class VehiclePlant(ParametricPlantConfig, ABC):
+class VehiclePlant(BodyPlant, ABC):
     """A vehicle of one body, made from a data sheet.
 
     Attributes:
@@ -175,15 +171,12 @@ class VehiclePlant(ParametricPlantConfig, ABC):
     def sheet(self) -> type[VehicleSheet]:
         """The type of its data sheet, an attribute of the class."""
 
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        blueprint = self.sheet.of(self.vehicle).blueprint()
-        return self.simulating(dt, blueprint.drawn(self.spread, np.random.default_rng(seed)))
+    @property
+    def _files(self) -> VehicleFiles:
+        return vehicle_files(self.vehicle)
 
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (p,), or the published ones."""
-        files, blueprint = vehicle_files(self.vehicle), self.sheet.of(self.vehicle).blueprint()
-        return simulated(blueprint, files, self, dt, theta)
+    def _published(self) -> Blueprint:
+        return self.sheet.of(self.vehicle).blueprint()
 
 
 class VehicleSheet(Sheet, ABC):

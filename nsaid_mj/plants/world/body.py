@@ -64,24 +64,22 @@ _BOX = """<mujoco model="{name}"><worldbody><body name="vehicle">{joints}
 def vehicle_spec(
     files: VehicleFiles,
     dt: float,
-    mass: float,
-    centre: Array,
-    inertia: Array,
+    inertia: Inertia,
     size: Sequence[float] | None = None,
     n: int = 6,
 ) -> Any:
     """MuJoCo's specification of a vehicle's model.xml with a given inertia, without gravity.
 
     Only the geometry of model.xml is used: its masses, damping and medium are overwritten. `dt` is
-    the time step [s]. mass [kg], centre of mass (3,) [m] and inertia (3, 3) about it [kg·m²] are in
-    body axes; size (3,) is of the box drawn without a model.xml [m], None for a solid box of this
-    inertia. The body has `n` velocities: 6 on a free joint, 3 on two slides and a hinge, 1 on a
-    slide.
+    the time step [s], the inertia in body axes; size (3,) is of the box drawn without a model.xml
+    [m], None for a solid box of this inertia. The body has `n` velocities: 6 on a free joint, 3 on
+    two slides and a hinge, 1 on a slide.
 
     Raises:
         InvalidInput: the model.xml is not of a single body with such joints and no actuators.
     """
-    spec = _visual_spec(files, size or box_of(mass, inertia), n)
+    mass, centre, about = inertia
+    spec = _visual_spec(files, size or box_of(mass, about), n)
     set_options(spec, dt)
     spec.option.gravity = [0, 0, 0]
     spec.option.density, spec.option.viscosity = 0.0, 0.0
@@ -92,7 +90,7 @@ def vehicle_spec(
         joint.armature, joint.frictionloss = 0.0, 0.0
     body.explicitinertial, body.gravcomp = True, 0.0
     body.mass, body.ipos, body.iquat = mass, centre, [1, 0, 0, 0]
-    body.fullinertia = [*np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    body.fullinertia = [*np.diag(about), about[0, 1], about[0, 2], about[1, 2]]
     return spec
 
 

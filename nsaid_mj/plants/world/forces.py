@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
+from ...numerics.kernels import f8, helper, i8, kernel, matrix, routine, table, vector, void
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
 from ...structure.arrays import (
@@ -36,19 +37,7 @@ from ...structure.arrays import (
 )  # fmt: skip
 from ...structure.columns import KINDS, joint
 from ...structure.columns.joint import force_alone
-from ...structure.compiled import (
-    STRUCTURE,
-    WORKSPACE,
-    f8,
-    helper,
-    i8,
-    kernel,
-    matrix,
-    routine,
-    table,
-    vector,
-    void,
-)
+from ...structure.compiled import STRUCTURE, WORKSPACE
 from ...structure.forces import ALL, ROLLING, write_forces
 from ...structure.kinematics import place, write_rotation
 from ...structure.stage import write_equations
@@ -108,11 +97,10 @@ class Forces:
 
     def _parts(self, dofs: Any) -> list[Any]:
         """The parts of the userdata, with the places of all velocities (n, 4)."""
-        s, n = self.structure, self.structure.n
-        entries = len(s.arrays.nonzeros)
-        memory = s.m, n, n, 9, n, n, (n, n), (n, n), s.state_size, entries
-        own = [np.zeros(size) for size in memory]
-        return [*self._arrays, dofs, np.array(self.theta, dtype=np.float64), *own, *s.workspace()]
+        n, (work, slopes) = self.structure.n, self.structure.memory()
+        own = [np.zeros(size) for size in (self.structure.m, n, n, 9, n, n, (n, n), (n, n))]
+        theta = np.array(self.theta, dtype=np.float64)
+        return [*self._arrays, dofs, theta, *own, slopes.state, slopes.F, *work]
 
     @property
     def _arrays(self) -> StructureArrays:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ...numerics.kernels import f8, index, routine, vector
 from ...parameters import Array
-from ..compiled import f8, index, routine, vector
 
 
 @routine(f8(vector, index, f8))

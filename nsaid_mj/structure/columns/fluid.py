@@ -5,11 +5,13 @@ A kind's function takes the constants c, the index at of its own, x = [twist V (
 unit of the parameter into zeros that follow in x.
 """
 
+from functools import partial
+
 import numpy as np
 
-from ..compiled import f8, helper, index, vector, void
+from ...numerics.kernels import f8, helper, index, vector, void
 from ..spatial import add_cross
-from .kind import LISTED, Kind
+from .kind import LISTED, Constants, Kind
 
 WRENCH_OF, FLOW_OF = void(vector, index, vector, f8), void(vector, index, vector)
 """Signatures of a kind's function: (c, at, x), and (c, at, x) if it reads no command."""
@@ -20,35 +22,25 @@ UP, GRAVITY, F = 6, 9, 12
     WEIGHT, BUOYANCY, RIGHTING, PAYLOAD, LINEAR_DRAG, QUADRATIC_DRAG, SPEED_DRAG, STRIP_DRAG,
     LIFT, LIFT_MOMENT, FLUID_KINDS,
 ) = range(100, 111)  # fmt: skip
-_POINT, _AXIS, _AXES = ("point", (3, 0.0)), ("axis", (3, None)), ("axes", (6, None))
+_POINT: Constants = {"point": (3, 0.0)}
+_AXIS: Constants = {"axis": (3, None)}
+_AXES: Constants = {"axes": (6, None)}
+_STRIPS: Constants = {**_AXIS, "strips": (LISTED, None)}
+_LINEAR, _SQUARE = ("N·m·s/rad", "N·s/m"), ("N·m·s²/rad²", "N·s²/m²")
+_weighs = partial(Kind, reads="pose")
 
 KINDS = (
-    Kind(
-        WEIGHT, "weight", "net weight", "net weight", "N", "free", constants=dict([_POINT]),
-        reads="pose",
-    ),
-    Kind(BUOYANCY, "buoyancy", "buoyancy", "buoyancy", "N", constants=dict([_POINT]), reads="pose"),
-    Kind(
-        RIGHTING, "righting", "righting moment", "righting", "N·m", "free", constants=dict([_AXIS]),
-        reads="pose",
-    ),
-    Kind(PAYLOAD, "payload", "payload", "payload", "kg", constants=dict([_POINT]), reads="pose"),
-    Kind(
-        LINEAR_DRAG, "linear_drag", "linear drag", "d", ("N·m·s/rad", "N·s/m"), "free",
-        constants=dict([_AXES]),
-    ),
-    Kind(
-        QUADRATIC_DRAG, "drag", "quadratic drag", "dq", ("N·m·s²/rad²", "N·s²/m²"), "free",
-        constants=dict([_AXES]),
-    ),
-    Kind(SPEED_DRAG, "speed_drag", "body drag", "drag", "N·s²/m²", constants=dict([_AXES])),
-    Kind(
-        STRIP_DRAG, "strip_drag", "link drag", "link_drag", "N·s²/m³",
-        constants=dict([_AXIS, ("strips", (LISTED, None))]),
-    ),
+    _weighs(WEIGHT, "weight", "net weight", "net weight", "N", "free", constants=_POINT),
+    _weighs(BUOYANCY, "buoyancy", "buoyancy", "buoyancy", "N", constants=_POINT),
+    _weighs(RIGHTING, "righting", "righting moment", "righting", "N·m", "free", constants=_AXIS),
+    _weighs(PAYLOAD, "payload", "payload", "payload", "kg", constants=_POINT),
+    Kind(LINEAR_DRAG, "linear_drag", "linear drag", "d", _LINEAR, "free", constants=_AXES),
+    Kind(QUADRATIC_DRAG, "drag", "quadratic drag", "dq", _SQUARE, "free", constants=_AXES),
+    Kind(SPEED_DRAG, "speed_drag", "body drag", "drag", "N·s²/m²", constants=_AXES),
+    Kind(STRIP_DRAG, "strip_drag", "link drag", "link_drag", "N·s²/m³", constants=_STRIPS),
     Kind(LIFT, "lift", "body lift", "lift", "N·s²/m²", "free", drawn="arrow"),
     Kind(LIFT_MOMENT, "lift_moment", "body lift moment", "lift moment", "N·s²/m", "free"),
-)  # fmt: skip
+)
 
 
 @helper(FLOW_OF)

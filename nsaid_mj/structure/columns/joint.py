@@ -1,63 +1,62 @@
 """Kinds of columns on a joint: one force or torque each, per unit of the parameter."""
 
+from functools import partial
+
 import numpy as np
 
+from ...numerics.kernels import f8, helper, index, routine, table, vector
 from ..arrays import AT_Q, AT_V, CIRCLE, FALL, FRAME, KIND, PARENT, POSITION
-from ..compiled import f8, helper, index, routine, table, vector
 from ..spatial import add_cross, clear, dot, rotate
 from .curve import follow_curve
-from .kind import CURVE, LISTED, Kind
+from .kind import CURVE, LISTED, Constants, Kind
 
 (
     VISCOUS, QUADRATIC, CUBIC, COULOMB, STRIBECK, LOAD, OFFSET, SPRING, MOTOR, SERVO,
     SHARED_VISCOUS, SHARED_COULOMB,
 ) = range(12)  # fmt: skip
-_SPEED = ("speed", (1, 0.05))
+_SPEED: Constants = {"speed": (1, 0.05)}
+_FORCE, _DAMPING, _DRAG = ("N·m", "N"), ("N·m·s/rad", "N·s/m"), ("N·m·s²/rad²", "N·s²/m²")
+_STIFFNESS = ("N·m/rad", "N/m")
+_drive = partial(Kind, share=1.0, actuator=True, commanded=True, drawn="ring")
 
 KINDS = (
-    Kind(VISCOUS, "viscous", "viscous friction", "viscous", ("N·m·s/rad", "N·s/m"), share=0.2),
-    Kind(
-        QUADRATIC, "quadratic", "quadratic friction", "quadratic",
-        ("N·m·s²/rad²", "N·s²/m²"), "free",
-    ),
+    Kind(VISCOUS, "viscous", "viscous friction", "viscous", _DAMPING, share=0.2),
+    Kind(QUADRATIC, "quadratic", "quadratic friction", "quadratic", _DRAG, "free"),
     Kind(CUBIC, "cubic", "cubic friction", "cubic", ("N·m·s³/rad³", "N·s³/m³"), "free"),
+    Kind(COULOMB, "coulomb", "Coulomb friction", "coulomb", _FORCE, share=0.2, constants=_SPEED),
     Kind(
-        COULOMB, "coulomb", "Coulomb friction", "coulomb", ("N·m", "N"), share=0.2,
-        constants=dict([_SPEED]),
-    ),
-    Kind(
-        STRIBECK, "stribeck", "Stribeck friction", "stribeck", ("N·m", "N"),
-        constants=dict([_SPEED, ("stribeck", (1, 0.13))]),
+        STRIBECK, "stribeck", "Stribeck friction", "stribeck", _FORCE,
+        constants={**_SPEED, "stribeck": (1, 0.13)},
     ),
     Kind(
         LOAD, "load", "load-dependent friction", "load", ("1", "1"), share=0.05,
-        constants=dict([_SPEED, ("bodies", (LISTED, None))]),
+        constants={**_SPEED, "bodies": (LISTED, None)},
     ),
     Kind(
-        OFFSET, "offset", "offset", "offset", ("N·m", "N"), "free", share=0.05, reads="",
+        OFFSET, "offset", "offset", "offset", _FORCE, "free", share=0.05, reads="",
         constants={"force": (1, 1.0)},
     ),
     Kind(
-        SPRING, "spring", "stiffness", "stiffness", ("N·m/rad", "N/m"),
-        constants={"rest": (1, 0.0)}, drawn="ring", reads="pose",
+        SPRING, "spring", "stiffness", "stiffness", _STIFFNESS, constants={"rest": (1, 0.0)},
+        drawn="ring", reads="pose",
     ),
-    Kind(
-        MOTOR, "motor", "motor gain", "gain", ("N·m/unit", "N/unit"), share=1.0, actuator=True,
-        commanded=True, constants={"curve": (CURVE, 1.0)}, drawn="ring", reads="",
+    _drive(
+        MOTOR, "motor", "motor gain", "gain", ("N·m/unit", "N/unit"),
+        constants={"curve": (CURVE, 1.0)}, reads="",
     ),
-    Kind(
-        SERVO, "servo", "servo gain", "kp", ("N·m/rad", "N/m"), share=1.0, actuator=True,
-        commanded=True, constants={"limit": (1, np.inf)}, drawn="ring", reads="pose",
+    _drive(
+        SERVO, "servo", "servo gain", "kp", _STIFFNESS, constants={"limit": (1, np.inf)},
+        reads="pose",
     ),
     # friction of a motor that turns by v ± v_other, on one of the two joints; this joint's own
     # viscous part belongs to its own viscous friction
     Kind(
-        SHARED_VISCOUS, "shared_viscous", "shared viscous friction", "shared_viscous",
-        ("N·m·s/rad", "N·s/m"), "free", constants={"other": (1, None)},
+        SHARED_VISCOUS, "shared_viscous", "shared viscous friction", "shared_viscous", _DAMPING,
+        "free", constants={"other": (1, None)},
     ),
     Kind(
-        SHARED_COULOMB, "shared_coulomb", "shared Coulomb friction", "shared_coulomb",
-        ("N·m", "N"), "free", constants={"other": (1, None), "sign": (1, 1.0), "speed": (1, 0.05)},
+        SHARED_COULOMB, "shared_coulomb", "shared Coulomb friction", "shared_coulomb", _FORCE,
+        "free", constants={"other": (1, None), "sign": (1, 1.0), **_SPEED},
     ),
 )  # fmt: skip
 

@@ -8,6 +8,7 @@ from ...parameters import Geometry
 
 Drawn = Literal["", "arrow", "ring", "patch"]
 Reads = Literal["", "velocity", "pose"]
+Constants = Mapping[str, tuple[int, float | None]]
 CURVE, LISTED = -1, -2
 """Size of a constant that is a command curve, see `curve.follow_curve`, whose default is a power of
 the command; and of one that is a list of numbers, preceded by their count."""
@@ -34,7 +35,7 @@ class Kind:
     # (load-dependent friction also the pose), or nothing
     reads: Reads = "velocity"
     # names and sizes of its constants, with their defaults, None if required
-    constants: Mapping[str, tuple[int, float | None]] = field(default_factory=dict)
+    constants: Constants = field(default_factory=dict)
     drawn: Drawn = ""  # how its force is drawn, at `point` if it has one
 
     def scale(self, force: float, value: float) -> float:

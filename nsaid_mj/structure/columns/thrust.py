@@ -1,66 +1,47 @@
 """Kinds of columns of thrusters, nozzles, rotors, propellers and fins; see `fluid`."""
 
+from functools import partial
+
 import numpy as np
 
-from ..compiled import f8, helper, index, vector, void
+from ...numerics.kernels import f8, helper, index, vector, void
 from ..spatial import add_cross
 from .curve import follow_curve
 from .fluid import FLOW_OF, WRENCH_OF, F
-from .kind import CURVE, Kind
+from .kind import CURVE, Constants, Kind
 
 (
     THRUSTER, NOZZLE, ROTOR, ROTOR_TORQUE, ROTOR_INFLOW, ROTOR_DRAG, ROTOR_DAMPING,
     PROPELLER, PROPELLER_TORQUE, FIN, FIN_DRAG, THRUST_KINDS,
 ) = range(200, 212)  # fmt: skip
-_PLACE = [("point", (3, None)), ("direction", (3, None))]
-_CURVED = dict([*_PLACE, ("curve", (CURVE, 1.0))])
+_POINT: Constants = {"point": (3, None)}
+_ABOUT: Constants = {"direction": (3, None)}
+_PLACE: Constants = {**_POINT, **_ABOUT}
+_CURVED: Constants = {**_PLACE, "curve": (CURVE, 1.0)}
+_SQUARED: Constants = {**_PLACE, "curve": (CURVE, 2.0)}
+_SPUN: Constants = {**_ABOUT, "curve": (CURVE, 2.0)}
+_SLIPPING: Constants = {**_PLACE, "slip": (1, 0.0)}
+_gain = partial(Kind, actuator=True, commanded=True)
+_pushes, _turns = partial(_gain, share=1.0, drawn="arrow"), partial(_gain, drawn="ring", reads="")
+_steers, _drags = partial(_gain, drawn="arrow"), partial(Kind, commanded=True, constants=_PLACE)
 
 KINDS = (
-    Kind(
-        THRUSTER, "thruster", "thruster gain", "thrust", "N", share=1.0, actuator=True,
-        commanded=True, constants=_CURVED, drawn="arrow", reads="",
-    ),
-    Kind(
-        NOZZLE, "nozzle", "nozzle gain", "nozzle", "N", share=1.0, actuator=True,
-        commanded=True, constants=_CURVED, drawn="arrow", reads="",
-    ),
-    Kind(
-        ROTOR, "rotor", "rotor thrust gain", "thrust", "N", share=1.0, actuator=True,
-        commanded=True, constants=dict([*_PLACE, ("curve", (CURVE, 2.0))]), drawn="arrow", reads="",
-    ),
-    Kind(
-        ROTOR_TORQUE, "rotor_torque", "rotor torque gain", "torque", "N·m", actuator=True,
-        commanded=True, constants={"direction": (3, None), "curve": (CURVE, 2.0)}, drawn="ring",
-        reads="",
-    ),
+    _pushes(THRUSTER, "thruster", "thruster gain", "thrust", "N", constants=_CURVED, reads=""),
+    _pushes(NOZZLE, "nozzle", "nozzle gain", "nozzle", "N", constants=_CURVED, reads=""),
+    _pushes(ROTOR, "rotor", "rotor thrust gain", "thrust", "N", constants=_SQUARED, reads=""),
+    _turns(ROTOR_TORQUE, "rotor_torque", "rotor torque gain", "torque", "N·m", constants=_SPUN),
     Kind(
         ROTOR_INFLOW, "rotor_inflow", "translational lift", "lift", "N·s²/m²", "free",
-        constants=dict(_PLACE),
+        constants=_PLACE,
     ),
-    Kind(
-        ROTOR_DRAG, "rotor_drag", "rotor drag", "rotor_drag_h", "N·s/m", commanded=True,
-        constants=dict(_PLACE),
+    _drags(ROTOR_DRAG, "rotor_drag", "rotor drag", "rotor_drag_h", "N·s/m"),
+    _drags(ROTOR_DAMPING, "rotor_damping", "rotor damping", "rotor_drag_z", "N·s/m"),
+    _pushes(PROPELLER, "propeller", "propeller gain", "thrust", "N", constants=_SLIPPING),
+    _turns(
+        PROPELLER_TORQUE, "propeller_torque", "propeller gain", "torque", "N·m", constants=_ABOUT
     ),
-    Kind(
-        ROTOR_DAMPING, "rotor_damping", "rotor damping", "rotor_drag_z", "N·s/m", commanded=True,
-        constants=dict(_PLACE),
-    ),
-    Kind(
-        PROPELLER, "propeller", "propeller gain", "thrust", "N", share=1.0, actuator=True,
-        commanded=True, constants=dict([*_PLACE, ("slip", (1, 0.0))]), drawn="arrow",
-    ),
-    Kind(
-        PROPELLER_TORQUE, "propeller_torque", "propeller gain", "torque", "N·m", actuator=True,
-        commanded=True, constants={"direction": (3, None)}, drawn="ring", reads="",
-    ),
-    Kind(
-        FIN, "fin", "fin lift", "fin lift", "N·s²/m²/rad", actuator=True, commanded=True,
-        constants=dict(_PLACE), drawn="arrow",
-    ),
-    Kind(
-        FIN_DRAG, "fin_drag", "fin drag", "fin drag", "N·s²/m²/rad²", actuator=True, commanded=True,
-        constants={"point": (3, None)}, drawn="arrow",
-    ),
+    _steers(FIN, "fin", "fin lift", "fin lift", "N·s²/m²/rad", constants=_PLACE),
+    _steers(FIN_DRAG, "fin_drag", "fin drag", "fin drag", "N·s²/m²/rad²", constants=_POINT),
 )  # fmt: skip
 
 

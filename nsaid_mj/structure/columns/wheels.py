@@ -1,28 +1,27 @@
 """Kinds of columns of wheels: tyres, drive and rolling resistance; see `fluid` for arguments."""
 
+from functools import partial
+
 import numpy as np
 
-from ..compiled import f8, helper, index, vector, void
+from ...numerics.kernels import f8, helper, index, vector, void
 from .fluid import WRENCH_OF, F
-from .kind import Kind
+from .kind import Constants, Kind
 
 TYRE, ROLLING, DRIVE, DRIVE_LOSS, WHEEL_KINDS = range(300, 305)
 
+_ARM: Constants = {"arm": (1, None)}
+_POINT: Constants = {"point": (3, 0.0)}
+_drive = partial(Kind, actuator=True, commanded=True)
+
 KINDS = (
-    Kind(
-        TYRE, "tyre", "cornering stiffness", "C", "N/rad", constants={"arm": (1, None)},
-        drawn="patch",
+    Kind(TYRE, "tyre", "cornering stiffness", "C", "N/rad", constants=_ARM, drawn="patch"),
+    Kind(ROLLING, "rolling", "rolling resistance", "c_0", "N", constants={"speed": (1, 0.1)}),
+    _drive(
+        DRIVE, "drive", "drive gain", "k_d", "N", share=1.0, constants=_POINT, drawn="arrow",
+        reads="",
     ),
-    Kind(
-        ROLLING, "rolling", "rolling resistance", "c_0", "N", constants={"speed": (1, 0.1)},
-    ),
-    Kind(
-        DRIVE, "drive", "drive gain", "k_d", "N", share=1.0, actuator=True, commanded=True,
-        constants={"point": (3, 0.0)}, drawn="arrow", reads="",
-    ),
-    Kind(
-        DRIVE_LOSS, "drive_loss", "drive loss", "k_v", "N·s/m", actuator=True, commanded=True,
-    ),
+    _drive(DRIVE_LOSS, "drive_loss", "drive loss", "k_v", "N·s/m"),
 )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ is constant, and under a bias.
 
 from abc import ABC, abstractmethod
 from dataclasses import field
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -67,26 +67,32 @@ class Fault(Config, ABC):
 
 @config
 class ActuatorFault(Fault, ABC):
-    """A fault of one actuator.
+    """A fault of one actuator, which loses `share` of its gains, by `rate` [1/s] unless at once.
 
     Attributes:
         actuator: index of its command, counted from 1.
     """
 
     actuator: Index = field(default=1, kw_only=True)
+    _verbs: ClassVar[tuple[str, str]] = "is", "are"
 
+    @property
     @abstractmethod
+    def _words(self) -> str:
+        """What follows the gains' names and the verb."""
+
     def factor(self, since: float) -> float:
-        """Factor of its gains, `since` seconds after the fault began."""
+        """Factor of its gains, `since` seconds after the fault began: 1 − the share lost so far."""
+        return 1 - (self.share if self.rate is None else min(self.share, self.rate * since))
 
     def affected(self, system: SecondOrderSystem) -> Indices:
         """Indices in θ of the actuator's gains."""
         return gains_of(system, self.actuator)
 
-    def names(self, system: SecondOrderSystem, singular: str, plural: str) -> str:
-        """The gains' names and a verb."""
+    def what(self, system: SecondOrderSystem) -> str:
+        """Such as `thrust_3 loses 40 %`, `thrust_3 is reversed`, `thrust_3 is lost`."""
         names = [system.space.names[i] for i in self.affected(system)]
-        return f"{' and '.join(names)} {singular if len(names) == 1 else plural}"
+        return f"{' and '.join(names)} {self._verbs[len(names) != 1]} {self._words}"
 
 
 @config
@@ -100,41 +106,30 @@ class Loss(ActuatorFault):
 
     share: Annotated[float, Field(strict=True, gt=0, lt=1)] = 0.4
     rate: Positive | None = None
+    _verbs: ClassVar[tuple[str, str]] = "loses", "lose"
 
-    def factor(self, since: float) -> float:
-        """1 − the share lost so far."""
-        return 1 - (self.share if self.rate is None else min(self.share, self.rate * since))
-
-    def what(self, system: SecondOrderSystem) -> str:
-        """Such as `thrust_3 loses 40 %`."""
+    @property
+    def _words(self) -> str:
         slowly = "" if self.rate is None else f", {100 * self.rate:g} %/s,"
-        return f"{self.names(system, 'loses', 'lose')} {100 * self.share:g} %{slowly}"
+        return f"{100 * self.share:g} %{slowly}"
 
 
 @config
 class Reversed(ActuatorFault):
     """An actuator that acts in the opposite direction, as with swapped wires."""
 
-    def factor(self, since: float) -> float:
-        """−1."""
-        return -1.0
-
-    def what(self, system: SecondOrderSystem) -> str:
-        """Such as `thrust_3 is reversed`."""
-        return f"{self.names(system, 'is', 'are')} reversed"
+    share: ClassVar[float] = 2.0
+    rate: ClassVar[None] = None
+    _words: ClassVar[str] = "reversed"
 
 
 @config
 class Broken(ActuatorFault):
     """An actuator that no longer exerts any force or drag: a broken fin, a lost rotor."""
 
-    def factor(self, since: float) -> float:
-        """0."""
-        return 0.0
-
-    def what(self, system: SecondOrderSystem) -> str:
-        """Such as `thrust_3 is lost`."""
-        return f"{self.names(system, 'is', 'are')} lost"
+    share: ClassVar[float] = 1.0
+    rate: ClassVar[None] = None
+    _words: ClassVar[str] = "lost"
 
 
 @config
@@ -148,15 +143,12 @@ class Stuck(ActuatorFault):
     """
 
     holding: Number | None = None
+    share: ClassVar[float] = 0.0  # the command is replaced, not the gain
+    rate: ClassVar[None] = None
 
-    def factor(self, since: float) -> float:
-        """1: the command is replaced, not the gain."""
-        return 1.0
-
-    def what(self, system: SecondOrderSystem) -> str:
-        """Such as `thrust_3 is stuck`."""
-        where = "" if self.holding is None else f" at a command of {self.holding:g}"
-        return f"{self.names(system, 'is', 'are')} stuck{where}"
+    @property
+    def _words(self) -> str:
+        return "stuck" if self.holding is None else f"stuck at a command of {self.holding:g}"
 
 
 def gains_of(system: SecondOrderSystem, actuator: int) -> Indices:

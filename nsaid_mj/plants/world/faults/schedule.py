@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ....parameters import Array
 from ....structure.system import SecondOrderSystem
-from .kinds import ActuatorFault, Bias, Broken, Fault, Loss, PlantFault, Stuck
+from .kinds import ActuatorFault, Bias, Broken, Fault, PlantFault, Stuck
 
 _NOTCH = 0.02  # share of a gain, lost slowly, from which evaluation counts the truth as another
 
@@ -43,7 +43,7 @@ class Schedule:
     def _slow_edges(self, i: int) -> Array:
         """Times at which a slow loss has taken another share `_NOTCH` [s]."""
         fault = self._faults[i]
-        if not isinstance(fault, Loss) or fault.rate is None:
+        if not isinstance(fault, ActuatorFault) or fault.rate is None:
             return np.zeros(0)
         lost = np.append(np.arange(_NOTCH, fault.share, _NOTCH), fault.share)
         times = self._begin[i] + lost / fault.rate
@@ -66,10 +66,8 @@ class Schedule:
 
     def fades(self, t: float) -> bool:
         """Whether a gain is falling at time t [s]."""
-        slow = [
-            (i, f) for i in self._active(t) if isinstance(f := self._faults[i], Loss) and f.rate
-        ]
-        return any(f.rate and f.rate * (t - self._begin[i]) < f.share for i, f in slow)
+        gains = [(i, f) for i in self._active(t) if isinstance(f := self._faults[i], ActuatorFault)]
+        return any(f.rate and f.rate * (t - self._begin[i]) < f.share for i, f in gains)
 
     def factors(self, t: float) -> Array:
         """(n_u,) factors of every actuator's gains in the plant at time t [s]."""
@@ -112,18 +110,17 @@ class Schedule:
         """(..., p) the true θ at times t (...) [s], from that of the sound plant (p,)."""
         times = np.asarray(t, dtype=np.float64)
         theta = np.broadcast_to(sound, (*times.shape, len(sound))).copy()
-        for i, fault in enumerate(self._faults):
-            active = (times > self._begin[i]) & ~(times > self._end[i])
+        active = [(times > a) & ~(times > b) for a, b in zip(self._begin, self._end, strict=True)]
+        for here, fault in zip(active, self._faults, strict=True):
             if isinstance(fault, PlantFault):
-                theta[active] += fault.added(self._system)
+                theta[here] += fault.added(self._system)
         for i, fault in enumerate(self._faults):
-            active = (times > self._begin[i]) & ~(times > self._end[i])
-            if isinstance(fault, ActuatorFault) and active.any():
-                since = times[active] - self._begin[i]
+            if isinstance(fault, ActuatorFault) and active[i].any():
+                since = times[active[i]] - self._begin[i]
                 left = [0.0 if isinstance(fault, Stuck) else fault.factor(s) for s in since.flat]
-                rows = theta[active]
+                rows = theta[active[i]]
                 rows[:, self._gains[i]] *= np.array(left)[:, None]
-                theta[active] = rows
+                theta[active[i]] = rows
         return theta
 
 
