@@ -12,7 +12,6 @@ from ..errors import InvalidInput, NoEstimate, UnknownName
 from ..log import Log
 from ..nullspace import split
 from ..parameters import Array, ParameterSpace
-from ..structure.arrays import memory_of
 from ..structure.information import acceleration_rows, information_along
 from .experiment import Experiment
 from .limits import Limits
@@ -121,7 +120,7 @@ def information(experiment: Experiment, log: Log, draw: int, basis: Array) -> Ar
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
     J = np.zeros((basis.shape[1],) * 2)
     coarser = experiment.scenario.dt / h * R
-    own = system.forward, *memory_of(system.forward, system.n)
+    own = system.forward, *system.structure.memory()
     if not information_along(*own, theta, scale, basis, R, coarser, *log, J, False):
         raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
     return J
@@ -139,7 +138,7 @@ def gramian(experiment: Experiment, log: Log, theta: Array) -> Array:
     system = experiment.system
     rows = np.empty((len(log.t), system.n, system.p))
     scale = np.array(system.space.scale)
-    own = system.forward, *memory_of(system.forward, system.n)
+    own = system.forward, *system.structure.memory()
     if not acceleration_rows(*own, log.q, log.v, log.u, theta, scale, rows):
         raise NoEstimate("M is not positive definite along the motion", "Check the parameters.")
     M = system.mass_matrix(np.hstack([log.q, log.v]), theta)

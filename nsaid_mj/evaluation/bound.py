@@ -20,7 +20,6 @@ import scipy.linalg
 from ..errors import NoEstimate
 from ..log import Log, SensorLevels
 from ..parameters import Array
-from ..structure.arrays import memory_of
 from ..structure.information import information_along
 from .figures import Judge
 from .truth import Truth
@@ -46,7 +45,7 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
     basis = truth.nullspace.P_perp  # nothing is learned along P_s
     values, vectors = scipy.linalg.eigh(basis.T @ truth.prior_covariance @ basis)
     G = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-    own, A = (system.forward, *memory_of(system.forward, n)), np.eye(len(values))
+    own, A = (system.forward, *system.structure.memory()), np.eye(len(values))
     if not information_along(*own, truth.theta, scale, G, R, R, *log, A, True):
         raise NoEstimate("M or S is not positive definite along the log", "Use a shorter log.")
     root = scipy.linalg.solve_triangular(A, G.T, trans=1)

@@ -443,8 +443,8 @@ def test_an_actuators_column_depends_on_its_own_command_only(name, seed):
 
 
 def models(system: Multibody):
-    """Every Pinocchio model a system holds."""
-    values = vars(system).values()
+    """Every Pinocchio model that a system and its reference hold."""
+    values = [*vars(system).values(), *vars(system.reference).values()]
     held = [part for value in values for part in (value if isinstance(value, tuple) else [value])]
     found = [part for part in held if isinstance(part, pin.Model)]
     assert len(found) >= 2

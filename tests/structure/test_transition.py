@@ -7,7 +7,6 @@ import pytest
 
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup, trajectory
-from nsaid_mj.structure.arrays import memory_of
 from nsaid_mj.structure.transition import step
 
 FAMILIES = ("ur5", "bluerov2", "crazyflie", "f1tenth", "remus100", "astrobee", "scalar_rov")
@@ -26,7 +25,7 @@ class Stepper:
         self.system, self.scale = setup(name).system, setup(name).system.space.scale
         self.structure = self.system.forward
         n, m, p = self.system.n, self.system.m, self.system.p
-        self.memory, self.at = memory_of(self.structure, n), np.empty(m)
+        self.memory, self.at = self.system.structure.memory(), np.empty(m)
         self.none = np.zeros((0, n))
         self.end = np.empty(m), np.empty(n), np.empty((2 * n, 3 * n)), np.empty((n, p))
 

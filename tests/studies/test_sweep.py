@@ -28,10 +28,11 @@ from nsaid_mj.laws import Status
 from nsaid_mj.studies.sweep import Plan, run, seed_of, varied
 from nsaid_mj.studies.sweep_engine import Engine
 from nsaid_mj.studies.sweep_report import write
-from nsaid_mj.studies.sweep_results import COSTS, ROWS, TABLE, Sweep, _column, read
+from nsaid_mj.studies.sweep_results import ROWS, TABLE, Sweep, _column, read
 from nsaid_mj.studies.sweep_worker import time_to_converge
 from tests.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict
+from tests.support.studies import COSTS
 
 PATIENCE = 90.0  # on a busy machine [s]
 FIELDS = {"identifier.gain": (0.1, 1.0), "sensors": ("ideal", "noisy")}

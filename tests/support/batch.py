@@ -5,7 +5,6 @@ import scipy.linalg
 
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array
-from nsaid_mj.structure.arrays import memory_of
 from nsaid_mj.structure.system import SecondOrderSystem
 from nsaid_mj.structure.transition import step
 
@@ -20,7 +19,7 @@ def batch_bound(system: SecondOrderSystem, theta: Array, R: Array, G: Array, log
     keep their precision. R (2n,) are variances of the noise, G is (p, d).
     """
     n, m, p, size, d = system.n, system.m, system.p, 2 * system.n, G.shape[1]
-    scale, memory, end = np.array(system.space.scale), memory_of(system.forward, n), np.empty(n)
+    scale, memory, end = np.array(system.space.scale), system.structure.memory(), np.empty(n)
     F, B, weight = np.empty((size, 3 * n)), np.empty((n, p)), 1 / np.sqrt(R)[:, None]
     H = np.eye(size, size + d)
     A = np.asarray(scipy.linalg.block_diag(weight * np.eye(size), np.eye(d)))
