@@ -10,9 +10,9 @@ from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
 from ..structure.arrays import Workspace, workspace
 from ..structure.compiled import WORKSPACE
-from ..structure.motion import MOTION, Motion, stage
+from ..structure.motion import MOTION, stage
 from .cone.chart import CHART, Chart, chart_of
-from .metric import LAW, Law, accurate, adapt, enter, hold, leave
+from .metric import LAW, accurate, adapt, enter, hold, leave
 
 
 class Step(NamedTuple):
@@ -29,6 +29,7 @@ class Step(NamedTuple):
     stage: Workspace
 
 
+_stage_workspace = routine(WORKSPACE(i8, i8), _nrt=True)(workspace)
 STEP = types.NamedTuple((*(vector,) * 7, CHART, WORKSPACE), Step)
 
 
@@ -70,34 +71,7 @@ def advance(law, work, v, weight, reach):
     leave(law, eta, work.theta, work.chart)
 
 
-def follow(
-    law: Law, motion: Motion, v_hats: Array, theta_hats: Array, pivots: Array, first: int
-) -> int:
-    """Integrates (44, 45) along a motion of N samples.
-
-    v_hats (N, n), theta_hats (N, p) and pivots (N,), M̂'s smallest in the step that ends at the
-    row, are written from row `first` on; the row before holds the initial values.
-
-    Returns:
-        The first row at which M̂ was not positive definite, or the step was too long to be accurate;
-        N if none.
-    """
-    n, p = v_hats.shape[1], theta_hats.shape[1]
-    work = Step(
-        np.zeros(n + p),
-        np.zeros(n + p),
-        np.zeros(n + p),
-        np.zeros(n + p),
-        np.zeros(p),
-        np.zeros(n),
-        np.zeros(p),
-        chart_of(law.cone),
-        workspace(len(motion.structure.bodies), n),
-    )
-    return _follow(law, motion, v_hats, theta_hats, pivots, first, work)
-
-
-@kernel(i8(LAW, MOTION, matrix, matrix, vector, i8, STEP))
+@kernel(i8(LAW, MOTION, matrix, matrix, vector, i8, STEP), inner=True)
 def _follow(law, motion, v_hats, theta_hats, pivots, first, work):
     """Integrates (44, 45) along a motion, in workspace from `follow`."""
     t, start, z, theta = motion.t, work.start, work.z, work.theta
@@ -124,3 +98,22 @@ def _follow(law, motion, v_hats, theta_hats, pivots, first, work):
         copy_into(v_hat, v_hats[k])
         copy_into(theta, theta_hats[k])
     return t.shape[0]
+
+
+@kernel(i8(LAW, MOTION, matrix, matrix, vector, i8), _nrt=True)
+def follow(law, motion, v_hats, theta_hats, pivots, first):
+    """Integrates (44, 45) along a motion of N samples.
+
+    v_hats (N, n), theta_hats (N, p) and pivots (N,), M̂'s smallest in the step that ends at the
+    row, are written from row `first` on; the row before holds the initial values.
+
+    Returns:
+        The first row at which M̂ was not positive definite, or the step was too long to be accurate;
+        N if none.
+    """
+    n, p = v_hats.shape[1], theta_hats.shape[1]
+    start, z, total, rate = np.zeros(n + p), np.zeros(n + p), np.zeros(n + p), np.zeros(n + p)
+    stage, chart = _stage_workspace(motion.structure.bodies.shape[0], n), chart_of(law.cone)
+    own = np.zeros(p), np.zeros(n), np.zeros(p), chart, stage
+    work = Step(start, z, total, rate, *own)
+    return _follow(law, motion, v_hats, theta_hats, pivots, first, work)

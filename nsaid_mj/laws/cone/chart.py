@@ -14,13 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from ...numerics.kernels import cube, f8, kernel, vector, void
+from ...numerics.kernels import cube, f8, kernel, routine, vector, void
 from ...numerics.small_matrices import LANES, over_lanes
 from ...parameters import Array, Block, ParameterSpace
 from ...quotient.barrier import hessian_into, metric_solve
 from ...quotient.cone import (
     CONE,
-    Cone,
     compiled,
     cone_of,
     coordinates,
@@ -48,11 +47,13 @@ class Chart(NamedTuple):
 CHART = types.NamedTuple((cube, f8[:, ::1], vector, vector), Chart)
 
 
-def chart_of(cone: Cone) -> Chart:
+@routine(CHART(CONE), _nrt=True)
+def chart_of(cone):
     """Allocates the workspace of the functions below."""
-    blocks = cone.blocks[cone.others]
-    k = blocks[:, 2].max(initial=1)
-    c = (blocks[:, 1] - blocks[:, 0]).max(initial=1)
+    k, c = 1, 1
+    for block in cone.others:
+        k = max(k, cone.blocks[block, 2])
+        c = max(c, cone.blocks[block, 1] - cone.blocks[block, 0])
     return Chart(np.empty((4, k, k)), np.empty((c, c)), np.empty(c), np.ones(30 * LANES))
 
 
