@@ -39,12 +39,11 @@ def excite(chosen: Excite) -> int:
 
 def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     """Designs, and writes and prints the results."""
-    from .. import design
+    from .. import design, recording
     from ..design import files, information, prediction
     from ..design.experiment import own_limits
     from ..pages import design as design_page
     from ..pages.progress import Progress
-    from ..recording.design import FILE, record
 
     def limited(own: design.Limits) -> design.Limits:
         """The limits of model and file; a real robot must not touch itself or the ground either."""
@@ -72,10 +71,11 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
         document = files.document(found, predicted, ranks, folder.name)
         progress.say("trying the experiment on a draw of the prior")
         trial = prediction.tried(found)
-        written += [
-            design_page.write_page(name, document, trial, folder),
-            record(found, trial, name, folder / FILE),
-        ]
+        written.append(design_page.write_page(name, document, trial, folder))
+        if recording.available():
+            from ..recording.design import FILE, record
+
+            written.append(record(found, trial, name, folder / FILE))
     if chosen.json:
         print_json(document)
     elif not chosen.quiet:

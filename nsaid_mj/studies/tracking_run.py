@@ -12,7 +12,7 @@ from ..pages.drawings import figures_of
 from ..pages.page import Figures, Page, Section, Text, count, markdown, write_html
 from ..pages.panels import COLOURS, LAWS, Panel, local_rms
 from ..pages.picture import picture
-from ..recording.tracking import record
+from ..recording import available
 from ..robot.findings import Finding
 from .study import carried_out, repeated
 from .tracking import (
@@ -49,7 +49,7 @@ PICTURE, RECORDING = "tracking.png", "tracking.rrd"
 
 
 def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
-    """Writes report.html, tracking.png and tracking.rrd, and returns their paths."""
+    """Writes report.html, tracking.png and, with Rerun, tracking.rrd; returns their paths."""
     shown = [c for c in done if c.seed == done[0].seed]
     table, length = table_of(plan, done), plan.scenario.duration
     units = [unit for unit in ("rad", "m") if f"rms_{unit}" in shown[0].figures]
@@ -81,18 +81,20 @@ def draw(folder: Path, plan: Plan, done: list[Course]) -> list[Path]:
         sections=sections,
         commands=[
             repeated("track", plan.manifest, {"laws": plan.laws, "seeds": plan.seeds}),
-            shlex.join(["nsaid", "view", str(folder / RECORDING)]),
+            *([shlex.join(["nsaid", "view", str(folder / RECORDING)])] if available() else []),
         ],
         notes=["All figures are in tracking.json and tracking.csv."],
         versions=plan.manifest["versions"],
     )
     seed = Section("", [Text(f"Curves and robot: seed {shown[0].seed}.")])
     result = markdown(replace(page, sections=[sections[0], seed]))
-    setup, motions = shown[0].setup, {c.law: c.motion for c in shown}
-    recording = record(
-        folder / RECORDING, setup.system, setup.plant, motions, shown[0].tracker, result
-    )
-    return [write_html(page, folder), plot, recording]
+    made, setup = [write_html(page, folder), plot], shown[0].setup
+    if available():
+        from ..recording.tracking import record
+
+        moved = setup.system, setup.plant, {c.law: c.motion for c in shown}, shown[0].tracker
+        made.append(record(folder / RECORDING, *moved, result))
+    return made
 
 
 def _errors(shown: list[Course], unit: str) -> Panel:

@@ -39,6 +39,20 @@ def test_a_vehicle_runs_without_any_extra_and_says_why_nothing_is_recorded(tmp_p
 
 
 @pytest.mark.parametrize(
+    "command",
+    [
+        "excite double_pendulum --duration 2 --effort 0.004",
+        "track track_bluerov2 --duration 1 --seeds 1",
+    ],
+)
+def test_studies_without_rerun_leave_out_their_recording(tmp_path: Path, command: str) -> None:
+    done = without(("rerun", "rerun_cli"), *command.split(), "--out", "made", cwd=tmp_path)
+    assert done.returncode in (0, 1) and "Traceback" not in done.stderr, done.stderr
+    made = {path.name for path in (tmp_path / "made").iterdir()}
+    assert "report.html" in made and not any(name.endswith(".rrd") for name in made)
+
+
+@pytest.mark.parametrize(
     "command, extra",
     [
         ("run ur5 --duration 1", "arms"),
