@@ -195,7 +195,7 @@ class Record:
 
     @staticmethod
     def opened(path: Path) -> Record:
-        """As `read`, but a column is read when it is used; the file must not change until then.
+        """Opens a record whose columns are read when used; the file must not change until then.
 
         `rows` never has more in memory than the rows asked for.
         """

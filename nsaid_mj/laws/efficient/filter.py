@@ -62,7 +62,7 @@ class Filter(NamedTuple):
         return Filter(noise=noise, **{name: part.copy() for name, part in parts.items()})
 
     def tested_anew(self) -> Filter:
-        """The same filter, with its test of innovations reset."""
+        """Resets the test of innovations, keeping state and covariance; returns the filter."""
         self.tally[1:] = 0.0
         self.safe[:], self.safe_P[:] = self.theta, self.Ptt
         return self

@@ -104,7 +104,7 @@ def vector_of(user, layout, k):
 
 @routine(matrix(types.uintp, i8, i8), **_RETURNS)
 def matrix_of(user, layout, k):
-    """Like `vector_of`, with the part's rows and columns."""
+    """Part k of float64 userdata at an address, as a matrix; see `vector_of` for `layout`."""
     parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
     at = user + types.uintp(8 * parts[own])
     return array_at(pointer(at, NUMBERS), (i8(parts[own + 1]), i8(parts[own + 2])))
@@ -112,7 +112,7 @@ def matrix_of(user, layout, k):
 
 @routine(table(types.uintp, i8, i8), **_RETURNS)
 def table_of(user, layout, k):
-    """Like `matrix_of`, for indices."""
+    """Part k of userdata at an address, as a table of indices; see `vector_of` for `layout`."""
     parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
     at = user + types.uintp(8 * parts[own])
     return array_at(pointer(at, INDICES), (i8(parts[own + 1]), i8(parts[own + 2])))
