@@ -20,7 +20,14 @@ from .payloads import check_loads, payloads
 from .precision import Precision, inflation, precision, tempered
 from .problem import Problem, folds, least_squares
 from .residuals import Followed, doubts, followed, widened, with_doubts
-from .result import Curves, Fitted, Identification, JointFit, recording_shifts
+from .result import (
+    Curves,
+    Fitted,
+    Identification,
+    JointFit,
+    figures_of,
+    recording_shifts,
+)
 from .scale import common_scale, idle_values, rescaled, with_known
 from .statements import combinations_in_words, parameters_in_words, suggest, verdict
 from .structure import Options, Structured
@@ -172,7 +179,8 @@ def _identification(
         deviation=exact.deviation,
         covariance=exact.covariance,
         friction=nearest_friction(problem, fit.theta),
-        curves=_curves(problem, fit.theta, recordings),
+        figures=figures_of(joints),
+        predictions=_curves(problem, fit.theta, recordings),
         validation=checked,
         law=None,
         cutoff=made.cutoff,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..evaluation.result import Result
+from ..evaluation.result import Figure, Result
 from ..experiment.loop import Run
 from ..laws import Status
 from ..logs.recordings import Recordings
@@ -60,6 +60,20 @@ class Curves:
     measured: Array  # (N, k) commands
     predicted: Array  # (N, k) commands that the estimate predicts
     usable: Mask  # (N, k) whether the row was used
+
+
+def figures_of(joints: Sequence[JointFit]) -> tuple[Figure, ...]:
+    """The NRMSE of every joint, beside least squares and on the validation log if there is one."""
+    kinds = {
+        "held out": "held_out",
+        "weighted least squares, held out": "least_squares",
+        "validation log": "validation",
+    }
+    found = (
+        Figure(name, "%", {joint.name: getattr(joint, key) for joint in joints})
+        for name, key in kinds.items()
+    )
+    return tuple(f for f in found if any(value is not None for value in f.values.values()))
 
 
 class Fitted(NamedTuple):
@@ -145,8 +159,8 @@ class Identification(Result):
         covariance: (p, p) covariance of θ̂.
         friction: (k,) viscous and (k,) Coulomb friction nearest to the identified friction of each
             joint, for model files that hold no other; empty for a vehicle.
-        curves: curves of the training logs.
-        validation: curves of the validation log; None without one.
+        predictions: measured and predicted commands of the training logs.
+        validation: those of the validation log; None without one.
         law: the run of a law along the log; None for the batch fit alone.
         cutoff: cut-off frequency of the rows' filter [Hz].
         seconds: duration of the identification [s].
@@ -163,7 +177,7 @@ class Identification(Result):
     deviation: Array
     covariance: Array
     friction: tuple[Array, Array]
-    curves: Curves
+    predictions: Curves
     validation: Curves | None
     law: AlongLog | None
     cutoff: float

@@ -162,7 +162,7 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     if output.json:
         print_json(summary)
     elif not output.quiet:
-        print_summary(title, summary, result.folder)
+        print_summary(title, summary, result.folder, result.system.space)
     return _code(result, summary)
 
 
@@ -235,11 +235,11 @@ def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, 
 
 def _code(result: Run, summary: dict[str, Any]) -> int:
     """The exit code of a finished run: that of its verdict, unless it was interrupted."""
-    from ..evaluation import mark_of
+    from ..evaluation import result_of
     from ..laws import Status
 
     interrupted = result.ending.status is Status.interrupted
-    return INTERRUPTED if interrupted else code_of(mark_of(summary))
+    return INTERRUPTED if interrupted else code_of(result_of(summary))
 
 
 def _list() -> int:

@@ -39,11 +39,15 @@ def excite(chosen: Excite) -> int:
 
 def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     """Designs, and writes and prints the results."""
+    from rich.console import Console
+
     from .. import design, recording
     from ..design import files, information, prediction
     from ..design.experiment import own_limits
-    from ..pages import design as design_page
+    from ..pages import design as pages
+    from ..pages.page import write_html
     from ..pages.progress import Progress
+    from ..pages.terminal import print_page
 
     def limited(own: design.Limits) -> design.Limits:
         """The limits of model and file; a real robot must not touch itself or the ground either."""
@@ -71,7 +75,8 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
         document = files.document(found, predicted, ranks, folder.name)
         progress.say("trying the experiment on a draw of the prior")
         trial = prediction.tried(found)
-        written.append(design_page.write_page(name, document, trial, folder))
+        page = pages.page(name, document, trial, folder)
+        written.append(write_html(page, folder))
         if recording.available():
             from ..recording.design import FILE, record
 
@@ -79,8 +84,8 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
     if chosen.json:
         print_json(document)
     elif not chosen.quiet:
-        design_page.print_design(name, document, written)
-    return code_of(design_page.verdict_of(document))
+        print_page(page, Console(highlight=False), written)
+    return code_of(page.result)
 
 
 def _scenario(chosen: Excite) -> Scenario:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
-from functools import partial
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +23,7 @@ if TYPE_CHECKING:
     from ..calibration.result import Identification
     from ..calibration.servos import Replayed, ServoIdentification, ServoLogs
     from ..logs.mapping import Map
+    from ..pages.page import Page
     from ..pages.progress import Progress
     from ..robot.findings import Finding
 
@@ -51,7 +51,6 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
     from rich.console import Console
 
     from ..logs.unusable import UnusableLog
-    from ..pages.identification import brief
     from ..pages.progress import Progress
     from ..pages.terminal import print_findings, print_page
 
@@ -61,25 +60,21 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
         try:
             given = servos_of(model, chosen.log, chosen)
             if given is not None:
-                from ..pages.identification.servos import print_servos
-
-                result, files = identify_given(model, given, chosen, folder / RESULT, progress)
-                show = partial(print_servos, result, Console(), files)
+                page, files = identify_given(model, given, chosen, folder / RESULT, progress)
             else:
-                result = _identified(model, chosen, folder, progress)
-                result, files = write(result, folder, progress.say, repeated(chosen))
-                show = partial(print_page, brief(result, files), Console())
-                ended = result.law is not None and not result.law.completed
+                found = _identified(model, chosen, folder, progress)
+                page, files = write(found, folder, progress.say, repeated(chosen))
+                ended = found.law is not None and not found.law.completed
         except UnusableLog as error:
             if not quiet:  # the error itself reports the refusals
                 notes = [finding for finding in error.findings if finding.level != "refusal"]
                 print_findings(notes, Console(stderr=True))
             raise
     if chosen.json:
-        print_json(result.summary())
+        print((folder / RESULT).read_text(encoding="utf-8"), end="")
     elif not chosen.quiet:
-        show()
-    return max(code_of(result.mark), int(ended))
+        print_page(page, Console(), files)
+    return max(code_of(page.result), int(ended))
 
 
 def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) -> Identification:
@@ -123,13 +118,13 @@ def repeated(chosen: Identify) -> str:
 
 def write(
     result: Identification, folder: Path, report: Callable[[str], None], command: str = ""
-) -> tuple[Identification, list[Path]]:
+) -> tuple[Page, list[Path]]:
     """Writes results, report, recording and calibrated models into a folder.
 
     `command` is the command line of the identification, for the report; empty if unknown.
 
     Returns:
-        The result with findings about the exported model, and the files.
+        The page, whose result has findings about the exported model, too, and the files.
     """
     from ..calibration.export import write_models
 
@@ -139,21 +134,22 @@ def write(
     result = replace(result, findings=(*result.findings, *followed))
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     report("writing the report")
-    from ..pages.identification import page
-    from ..pages.page import write_html
+    from ..pages.identification import report as pages
+    from ..pages.page import markdown, write_html
 
-    files.append(write_html(page(result, command), folder))
+    page = pages.page(result, command)
+    files.append(write_html(page, folder))
     from .. import recording
 
     if recording.available():
         report("writing the recording")
-        files.append(recording.record(result, folder / recording.FILE))
+        files.append(recording.record(result, folder / recording.FILE, markdown(page)))
     if result.law is not None:
         from ..recording.postprocessing import finish
 
         finish(result.law.run, report)
         files.append(result.law.run.folder / "report.html")
-    return result, [folder / RESULT, *files]
+    return page, [folder / RESULT, *files]
 
 
 def _known(text: str) -> tuple[str, float]:
@@ -184,7 +180,7 @@ def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs
 
 def identify_given(
     model: str, given: ServoLogs, chosen: Identify, path: Path, progress: Progress
-) -> tuple[ServoIdentification, list[Path]]:
+) -> tuple[Page, list[Path]]:
     """Identifies servos and writes the results: JSON into the path, and an MJCF beside it.
 
     Raises:
@@ -211,14 +207,18 @@ def identify_given(
     result = replace(result, findings=(*result.findings, followed))
     write_json(path, without_nonfinite(result.summary()))
     from .. import recording
-    from ..pages.identification.servos import write_servos
+    from ..pages.identification import servos
+    from ..pages.page import markdown, write_html
 
     commands, folder, files = [repeated(chosen)], path.parent, [path, model_file]
     if recording.available():
-        progress.say("writing the recording")
-        files.append(recording.record_servos(result, replay, folder / recording.FILE))
         commands.append(shlex.join(["nsaid", "view", str(folder)]))
-    return result, [*files, write_servos(result, folder, commands, replay)]
+    page = servos.page(result, commands, replay)
+    if recording.available():
+        progress.say("writing the recording")
+        file = folder / recording.FILE
+        files.append(recording.record_servos(result, replay, file, markdown(page)))
+    return page, [*files, write_html(page, folder)]
 
 
 def _followed(

@@ -26,7 +26,7 @@ def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
     from ..calibration.measured import LiveRobot, measured_scenario
     from ..calibration.session import Session
-    from ..evaluation import mark_of
+    from ..evaluation import result_of
     from ..logs.stream import bound
     from ..pages.progress import Progress
     from ..pages.report import print_summary
@@ -68,8 +68,8 @@ def follow_robot(chosen: Live) -> int:
         plain = without_nonfinite({"summary": summary})
         print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
     elif not chosen.quiet:
-        print_summary(f"{name} live", summary, folder)
-    return code_of(mark_of(summary))
+        print_summary(f"{name} live", summary, folder, run.system.space)
+    return code_of(result_of(summary))
 
 
 def _send(estimate: Estimate) -> None:

@@ -22,16 +22,15 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..evaluation.result import Mark
+    from ..evaluation.result import Result
 
 
 EXPLAINED, NOT_EXPLAINED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
 
 
-def code_of(verdict: Mark | None, complete: bool = True) -> int:
-    """The exit code of a verdict; an incomplete study is not explained either."""
-    poor = verdict is not None and verdict.kind == "poor"
-    return NOT_EXPLAINED if poor or not complete else EXPLAINED
+def code_of(result: Result) -> int:
+    """The exit code of a result; an incomplete study is not explained either."""
+    return NOT_EXPLAINED if result.explains == "no" or not result.complete else EXPLAINED
 
 
 _LIKE_CTRL_C = ("SIGTERM", "SIGHUP")

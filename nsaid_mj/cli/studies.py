@@ -25,7 +25,9 @@ from .process import code_of
 
 if TYPE_CHECKING:
     from ..calibration.comparison import Score
+    from ..pages.page import Page
     from ..robot.model import RobotModel
+    from ..studies.sweep_results import Sweep as Found
 
 
 _MOST_SEEDS = 10_000  # of a comparison
@@ -56,12 +58,10 @@ def compare(script: str, arguments: Sequence[str]) -> int:
         budget=study.BUDGET if chosen.budget is None else chosen.budget,
         bound=chosen.bound,
     )
-    cells = study.run(plan, folder, quiet=chosen.quiet or chosen.json)
+    result, _ = study.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / study.FILES[0]).read_text(encoding="utf-8"), end="")
-    from ..studies.compare_report import verdict_of
-
-    return code_of(verdict_of(cells))
+    return code_of(result)
 
 
 def _refuse(arguments: Sequence[str], *flags: str) -> None:
@@ -96,8 +96,10 @@ def sweep(script: str, arguments: Sequence[str]) -> int:
     if chosen.json:
         print_json(sweep_results.document(found))
     elif not chosen.quiet:
-        sweep_results.print_summary(found)
-    return code_of(sweep_results.verdict_of(found), not found.lost)
+        from ..studies import sweep_report  # imported late: matplotlib takes half a second
+
+        _print(sweep_report.page_of(found), found)
+    return code_of(sweep_results.result_of(found))
 
 
 def montecarlo(script: str, arguments: Sequence[str]) -> int:
@@ -111,8 +113,18 @@ def montecarlo(script: str, arguments: Sequence[str]) -> int:
     if chosen.json:
         print_json(montecarlo_results.document(found))
     elif not chosen.quiet:
-        montecarlo_results.print_summary(found)
-    return code_of(None, not montecarlo_results.lost(found))
+        _print(montecarlo_results.page_of(found), found)
+    return code_of(montecarlo_results.result_of(found))
+
+
+def _print(page: Page, found: Found) -> None:
+    """Prints the page of a sweep, and the paths of its files."""
+    from rich.console import Console
+
+    from ..pages.terminal import print_page
+    from ..studies.sweep_results import files_of
+
+    print_page(page, Console(highlight=False), files_of(found))
 
 
 def track(script: str, arguments: Sequence[str]) -> int:
@@ -126,10 +138,10 @@ def track(script: str, arguments: Sequence[str]) -> int:
         laws=tuple(chosen.laws.split(",")) if chosen.laws else tracking.LAWS,
         seeds=_seeds(chosen.seeds),
     )
-    done = tracking_run.run(plan, folder, quiet=chosen.quiet or chosen.json)
+    result, _ = tracking_run.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / tracking.FILES[0]).read_text(encoding="utf-8"), end="")
-    return code_of(None, all(course.figures["status"] == "completed" for course in done))
+    return code_of(result)
 
 
 def report(chosen: Report) -> int:
@@ -201,9 +213,10 @@ def compare_on_logs(arguments: Sequence[str]) -> int:
     elif not chosen.quiet:
         from rich.console import Console
 
-        from ..pages.identification.servos import print_scores
+        from ..pages.identification.servos import scores_page
+        from ..pages.terminal import print_page
 
-        print_scores(scores, robot.small_unit, Console())
+        print_page(scores_page(scores, robot.small_unit), Console())
     return 0
 
 

@@ -13,7 +13,6 @@ from .figures import common_factor as common_factor
 from .figures import converged_at as converged_at
 from .figures import forces_of as forces_of
 from .lyapunov import energy as energy
-from .result import mark_of as mark_of
 from .result import result_of as result_of
 from .summary import summarize as summarize
 from .summary import versions as versions

@@ -11,6 +11,7 @@ from ..parameters import ParameterSpace
 from ..robot.findings import Finding, Level
 from .confidence import INTERVAL
 from .figures import common_factor
+from .panels import AnyPanel
 from .words import FIGURES, OWN
 
 Explains = Literal["yes", "partly", "no"]
@@ -57,11 +58,6 @@ LEVELS: dict[Level, Mark] = {
     "note": Mark("·", "weak"),
 }
 """Marks of findings, the gravest first."""
-
-
-def judged(explains: Explains, sentence: str) -> Mark:
-    """A verdict with its mark."""
-    return EXPLAINS[explains]._replace(text=sentence)
 
 
 def gravest_first(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -141,11 +137,20 @@ def counts(parameters: Iterable[Parameter]) -> list[Mark]:
 
 
 class Figure(NamedTuple):
-    """A figure of one or several estimates, in an SI unit or percent; None where unknown."""
+    """A figure of everything that is compared: identifiers, methods, laws, joints, experiments.
+
+    Attributes:
+        name: what it is.
+        unit: its SI unit, or % for a ratio.
+        values: by what is compared, over several seeds the median; None where unknown, infinite
+            where it failed.
+        worst: those of the worst seed; empty for a single one.
+    """
 
     name: str
     unit: str
     values: Mapping[str, float | None]
+    worst: Mapping[str, float | None] = {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,21 +158,28 @@ class Result:
     """The result of every command; a truth may be missing.
 
     Attributes:
-        explains: whether the structure explains the motion.
+        explains: whether the structure explains the motion, or a study has its answer; None if
+            that was not judged.
         verdict: the same in one sentence, with the figures that carry it.
+        figures: of the estimates, and of what they are compared with.
         parameters: all parameters, in order of θ.
+        curves: what is drawn, the first ones carry the verdict.
         findings: everything noticed, the gravest first.
+        complete: whether no run of a study is without a result.
     """
 
-    explains: Explains
-    verdict: str
+    explains: Explains | None = None
+    verdict: str = ""
+    figures: tuple[Figure, ...] = ()
     parameters: tuple[Parameter, ...] = ()
+    curves: tuple[AnyPanel, ...] = ()
     findings: tuple[Finding, ...] = ()
+    complete: bool = True
 
     @property
-    def mark(self) -> Mark:
-        """The verdict with its mark, which decides the exit code."""
-        return judged(self.explains, self.verdict)
+    def mark(self) -> Mark | None:
+        """The verdict with its mark; None if there is none."""
+        return EXPLAINS[self.explains]._replace(text=self.verdict) if self.explains else None
 
     def of(self, block: str) -> list[Parameter]:
         """The parameters of a kind, such as "motor gain"."""
@@ -202,19 +214,20 @@ _STREAM = {
 
 def result_of(summary: dict[str, Any], space: ParameterSpace | None = None) -> Result:
     """The result of a run from its summary.json; without a space, parameters have no blocks."""
-    verdict = summary.get("verdict") or summary.get("status", "completed")
+    verdict = summary.get("verdict")  # summaries of earlier versions have none
     return Result(
-        explains=explains_of(verdict),
-        verdict=verdict,
+        explains=_OUTCOMES.get(verdict.partition(":")[0], "no") if verdict else None,
+        verdict=verdict or "",
+        figures=_figures(summary),
         parameters=_parameters(summary, space),
         findings=_findings(summary),
     )
 
 
-def figures_of(summary: dict[str, Any]) -> list[Figure]:
+def _figures(summary: dict[str, Any]) -> tuple[Figure, ...]:
     """The figures of all identifiers of a run; those that none of them has are left out."""
     identifiers = {OWN: summary, **summary["rivals"]}
-    return [
+    return tuple(
         Figure(
             label if unit else f"{label} [{', '.join(summary['velocity_units'])}]",
             unit,
@@ -222,7 +235,7 @@ def figures_of(summary: dict[str, Any]) -> list[Figure]:
         )
         for label, key, unit in FIGURES
         if any(key in found for found in identifiers.values())
-    ]
+    )
 
 
 def _parameters(summary: dict[str, Any], space: ParameterSpace | None) -> tuple[Parameter, ...]:
@@ -284,14 +297,3 @@ def _findings(summary: dict[str, Any]) -> tuple[Finding, ...]:
     if summary["sensor_noise"]:
         found.append(Finding("note", "noise", "sensors", summary["sensor_noise"]))
     return tuple(found)
-
-
-def mark_of(summary: dict[str, Any]) -> Mark | None:
-    """The verdict of a run with its mark; None if the summary, of an earlier version, has none."""
-    verdict = summary.get("verdict")
-    return judged(explains_of(verdict), verdict) if verdict else None
-
-
-def explains_of(verdict: str) -> Explains:
-    """Whether the structure explains a run, from the judgement before the verdict's colon."""
-    return _OUTCOMES.get(verdict.partition(":")[0], "no")

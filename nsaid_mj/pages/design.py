@@ -1,22 +1,19 @@
-"""Terminal output and page of a design."""
+"""The page of a design."""
 
 import shlex
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from ..design.limits import RANDOM
 from ..design.prediction import Trial
 from ..evaluation.confidence import INTERVAL
-from ..evaluation.result import Mark, judged
+from ..evaluation.panels import Panel as Curves
+from ..evaluation.result import Figure, Result
 from ..evaluation.summary import versions
 from ..parameters import number, rounded
-from .page import Figure, Items, Page, Panel, Section, Table, Text, count, write_html
-from .panels import Panel as Plot
-from .terminal import print_page
+from .page import Items, Page, Panel, Section, Table, Text, count
 
 HALVES = ("half", "before")
 _NONE, _LISTED = "–", 3  # no value; number of listed directions of P_s
@@ -29,25 +26,13 @@ _HELP = "Deviations for the published values, each over that of the design."
 _ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
 
 
-def print_design(name: str, document: dict[str, Any], files: Sequence[Path]) -> None:
-    """Prints the predicted results of a design, its `design.files.document`, and the files."""
-    lines = [*statements(document), *_helping(document), *_unobservable(document)]
-    page = Page(
-        heading=name,
-        verdict=verdict_of(document),
-        lead=f"{document['duration']:g} s for {document['asked']}",
-        sections=[
-            Section("", [_intervals(document), Text(f"{_INTERVALS[0].lower()}{_INTERVALS[1:]}")]),
-            Section("", [_limits(document)]),
-            Section("", list(map(Text, lines))),
-        ],
-        commands=list(map(str, files)),
-    )
-    print_page(page, Console(highlight=False))
+def result_of(document: dict[str, Any], trial: Trial | None = None) -> Result:
+    """The result of a design, from its `design.files.document`.
 
-
-def verdict_of(document: dict[str, Any]) -> Mark:
-    """The verdict: the design's improvement over random motions."""
+    Its figures are the predicted rms deviations of the requested numbers, relative to their sizes;
+    its verdict is the improvement over random motions, and its curves show the `trial` on a draw of
+    the prior.
+    """
     own, asked = document["predicted_deviation"], document["asked"]
     squares = np.square(document["predicted_deviation_of_random_motions"])
     random = float(np.sqrt(np.mean(squares)))  # over draws like the design's
@@ -59,12 +44,18 @@ def verdict_of(document: dict[str, Any]) -> Mark:
             f"Predicted rms deviation of the {asked}: {_percent(own)}, {random / own:.2g} times "
             f"smaller than with random motions{which} ({_percent(random)})."
         )
-        return judged("yes", words)
-    words = (
-        f"No better than random motions{which}: predicted rms deviation of the {asked} "
-        f"{_percent(own)}, of random motions {_percent(random)}."
+    else:
+        words = (
+            f"No better than random motions{which}: predicted rms deviation of the {asked} "
+            f"{_percent(own)}, of random motions {_percent(random)}."
+        )
+    deviations = {"as designed": own, "random motions": random}
+    return Result(
+        explains="yes" if random > own else "partly",
+        verdict=words,
+        figures=(Figure(f"predicted rms deviation of the {asked}", "%", deviations),),
+        curves=_curves(document, trial),
     )
-    return judged("partly", words)
 
 
 def _percent(deviation: float) -> str:
@@ -85,26 +76,12 @@ def statements(document: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _helping(document: dict[str, Any]) -> list[str]:
-    """The best remedy for each weak direction and for the requested numbers, a line each."""
-    lines = []
-    for words, left, remedy, after in _weak_rows(document):
-        helped = f"{after} after {remedy}" if after != _NONE else "no remedy helps"
-        lines.append(f"Weak: {words}: {left} of its deviation remains; {helped}.")
-    return lines + [
-        f"{words}: {share} times the deviation"
-        + ("." if weak == "0" else f", {count(int(weak), 'weak direction')}.")
-        for words, share, weak in _remedy_rows(document)
-    ]
-
-
-def _unobservable(document: dict[str, Any]) -> list[str]:
-    """Directions that no motion reveals, the first ones."""
+def _unobservable(document: dict[str, Any]) -> list[str | tuple[str, str]]:
+    """Directions that no motion reveals, the first ones, with what one known number fixes."""
     every = document["unobservable"]
-    lines = [f"Not observable: {words}; {fix}." for words, fix in every[:_LISTED]]
-    if (more := len(every) - _LISTED) > 0:
-        lines.append(f"In design.json: {count(more, 'more such direction')}.")
-    return lines
+    more = len(every) - _LISTED
+    last = [f"In design.json: {count(more, 'more such direction')}."] if more > 0 else []
+    return [*((words, f"{fix}.") for words, fix in every[:_LISTED]), *last]
 
 
 def _weak_rows(document: dict[str, Any]) -> list[list[str]]:
@@ -129,61 +106,57 @@ def _remedy_rows(document: dict[str, Any]) -> list[list[str]]:
     ]
 
 
-def write_page(robot: str, document: dict[str, Any], trial: Trial | None, folder: Path) -> Path:
-    """Writes report.html atomically into an existing folder and returns its path.
+def page(robot: str, document: dict[str, Any], trial: Trial | None, folder: Path) -> Page:
+    """The page of a design in a folder; the arguments are those of `result_of`."""
+    from .drawings import figures_of  # imported late: matplotlib takes half a second
 
-    `document` is that of `design.files.document`, `trial` the design on a draw of the prior.
-    """
-    weak = Table(
-        ["direction", "deviation left", "best remedy", "left then"], _weak_rows(document),
-        (0, 2),
-    )  # fmt: skip
+    result, weak = result_of(document, trial), _weak_rows(document)
     determined: list[Panel] = [Items(statements(document))]
-    if weak.lines:
-        determined += [Text("Directions that remain weak", head=True), weak, Text(_WEAK, note=True)]
+    if weak:
+        heads = ["weak direction", "deviation left", "best remedy", "left then"]
+        determined += [Table(heads, weak, (0, 2)), Text(_WEAK, note=True)]
     designed = ["as designed", "1", str(document["weak_directions"])]
     heads = ["experiment", "deviation over the design's", "weak directions"]
     helps = Table(heads, [designed, *_remedy_rows(document)])
-    page = Page(
+    return Page(
         heading=robot,
-        verdict=verdict_of(document),
+        result=result,
         eyebrow=f"design of an experiment · {folder.name}",
-        lead=f"{document['duration']:g} s of motion, before anything moves.",
-        carrying=_figures(document, trial),
+        lead=f"{document['duration']:g} s of motion for {document['asked']}, before anything "
+        "moves.",
+        carrying=figures_of(result.curves),
         sections=[
-            Section("What the experiment will determine", determined),
-            Section("What would help", [helps, Text(_HELP, note=True)]),
-            Section("What no motion reveals", [Items(_unobservable(document))]),
+            Section("What the experiment will determine", determined, brief=True),
+            Section("What would help", [helps, Text(_HELP)], brief=True),
+            Section("What no motion reveals", [Items(_unobservable(document))], brief=True),
             Section("Predicted 95 % intervals", [
                 _intervals(document),
-                Text(f"{_INTERVALS} Root mean squares over draws of the prior; all parameters are "
-                     "in design.json.", note=True),
-            ]),
-            Section("Limits", [_limits(document)]),
+                Text(_INTERVALS),
+                Text("Root mean squares over draws of the prior; all parameters are in "
+                     "design.json.", note=True),
+            ], brief=True),
+            Section("Limits", [_limits(document)], brief=True),
         ],
         commands=[f"nsaid run {shlex.quote(str(folder / 'scenario.py'))}"],
         notes=["motion.csv is the motion; scenario.py makes it in MuJoCo; all figures are in "
                "design.json."],
         versions=versions(),
     )  # fmt: skip
-    return write_html(page, folder)
 
 
-def _figures(document: dict[str, Any], trial: Trial | None) -> list[Figure]:
+def _curves(document: dict[str, Any], trial: Trial | None) -> tuple[Curves, ...]:
     """The trial's largest deviations and errors over time."""
     if trial is None:
-        return []
-    from .plots import over_time  # imported late: matplotlib takes half a second
-
+        return ()
     title = f"Predicted and reached: {document['asked']}"
-    panel = Plot(title, "largest relative error [–]", True, wide=True)
+    panel = Curves(title, "largest relative error [–]", True)
     for values, label in (
         (INTERVAL * trial.predicted, "predicted 95 %"),
         (INTERVAL * trial.stated, "stated by the law, 95 %"),
         (trial.error, "error in the trial"),
     ):
         panel.add(trial.t, values.max(axis=1), label)
-    return [Figure(panel.title, over_time(panel), panel.legend, wide=True)]
+    return (panel,)
 
 
 def _intervals(document: dict[str, Any]) -> Table:

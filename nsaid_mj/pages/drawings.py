@@ -9,9 +9,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from ..parameters import Array, Indices
-from .page import Figure as PageFigure
-from .panels import (
+from ..evaluation.panels import (
     BAD,
     COLOURS,
     DIFFERENCE,
@@ -27,6 +25,8 @@ from .panels import (
     HeatMap,
     local_rms,
 )
+from ..parameters import Array, Indices
+from .page import Figure as PageFigure
 from .plots import (
     CURVE,
     NAMES,

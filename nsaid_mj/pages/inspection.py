@@ -9,13 +9,13 @@ from matplotlib.axes import Axes
 from rich.console import Console
 
 from ..calibration.inspection import ChannelFigures, Inspection, signal_names
-from ..evaluation.result import Mark, gravest_first, judged
+from ..evaluation.panels import BAD, COLOURS
+from ..evaluation.result import Mark, Result, gravest_first
 from ..logs.recordings import Recordings
 from ..parameters import Array, number
 from ..robot.model import RobotModel
 from .drawings import extremes
 from .page import Cell, Page, Table, Text, count
-from .panels import BAD, COLOURS
 from .plots import png_of
 from .terminal import print_findings, print_page, print_panels
 
@@ -30,8 +30,8 @@ def print_inspection(found: Inspection, console: Console) -> None:
     "flat" is the share of rows at a flat extreme, "same" of those that repeat the value before; a
     column without any entry is left out.
     """
-    if (verdict := verdict_of(found)) is not None:
-        print_page(Page("", verdict), console)
+    if (result := result_of(found)).explains is not None:
+        print_page(Page("", result), console)
         console.print()
     heads = ("channel", "from", "to", "noise", "step", "flat", "same", "used as")
     for clock in dict.fromkeys(map(_clock, found.channels)):
@@ -47,16 +47,18 @@ def print_inspection(found: Inspection, console: Console) -> None:
     print_findings(gravest_first(found.findings), console, codes=True)
 
 
-def verdict_of(found: Inspection) -> Mark | None:
-    """Whether `nsaid identify` would take the log; None without a model."""
+def result_of(found: Inspection) -> Result:
+    """Whether `nsaid identify` would take the log; without a verdict if there is no model."""
     refusals = sum(finding.level == "refusal" for finding in found.findings)
     if refusals:
-        return judged("no", f"nsaid identify refuses this log: {count(refusals, 'refusal')} below.")
+        words = f"nsaid identify refuses this log: {count(refusals, 'refusal')} below."
+        return Result(explains="no", verdict=words)
     if any(finding.code == "unmatched" for finding in found.findings):
-        return judged("no", "Columns could not be matched with the model: complete the map.")
+        words = "Columns could not be matched with the model: complete the map."
+        return Result(explains="no", verdict=words)
     if found.robot is None:
-        return None
-    return judged("yes", "nsaid identify can use this log.")
+        return Result()
+    return Result(explains="yes", verdict="nsaid identify can use this log.")
 
 
 def _clock(channel: ChannelFigures) -> str:

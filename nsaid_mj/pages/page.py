@@ -1,8 +1,8 @@
-"""A command's page as data: a verdict, its figure, and sections made of panels.
+"""A command's page as data: its `Result`, and sections made of panels.
 
-A command builds a `Page`; `render_html` makes one self-contained HTML file of it, with every value
-escaped, `markdown` a text for recordings, and `terminal.print_page` prints it. Any text may have
-`code` in backticks.
+A command builds one `Page`; `render_html` makes one self-contained HTML file of it, with every
+value escaped, `markdown` a text for recordings, and `terminal.print_page` prints it; these two show
+the verdict, the findings and the sections that are `brief`. Any text may have `code` in backticks.
 """
 
 from __future__ import annotations
@@ -15,11 +15,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..evaluation.result import LEVELS, Mark
+from ..evaluation.panels import BAND, COLOURS, DARK, DASHES, MARKERS, PALE, VARIABLES
+from ..evaluation.result import LEVELS, Mark, Result
 from ..parameters import ABSENT
 from ..resources import write_text
-from ..robot.findings import Finding
-from .panels import BAND, COLOURS, DARK, DASHES, MARKERS, PALE, VARIABLES
 
 FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -27,10 +26,10 @@ _EMPTY: set[object] = {"", ABSENT}
 
 
 class Link(NamedTuple):
-    """A link to another row of the page, by its id."""
+    """What a page adds to a cell, and the terminal omits; a link if there is a row of id `to`."""
 
     text: str
-    to: str
+    to: str = ""
 
 
 Cell = str | Mark | Link | tuple[str | Mark | Link, ...]
@@ -39,7 +38,7 @@ Cell = str | Mark | Link | tuple[str | Mark | Link, ...]
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph; `note` makes it small, `head` the title of what follows."""
+    """A paragraph; a `note` is small, and for the page only; a `head` is the title of the next."""
 
     words: str
     note: bool = False
@@ -66,7 +65,7 @@ class Table:
     """A table."""
 
     heads: Sequence[str]  # titles of the columns; the first names the table on the terminal
-    # cells; on the terminal a line of one cell is the title of those below it
+    # cells; a line of one cell is the title of those below it
     lines: Sequence[Sequence[Cell]]
     text: Sequence[int] = (0,)  # indices of the columns that are not numbers
     ids: str = ""  # prefix of the lines' ids, the targets of `Link`; empty for none
@@ -128,6 +127,7 @@ class Section:
     title: str  # above the panels
     panels: Sequence[Panel]  # from top to bottom
     beside: Figure | None = None  # on their right where the page is wide
+    brief: bool = False  # whether the terminal and recordings show them, too, without drawings
 
 
 @dataclass(frozen=True)
@@ -135,11 +135,10 @@ class Page:
     """The results of a command."""
 
     heading: str  # the robot, or the name of the study
-    verdict: Mark | None  # in one sentence; None if there is none
+    result: Result  # has the verdict, and the findings that qualify it
     eyebrow: str = ""  # the command that made the page
     lead: str = ""  # one line below the heading
     tab: str = ""  # title of the browser's tab; the heading if empty
-    findings: Sequence[Finding] = ()  # findings that qualify the verdict, the gravest first
     carrying: Sequence[Figure] = ()  # figures, the first of which supports the verdict
     sections: Sequence[Section] = ()  # in order
     commands: Sequence[str] = ()  # command lines or code that reproduce the results, one block each
@@ -212,16 +211,18 @@ def _environment() -> Any:
 
 
 def markdown(page: Page) -> str:
-    """A page's verdict, findings, texts, lists and tables; its commands are left out."""
+    """A page's verdict and findings, and texts, lists and tables of its brief sections."""
+    mark = page.result.mark
     lines = [f"## {plain(page.heading)}", ""] if page.heading else []
-    lines += [f"**{plain(page.verdict.text)}**", ""] if page.verdict else []
+    lines += [f"**{plain(mark.text)}**", ""] if mark else []
     lines += [plain(page.lead), ""] if page.lead else []
-    for finding in page.findings:
+    for finding in page.result.findings:
         where = f"**{plain(finding.where)}**: " if finding.where else ""
         lines.append(f"- {where}{plain(f'{finding.text}. {finding.remedy}')}")
     for section in page.sections:
-        lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
-        lines += panels(section.panels)
+        if section.brief:
+            lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
+            lines += panels(section.panels)
     return "\n".join(lines) + "\n"
 
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..evaluation.panels import Forest, HeatMap, Points
 from ..evaluation.result import STATUSES, Parameter, Result, counts
 from ..evaluation.words import estimate
 from ..parameters import ABSENT, Array, number
 from .page import Cell, Fold, Link, Table
-from .panels import Forest, HeatMap, Points
 
 _OPEN = 12  # parameters in total, up to which no table is collapsed
 _LINES = 16  # of a table on the terminal, at most
@@ -52,8 +52,8 @@ def _cells(p: Parameter, combination: int) -> dict[str, Cell]:
     """The cells of a parameter's line, by column; `combination` is its number, 0 for none."""
     value, interval = estimate(p.value, p.low, p.high)
     half, status = (p.high - p.low) / 2, STATUSES[p.status]
-    link: str | Link = Link(f"C{combination}", f"combination-{combination}")
-    link = link if combination else p.combination
+    numbered = Link(f"C{combination}", f"combination-{combination}")
+    link = numbered if combination else Link(p.combination)
     return {
         "parameter": p.label,
         "estimate": value,
@@ -63,7 +63,7 @@ def _cells(p: Parameter, combination: int) -> dict[str, Cell]:
         # with as many digits as the estimate
         "true": ABSENT if p.true is None else estimate(p.true, p.true - half, p.true + half)[0],
         "unit": p.unit,
-        "status": (status, link) if link else status,
+        "status": (status, link) if p.combination else status,
     }
 
 
@@ -83,18 +83,18 @@ def folds(
     ]  # fmt: skip
 
 
-def brief_gains(result: Result) -> list[Table]:
-    """The gains for the terminal; a narrow one leaves columns out. Empty without intervals."""
-    gains = [p for p in result.gains if p.status]
+def gains_of(result: Result, numbers: Mapping[str, int] | None = None) -> list[Table]:
+    """The table of the gains, with `numbers` as in `table`; empty without gains."""
+    gains = result.gains
     if not gains:
         return []
-    parts = [p.part for p in gains]
-    short = [
-        replace(p, label=p.part if parts.count(p.part) == 1 else p.label, combination="")
-        for p in gains
-    ]
-    whole = table(short)
-    return [replace(whole, heads=["gains", *whole.heads[1:]], most=_LINES)]
+    parts, whole = [p.part for p in gains], table(gains, numbers)
+    lines = [
+        [(Link(p.label.removesuffix(p.part).strip()), p.part), *line[1:]]
+        if parts.count(p.part) == 1 and p.part != p.label else line
+        for p, line in zip(gains, whole.lines, strict=True)
+    ]  # fmt: skip
+    return [replace(whole, heads=["gains", *whole.heads[1:]], lines=lines, most=_LINES)]
 
 
 def forests(parameters: Sequence[Parameter]) -> list[Forest]:

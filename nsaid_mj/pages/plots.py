@@ -22,9 +22,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
+from ..evaluation.panels import COLOURS, GRID, INK, VARIABLES, Panel
 from ..parameters import Array
 from .page import Figure as PageFigure
-from .panels import COLOURS, GRID, INK, VARIABLES, Panel
 
 CURVE, NAMES = "curve:", "names"
 """Prefix of the gid of a curve's artists, before its name; gid of an axis of names."""

@@ -10,25 +10,20 @@ import numpy as np
 from rich.console import Console
 
 from .. import evaluation
-from ..evaluation import Truth, mark_of, result_of
-from ..evaluation.confidence import INTERVAL
-from ..evaluation.result import Mark, Result, figures_of
+from ..evaluation import Truth, result_of
+from ..evaluation.curves import curves_of
+from ..evaluation.panels import Comparison, HeatMap
+from ..evaluation.result import Mark, Result
 from ..evaluation.verify import ROWS, Verdict, verify
-from ..evaluation.words import CONVERGED
 from ..experiment.loop import Run
-from ..parameters import Array, rounded
+from ..parameters import ParameterSpace, rounded
 from ..resources import RECORDING
-from .page import FILE, Figure, Figures, Fold, Items, Page, Panel, Section, Table, Text
-from .panels import COLOURS, LAWS, Comparison, HeatMap, local_rms, thin
-from .panels import Panel as Plot
-from .parameters import CORRELATIONS, brief_gains, correlations, folds, forests
+from .page import FILE, Figures, Fold, Items, Page, Panel, Section, Table, Text
+from .parameters import CORRELATIONS, correlations, folds, forests, gains_of
 from .picture import picture
 from .terminal import print_page
 
-_RATIO = " ‖θ̄_P⊥‖/‖θ̂‖"  # left out: the first figure's axis has the formula
 _FIRST = 5  # unobservable directions that are not folded
-_DIRECTIONS = 3  # printed at most; the page has all of them
-_LENGTH = 120  # characters of a printed list of parameters, at most
 _COMPILED = 0.5  # compile times below this are not mentioned [s]
 _NO_RERUN = "none, as Rerun is not installed: pip install 'nsaid-mj[view]'"
 _HELD = "Intervals hold the mean of the actuators' gains, since the common scale is unobservable."
@@ -74,38 +69,39 @@ def page(
     verdicts = verdicts or (verify(run, truth, summary) if len(run.record) >= ROWS else [])
     from .drawings import figures_of as drawn  # imported late: matplotlib takes half a second
 
-    result = result_of(summary, run.system.space)
-    curves = _over_time(run, summary, truth)
-    carrying, more, forces = drawn(curves[:2]), drawn(curves[2:]), drawn(_forces(run, truth))
-    gains = drawn(forests([p for p in result.gains if p.relative is not None]))
-    correlated = drawn(_correlations(summary))
-    robot = _robot(run)
+    robot, folder = _robot(run), shlex.quote(str(run.folder))
+    made = brief(robot, summary, run.system.space)
+    result = replace(made.result, curves=curves_of(run, summary, truth))
+    forces = [panel for panel in result.curves if isinstance(panel, Comparison)]
+    curves = [panel for panel in result.curves if not isinstance(panel, Comparison)]
+    more, correlated = drawn(curves[2:]), drawn(_correlations(summary))
+    figures, gains, *rest = made.sections
+    checks = _checks(summary)
+    shown = drawn(forests([p for p in result.gains if p.relative is not None]))
     sections = [
-        Section("Figures", [
-            _figures(summary), Text(_checks(summary), note=True),
-        ], picture(run.looks, run.record["q"][0], robot)),
+        replace(figures, beside=picture(run.looks, run.record["q"][0], robot)),
         Section("Time histories", [Figures(more)] if more else []),
         Section("Predicted against measured forces", [
-            Figures(forces, "velocities", 6),
+            Figures(drawn(forces), "velocities", 6),
             Text(f"{_FORCES[truth is not None]} Error: rms over rms of the measured force.", True),
         ] if forces else []),
-        Section("Confidence", _confidence(summary, gains)),
-        Section("Parameters", [Text(_relative_to(result)), *folds(result)]),
+        replace(gains, panels=[*([Figures(shown)] if shown else []), *gains.panels]),
+        *rest,
+        Section("Parameters", [Text(_relative_to(result)), *folds(result, gains=False)]),
+        Section("Least known directions of θ/scale", _least_known(summary)),
         Section("Correlations of what is identified", [
             Figures(correlated), Text(f"{CORRELATIONS} {_HELD}", note=True),
         ] if correlated else []),
-        Section("The paper's statements on this run", statements(verdicts)),
-        Section("What cannot be known from motion", unobservable(summary)),
+        Section("The paper's statements on this run", [
+            *statements(verdicts), *([Text(checks, note=True)] if checks else []),
+        ]),
     ]  # fmt: skip
-    folder = shlex.quote(str(run.folder))
-    return Page(
-        heading=robot,
-        verdict=mark_of(summary),
+    return replace(
+        made,
+        result=result,
         eyebrow=f"run {run.folder.name}",
-        lead=_lead(summary),
         tab=f"{robot} · {run.folder.name}",
-        findings=result.findings,
-        carrying=carrying,
+        carrying=drawn(curves[:2]),
         sections=[section for section in sections if section.panels],
         commands=[
             *filter(None, [command]), _SCRIPT,
@@ -116,50 +112,34 @@ def page(
     )  # fmt: skip
 
 
-def print_summary(name: str, summary: dict[str, Any], folder: Path) -> None:
+def brief(heading: str, summary: dict[str, Any], space: ParameterSpace | None = None) -> Page:
+    """The page of a run as far as its summary alone has it, which terminal and recording show."""
+    result = result_of(summary, space)
+    held = [Text(_HELD)] if any(p.relative for p in result.gains) else []
+    return Page(
+        heading=heading,
+        result=result,
+        lead=_lead(summary),
+        sections=[
+            Section("Figures", [_figures(result)], brief=True),
+            Section("Actuator gains", [*gains_of(result), *held], brief=True),
+            Section("Confidence", _confidence(summary), brief=True),
+            Section("What cannot be known from motion", unobservable(summary), brief=True),
+        ],
+    )  # fmt: skip
+
+
+def print_summary(
+    name: str, summary: dict[str, Any], folder: Path, space: ParameterSpace | None = None
+) -> None:
     """Prints the verdict on a run, the figures behind it, and the paths of its files."""
-    print_page(brief(name, summary, folder), Console(highlight=False))
-
-
-def brief(name: str, summary: dict[str, Any], folder: Path) -> Page:
-    """The page of a run for terminal and recording.
-
-    Args:
-        name: name of the run.
-        summary: the content of its summary.json.
-        folder: folder of the run.
-    """
-    compiled = summary["compile_s"]
-    done = "followed" if "stream" in summary else "simulated"
-    lead = (
-        f"{summary['sim_s']:.4g} s {done} in {summary['wall_s']:.1f} s "
-        f"({summary['real_time_factor']:.1f} × real time)"
-        + (f", plus {compiled:.0f} s of one-time compilation" if compiled > _COMPILED else "")
-    )
-    result = result_of(summary)
-    gains = brief_gains(result)
-    lines = [(_cut(what), _cut(fix)) for what, fix in evaluation.unobservable_lines(summary)]
-    more = [f"… all in {folder / FILE}"] if len(lines) > _DIRECTIONS else []
-    among = ", among them" if more else ""
-    known = f"{evaluation.observable_line(summary)}{among}{':' if lines else ''}"
     file = folder / RECORDING
     seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
-    return Page(
-        heading=name,
-        verdict=mark_of(summary),
-        lead=lead,
-        findings=result.findings,
-        sections=[
-            Section("", [*gains, *[Text(f"({_HELD[:1].lower()}{_HELD[1:-1]})")] * bool(gains)]),
-            Section("", [_figures(summary, terminal=True)]),
-            Section("", [Text(line) for line in evaluation.confidence_lines(summary)]),
-            Section("", [Text(known), Items([*lines[:_DIRECTIONS], *more])]),
-        ],
-        commands=[
-            f"recording  {seen if file.is_file() else _NO_RERUN}",
-            f"report     {folder / FILE}",
-        ],
+    files = (
+        f"recording  {seen if file.is_file() else _NO_RERUN}",
+        f"report     {folder / FILE}",
     )
+    print_page(brief(name, summary, space), Console(highlight=False), files)
 
 
 def _robot(run: Run) -> str:
@@ -170,31 +150,33 @@ def _robot(run: Run) -> str:
 
 
 def _lead(summary: dict[str, Any]) -> str:
-    return (
+    done, compiled = "followed" if "stream" in summary else "simulated", summary["compile_s"]
+    said = (
         f"Law {summary['law']}, {summary['sensors']} sensors, seed {summary['seed']}: "
-        f"{summary['n']} velocities, {summary['p']} parameters, {summary['sim_s']:.4g} s of motion "
-        f"in {summary['wall_s']:.1f} s of wall time."
+        f"{summary['n']} velocities, {summary['p']} parameters; {summary['sim_s']:.4g} s {done} in "
+        f"{summary['wall_s']:.1f} s ({summary['real_time_factor']:.1f} × real time)"
     )
+    compiling = f", plus {compiled:.0f} s of one-time compilation"
+    return f"{said}{compiling if compiled > _COMPILED else ''}."
 
 
-def _figures(summary: dict[str, Any], terminal: bool = False) -> Table:
-    """The table of figures, one column for each identifier.
-
-    The page's first figure has the formula of the distance on its axis.
-    """
-    figures = figures_of(summary)
+def _figures(result: Result) -> Table:
+    """The table of figures, one column for each identifier."""
     lines = [
-        [
-            figure.name if terminal else figure.name.replace(_RATIO, ""),
-            *(evaluation.figure(value, figure.unit) for value in figure.values.values()),
-        ]
-        for figure in figures
+        [f.name, *(evaluation.figure(value, f.unit) for value in f.values.values())]
+        for f in result.figures
     ]
-    return Table(["figures" if terminal else "", *(figures[0].values if figures else ())], lines)
+    return Table(["figures", *(result.figures[0].values if result.figures else ())], lines)
 
 
-def _confidence(summary: dict[str, Any], gains: Sequence[Figure]) -> list[Panel]:
-    """The stated confidence in words, and the least known directions; empty if none is stated."""
+def _confidence(summary: dict[str, Any]) -> list[Panel]:
+    """The stated confidence in words; empty if none is stated."""
+    lines = evaluation.confidence_lines(summary)
+    return [Items(lines)] if lines else []
+
+
+def _least_known(summary: dict[str, Any]) -> list[Panel]:
+    """The least known directions; empty if no confidence is stated."""
     stated = summary["confidence"]
     if stated is None:
         return []
@@ -210,12 +192,7 @@ def _confidence(summary: dict[str, Any], gains: Sequence[Figure]) -> list[Panel]
         ]
         for row in stated["worst_known"]
     ]
-    return [
-        *([Figures(gains)] if gains else []),
-        Items(evaluation.confidence_lines(summary)),
-        Text("Least known directions of θ/scale", head=True),
-        Table(["largest components", "standard deviation / ‖θ̂/scale‖", ""], worst),
-    ]
+    return [Table(["largest components", "standard deviation / ‖θ̂/scale‖", ""], worst)]
 
 
 def _relative_to(result: Result) -> str:
@@ -285,98 +262,6 @@ def unobservable(summary: dict[str, Any]) -> list[Panel]:
         *([Items(ordered[:_FIRST], ordered=True)] if ordered else []),
         *(Fold(name, [Items(some)], small=str(len(some))) for name, some in groups.items()),
     ]
-
-
-def _cut(words: str) -> str:
-    """A list in words; a long one is cut after a comma."""
-    if len(words) <= _LENGTH:
-        return words
-    end = words.rfind(", ", 0, _LENGTH)
-    return f"{words[: end if end > 0 else _LENGTH]}, …"
-
-
-# -- the panels of the page's figures ------------------------------------------------------------
-
-_POINTS = 600  # of a curve of forces
-_TAIL = 0.9  # share of the run after which the stated intervals are drawn
-
-
-def _over_time(run: Run, summary: dict[str, Any], truth: Truth | None) -> list[Plot]:
-    """The run's curves over time; the first carries the verdict."""
-    record, rows = run.record, thin(len(run.record))
-    t, later = record["t"][rows], rows[1:]
-    names = {"": evaluation.OWN} | {name: name for name in record.rivals}
-    distance = Plot(
-        "Distance to the true set", "‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]", True,
-        level=CONVERGED, level_name=f"converged: within {100 * CONVERGED:g} %",
-    )  # fmt: skip
-    units = ", ".join(dict.fromkeys(run.system.velocity_units))
-    error = Plot("Velocity error, rms over short intervals", f"rms Δv [{units}]", True)
-    for k, (name, label) in enumerate(names.items()):
-        suffix = f"_{name}" if name else ""
-        colour = COLOURS[LAWS.get(name or summary["law"], k % len(COLOURS))]
-        if truth is not None:
-            ratio = truth.distance(t, record.rows(f"theta_hat{suffix}", rows))
-            distance.add(t, ratio, label, colour=colour)
-        dv = record[f"v_hat{suffix}"][later] - record["v"][later]
-        if len(later):
-            error.add(*local_rms(record["t"][later], dv), label, colour=colour)
-    gains = _gains(run, summary, rows, None if truth is None else truth.theta_at(t))
-    energy = Plot("Lyapunov function", "V [J]", True)
-    if truth is not None:
-        energy.add(t, evaluation.energy(run, truth, rows))
-    panels = [distance, gains, error, energy] if truth is not None else [error, gains]
-    found = [fault.found for fault in run.faults]
-    return [replace(p, events=found, event_name="fault found") for p in panels if p.curves]
-
-
-def _gains(run: Run, summary: dict[str, Any], rows: Any, true: Array | None) -> Plot:
-    """Actuator parameters relative to the true ones, or to the prior if the truth is unknown.
-
-    The intervals that the law states at the end are drawn over the last tenth.
-    """
-    space, t = run.system.space, run.record["t"][rows]
-    k, theta_hat = space.actuators, run.record.rows("theta_hat", rows)
-    ratio = theta_hat[:, k] / (theta_hat[:1, k] if true is None else true[:, k])
-    over = "k̂/k̂(0)" if true is None else "k̂/k"
-    title = "Actuators relative to the " + ("prior" if true is None else "truth (1 is exact)")
-    panel = Plot(
-        title, f"{over}, relative to the mean [–]", level=1.0,
-        band_name="95 % interval, as stated at the end",
-    )  # fmt: skip
-    stated = (summary["confidence"] or {}).get("actuators", {})
-    end = t >= t[0] + _TAIL * (t[-1] - t[0])
-    for i, share in zip(k, (ratio / ratio.mean(axis=1, keepdims=True)).T, strict=True):
-        band = None
-        if space.names[i] in stated and len(k) > 1:
-            half = INTERVAL * stated[space.names[i]] * share[-1]
-            band = np.where(end, share[-1] - half, np.nan), np.where(end, share[-1] + half, np.nan)
-        panel.add(t, share, space.labels[i], band)
-    return panel
-
-
-def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
-    """Predicted against measured force along every velocity, the worst predicted first."""
-    found = evaluation.forces_of(run, truth)
-    if found is None or not found.measured.any():
-        return []
-    rows = np.unique(np.linspace(0, len(found.t) - 1, min(len(found.t), _POINTS)).astype(int))
-    labels, units = evaluation.velocity_labels(run.system), evaluation.force_units(run.system)
-    error = found.nrmse
-    order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
-    panels = []
-    for j in order:
-        known, number = np.isfinite(error[j]), evaluation.figure(float(error[j]), "%")
-        note = f": error {number}" if known else ", not actuated"
-        kind = {"N": "force", "N·m": "torque"}.get(units[j], "generalised force")
-        panels.append(
-            Comparison(
-                f"{labels[j]}{note}", kind, units[j], found.t[rows],
-                found.measured[rows, j], found.predicted[rows, j],
-                None if found.half is None else found.half[rows, j],
-            )
-        )  # fmt: skip
-    return panels
 
 
 def _correlations(summary: dict[str, Any]) -> list[HeatMap]:

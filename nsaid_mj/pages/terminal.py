@@ -1,4 +1,4 @@
-"""A page on the terminal: verdict, findings, tables and lists, in brief."""
+"""A page on the terminal: verdict, findings, and texts, tables and lists of brief sections."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,10 +11,11 @@ from rich.table import Table as Grid
 from ..errors import printable
 from ..evaluation.result import LEVELS, Mark
 from ..robot.findings import Finding
-from .page import Cell, Items, Link, Page, Panel, Table, Text, count
+from .page import Badges, Cell, Items, Link, Page, Panel, Table, Text, count
 
 _COLOURS = {"good": "green", "fair": "yellow", "poor": "red", "weak": "bright_black"}
 _NOTES, _GRAVE = 6, 40  # largest printed number of notes, and of findings of any graver level
+_LENGTH = 120  # characters of an entry of a list, at most
 
 
 def escape(text: str) -> str:
@@ -22,26 +23,28 @@ def escape(text: str) -> str:
     return markup.escape(printable(text))
 
 
-def print_page(page: Page, console: Console) -> None:
-    """Prints a page; its commands, such as the paths of files, come last, after a blank line."""
-    if page.verdict is not None:
-        glyph, kind, text = page.verdict
+def print_page(page: Page, console: Console, files: Sequence[object] = ()) -> None:
+    """Prints a page; the written files, or other last lines, come after a blank line."""
+    mark = page.result.mark
+    if mark is not None:
         name = f"[bold]{escape(page.heading)}[/]: " if page.heading else ""
+        colour = _COLOURS[mark.kind]
         console.print(
-            f"[bold {_COLOURS[kind]}]{glyph}[/] {name}[bold {_COLOURS[kind]}]{escape(text)}[/]",
+            f"[bold {colour}]{mark.glyph}[/] {name}[bold {colour}]{escape(mark.text)}[/]",
             soft_wrap=True,
         )
     elif page.heading:
         console.print(f"[bold]{escape(page.heading)}[/]: {escape(page.lead)}", soft_wrap=True)
-    print_findings(page.findings, console)
-    if page.verdict is not None and page.lead:
+    print_findings(page.result.findings, console)
+    if mark is not None and page.lead:
         console.print(f"  {escape(page.lead)}", soft_wrap=True)
     for section in page.sections:
-        if section.panels and isinstance(section.panels[0], Text):
-            console.print()
-        print_panels(section.panels, console)
-    for k, line in enumerate(page.commands):
-        console.print(f"{'' if k else chr(10)}  {printable(line)}", soft_wrap=True, markup=False)
+        if section.brief:
+            print_panels(section.panels, console)
+    for k, line in enumerate(files):
+        console.print(
+            f"{'' if k else chr(10)}  {printable(str(line))}", soft_wrap=True, markup=False
+        )
 
 
 def print_findings(findings: Sequence[Finding], console: Console, codes: bool = False) -> None:
@@ -65,17 +68,34 @@ def print_findings(findings: Sequence[Finding], console: Console, codes: bool = 
 
 
 def print_panels(panels: Sequence[Panel], console: Console) -> None:
-    """Prints texts, lists and tables, each indented by two characters."""
-    for panel in panels:
+    """Prints badges, texts, lists and tables, each indented by two characters.
+
+    Of a list's pairs long parts are cut, as the page has them all; notes, and what is folded or
+    drawn there, are left out.
+    """
+    shown = [panel for panel in panels if not (isinstance(panel, Text) and panel.note)]
+    if shown and isinstance(shown[0], Text | Items | Badges):
+        console.print()
+    for panel in shown:
         if isinstance(panel, Text):
             console.print(f"  {escape(_spoken(panel.words))}", soft_wrap=True)
+        elif isinstance(panel, Badges):
+            marks = ", ".join(f"{mark.glyph} {mark.text}" for mark in panel.marks)
+            console.print(f"  {escape(marks)}", soft_wrap=True)
         elif isinstance(panel, Items):
             for entry in panel.entries:
-                what, more = (entry, "") if isinstance(entry, str) else entry
-                more = f"\n      {_spoken(more)}" if more else ""
-                console.print(f"    {escape(_spoken(what) + more)}", soft_wrap=True)
+                words = entry if isinstance(entry, str) else "\n      ".join(map(_cut, entry))
+                console.print(f"    {escape(_spoken(words))}", soft_wrap=True)
         elif isinstance(panel, Table) and panel.lines:
             _print_table(panel, console)
+
+
+def _cut(words: str) -> str:
+    """A list in words; a long one is cut after a comma."""
+    if len(words) <= _LENGTH:
+        return words
+    end = words.rfind(", ", 0, _LENGTH)
+    return f"{words[:end]}, …" if end > 0 else words
 
 
 def _print_table(table: Table, console: Console) -> None:
@@ -97,7 +117,7 @@ def _grid(table: Table, hidden: set[int]) -> Grid:
     grid = Grid(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     shown = [k for k in range(len(table.heads)) if k not in hidden]
     for k in shown:
-        head = f"  {table.heads[k]}" if k == 0 else table.heads[k]
+        head = f"{'' if k else '  '}{table.heads[k]}".replace(" [", "\n[")
         justify = "left" if k in table.text else "right"
         grid.add_column(escape(head), justify=justify, no_wrap=True)
     for line in table.lines[: table.most]:
@@ -113,8 +133,10 @@ def _cell(cell: Cell) -> str:
     if isinstance(cell, Mark):
         return f"[{_COLOURS[cell.kind]}]{escape(f'{cell.glyph} {cell.text}'.strip())}[/]"
     if isinstance(cell, Link):
-        return escape(cell.text)
-    return " ".join(map(_cell, cell)) if isinstance(cell, tuple) else escape(str(cell))
+        return ""
+    return (
+        " ".join(filter(None, map(_cell, cell))) if isinstance(cell, tuple) else escape(str(cell))
+    )
 
 
 def _spoken(words: str) -> str:

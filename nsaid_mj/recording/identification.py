@@ -13,9 +13,7 @@ from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification, recording_shifts, shifts
 from ..calibration.servos import Replayed, ServoIdentification
 from ..evaluation.confidence import INTERVAL
-from ..pages.identification import brief
-from ..pages.identification.servos import brief as brief_of_servos
-from ..pages.page import Page, Section, markdown
+from ..pages.page import Text, panels
 from ..pages.parameters import folds, table
 from ..parameters import Array, Indices
 from ..robot.model import RobotModel
@@ -32,7 +30,7 @@ _POINTS = 30_000  # of a curve, at most; the viewer thins them by zoom
 _FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
 
 
-def record(result: Identification, file: Path) -> Path:
+def record(result: Identification, file: Path, document: str) -> Path:
     """Writes a recording of the training logs, atomically, and returns its path.
 
     Logs are concatenated on the timeline `sim_time`; see `calibration.result.shifts`.
@@ -40,11 +38,12 @@ def record(result: Identification, file: Path) -> Path:
     Args:
         result: result of an identification.
         file: path of the recording, ending in .rrd.
+        document: the result in Markdown.
     """
     shifts = recording_shifts(result.recordings)
     moving = zip(shifts, (segment.log for segment in result.recordings.segments), strict=True)
     camera, draw = moving_robot(result.robot, [(log.t + s, log.q, log.v) for s, log in moving])
-    series = [_commands(result, result.curves, "")]
+    series = [_commands(result, result.predictions, "")]
     if result.validation is not None:
         series.append(_commands(result, result.validation, "validation/"))
     ends = [float(times[-1]) for times, _ in series if len(times)]
@@ -53,8 +52,7 @@ def record(result: Identification, file: Path) -> Path:
         series.append((result.law.t, [curve for _, curve in history]))
     plots = Plots([c for _, curves in series for c in curves], max(ends) if ends else None)
     layout = _blueprint(result, camera, sorted({block for block, _ in history}), plots)
-    every = Page("", None, sections=[Section("", folds(result))])
-    documents = {"result": markdown(brief(result)), "parameters": markdown(every)}
+    documents = {"result": document, "parameters": "\n".join(panels(folds(result)))}
     return write(file, result.robot.name, layout, documents, series, draw)
 
 
@@ -283,13 +281,16 @@ def columns_of(views: int) -> int:
 _SHOWN = 20.0  # of a long log, around the cursor [s]: in minutes no motion can be seen
 
 
-def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) -> Path:
+def record_servos(
+    found: ServoIdentification, replayed: Replayed, file: Path, document: str
+) -> Path:
     """Writes a recording of the logs and their replay, atomically, and returns its path.
 
     Args:
         found: result of an identification of servos.
         replayed: the logs, and simulations of them with the exported model.
         file: path of the recording, ending in .rrd.
+        document: the result in Markdown.
     """
     logs = replayed.logs
     moved = shifts([(log.source, log.t[0], log.t[-1]) for log in logs])
@@ -317,12 +318,13 @@ def record_servos(found: ServoIdentification, replayed: Replayed, file: Path) ->
     ]
     pages = joint_pages(camera, plots, joints, "position", "simulated", "m")
     by_joint = [
-        Section(name, [table([p for p in found.parameters if p.label.endswith(f" of {name}")])])
+        panel
         for name in names
+        for panel in (
+            Text(name, head=True),
+            table([p for p in found.parameters if p.label.endswith(f" of {name}")]),
+        )
     ]
-    documents = {
-        "result": markdown(brief_of_servos(found)),
-        "parameters": markdown(Page("", None, sections=by_joint)),
-    }
+    documents = {"result": document, "parameters": "\n".join(panels(by_joint))}
     layout = whole(*pages, parameters())
     return write(file, found.robot.name, layout, documents, [series], draw)

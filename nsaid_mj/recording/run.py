@@ -49,7 +49,7 @@ def write(
     shown = curves(run, nullspace, rows, truth) + intervals(run, summary, rows)
     name = run.folder.resolve().name
     documents = {
-        "result": markdown(brief(name, summary, run.folder)),
+        "result": markdown(brief(name, summary, run.system.space)),
         "statements": "\n".join(panels(statements(verdicts))) or _SHORT,
         "unknown": "\n".join(panels(unobservable(summary))),
     }

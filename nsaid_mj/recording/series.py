@@ -10,10 +10,10 @@ import rerun as rr
 from ..evaluation import OWN, Truth, common_factor, energy, force_units, velocity_labels
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.figures import midpoints
+from ..evaluation.panels import LAWS, local_rms
 from ..evaluation.summary import law_of
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
-from ..pages.panels import LAWS, local_rms
 from ..parameters import Array, Indices, ParameterSpace
 from ..structure.sensing import rate_labels
 from ..structure.system import SecondOrderSystem

@@ -8,9 +8,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..control.adaptive import Tracker
+from ..evaluation.panels import LAWS
 from ..evaluation.tracking import Motion
 from ..experiment.loop import Looks
-from ..pages.panels import LAWS
 from ..parameters import Array
 from ..structure.joints import JointTree, bones
 from ..structure.system import SecondOrderSystem

@@ -19,11 +19,13 @@ from ..baselines import BATCH, Estimate, Method, Problem, follow
 from ..baselines.sysid import BUDGET, sysid
 from ..errors import InvalidInput, NoEstimate, NsaidError, UnknownName
 from ..evaluation.bound import bound_figures, cramer_rao
+from ..evaluation.result import Result
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup, is_sound
 from ..laws import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..log import EXACT, Log
 from ..numerics.threads import single_threaded
+from ..pages.page import Page
 from ..resources import write_json
 from . import compare_report
 from .compare_report import BOUND, DEFAULT, METHODS, OURS, PRIOR, Cell, sensors
@@ -238,17 +240,16 @@ def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
 
 
 @single_threaded
-def run(plan: Plan, folder: Path, quiet: bool = False) -> list[Cell]:
-    """Runs a comparison, writes its files and plots, and prints the table; see `carried_out`."""
+def run(plan: Plan, folder: Path, quiet: bool = False) -> tuple[Result, list[Cell]]:
+    """Runs a comparison, writes its files and plots, and prints its page; see `carried_out`."""
     columns = sum(len(plan.names(noise)) for noise in plan.noises)
     total = columns * len(plan.seeds) * len(plan.durations)
 
-    def draw(cells: list[Cell]) -> list[Path]:
+    def draw(cells: list[Cell]) -> tuple[Page, list[Path]]:
         drawn = compare_report.lines(cells)
         plots = compare_report.write_pictures(folder, drawn)
-        page = compare_report.write(folder, cells, drawn, plan.manifest)
-        return [page, *(folder / name for name in FILES), *plots]
+        page = compare_report.page_of(folder, cells, drawn, plan.manifest)
+        return page, [*(folder / name for name in FILES), *plots]
 
-    show = None if quiet else compare_report.print_table
     made, write_all = partial(compare, plan), partial(write, folder, plan)
-    return carried_out(folder, FILES[:1], total, made, write_all, draw, show)
+    return carried_out(folder, FILES[:1], total, made, write_all, draw, quiet)

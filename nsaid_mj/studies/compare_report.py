@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
-from rich.console import Console
 
 from ..baselines import BATCH
-from ..evaluation.result import Mark, judged
+from ..evaluation.panels import BAD, COLOURS, INK, LAWS
+from ..evaluation.result import Figure as Numbers
+from ..evaluation.result import Result
 from ..laws import NullspaceAID
 from ..pages import plots
 from ..pages.page import Cell as Written
-from ..pages.page import Figure, Figures, Page, Section, Table, Text, count, write_html
-from ..pages.panels import BAD, COLOURS, INK, LAWS
-from ..pages.terminal import print_page
+from ..pages.page import Figure, Figures, Page, Section, Table, Text, count
 from ..robot.findings import Finding
 from .study import repeated
 from .sweep_results import digits
@@ -29,6 +28,8 @@ PRIOR = "prior"
 
 BOUND = "bound"
 """Name of the Cramér–Rao bound, whose median figures stand beside those of the methods."""
+
+_REFERENCES = (PRIOR, BOUND)
 
 OURS: tuple[str, ...] = get_args(get_type_hints(NullspaceAID)["law"])
 
@@ -78,6 +79,12 @@ class Row:
     failures: tuple[str, ...]  # one reason for each failed seed
     notes: tuple[str, ...]  # settings that the method chose automatically, without duplicates
     over_bound: dict[str, float]  # median over that of the Cramér–Rao bound; empty without it
+    several: bool  # whether there are several seeds
+
+    @property
+    def log(self) -> str:
+        """Its logs in words."""
+        return f"{sensors(self.noise)}, {self.duration:g} s"
 
 
 def rows(cells: Sequence[Cell]) -> list[Row]:
@@ -99,7 +106,7 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
             bounds[noise, duration] = {
                 key: value for key, value in median.items() if 0 < value < np.inf
             }
-        least = bounds.get((noise, duration), {}) if method not in {PRIOR, BOUND} else {}
+        least = bounds.get((noise, duration), {}) if method not in _REFERENCES else {}
         found.append(
             Row(
                 method,
@@ -111,6 +118,7 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
                 failures=tuple(cell.failure for cell in group if cell.failure),
                 notes=tuple(dict.fromkeys(cell.note for cell in group if cell.note)),
                 over_bound={key: median[key] / value for key, value in least.items()},
+                several=len(group) > 1,
             )
         )
     return found
@@ -118,72 +126,87 @@ def rows(cells: Sequence[Cell]) -> list[Row]:
 
 _DECIDES = "theta_perp_ratio"
 _HEADS = ("distance", "gain ratios", "force residual", "time [s]")
+_MEANING = "Distance to the true set, error of gain ratios, force residual on a held-out motion."
 _WORST = "Medians over the seeds, worst in brackets; – stands for a failed seed."
 _MULTIPLES = "Multiples (×) are of the Cramér–Rao bound of the same logs."
 _BARS = "Markers are medians over the seeds, bars reach from the best to the worst seed."
 
 
-def write(
+def result_of(found: Sequence[Row]) -> Result:
+    """The result of a comparison: every figure of every method, by log and method.
+
+    The verdict is the method closest to the true set on the longest and noisiest log.
+    """
+    own = [row for row in found if row.method not in _REFERENCES]
+    able = [row for row in own if math.isfinite(row.median[_DECIDES])]
+    text = "No method has a result."
+    if able:
+        hardest = max(able, key=lambda row: (row.noise, row.duration))
+        same = [r for r in able if (r.noise, r.duration) == (hardest.noise, hardest.duration)]
+        best = min(same, key=lambda row: row.median[_DECIDES])
+        text = (
+            f"{best.method} comes closest to the true set: within {digits(best.median[_DECIDES])}"
+            + (f" in the median, {digits(best.worst[_DECIDES])} at worst" if best.several else "")
+            + f" ({best.log})."
+        )
+    figures = [
+        Numbers(
+            label, "", {f"{row.log}: {row.method}": row.median[key] for row in found},
+            {f"{row.log}: {row.method}": row.worst[key] for row in found if row.several},
+        )
+        for label, key in FIGURES
+    ]  # fmt: skip
+    failures = [
+        Finding(
+            "refusal", "failed", f"{row.method}, {row.log}",
+            f"failed on {count(len(row.failures), 'seed')}: {row.failures[0]}",
+        )
+        for row in found
+        if row.failures
+    ]  # fmt: skip
+    return Result(
+        explains="no" if not able else "yes" if len(able) == len(own) else "partly",
+        verdict=text,
+        figures=tuple(figures),
+        findings=tuple(failures),
+    )
+
+
+def page_of(
     folder: Path,
     cells: Sequence[Cell],
     drawn: Mapping[str, Mapping[str, Panels]],
     manifest: dict[str, Any],
-) -> Path:
-    """Writes a comparison's report.html, with its plots from `lines`, and returns its path."""
+) -> Page:
+    """The page of a comparison, with its plots from `lines`."""
     found = rows(cells)
-    shown = figures(drawn)
-    failures = [
-        Finding("refusal", "failed", f"{row.method} failed, {_log(row)}", row.failures[0])
-        for row in found
-        if row.failures
+    result, shown = result_of(found), figures(drawn)
+    lines: list[list[Written]] = []
+    for row in found:
+        if [row.log] not in lines:
+            lines.append([row.log])
+        lines.append([row.method, *_figures(row), "; ".join(row.notes)])
+    heads = ["method", *_HEADS, "chosen automatically"]
+    table = Table(heads, lines, (0, 5), spare=(5,), most=len(lines))
+    several = any(row.several for row in found)
+    notes = " ".join([_MEANING, *[_WORST] * several, *[_MULTIPLES] * bool(manifest["bound"])])
+    more = [Figures(shown[2:], "plots", 6), Text(_BARS, note=True)] if shown[2:] else []
+    sections = [
+        Section("All methods", [table, Text(notes)], brief=True),
+        Section("More plots", more),
     ]
     methods = len(dict.fromkeys(row.method for row in found))
-    seeds = len({cell.seed for cell in cells})
-    heads = ["log", "method", *(label for label, _ in FIGURES), "chosen automatically"]
-    lines: list[list[Written]] = [
-        [_log(row), row.method, *_figures(row, seeds > 1), "; ".join(row.notes)] for row in found
-    ]
-    table = Table(heads, lines, (0, 1, 6))
-    notes = " ".join([_WORST] * (seeds > 1) + [_MULTIPLES] * bool(manifest["bound"]))
-    sections = [Section("All methods", [table, *([Text(notes, note=True)] if notes else [])])]
-    if shown[2:]:
-        more = [Figures(shown[2:], "plots", 6), Text(_BARS, note=True)]
-        sections.append(Section("More plots", more))
-    page = Page(
+    return Page(
         heading=folder.name,
-        verdict=verdict_of(cells),
+        result=result,
         eyebrow=f"methods on the same logs of {manifest['script']}",
-        lead=f"{count(methods, 'method')}, {count(seeds, 'seed')}.",
-        findings=failures,
+        lead=f"{count(methods, 'method')}, {count(len({c.seed for c in cells}), 'seed')}.",
         carrying=shown[:2],
-        sections=sections,
+        sections=[section for section in sections if section.panels],
         commands=[_command(manifest)],
         versions=manifest["versions"],
         notes=["All cells are in compare.json and compare.csv."],
     )
-    return write_html(page, folder)
-
-
-def print_table(cells: Sequence[Cell], console: Console) -> None:
-    """Prints the verdict, medians over the seeds with the worst in brackets, and the failures."""
-    several = len({cell.seed for cell in cells}) > 1
-    found = rows(cells)
-    lines: list[list[Written]] = []
-    for row in found:
-        log = f"{sensors(row.noise)}, {row.duration:g} s"
-        if [log] not in lines:
-            lines.append([log])
-        lines.append([row.method, *_figures(row, several), "; ".join(row.notes)])
-    table = Table(["", *_HEADS, ""], lines, (0, 5), spare=(5,), most=len(lines))
-    notes = [_WORST] * several + [_MULTIPLES] * any(row.method == BOUND for row in found)
-    failures = [
-        f"{row.method}, {_log(row)}, failed on {count(len(row.failures), 'seed')}: "
-        f"{row.failures[0]}"
-        for row in found
-        if row.failures
-    ]
-    texts = [Text(line) for line in [*notes, *failures]]
-    print_page(Page("", verdict_of(cells), sections=[Section("", [table, *texts])]), console)
 
 
 def _command(manifest: dict[str, Any]) -> str:
@@ -199,32 +222,11 @@ def _command(manifest: dict[str, Any]) -> str:
     return repeated("compare", manifest, flags) + " --bound" * manifest["bound"]
 
 
-def verdict_of(cells: Sequence[Cell]) -> Mark:
-    """The verdict: the method closest to the true set on the longest and noisiest log."""
-    own = [row for row in rows(cells) if row.method not in {PRIOR, BOUND}]
-    able = [row for row in own if math.isfinite(row.median[_DECIDES])]
-    if not able:
-        return judged("no", "No method has a result.")
-    hardest = max(able, key=lambda row: (row.noise, row.duration))
-    same = [r for r in able if (r.noise, r.duration) == (hardest.noise, hardest.duration)]
-    best = min(same, key=lambda row: row.median[_DECIDES])
-    text = f"{best.method} comes closest to the true set: within {digits(best.median[_DECIDES])}"
-    if len({cell.seed for cell in cells}) > 1:
-        text += f" in the median, {digits(best.worst[_DECIDES])} at worst"
-    text += f" ({_log(best)})."
-    return judged("yes" if len(able) == len(own) else "partly", text)
-
-
-def _log(row: Row) -> str:
-    """A row's logs in words, with spaces that do not break between a number and its unit."""
-    return f"{sensors(row.noise)},_{row.duration:g} s".replace(" ", "\u00a0").replace("_", " ")
-
-
-def _figures(row: Row, several: bool) -> list[str]:
+def _figures(row: Row) -> list[str]:
     """Median, worst in brackets if there are several seeds, and the multiple of the bound."""
     cells = []
     for _, key in FIGURES:
-        worst = several and key != "wall_s"
+        worst = row.several and key != "wall_s"
         cell = digits(row.median[key]) + (f" ({digits(row.worst[key])})" if worst else "")
         cells.append(cell + (f" {row.over_bound[key]:.3g}×" if key in row.over_bound else ""))
     return cells
@@ -236,7 +238,6 @@ _MARKS = {
     "ols": "^", "wls": "v", "tls": "<", "rls": ">", "ekf": "P", "sysid": "*", PRIOR: "x",
 }  # fmt: skip
 _REST = {"sysid": BAD, PRIOR: COLOURS[8]}  # colours of methods that are not laws
-_REFERENCES = (PRIOR, BOUND)
 _TITLES = {"wall_time": "wall time", "data_length": "length of the log", "noise": "sensor noise"}
 
 Panels = dict[str, Callable[[Any], None]]

@@ -1,22 +1,23 @@
 """A Monte Carlo study in its folder, and its quantiles on the terminal."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
+from ..evaluation.result import Figure, Result
 from ..laws import Status
 from ..numerics.threads import single_threaded
 from ..pages.page import Page, Section, Table, count
-from ..pages.terminal import print_page
 from ..parameters import rounded
 from ..robot.findings import Finding
+from . import sweep_results
 from .montecarlo import JOBS, Plan, rows_of
 from .study import MOST_JOBS, check_count
 from .sweep import opened
-from .sweep_results import Group, Row, Sweep, digits, factor, files_of, read, verdict_of
+from .sweep_results import Group, Row, Sweep, digits, factor, read
 
 FIGURES = {
     "theta_perp_ratio": "distance at end [%]",
@@ -97,31 +98,35 @@ def document(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def print_summary(sweep: Sweep) -> None:
-    """Prints the quantiles of the figures, the lost runs, and the paths of the files."""
-    gone = lost(sweep)
-    lines = [
-        [FIGURES[key], *(digits(factor(key) * value) for value in each.values())]
-        for key, each in quantiles(sweep).items()
-    ]
-    shared = sweep.manifest["montecarlo"]["shared"]
-    failures = [
+def result_of(sweep: Sweep) -> Result:
+    """The result of a study; a run is lost if it ended before the scenario's duration."""
+    gone, shared = lost(sweep), sweep.manifest["montecarlo"]["shared"]
+    failures = (
         Finding(
             "refusal", "lost", f"run {row['run']} (seed {row['seed']})",
             f"{row['status']} at {row['status_time']:.3g} s",
             "" if shared else f"\n    {sweep.command(row)}",
         )
         for row in gone
-    ]  # fmt: skip
+    )  # fmt: skip
+    figures = (Figure(FIGURES[key], "", values) for key, values in quantiles(sweep).items())
+    own = sweep_results.result_of(sweep)
+    return replace(own, figures=tuple(figures), findings=tuple(failures), complete=not gone)
+
+
+def page_of(sweep: Sweep) -> Page:
+    """The page of a study for the terminal."""
+    lines = [
+        [FIGURES[key], *(digits(factor(key) * value) for value in each.values())]
+        for key, each in quantiles(sweep).items()
+    ]
+    shared = sweep.manifest["montecarlo"]["shared"]
     many = count(len(sweep.rows), "prior" if shared else "plant")
     kind = "on one motion" if shared else "with its own motion each"
     spent = f"identifier {rounded(cost(sweep), 2)} µs of thread time per run and time step"
-    page = Page(
+    return Page(
         heading=sweep.folder.name,
-        verdict=verdict_of(sweep),
-        lead=f"{many} {kind}, {len(gone)} lost",
-        findings=failures,
-        sections=[Section("", [Table(["", *QUANTILES], lines)])],
-        commands=[spent, *files_of(sweep)],
+        result=result_of(sweep),
+        lead=f"{many} {kind}, {len(lost(sweep))} lost; {spent}",
+        sections=[Section("Figures", [Table(["", *QUANTILES], lines)], brief=True)],
     )
-    print_page(page, Console(highlight=False))

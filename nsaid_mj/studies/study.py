@@ -15,9 +15,12 @@ from rich.console import Console
 from .. import evaluation
 from ..bounds import shown
 from ..errors import InvalidInput
+from ..evaluation.result import Result
 from ..experiment.library import digest_of
 from ..experiment.scenario import Scenario
+from ..pages.page import Page, write_html
 from ..pages.progress import counted
+from ..pages.terminal import print_page
 from ..resources import check_own, locked, write_text
 
 MOST_RUNS = 1_000_000
@@ -25,7 +28,7 @@ MOST_RUNS = 1_000_000
 MOST_JOBS = 1024
 """Largest number of runs at the same time."""
 
-_Result = TypeVar("_Result")
+_Made = TypeVar("_Made")
 
 
 def check_count(name: str, number: int, remedy: str, most: int = MOST_RUNS) -> None:
@@ -72,44 +75,43 @@ def carried_out(
     folder: Path,
     own: Sequence[str],
     total: int,
-    made: Callable[[Callable[[str], object]], Iterator[_Result]],
-    write: Callable[[list[_Result]], object],
-    draw: Callable[[list[_Result]], list[Path]],
-    show: Callable[[list[_Result], Console], object] | None,
-) -> list[_Result]:
-    """Collects the results of a study in a folder; after Ctrl-C, writes those available.
+    made: Callable[[Callable[[str], object]], Iterator[_Made]],
+    write: Callable[[list[_Made]], object],
+    draw: Callable[[list[_Made]], tuple[Page, list[Path]]],
+    quiet: bool,
+) -> tuple[Result, list[_Made]]:
+    """Collects the parts of a study in a folder; after Ctrl-C, writes those available.
 
     Args:
         folder: folder of the results; created if missing.
         own: files that mark such a folder.
-        total: number of results.
+        total: number of parts.
         made: yields them; receives a function to report each stage.
         write: writes them; also called before the first, to fail early.
-        draw: draws them at the end; returns all files.
-        show: prints them; None to print nothing.
+        draw: makes the page and draws at the end; returns all files but the page's.
+        quiet: whether neither progress nor the page is printed.
 
     Raises:
         FolderInUse: another process is writing into the folder.
         NotWritten: the folder cannot be written.
     """
     check_own(folder, own)
-    done: list[_Result] = []
+    done: list[_Made] = []
     with locked(folder):
         write(done)
         try:
-            with counted(show is None) as bar:
+            with counted(quiet) as bar:
                 task = bar.add_task("", total=total)
                 for found in made(lambda words: bar.update(task, description=words)):
                     done.append(found)
                     bar.advance(task)
         finally:
             write(done)
-            files = draw(done)
-        if show is not None:
-            console = Console(highlight=False)
-            show(done, console)
-            console.print("\n".join(f"  {file}" for file in files), soft_wrap=True)
-    return done
+            page, files = draw(done)
+            files = [write_html(page, folder), *files]
+        if not quiet:
+            print_page(page, Console(highlight=False), files)
+    return page.result, done
 
 
 def write_csv(path: Path, heads: Sequence[str], rows: Iterable[dict[str, Any]]) -> None:

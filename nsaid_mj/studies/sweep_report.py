@@ -1,18 +1,17 @@
 """The report of a sweep: distributions of its figures over the varied fields, and failures."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..evaluation.panels import BAD, COLOURS, thin
 from ..pages import plots
-from ..pages.page import Figures, Page, Section, Table, Text, count, write_html
-from ..pages.panels import BAD, COLOURS, thin
-from ..robot.findings import Finding
-from .sweep_results import SPREADS, Group, Sweep, lead_of, table_of, verdict_of
+from ..pages.page import Figures, Page, Section, Text, count, write_html
+from .sweep_results import SPREADS, Group, Sweep, lead_of, result_of, table_of
 
 PICTURE = "distributions.png"
 _DOTS = 400  # largest number of dots per group of runs
@@ -35,45 +34,37 @@ def write(sweep: Sweep) -> list[Path]:
     widest = max((len(values) for values in sweep.manifest["vary"].values()), default=1)
     size = (min(max(12.5, 2.4 * widest), 40.0), 0.4 + 3.6 * len(lines))
     picture = plots.png_of(lines, size, sweep.folder / PICTURE)
-    return [write_html(_page(sweep, lines), sweep.folder), picture]
+    return [write_html(page_of(sweep, lines), sweep.folder), picture]
 
 
-def _page(sweep: Sweep, lines: list[dict[str, Draw]]) -> Page:
+def page_of(sweep: Sweep, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:
+    """The page of a sweep, with the panels of these lines if there are any."""
     manifest = sweep.manifest
     fields = list(manifest["vary"])
     seeds = manifest.get("seeds", manifest["runs"])  # `nsaid montecarlo`: one for every run
     thinned = any(len(group.results) > _DOTS for field in fields for group in sweep.by(field))
     drawn = []
-    for field, line in zip(fields or [""], lines, strict=True):
+    for field, line in zip(fields or [""], lines, strict=bool(lines)):
         wide = len(manifest["vary"].get(field, "")) > plots.COLUMNS or sum(map(len, lines)) == 1
         for title, draw in line.items():
             over = f"{title}, by {field}" if field else title
             drawn.append(plots.page_figure(over, draw, wide))
-    first = 2 if "Time to converge" in lines[0] else 1
-    missing = manifest["runs"] - len(sweep.rows)
+    first = 2 if lines and "Time to converge" in lines[0] else 1
     note = Text(_NOTE.format(thinned=f" (at most {_DOTS} in a column)" if thinned else ""), True)
     rest = [Figures(drawn[first:]), note] if drawn[first:] else [note]
-    sections = [
-        Section("Distributions" if drawn[first:] else "About the plots", rest),
-        Section("Combinations", [table_of(sweep, fields), Text(SPREADS, note=True)]),
-    ]
-    if sweep.lost:
-        failures = [
-            [str(row["run"]), str(row["seed"]), row["failure"], sweep.command(row)]
-            for row in sweep.lost
-        ]
-        heads = ["run", "seed", "reason", "command to repeat it"]
-        sections.append(Section("Failures", [Table(heads, failures, (2, 3))]))
-    unfinished = Finding("refusal", "missing", "not finished", f"{missing} of the runs")
+    last = [path.rpartition(".")[2] for path in fields]
+    named = [k if last.count(k) == 1 else path for path, k in zip(fields, last, strict=True)]
     return Page(
         heading=sweep.folder.name,
-        verdict=verdict_of(sweep),
+        result=result_of(sweep),
         eyebrow=f"many runs of {manifest['script']}",
         lead=f"{lead_of(sweep)}; {count(seeds, 'seed')} from the master seed "
         f"{manifest['master_seed']}.",
-        findings=[unfinished] if missing else [],
         carrying=drawn[:first],
-        sections=sections,
+        sections=[
+            Section("Distributions" if drawn[first:] else "About the plots", rest),
+            Section("Combinations", [table_of(sweep, named), Text(SPREADS)], brief=True),
+        ],
         notes=[
             "The plan is in manifest.json, all runs are in rows.jsonl and results.parquet. Run k "
             f"depends only on the master seed {manifest['master_seed']} and on k."

@@ -1,4 +1,4 @@
-"""Results of a sweep: reads its folder, groups its runs, writes tables and prints them."""
+"""Results of a sweep: reads its folder, groups its runs, judges them and writes tables."""
 
 from __future__ import annotations
 
@@ -14,12 +14,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from rich.console import Console
 
 from ..errors import BadRun
-from ..evaluation.result import Mark, judged
-from ..pages.page import Page, Section, Table, Text, count
-from ..pages.terminal import print_page
+from ..evaluation.result import Figure, Result
+from ..pages.page import Table, count
 from ..parameters import ABSENT, rounded
 from ..resources import atomic_write, json_of
 from ..robot.findings import Finding
@@ -75,6 +73,11 @@ class Sweep:
     def lost(self) -> list[Row]:
         """Runs without a result."""
         return [row for row in self.rows if row["failure"] is not None]
+
+    def failure(self, row: Row) -> Finding:
+        """A run without a result, and the command line that repeats it."""
+        repeat = f"\n    {self.command(row)}"
+        return Finding("refusal", "lost", f"run {row['run']}", row["failure"], repeat)
 
     def command(self, row: Row) -> str:
         """The command line that repeats a single run."""
@@ -239,27 +242,6 @@ def document(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def print_summary(sweep: Sweep) -> None:
-    """Prints the figures of all combinations, the failures, and the paths of the files."""
-    fields = list(sweep.manifest["vary"])
-    last = [path.rpartition(".")[2] for path in fields]
-    named = [k if last.count(k) == 1 else path for path, k in zip(fields, last, strict=True)]
-    failures = [
-        Finding("refusal", "lost", f"run {row['run']}", row["failure"],
-                f"\n    {sweep.command(row)}")
-        for row in sweep.lost
-    ]  # fmt: skip
-    page = Page(
-        heading=sweep.folder.name,
-        verdict=verdict_of(sweep),
-        lead=lead_of(sweep),
-        findings=failures,
-        sections=[Section("", [table_of(sweep, named), Text(SPREADS)])],
-        commands=files_of(sweep),
-    )
-    print_page(page, Console(highlight=False))
-
-
 def lead_of(sweep: Sweep) -> str:
     """How many runs have a result."""
     results, runs = len(sweep.rows) - len(sweep.lost), sweep.manifest["runs"]
@@ -272,12 +254,12 @@ def table_of(sweep: Sweep, fields: Sequence[str]) -> Table:
     return Table([*fields, *HEADS], lines, range(len(fields)))
 
 
-def verdict_of(sweep: Sweep) -> Mark:
-    """The share of converged runs, and the median of their distances to the true set.
+def result_of(sweep: Sweep) -> Result:
+    """The result of a sweep: the share of converged runs, and the distribution of its figures.
 
     A sweep shows a distribution: it fails only if no run has a result.
     """
-    found = Group({}, sweep.rows)
+    found, lost = Group({}, sweep.rows), sweep.lost
     distances = found.column("theta_perp_ratio")
     distances = distances[np.isfinite(distances)]
     converged, runs = int(np.isfinite(found.column("time_to_converge")).sum()), len(sweep.rows)
@@ -287,8 +269,25 @@ def verdict_of(sweep: Sweep) -> Mark:
             f"; distance to the true set at the end {100 * np.median(distances):.2g} % in the "
             f"median, {100 * distances.max():.2g} % in the worst run"
         )
-    partly = "partly" if found.results else "no"
-    return judged("yes" if converged == runs else partly, f"{sentence}.")
+    missing = sweep.manifest["runs"] - runs
+    unfinished = Finding("refusal", "missing", "not finished", f"{missing} of the runs")
+    figures = [
+        Figure(name, unit, {words(group): group.quantile(key, share) for group in sweep.groups})
+        for key, unit in (("theta_perp_ratio", "%"), ("time_to_converge", "s"))
+        for name, share in ((f"{key}, {name}", share) for name, share in QUANTILES.items())
+    ]
+    return Result(
+        explains="yes" if converged == runs else "partly" if found.results else "no",
+        verdict=f"{sentence}.",
+        figures=tuple(figures),
+        findings=(*([unfinished] if missing else []), *map(sweep.failure, lost)),
+        complete=not lost,
+    )
+
+
+def words(group: Group) -> str:
+    """The values of a group's varied fields, in words."""
+    return ", ".join(f"{path} {value}" for path, value in group.values.items()) or "all runs"
 
 
 def files_of(sweep: Sweep) -> list[str]:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from rich.console import Console
 
 from ..bounds import without_nonfinite
 from ..control.adaptive import AdaptiveTracking, Tracker
@@ -17,7 +16,9 @@ from ..control.adaptive.tracker import Law
 from ..control.driver import Driver
 from ..errors import InvalidInput, UnknownName
 from ..evaluation import Truth
-from ..evaluation.result import Mark, judged
+from ..evaluation.panels import COLOURS, Panel, local_rms
+from ..evaluation.panels import LAWS as COLOUR_OF
+from ..evaluation.result import Figure, Result
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.following import Following
 from ..experiment.setup import Setup
@@ -25,11 +26,11 @@ from ..experiment.source import informing_steps
 from ..laws import Status
 from ..laws.cone.law import ConeMetric
 from ..log import Log
-from ..pages.page import Page, Section, Table, Text
-from ..pages.terminal import print_page
+from ..pages.page import Table, count
 from ..parameters import Array
 from ..plants import Plant
 from ..resources import write_json
+from ..robot.findings import Finding
 from .study import Study, write_csv
 
 LAWS: tuple[str, ...] = get_args(Law)
@@ -234,20 +235,43 @@ def table_of(plan: Plan, done: list[Course]) -> Table:
     return Table(heads, rows, spare=spare)
 
 
-def verdict_of(table: Table) -> Mark | None:
-    """The verdict: how much better each adaptive law tracks than the conventional law."""
-    column = table.heads.index("error")
+def result_of(plan: Plan, done: list[Course]) -> Result:
+    """The result of a study: medians of every law's figures, and errors over time.
+
+    The verdict is how much better each adaptive law tracks than the conventional law.
+    """
+    table = table_of(plan, done)
+    column = table.heads.index("error") if "error" in table.heads else 0
     words = {
         str(line[0]): str(line[column])
         for line in table.lines
         if line[0] in ("nullspace", "composite") and line[column]
     }
-    if not words:
-        return None
-    better = all(word.endswith("smaller") for word in words.values())
     said = ", ".join(f"{law} {word}" for law, word in words.items())
-    sentence = f"Tracking error (rms) compared with the conventional law's: {said}."
-    return judged("yes" if better else "partly", sentence)
+    better = all(word.endswith("smaller") for word in words.values())
+    missing = len(plan.laws) * len(plan.seeds) - len(done)
+    findings = [
+        Finding("refusal", "early", f"seed {c.seed}, {c.law}", str(c.figures["status"]))
+        for c in done
+        if c.figures["status"] != "completed"
+    ]
+    if missing:
+        text = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing"
+        findings.append(Finding("refusal", "missing", "not finished", text))
+    found = medians(plan, done)
+    keys = dict.fromkeys(key for of in found.values() for key in of)
+    shown = [c for c in done if c.seed == done[0].seed]
+    units = [unit for unit in ("rad", "m") if shown and f"rms_{unit}" in shown[0].figures]
+    return Result(
+        explains=("yes" if better else "partly") if words else None,
+        verdict=f"Tracking error (rms) compared with the conventional law's: {said}.",
+        figures=tuple(
+            Figure(key, "", {law: of.get(key) for law, of in found.items()}) for key in keys
+        ),
+        curves=tuple(_errors(shown, unit) for unit in units),
+        findings=tuple(findings),
+        complete=not findings,
+    )
 
 
 def medians_in_words(plan: Plan) -> str:
@@ -260,17 +284,15 @@ def medians_in_words(plan: Plan) -> str:
     )
 
 
-def print_table(plan: Plan, done: list[Course], console: Console) -> None:
-    """Prints the verdict, the table, and the runs that ended early."""
-    early = [
-        Text(f"seed {c.seed}, {c.law}: {c.figures['status']}")
-        for c in done
-        if c.figures["status"] != "completed"
-    ]
-    table = table_of(plan, done)
-    panels = [table, Text(medians_in_words(plan)), *early]
-    page = Page(plan.script, verdict_of(table), sections=[Section("", panels)])
-    print_page(page, console)
+def _errors(shown: list[Course], unit: str) -> Panel:
+    """Every law's error over time, in the unit of some coordinates."""
+    faults = shown[0].setup.plant.faults
+    events = [t for fault in faults for t in (fault.time, fault.until) if t is not None]
+    panel = Panel(f"Tracking error [{unit}]", f"rms error [{unit}]", True, events=events)
+    for c in shown:
+        error = c.motion.error_of(c.setup.system, unit)
+        panel.add(*local_rms(c.motion.t, error), c.law, colour=COLOURS[COLOUR_OF[c.law]])
+    return panel
 
 
 def _compared(ratio: float) -> str:

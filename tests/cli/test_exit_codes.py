@@ -12,11 +12,14 @@ import nsaid_mj.cli
 from nsaid_mj.cli import commands
 from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
-from nsaid_mj.evaluation.result import Mark
+from nsaid_mj.evaluation.result import Result
 from nsaid_mj.laws import Status
 from nsaid_mj.logs.unusable import UnusableLog
+from nsaid_mj.pages.page import Page
 from nsaid_mj.robot.findings import Finding
 from nsaid_mj.studies.compare import PRIOR, Cell
+from nsaid_mj.studies.compare_report import result_of
+from nsaid_mj.studies.compare_report import rows as compared
 from nsaid_mj.studies.sweep_results import Sweep
 from tests.support.faulty import call, shell
 from tests.support.identification import identification
@@ -37,14 +40,14 @@ def put(patch: Patch, name: str, value: Any) -> None:
 def run_of(patch: Patch, verdict: str, status: Status = Status.completed) -> None:
     result = SimpleNamespace(ending=SimpleNamespace(status=status), folder=Path("out"))
     output = SimpleNamespace(json=False, quiet=True)
-    put(patch, "cli.commands._carry_out", ("rov", result, {"verdict": verdict}, output))
+    summary = {"verdict": verdict, "rivals": {}, "confidence": None, "sensor_noise": ""}
+    put(patch, "cli.commands._carry_out", ("rov", result, summary, output))
 
 
-@pytest.mark.parametrize(("kind", "code"), [("good", 0), ("fair", 0), ("poor", 1), ("weak", 0)])
-def test_a_verdict_that_is_poor_is_not_explained(kind: str, code: int) -> None:
-    assert code_of(Mark("", kind)) == code
-    assert code_of(Mark("", kind), complete=False) == NOT_EXPLAINED
-    assert code_of(None) == EXPLAINED
+@pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1), (None, 0)])
+def test_a_verdict_that_is_poor_is_not_explained(explains: Any, code: int) -> None:
+    assert code_of(Result(explains=explains)) == code
+    assert code_of(Result(explains=explains, complete=False)) == NOT_EXPLAINED
 
 
 @pytest.mark.parametrize(
@@ -80,7 +83,7 @@ def test_compare(failures: tuple[str, str], code: int, monkeypatch: Patch) -> No
         Cell(name, 0, 0.0, 1.0, failure=why) if why else Cell(name, 0, 0.0, 1.0, 0.1, 0.1, 0.1, 1.0)
         for name, why in zip(("ols", "tls"), failures, strict=True)
     ]
-    put(monkeypatch, "studies.compare.run", cells)
+    put(monkeypatch, "studies.compare.run", (result_of(compared(cells)), cells))
     assert shell("compare", "scalar_rov", "--quiet")[0] == code
 
 
@@ -113,7 +116,7 @@ def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> No
 @pytest.mark.parametrize(("gone", "code"), [([], EXPLAINED), ([{"run": 1}], NOT_EXPLAINED)])
 def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
     put(monkeypatch, "studies.montecarlo_results.run", None)
-    put(monkeypatch, "studies.montecarlo_results.lost", gone)
+    put(monkeypatch, "studies.montecarlo_results.result_of", Result(complete=not gone))
     assert shell("montecarlo", "scalar_rov", "--quiet")[0] == code
 
 
@@ -121,20 +124,20 @@ def test_montecarlo(gone: list[Any], code: int, monkeypatch: Patch) -> None:
     ("status", "code"), [("completed", EXPLAINED), ("diverged", NOT_EXPLAINED)]
 )
 def test_track(status: str, code: int, monkeypatch: Patch) -> None:
-    done = [SimpleNamespace(figures={"status": each}) for each in ("completed", status)]
-    put(monkeypatch, "studies.tracking_run.run", done)
+    result = Result(explains="partly", complete=status == "completed")
+    put(monkeypatch, "studies.tracking_run.run", (result, []))
     assert shell("track", "track_ur5", "--quiet")[0] == code
 
 
-@pytest.mark.parametrize(("kind", "code"), [("good", 0), ("fair", 0), ("poor", 1)])
-def test_excite(kind: str, code: int, monkeypatch: Patch) -> None:
+@pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1)])
+def test_excite(explains: Any, code: int, monkeypatch: Patch) -> None:
     for name in ("design.design", "design.prediction.predict", "design.information.ranks",
                  "design.files.scenario_of", "design.files.document", "design.prediction.tried",
-                 "recording.design.record", "pages.design.write_page"):  # fmt: skip
+                 "recording.design.record", "pages.page.write_html"):  # fmt: skip
         put(monkeypatch, name, SimpleNamespace(limits=None))
     put(monkeypatch, "design.files.write", [])
     put(monkeypatch, "design.Experiment.of", None)
-    put(monkeypatch, "pages.design.verdict_of", Mark("", kind))
+    put(monkeypatch, "pages.design.page", Page("", Result(explains=explains)))
     assert shell("excite", "scalar_rov", "--quiet", "--out", "out")[0] == code
 
 
@@ -143,10 +146,10 @@ def test_identify(explains: str, code: int, monkeypatch: Patch) -> None:
     result = identification(("one",), explains=explains)
     put(monkeypatch, "cli.identifying.servos_of", None)
     put(monkeypatch, "calibration.identify.identify", result)
-    put(monkeypatch, "cli.identifying.write", (result, []))
+    put(monkeypatch, "cli.identifying.write", (Page("", result), []))
     assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
     put(monkeypatch, "cli.identifying.servos_of", object())
-    put(monkeypatch, "cli.identifying.identify_given", (result, []))
+    put(monkeypatch, "cli.identifying.identify_given", (Page("", result), []))
     assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
 
 

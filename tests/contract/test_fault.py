@@ -14,7 +14,7 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import energy, mark_of, summarize, truth_of
+from nsaid_mj.evaluation import energy, result_of, summarize, truth_of
 from nsaid_mj.evaluation.figures import held_out_rows, residual_ratio
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import SimulatedRun, run
@@ -306,7 +306,7 @@ def test_a_fault_from_the_command_line(tmp_path: Path, capsys):
     fault = ["--faults", "loss 0.4 of 3 at 1 s"]
     code = command(["run", "bluerov2", *fault, *words.split(), str(tmp_path / "out")])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
-    assert code == code_of(mark_of(summary))
+    assert code == code_of(result_of(summary))
     assert "fault in the plant: thrust_3 loses 40 % at 1 s" in capsys.readouterr().out
     with pytest.raises(InvalidInput, match=r"faults\.actuator"):
         command(["run", "bluerov2", "--faults", "loss 0.4 of 9", "--out", f"{tmp_path}/no"])

@@ -14,7 +14,7 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import mark_of, summarize, truth_of
+from nsaid_mj.evaluation import result_of, summarize, truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
@@ -389,7 +389,7 @@ def test_a_run_from_the_command_line(tmp_path, capsys):
     words = "--plant.mismatch.lag 0.1 --duration 2 --held-out 1 --pe-window 1 --json --out"
     code = command(["run", "bluerov2", *words.split(), str(tmp_path / "out")])
     summary = json.loads(capsys.readouterr().out)
-    assert code == code_of(mark_of(summary))
+    assert code == code_of(result_of(summary))
     assert summary["status"] == "completed" and summary["mismatch"] == ["actuators lag by 0.1 s"]
     stored = Scenario.from_json((tmp_path / "out/scenario.json").read_text(encoding="utf-8"))
     assert stored.plant.mismatch == Mismatch(lag=0.1)

@@ -43,7 +43,13 @@ def test_the_plus_minus_of_a_gain_is_half_its_95_percent_interval():
     known = {name: {"deviation": 0.1, "below_noise": False} for name in ("one", "two")}
     stated = {"actuators": {"one": 0.01, "two": 0.03}, "parameters": known}
     found = result_of(
-        {"verdict": "converged: 0", "confidence": stated, "parameters": rows, "sensor_noise": ""}
+        {
+            "verdict": "converged: 0",
+            "confidence": stated,
+            "parameters": rows,
+            "sensor_noise": "",
+            "rivals": {},
+        }
     ).gains
     assert [p.relative for p in found] == pytest.approx([0.0196, 0.0588], rel=1e-3)
     factor = found[0].value / 2.0

@@ -17,7 +17,7 @@ import pytest
 from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.control import multisine, tracking
-from nsaid_mj.evaluation import mark_of
+from nsaid_mj.evaluation import result_of
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.record import BATCH_SECONDS, Record
 from nsaid_mj.laws import Status
@@ -404,5 +404,5 @@ def test_an_unusual_but_valid_scenario_completes_with_all_its_files(
     code, said = script(scenario, "--out", tmp_path / "out", "--json")
     summary = strict(said.out)
     assert summary["status"] == "completed"
-    assert code == code_of(mark_of(summary)) and said.err == ""
+    assert code == code_of(result_of(summary)) and said.err == ""
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(FILES)

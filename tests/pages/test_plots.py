@@ -16,9 +16,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from nsaid_mj.pages import plots
-from nsaid_mj.pages.drawings import draw
-from nsaid_mj.pages.panels import (
+from nsaid_mj.evaluation.panels import (
     COLOURS,
     POINTS,
     VARIABLES,
@@ -28,6 +26,8 @@ from nsaid_mj.pages.panels import (
     Points,
     thin,
 )
+from nsaid_mj.pages import plots
+from nsaid_mj.pages.drawings import draw
 from nsaid_mj.pages.plots import number, over_time
 from tests.pages.drawing import points_of, words_of
 from tests.pages.markup import data_of

@@ -32,6 +32,9 @@ def summary(**changes: Any) -> dict[str, Any]:
         "sensor_noise": "",
         "confidence": None,
         "rivals": {},
+        "law": "paper",
+        "sensors": "ideal",
+        "seed": 0,
         "n": 1,
         "p": 4,
         "r": 1,
@@ -71,7 +74,7 @@ def test_a_fault_found_is_printed_with_its_time_and_confidence(capsys) -> None:
 
 def test_the_line_ends_in_a_colon_only_if_directions_follow(capsys) -> None:
     assert "1 is not:\n" in printed(capsys)
-    assert "0 are not\n" in printed(capsys, r=0, unobservable=[])
+    assert "0 are not.\n" in printed(capsys, r=0, unobservable=[])
 
 
 def test_a_long_list_is_cut_after_a_comma_and_a_short_one_is_not(capsys) -> None:
@@ -84,7 +87,7 @@ def test_a_long_list_is_cut_after_a_comma_and_a_short_one_is_not(capsys) -> None
     out = printed(capsys, unobservable=[line])
     cut = next(row for row in out.splitlines() if "these 40" in row)
     assert cut.endswith("gain of joint_3, …") and len(cut) < 130
-    assert "these 2: mass, drag\n" in printed(capsys)
+    assert "these 2: mass, drag.\n" in printed(capsys)
 
 
 def test_sensor_noise_is_not_listed_as_unknown_to_the_structure(capsys) -> None:

@@ -12,7 +12,8 @@ import pytest
 from nsaid_mj import BlueROV2Plant
 from nsaid_mj.calibration.result import Identification, shifts
 from nsaid_mj.log import Log
-from nsaid_mj.pages.page import plain
+from nsaid_mj.pages.identification import page
+from nsaid_mj.pages.page import markdown, plain
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
 from nsaid_mj.recording.text import drawable
@@ -26,9 +27,14 @@ def result() -> Identification:
     return identification(validated=True, law=True)
 
 
+def recorded_in(result: Identification, folder: Path) -> Path:
+    """A recording of a result, with the text of its page."""
+    return record(result, folder / "identification.rrd", markdown(page(result)))
+
+
 @pytest.fixture(scope="module")
 def file(result: Identification, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return record(result, tmp_path_factory.mktemp("recording") / "identification.rrd")
+    return recorded_in(result, tmp_path_factory.mktemp("recording"))
 
 
 def test_the_recording_has_every_entity(file: Path) -> None:
@@ -54,7 +60,7 @@ def test_recorded_commands_are_those_of_the_result(file: Path, result: Identific
     columns = entities_of(file)["/command/elbow/predicted"]
     values = np.array([row for row in columns["Scalars:scalars"] if row is not None]).ravel()
     shown = values[np.isfinite(values)]
-    assert np.array_equal(shown, result.curves.predicted[:, 2])
+    assert np.array_equal(shown, result.predictions.predicted[:, 2])
     assert np.isnan(values).sum() == 1  # the line is interrupted between the two logs
 
 
@@ -93,7 +99,7 @@ def evil() -> Identification:
     ids=["one joint", "30 joints", "vehicle", "nan", "evil names", "no parameters"],
 )
 def test_unusual_identifications_are_recorded(result: Identification, tmp_path: Path) -> None:
-    entities = entities_of(record(result, tmp_path / "a.rrd"))
+    entities = entities_of(recorded_in(result, tmp_path))
     assert "/result" in entities
     assert ("/robot/links" in entities) == (result.robot.model is not None)
 
@@ -108,7 +114,7 @@ def test_a_vehicle_is_drawn_by_its_meshes(tmp_path: Path) -> None:
     log = Log(t, q, np.full((n, plant.system.n), 0.3), segment.log.u)
     moving = replace(result.recordings, segments=(segment._replace(log=log),))
     robot = replace(result.robot, system=plant.system, visuals=plant)
-    file = record(replace(result, robot=robot, recordings=moving), tmp_path / "a.rrd")
+    file = recorded_in(replace(result, robot=robot, recordings=moving), tmp_path)
     entities = entities_of(file)
     places = np.array([p for p in entities["/robot/body"]["Transform3D:translation"] if p]).reshape(
         -1, 3

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration.servos import Replayed, ServoLog
+from nsaid_mj.pages.identification.servos import page
+from nsaid_mj.pages.page import markdown
 from nsaid_mj.recording import record_servos, viewer
 from tests.support.recordings import entities_of
 from tests.support.servos import NAMES, identified_servos
@@ -29,7 +31,7 @@ def recorded(tmp_path_factory):
     used = np.r_[np.ones(250), np.zeros(100), np.ones(50)]
     replayed = Replayed(logs, (q + 0.01, q - 0.01), used)
     found = identified_servos(used, folder / "arm.xml")
-    return record_servos(found, replayed, folder / "run.rrd"), replayed
+    return record_servos(found, replayed, folder / "run.rrd", markdown(page(found))), replayed
 
 
 def values(entities, entity):

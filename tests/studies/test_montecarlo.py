@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from rich.console import Console
 
 from nsaid_mj import (
     ArmPlant,
@@ -30,6 +31,7 @@ from nsaid_mj.laws import MemoryConfig, State, Status
 from nsaid_mj.laws.base import Estimates
 from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
+from nsaid_mj.pages.terminal import print_page
 from nsaid_mj.parameters import Array
 from nsaid_mj.studies import montecarlo, montecarlo_results, sweep_results
 from nsaid_mj.studies.montecarlo import Course, Plan
@@ -293,7 +295,7 @@ def test_montecarlo_writes_a_table_and_resumes(tmp_path, capsys):
 def test_failed_runs_are_listed_with_their_seeds(tmp_path, capsys):
     plan = Plan("ur5", replace(ARM, identifier=NullspaceAID(gain=1e6)), 3)
     found = montecarlo_results.run(plan, tmp_path / "mc", 2, quiet=True)
-    montecarlo_results.print_summary(found)
+    print_page(montecarlo_results.page_of(found), Console(width=200))
     said = capsys.readouterr().out
     assert "3 lost" in said
     for row in found.rows:

@@ -14,6 +14,7 @@ from nsaid_mj.calibration.result import (
     Gain,
     Identification,
     JointFit,
+    figures_of,
     recording_shifts,
 )
 from nsaid_mj.evaluation.result import Parameter, Status
@@ -121,7 +122,8 @@ def identification(
         deviation=0.1 * np.abs(theta),
         covariance=np.diag(0.01 * theta**2) + 1e-4 * np.outer(theta, theta),
         friction=(np.ones(n), np.ones(n)),
-        curves=curves,
+        figures=figures_of(joints),
+        predictions=curves,
         validation=curves if validated else None,
         law=along if law else None,
         cutoff=8.0,

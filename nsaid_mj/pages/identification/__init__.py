@@ -1,4 +1,3 @@
-"""Pages of an identification: report.html, and the summary on the terminal."""
+"""Pages of an identification, of forces or of position servos."""
 
-from .report import brief as brief
 from .report import page as page

@@ -6,10 +6,10 @@ from matplotlib.figure import Figure
 
 from ...calibration import words
 from ...calibration.result import Identification
+from ...evaluation.panels import BAD, COLOURS, GRID, INK
 from ...parameters import Array
 from ...structure.joints import bones, positions
 from ..page import Figure as PageFigure
-from ..panels import BAD, COLOURS, GRID, INK
 from ..plots import WIDTH, style, svg
 
 _AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(24.0)

@@ -1,26 +1,24 @@
-"""Page and terminal output of an identification: verdict, predictions, parameters, unknowns."""
+"""The page of an identification: verdict, predictions, parameters, unknowns."""
 
 import math
 import platform
 import shlex
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ... import __version__
 from ...calibration import words
+from ...calibration.curves import commands_of, errors_of, histories_of
 from ...calibration.result import Identification
-from ...evaluation.confidence import INTERVAL
+from ...evaluation.panels import AnyPanel
 from ...evaluation.result import STATUSES, Mark, Parameter, counts
 from ...evaluation.words import estimate
 from ...parameters import number
-from ..page import Badges, Cell, Figure, Figures, Items, Page, Panel, Section, Table, Text, count
-from ..panels import COLOURS, AnyPanel, Comparison, Forest, HeatMap, Points
-from ..panels import Panel as Plot
-from ..parameters import CORRELATIONS, brief_gains, correlations, folds, forests, table
+from ..page import Badges, Cell, Figure, Figures, Page, Panel, Section, Table, Text, count
+from ..parameters import CORRELATIONS, correlations, folds, forests, gains_of
 
-_WIDEST = 2.0  # half-width of a drawn interval, of a gain's logarithm
 _LINES = 16  # largest number of printed lines of a table; the page has all of them
 _SILENT = {
     "not excited": "the motion does not depend on it enough to narrow it",
@@ -53,96 +51,90 @@ def page(result: Identification, command: str = "") -> Page:
     from . import picture
 
     row, rows = words.rows_of(result)
-    arm, n = row == "joint", len(result.joints)
-    drawn = [sketch] if (sketch := picture.picture(result)) else []
-    gains, bodies = result.gains, result.bodies
-    others = [p for p in result.parameters if p.block not in bodies and not p.is_gain]
-    correlated = figures_of(_correlated(result))
-    numbers = {c.words: k for k, c in enumerate(result.combinations, 1)}
-    notes = [str(finding) for finding in result.findings if finding.level == "note"]
+    n, drawn = len(result.joints), [sketch] if (sketch := picture.picture(result)) else []
+    commands, validation = commands_of(result), commands_of(result, validation=True)
+    errors, histories = errors_of(result), histories_of(result)
+    result = replace(result, curves=(errors, *commands, *validation, *histories))
+    filtered = _FILTERED.format(number(result.cutoff), row)
+    arm = row == "joint"
+    quality, *determined = _sections(result, figures_of)
     sections = [
-        Section("Does the model explain the log?", [
-            _quality(result),
-            Text(f"{_NRMSE}{_COLUMNS if arm else ''}", note=True),
-        ]),
+        quality,
         Section(f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted", [
-            Figures(figures_of(_commands(result)), rows),
-            Text(_FILTERED.format(number(result.cutoff), row), note=True),
+            Figures(figures_of(commands), rows), Text(filtered, note=True),
         ]),
         Section("Validation log", [
-            Figures(figures_of(_commands(result, validation=True)), rows),
+            Figures(figures_of(validation), rows),
             Text("This log took no part in the fit.", note=True),
-        ] if result.validation is not None and len(result.validation.t) else []),
-        Section("Actuator gains", [
-            Figures(figures_of(forests(gains))), table(gains, numbers),
-            Text("Lines are 95 % intervals; ◇ is the prior, the value before the log; relative: of "
-                 "the ratio to the other gains.", note=True),
-        ] if gains else []),
-        Section("Friction, rotors and other forces of the joints" if arm
-                else "Drag, damping and other forces",
-                _frictions(figures_of(forests(others)))),
-        Section("What this log does not determine", _unknown(result)),
-        Section("Combinations that the log determines", _combinations(result)),
-        Section("All other parameters" if gains else "All parameters", [
-            Badges(counts(p for p in result.parameters if not p.is_gain)),
-            *folds(result, numbers, gains=False), Text(_FRAMES, note=True),
-        ]),
+        ] if validation else []),
+        *determined,
         Section(f"Law {result.law.name} along the log" if result.law else "",
-                _law(result, figures_of(_histories(result)))),
-        Section(f"Correlations of gains, {'frictions and rotors' if arm else 'drag and damping'}", [
-            Figures(correlated), Text(CORRELATIONS, note=True),
-        ] if correlated else []),
-        Section("How the log was processed", [Items(notes)] if notes else []),
+                _law(result, figures_of(histories)), brief=True),
+        Section(f"Correlations of gains, {'frictions and rotors' if arm else 'drag and damping'}",
+                _correlations(result, figures_of)),
     ]  # fmt: skip
     return Page(
         heading=result.robot.name,
-        verdict=result.mark,
+        result=result,
         eyebrow="identification from logs",
         lead=f"{n} {row if n == 1 else rows}, {count(len(result.parameters), 'parameter')}; "
         f"{words.logs_in_words(result)}; identified in {result.seconds:.1f} s.",
         tab=f"{result.robot.name} · identification",
-        findings=[finding for finding in result.findings if finding.level != "note"],
-        carrying=[*figures_of([_errors(result)], len(drawn)), *drawn],
+        carrying=[*figures_of([errors], len(drawn)), *drawn],
         sections=[section for section in sections if section.panels],
         commands=[command or _command(result)],
         versions={"nsaid-mj": __version__, "Python": platform.python_version()},
     )
 
 
-def brief(result: Identification, files: Sequence[Path] = ()) -> Page:
-    """The page for terminal and recording: warnings, quality per joint, gains and frictions.
-
-    The paths of the written `files` come last.
-    """
-    total = count(len(result.parameters), "parameter")
-    statuses = ", ".join(f"{mark.glyph} {mark.text}" for mark in counts(result.parameters))
-    last = [f"of {total}: {statuses}"]
-    last += [result.suggestion] if result.suggestion else []
-    last.append(f"The scale rests on {result.anchor}.")
-    return Page(
-        heading=result.robot.name,
-        verdict=result.mark,
-        lead=f"{words.logs_in_words(result)}; identified in {result.seconds:.1f} s",
-        findings=[finding for finding in result.findings if finding.code != "columns"],
-        sections=[
-            Section("", [_quality(result, brief=True), *brief_gains(result), *_kinds(result)]),
-            Section("", _law_tables(result)),
-            *(Section("", [Text(line)]) for line in last),
-        ],
-        commands=list(map(str, files)),
-    )
+Draw = Callable[[Iterable[AnyPanel]], list[Figure]]
+"""Draws panels, as `drawings.figures_of`."""
 
 
-def _quality(result: Identification, brief: bool = False) -> Table:
-    """The prediction's quality and the chosen structure, per joint; `brief` for the worst only."""
+def _sections(result: Identification, draw: Draw) -> list[Section]:
+    """What the log determines of each parameter, and what it does not."""
+    arm, gains, bodies = words.rows_of(result)[0] == "joint", result.gains, result.bodies
+    others = [p for p in result.parameters if p.block not in bodies and not p.is_gain]
+    numbers = {c.words: k for k, c in enumerate(result.combinations, 1)}
+    return [
+        Section("Does the model explain the log?", [
+            _quality(result),
+            Text(f"{_NRMSE}{_COLUMNS if arm else ''}", note=True),
+        ], brief=True),
+        Section("Actuator gains", [
+            Figures(draw(forests(gains))), *gains_of(result, numbers),
+            Text("Lines are 95 % intervals; ◇ is the prior, the value before the log; relative: of "
+                 "the ratio to the other gains.", note=True),
+        ] if gains else [], brief=True),
+        Section("Friction, rotors and other forces of the joints" if arm
+                else "Drag, damping and other forces",
+                [*_frictions(draw(forests(others))), *_kinds(result)], brief=True),
+        Section("What this log does not determine", _unknown(result)),
+        Section("Combinations that the log determines", _combinations(result)),
+        Section("All other parameters" if gains else "All parameters", [
+            Badges(counts(p for p in result.parameters if not p.is_gain)),
+            *folds(result, numbers, gains=False), Text(_FRAMES, note=True),
+        ], brief=True),
+        Section("What would help most", [Text(result.suggestion)] if result.suggestion else [],
+                brief=True),
+        Section("What fixes the common scale", [
+            Text("A log of commands in unknown units predicts equally well with all inertias, "
+                 "frictions and gains multiplied by one factor. Here it rests on "
+                 f"{result.anchor}."),
+        ], brief=True),
+    ]  # fmt: skip
+
+
+def _quality(result: Identification) -> Table:
+    """The prediction's quality and the chosen structure, per joint; of many the worst first."""
     checked = any(j.validation is not None for j in result.joints)
-    heads = ["NRMSE of the command" if brief else words.rows_of(result)[0], "fit", "held out"]
+    heads = [f"NRMSE by {words.rows_of(result)[0]}", "fit", "held out"]
     heads += ["least squares", *["validation", "least squares"] * checked]
     units = ", ".join(f"{unit}/s" for unit in dict.fromkeys(result.robot.units))
     heads += ["delay", f"friction speed [{units}]", "columns"]
     lines: list[list[Cell]] = []
     kept = list(result.joints)
-    if brief and len(kept) > _LINES:
+    if len(kept) > _LINES:
         kept.sort(key=lambda j: -j.held_out if math.isfinite(j.held_out) else -math.inf)
     for j in kept:
         line: list[Cell] = [j.name, words.nrmse(j.fit), words.quality(j.held_out)]
@@ -176,10 +168,9 @@ def _kinds(result: Identification) -> list[Panel]:
             firm = p is None or p.firm
             cells.append(value if firm else Mark("", "weak", f"({value})"))
         lines.append(cells)
-    heads = [head.replace(" [", "\n[") for head in kinds]
-    spare = range(len(kinds), 2, -1)
-    table = Table(["friction", *heads], lines, spare=tuple(spare), most=_LINES)
-    return [table, Text("  (in brackets: not identified by itself; all are in the report)")]
+    spare = tuple(range(len(kinds), 2, -1))
+    table = Table(["friction", *kinds], lines, spare=spare, most=_LINES)
+    return [table, Text("In brackets: not identified by itself.")]
 
 
 def _frictions(figures: Sequence[Figure]) -> list[Panel]:
@@ -189,22 +180,7 @@ def _frictions(figures: Sequence[Figure]) -> list[Panel]:
 
 
 def _law(result: Identification, figures: Sequence[Figure]) -> list[Panel]:
-    """Gains and predictions of a law that followed the log, beside the batch fit's."""
-    along = result.law
-    if along is None:
-        return []
-    note = (
-        "The law followed the log once, sample by sample, with columns, delays and prior of the "
-        "batch fit. Gains are over their geometric mean, since no motion reveals their scale; they "
-        "agree where both intervals meet. NRMSE: the last fifth of the log under the estimate "
-        "before it. v̂ − v and all of θ̂ are on the page of the law's own run, "
-        f"{along.name}/report.html beside this one."
-    )
-    return [*_law_tables(result), *([Figures(figures)] if figures else []), Text(note, note=True)]
-
-
-def _law_tables(result: Identification) -> list[Table]:
-    """Gains of a law, and its prediction of the log's last fifth."""
+    """Gains of a law and its prediction of the log's last fifth, beside the batch fit's."""
     along = result.law
     if along is None:
         return []
@@ -215,23 +191,23 @@ def _law_tables(result: Identification) -> list[Table]:
         gains = [Table(heads, words.law_gains(along), (0, 5), spare=(4, 2), most=_LINES)]
     rows = zip(result.joints, along.last, along.batch_last, strict=True)
     lines = [[joint.name, words.nrmse(own), words.nrmse(fit)] for joint, own, fit in rows]
-    return [*gains, Table(["NRMSE of the last fifth", law, "batch fit"], lines, most=_LINES)]
+    last = Table(["NRMSE of the last fifth", law, "batch fit"], lines, most=_LINES)
+    note = (
+        "The law followed the log once, sample by sample, with columns, delays and prior of the "
+        "batch fit. Gains are over their geometric mean, since no motion reveals their scale; they "
+        "agree where both intervals meet. NRMSE: the last fifth of the log under the estimate "
+        "before it. v̂ − v and all of θ̂ are on the page of the law's own run, "
+        f"{along.name}/report.html beside this one."
+    )
+    return [*gains, last, *([Figures(figures)] if figures else []), Text(note, note=True)]
 
 
 def _unknown(result: Identification) -> list[Panel]:
-    """Parameters that the log does not determine, the best remedy, and the source of the scale."""
+    """Parameters that the log does not determine."""
     found: list[Panel] = []
     for status, names in words.unknown_in_words(result):
         found += [Badges([STATUSES[status]]), Text(f"{_SILENT[status].capitalize()}: {names}.")]
-    if result.suggestion:
-        found += [Text("What would help most", head=True), Text(result.suggestion)]
-    return [
-        *found,
-        Text("What fixes the common scale", head=True),
-        Text("A log of commands in unknown units predicts equally well with all inertias, "
-             "frictions and gains multiplied by one factor. Here it rests on "
-             f"{result.anchor}."),
-    ]  # fmt: skip
+    return found
 
 
 def _combinations(result: Identification) -> list[Panel]:
@@ -257,41 +233,8 @@ def _command(result: Identification) -> str:
     return shlex.join(["nsaid", "identify", "--model", model, "--log", *logs])
 
 
-def _commands(result: Identification, validation: bool = False) -> list[AnyPanel]:
-    """One figure for each joint: command, measured and predicted, and their difference."""
-    curves = result.validation if validation else result.curves
-    if curves is None or not len(curves.t):
-        return []
-    found: list[AnyPanel] = []
-    for j, fit in enumerate(result.joints):
-        symbol, unit = words.quantity(result, j)
-        panel = Comparison(
-            words.title_of(fit, validation), symbol, unit, curves.t, curves.measured[:, j],
-            curves.predicted[:, j], used=curves.usable[:, j], segment=curves.segment,
-        )  # fmt: skip
-        found.append(panel)
-    return found
-
-
-def _errors(result: Identification) -> Forest:
-    """NRMSE of every joint on a logarithmic axis, beside least squares and the mean."""
-    held_out, least_squares, validation = (
-        100 * np.array([getattr(j, key) for j in result.joints], dtype=float)
-        for key in ("held_out", "least_squares", "validation")
-    )
-    others = [Points("weighted least squares, held out", least_squares, "|", COLOURS[1])]
-    if np.isfinite(validation).any():
-        others.append(Points("validation log", validation, "D", COLOURS[3]))
-    empty = np.full(len(held_out), np.nan)
-    return Forest(
-        f"Prediction error per {words.rows_of(result)[0]}",
-        "NRMSE of the command (100: predicting the mean) [%]", [j.name for j in result.joints],
-        held_out, empty, empty, np.ones(len(held_out), bool), others, "held out", 100.0,
-    )  # fmt: skip
-
-
-def _correlated(result: Identification) -> list[HeatMap]:
-    """Correlation of gains, frictions and rotor inertias; empty for fewer than two."""
+def _correlations(result: Identification, draw: Draw) -> list[Panel]:
+    """Correlations of gains, frictions and rotor inertias; empty for fewer than two."""
     bodies, variance = result.bodies, np.diag(result.covariance)
     chosen = [
         k for k, p in enumerate(result.parameters) if p.block not in bodies and variance[k] > 0
@@ -300,38 +243,5 @@ def _correlated(result: Identification) -> list[HeatMap]:
     r = result.covariance[np.ix_(chosen, chosen)]
     deviation = np.sqrt(variance[chosen])
     labels = [result.parameters[k].label for k in chosen]
-    return correlations(labels, r / np.outer(deviation, deviation))
-
-
-def _histories(result: Identification) -> list[AnyPanel]:
-    """A law's estimates along the log over the batch fit's: gains, frictions, rotor inertias.
-
-    Gains are over their geometric mean, with intervals.
-    """
-    along = result.law
-    if along is None or len(along.t) < 2:
-        return []
-    bodies, panels = result.bodies, dict[str, Plot]()
-    gains = along.actuators.tolist() if along.gains else []
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = along.theta / result.theta
-        common = (
-            np.exp(np.mean(np.log(ratios[:, gains]), axis=1)) if gains else np.ones(len(ratios))
-        )
-    half = INTERVAL * along.deviation
-    for k, p in enumerate(result.parameters):
-        if p.block in bodies or not result.theta[k] > 0:
-            continue
-        if k not in gains and not p.firm:
-            continue
-        label = "over the batch fit [–]"
-        panel = panels.setdefault(
-            p.block, Plot(p.block[:1].upper() + p.block[1:], label, True, level=1.0)
-        )
-        name, ratio, band = p.part, ratios[:, k] / common, None
-        if k in gains and np.isfinite(half).any():
-            factor = np.exp(np.minimum(half[:, gains.index(k)], _WIDEST))
-            band = ratio / factor, ratio * factor
-        panel.add(along.t, ratio, p.label if p.block.startswith("coupling") else name, band)
-    gains_first = sorted(panels, key=lambda block: "gain" not in block)
-    return [panels[block] for block in gains_first]
+    figures = draw(correlations(labels, r / np.outer(deviation, deviation)))
+    return [Figures(figures), Text(CORRELATIONS, note=True)] if figures else []

@@ -1,21 +1,17 @@
-"""Page and terminal output of identified servos."""
+"""The page of identified servos, and the table of models on their logs."""
 
-import dataclasses
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from ... import __version__
 from ...calibration.comparison import Score
 from ...calibration.servos import Replayed, ServoIdentification
-from ...evaluation.result import Parameter
+from ...evaluation.panels import Comparison
+from ...evaluation.result import Parameter, Result
 from ...structure.joints import moving_joints, slides
 from ..drawings import figures_of
-from ..page import Cell, Figures, Page, Panel, Section, Table, Text, count, write_html
-from ..panels import Comparison
-from ..terminal import print_page, print_panels
+from ..page import Cell, Figures, Page, Panel, Section, Table, Text, count
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
 # factor to the unit in the head
@@ -27,20 +23,23 @@ _REPLAYED = 30.0  # of a log that are drawn [s]
 _PER_SERVO = 6  # parameters
 
 
-def write_servos(
-    result: ServoIdentification,
-    folder: Path,
-    commands: Sequence[str] = (),
-    replay: Replayed | None = None,
-) -> Path:
-    """Writes report.html into a folder, atomically, and returns its path.
+def page(
+    result: ServoIdentification, commands: Sequence[str] = (), replay: Replayed | None = None
+) -> Page:
+    """The page of identified servos.
 
     `commands` repeat the identification and show its recording; the first log of `replay` is drawn.
     """
-    page = _page(result, commands)
-    if replay is not None:
-        page = dataclasses.replace(page, sections=[*page.sections, _replay(result, replay)])
-    return write_html(page, folder)
+    sections = [Section("Servos", _servos(result), brief=True)]
+    return Page(
+        heading=result.robot.name,
+        result=result,
+        eyebrow="identification of position servos from logs",
+        lead=f"{count(len(result.servos), 'servo')}, each with its 95 % intervals.",
+        sections=sections if replay is None else [*sections, _replay(result, replay)],
+        commands=commands,
+        versions={"nsaid-mj": __version__},
+    )
 
 
 def _replay(result: ServoIdentification, replay: Replayed) -> Section:
@@ -59,25 +58,8 @@ def _replay(result: ServoIdentification, replay: Replayed) -> Section:
     return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
 
 
-def print_servos(result: ServoIdentification, console: Console, files: Sequence[Path] = ()) -> None:
-    """Prints the verdict, findings, every servo with its 95 % intervals, and the written files."""
-    page = brief(result, files)
-    narrow = [Table([head.replace(" [", "\n[") for head in panel.heads], panel.lines, spare=(7,))
-              if isinstance(panel, Table) else panel
-              for panel in page.sections[0].panels]  # fmt: skip
-    print_page(dataclasses.replace(page, heading="", sections=[Section("", narrow)]), console)
-
-
-def brief(result: ServoIdentification, files: Sequence[Path] = ()) -> Page:
-    """The page for terminal and recording; the files are listed last."""
-    page = _page(result, list(map(str, files)))
-    return Page(
-        page.heading, page.verdict, findings=page.findings,
-        sections=[Section("", page.sections[0].panels)], commands=page.commands,
-    )  # fmt: skip
-
-
-def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
+def _servos(result: ServoIdentification) -> list[Panel]:
+    """Every servo with its 95 % intervals, by output error and by the filter."""
     lines: list[list[Cell]] = []
     for k, servo in enumerate(result.servos):
         own = result.parameters[_PER_SERVO * k : _PER_SERVO * (k + 1)]
@@ -86,43 +68,31 @@ def _page(result: ServoIdentification, commands: Sequence[str]) -> Page:
     kinds = sorted({slides(joint) for joint in moving_joints(result.robot.model)})
     units = {name: ", ".join(own[kind] for kind in kinds) for name, own in _UNITS.items()}
     heads = [head.format(**units) for head in _HEADS]
-    panels: list[Panel] = [Table(heads, lines)]
+    panels: list[Panel] = [Table(heads, lines, spare=(7,))]
     if any(parameter.combination for parameter in result.parameters):
-        panels.append(Text("~ only in combination with others; identification.json says which.",
-                           note=True))  # fmt: skip
+        panels.append(Text("~ only in combination with others; identification.json says which."))
     if result.law:
         found = [[s.name, *(_cell(p) for p in result.law[3 * k : 3 * k + 3])]
                  for k, s in enumerate(result.servos)]  # fmt: skip
         panels += [Text("Law efficient, a filter from positions alone, at the end of the logs:"),
                    Table(heads[:4], found)]  # fmt: skip
     panels.append(Text("± in %; error: of the open-loop simulation; simple: of the delayed target "
-                       "or a constant.", note=True))  # fmt: skip
-    return Page(
-        heading=result.robot.name,
-        verdict=result.mark,
-        eyebrow="identification of position servos from logs",
-        lead=f"{count(len(result.servos), 'servo')}, each with its 95 % intervals.",
-        findings=result.findings,
-        sections=[Section("Servos", panels)],
-        commands=commands,
-        versions={"nsaid-mj": __version__},
-    )
+                       "or a constant."))  # fmt: skip
+    return panels
 
 
-def print_scores(scores: Sequence[Score], unit: str, console: Console) -> None:
-    """Prints the errors of models on logs, as means over all joints in a unit of 1/1000."""
-    heads = ["model", *(f"{time}\n[{unit}]" for time in ("0.2 s", "2 s", "log"))]
-    heads += ["one step\nNRMSE", "CPU\n[s]"]
+def scores_page(scores: Sequence[Score], unit: str) -> Page:
+    """The errors of models on logs, as means over all joints in a unit of 1/1000."""
+    heads = ["model", *(f"{time} [{unit}]" for time in ("0.2 s", "2 s", "log"))]
+    heads += ["one step [NRMSE]", "CPU [s]"]
     lines: list[list[Cell]] = []
     for score in scores:
         numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
         cells = ["–" if np.isnan(x) else f"{x:.2f}" if x < 1e4 else "diverges" for x in numbers]
         lines.append([score.model, *cells, f"{score.seconds:.1f}"])
-    print_panels([Table(heads, lines)], console)
-    console.print()
     note = "Mean absolute errors of open-loop simulations that start again after this time; "
     note += "identified, sysid: each half of the logs is predicted from the other."
-    print_panels([Text(note)], console)
+    return Page("", Result(), sections=[Section("", [Table(heads, lines), Text(note)], brief=True)])
 
 
 def _cell(parameter: Parameter) -> str:
