@@ -4,6 +4,7 @@
     python -m scripts.calibration scale [--robots ur5,panda,kinova,z1,xarm7] [--seeds 100:110]
     python -m scripts.calibration payload [--seeds 0:5]
     python -m scripts.calibration tx40
+    python -m scripts.calibration laws
 
 - `arms`: logs `Simulated` of tests/support/simulated_logs.py, the scale fixed by one known gain.
   Errors of the gain ratios, and whether the stated intervals hold.
@@ -16,6 +17,8 @@
 - `tx40`: three fifths of the moving part of the Stäubli's log (last, first, middle) are held out in
   turn: NRMSE of every joint, and its ratio to weighted least squares on the same rows. Then the
   published essential parameters with the gears given, and the gains where they are free.
+- `laws`: every law along the Stäubli's log, and along 20 s of a simulated UR5 at 500 Hz: the table
+  of docs/results.md. Half-widths are of the logarithm.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ import argparse
 import csv
 import re
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +40,11 @@ from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.payloads import Load
 from nsaid_mj.calibration.precision import tempered
 from nsaid_mj.calibration.problem import least_squares
+from nsaid_mj.calibration.result import AlongLog
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
 from nsaid_mj.calibration.structure import Options
+from nsaid_mj.experiment import library
+from nsaid_mj.experiment.loop import run as simulate
 from nsaid_mj.logs import prepare, read_map, read_tables
 from nsaid_mj.resources import asset
 from tests.support.simulated_logs import HeavyWrist, Simulated, nominal_model
@@ -203,12 +210,46 @@ def tx40() -> None:
         print(f"{gain.label}: {gain.value:.3f} [{gain.low:.2f}, {gain.high:.2f}] {gain.status}")
 
 
+def laws() -> None:
+    """Prints the table of recursive laws beside the batch fit."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        simulate(replace(library.load("ur5"), sensors="noisy", duration=20.0), folder / "ur5")
+        logs = {"TX40": ("tx40", ()), "`ur5`, simulated": ("ur5", folder / "ur5" / "record.arrow")}
+        for name, (model, log) in logs.items():
+            for law in ("efficient", "memory", "cone", "paper"):
+                found = identify(model, log, law=law).law
+                assert found is not None
+                print(f"| {name} | {law} | {' | '.join(_row(found))} |", flush=True)
+
+
+def _row(found: AlongLog) -> list[str]:
+    """The cells of a law's line: deviation, intervals, misfit, prediction, time."""
+    apart = [abs(gain.law / gain.batch - 1) for gain in found.gains]
+    held = sum(not gain.apart for gain in found.gains)
+    half = np.median([gain.half for gain in found.gains]) if found.gains else np.inf
+    told = f"{held} of {len(apart)}, ± {100 * half:.0f} %" if np.isfinite(half) else "states none"
+    ended = "" if found.completed else f", ended at {found.run.ending.time:.1f} s"
+    faults = ", ".join(fault.in_words for fault in found.run.faults)
+    worst = f"{np.max(found.last):.3f} ({np.max(found.batch_last):.3f})"
+    largest = f"{100 * max(apart):.0f} %" if apart else "–"
+    last = f"{worst}, median {np.median(found.last):.3f} ({np.median(found.batch_last):.3f})"
+    return [
+        largest + ended,
+        told,
+        found.misfit or "–",
+        faults or "–",
+        last,
+        f"{found.seconds:.1f} s",
+    ]
+
+
 def main() -> None:
     """Runs a study."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    studies = ("arms", "scale", "payload", "tx40")
+    studies = ("arms", "scale", "payload", "tx40", "laws")
     parser.add_argument("study", choices=studies, nargs="?", default="arms")
     parser.add_argument("--robots", help="of arms and scale")
     parser.add_argument("--seeds", help="as 0:5; of arms, scale and payload")
@@ -225,6 +266,8 @@ def main() -> None:
         scale(names, seeds, chosen.duration or 30.0)
     elif chosen.study == "payload":
         payload(seeds)
+    elif chosen.study == "laws":
+        laws()
     else:
         tx40()
 

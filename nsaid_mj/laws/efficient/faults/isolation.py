@@ -5,7 +5,8 @@ Significantly large innovations contradict the filter. If it had explained `_MAT
 estimate, and trials determine which single fault, or an inexact structure, explains the motion
 best. Only the parameters of that fault are re-estimated. Slow changes are detected by the shift of
 the estimate, see `watch`. If no fault explains the motion, or the filter has just started, it
-restarts at the memory's estimate.
+restarts at the memory's estimate. Where the law states forces that the structure does not explain,
+as on a real robot's log, only an inexact structure is tried.
 """
 
 from collections.abc import Callable
@@ -48,6 +49,11 @@ class Isolation(NamedTuple):
     dt: float  # time between measurements [s]
     interval: float  # time between two decisions [s]
 
+    @property
+    def _vague(self) -> bool:
+        """Whether forces are stated that the structure does not explain; faults resemble them."""
+        return len(self.law.unexplained) > 0
+
     def contradicted(self, inside: EfficientState, log: Log) -> EfficientState:
         """After a contradiction at a log's end: starts trials of possible faults, or restarts."""
         kalman, system, here = inside.filter, self.system, inside.here(self.system, log)
@@ -64,7 +70,7 @@ class Isolation(NamedTuple):
             inside.loose.walked(kalman, self.law.scale, UNNOTICED)
         theta, signals = kalman.theta.copy(), inside.signals
         what = [nothing(system), *inexact(system, theta)]
-        if not young:
+        if not (young or self._vague):
             what += [*hypotheses_of(system, theta), everything(system, theta)]
         what += restored(system, theta, inside.intact, signals.sign, signals.held)
         k = onset(self.law, kalman, system, signals.acting(system, log))
@@ -132,7 +138,12 @@ class Isolation(NamedTuple):
         inside = inside._replace(loose=loose)
         watch = inside.watch
         young = inside.calm < _MATURE  # errors of linearisation exceed P_θθ
-        if young or inside.trials or (watch and t - watch[-1].t < PERIOD * (1 - 1e-9)):
+        if (
+            young
+            or self._vague
+            or inside.trials
+            or (watch and t - watch[-1].t < PERIOD * (1 - 1e-9))
+        ):
             return inside
         if inside.calm < _SETTLED or loose is not None or inside.drift:
             return inside._replace(watch=with_snapshot(watch, t, kalman))
