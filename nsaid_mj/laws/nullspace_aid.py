@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..log import Log, Measurement
+from ..numerics.threads import beside
 from ..parameters import Array
 from ..structure.motion import Motion
 from ..structure.system import SecondOrderSystem, checked
@@ -122,9 +123,11 @@ class NullspaceIdentifier(Identifier):
             assert self.memory is not None and state.memory is not None
             steps = self.memory.every - state.memory.step % self.memory.every
             piece = log.part(at, at + steps + 1)
+            recorder = self.memory.recorder
+            recorded = beside(len(piece.t) - 1, recorder.follow, state.memory, piece)
             before, estimates = self.along(state, piece)
             completed = before.status is Status.completed
-            state = self.memory.absorb(before, piece) if completed else before
+            state = self.memory.updated(before, recorded()) if completed else before
             yield before, state, estimates
             at += len(estimates.pivot) - 1
 

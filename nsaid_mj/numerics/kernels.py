@@ -21,6 +21,7 @@ from .stopwatch import timed
 
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
 vector, matrix, cube, table = f8[::1], f8[:, ::1], f8[:, :, ::1], i8[:, ::1]
+strided = f8[:, :]
 
 _njit = cast("Any", njit)  # whose type has no dict of options
 

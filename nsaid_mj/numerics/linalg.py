@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .kernels import boolean, f8, helper, inlined, kernel, matrix, vector, void
+from .kernels import boolean, f8, helper, inlined, kernel, matrix, strided, vector, void
 
 
 @kernel(f8(matrix, matrix))
@@ -116,25 +116,46 @@ def times_into(gain, vector, product):
             product[i] += gain[j, i] * vector[j]
 
 
-@kernel(void(matrix, matrix, matrix), inner=True, _nrt=True)
+@kernel(void(f8, strided, matrix, matrix), inner=True, fastmath={"contract"})
+def add_product(sign, A, B, C):
+    """Adds A B, times a sign, to C (n, k), for A (n, m) of any strides and B (m, k).
+
+    Three rows of C and four of B are combined at a time, with few loads for each operation: where n
+    or m is small, this takes a third to three quarters of the time of BLAS, which first copies B.
+    """
+    (n, m), k = A.shape, C.shape[1]
+    for i in range(0, n - 2, 3):
+        X, Y, Z = C[i], C[i + 1], C[i + 2]
+        for j in range(0, m - 3, 4):
+            x0, y0, z0 = sign * A[i, j], sign * A[i + 1, j], sign * A[i + 2, j]
+            x1, y1, z1 = sign * A[i, j + 1], sign * A[i + 1, j + 1], sign * A[i + 2, j + 1]
+            x2, y2, z2 = sign * A[i, j + 2], sign * A[i + 1, j + 2], sign * A[i + 2, j + 2]
+            x3, y3, z3 = sign * A[i, j + 3], sign * A[i + 1, j + 3], sign * A[i + 2, j + 3]
+            for c in range(k):
+                b0, b1, b2, b3 = B[j, c], B[j + 1, c], B[j + 2, c], B[j + 3, c]
+                X[c] = X[c] + x0 * b0 + x1 * b1 + x2 * b2 + x3 * b3
+                Y[c] = Y[c] + y0 * b0 + y1 * b1 + y2 * b2 + y3 * b3
+                Z[c] = Z[c] + z0 * b0 + z1 * b1 + z2 * b2 + z3 * b3
+    for i in range(n):  # the rest
+        for j in range(0 if i >= n - n % 3 else m - m % 4, m):
+            own = sign * A[i, j]
+            for c in range(k):
+                C[i, c] += own * B[j, c]
+
+
+@kernel(void(matrix, matrix, matrix), inner=True)
 def multiply(A, B, C):
-    """Writes A B (n, k) into C, for A (n, m) and B (m, k), by BLAS."""
-    np.dot(A, B, C)
+    """Writes A B (n, k) into C, for A (n, m) and B (m, k)."""
+    for i in range(C.shape[0]):
+        for j in range(C.shape[1]):
+            C[i, j] = 0.0
+    add_product(1.0, A, B, C)
 
 
 @kernel(void(matrix, matrix, matrix), inner=True, _nrt=True)
 def multiply_transposed(A, B, C):
     """Writes A Bᵀ (n, k) into C, for A (n, m) and B (k, m), by BLAS."""
     np.dot(A, B.T, C)
-
-
-@kernel(void(matrix, matrix, matrix), inner=True, _nrt=True)
-def subtract_square(A, C, square):
-    """Subtracts Aᵀ A from C (k, k), for A (n, k); `square` (k, k) is workspace."""
-    np.dot(A.T, A, square)
-    for i in range(C.shape[0]):
-        for j in range(C.shape[0]):
-            C[i, j] -= square[i, j]
 
 
 @kernel(void(matrix, matrix, boolean), inner=True, _nrt=True)

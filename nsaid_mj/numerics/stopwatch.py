@@ -19,7 +19,17 @@ def compile_seconds() -> float:
 
 def clock() -> float:
     """A clock [s] that stops while this thread compiles, to measure the cost of a run."""
-    return time.perf_counter() - getattr(_own, "seconds", 0.0)
+    return time.perf_counter() - excluded()
+
+
+def excluded() -> float:
+    """Time for which this thread's clock has stopped [s]."""
+    return getattr(_own, "seconds", 0.0)
+
+
+def exclude(seconds: float) -> None:
+    """Stops this thread's clock for a time that has passed [s]."""
+    _own.seconds = excluded() + seconds
 
 
 @contextmanager
@@ -47,6 +57,6 @@ def timed(function: Any, signature: Any) -> None:
             gc.enable()
     if not function.stats.cache_hits[signature]:
         took = time.perf_counter() - begin
-        _spent, _own.seconds = _spent + took, getattr(_own, "seconds", 0.0) + took
+        _spent, _own.seconds = _spent + took, excluded() + took
         for watcher in _WATCHERS:
             watcher()

@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.numerics.linalg import add_square, cholesky, solve_positive, times_into
+from nsaid_mj.numerics.linalg import (
+    add_product,
+    add_square,
+    cholesky,
+    solve_positive,
+    times_into,
+)
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=40)
@@ -107,3 +113,16 @@ def test_a_root_keeps_what_its_square_would_round_away(seed, d):
         strong = 1e10 * rng.standard_normal((3 * d, d - 1)) @ basis[:, 1:].T
         add_square(strong, root, True)
     assert np.linalg.norm(np.linalg.solve(root.T, basis[:, 0])) == pytest.approx(1.0, rel=1e-4)
+
+
+@FEW
+@given(seeds, st.integers(1, 9), st.integers(1, 9), st.integers(1, 40))
+def test_a_product_is_added_and_a_square_stays_symmetric(seed, n, m, k):
+    rng = np.random.default_rng(seed)
+    A, B, C = rng.standard_normal((n, m)), rng.standard_normal((m, k)), np.ones((n, k))
+    add_product(-1.0, A, B, C)
+    np.testing.assert_allclose(C, 1 - A @ B, atol=1e-13)
+    square = np.eye(k)
+    add_product(-1.0, B.T, B, square)
+    np.testing.assert_allclose(square, np.eye(k) - B.T @ B, atol=1e-13)
+    np.testing.assert_allclose(square, square.T, atol=1e-15)

@@ -4,12 +4,12 @@ import numpy as np
 
 from ...numerics.kernels import f8, kernel, matrix, vector, void
 from ...numerics.linalg import (
+    add_product,
     cholesky,
     invert_lower,
     multiply,
     multiply_transposed,
     solve_many,
-    subtract_square,
 )
 from ...quotient.cone import CONE
 from .filter import FILTER, MEMORIES
@@ -150,7 +150,7 @@ def update(cone, margin, scale, parts, filter, share, memory):
         for k in range(p):
             whitened[r, k] *= learned
     # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
-    subtract_square(whitened, Ptt, memory.factor)
+    add_product(-1.0, whitened.T, whitened, Ptt)
     for i in range(size):
         S[0, i], y[i] = 0.0, 0.0
         for j in range(i, size):

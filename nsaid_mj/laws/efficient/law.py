@@ -17,9 +17,13 @@ After a restart at the memory's estimate, this estimate is returned until the fi
 continues from that.
 """
 
+from functools import partial
+from typing import Any
+
 import numpy as np
 
 from ...log import Log, Measurement, extended
+from ...numerics.threads import beside
 from ...quotient.cost import Remembered
 from ...structure.system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status
@@ -120,9 +124,13 @@ class EfficientIdentifier(Identifier):
             np.full(count, np.inf),
             np.full(count, inside.guard.spent),
         )
-        before, inside = inside, self._filtered(inside, log, estimates)
-        if not inside.pause and count > 1:
-            inside = self._remembered(inside, inside.signals.acting(self.system, log))
+        steps = 0 if inside.pause else count - 1
+        before, remembered = inside, beside(steps, self._remembered, inside, log)
+        inside = self._filtered(inside, log, estimates)
+        if steps:
+            if inside.signals is not before.signals:  # the thread's are not those that act
+                remembered = partial(self._remembered, inside, log)
+            inside = inside._replace(**remembered())
         if inside.rivals is not None and count > 1:
             acting = inside.signals.acting(self.system, log)
             rivals = inside.rivals.followed(self._law, self.system.space, acting)
@@ -146,19 +154,20 @@ class EfficientIdentifier(Identifier):
             estimates,
         )
 
-    def _remembered(self, inside: EfficientState, acting: Log) -> EfficientState:
+    def _remembered(self, inside: EfficientState, log: Log) -> dict[str, Any]:
         """Passes a log to the memory, once there are `_TOGETHER` steps or the interval ends.
 
         With single samples, the overhead of each call of the memory would equal that of many steps.
+        Returns what changes in `inside`.
         """
+        acting = inside.signals.acting(self.system, log)
         if inside.waiting is not None:
             acting = Log.joined(inside.waiting.first(len(inside.waiting.t) - 1), acting)
         steps, memory = len(acting.t) - 1, inside.guard.memory
         assert memory is not None
         if steps < _TOGETHER and (memory.step + steps) % self._every:
-            return inside._replace(waiting=acting)
-        guard = self._memory.absorb(inside.guard, acting)
-        return inside._replace(guard=guard, waiting=None)
+            return {"waiting": acting}
+        return {"guard": self._memory.absorb(inside.guard, acting), "waiting": None}
 
     def _seconds(self, inside: EfficientState) -> float:
         """Time since the first sample [s]."""

@@ -84,7 +84,10 @@ class ImplicitMemory:
     def absorb(self, state: State, log: Log) -> State:
         """The state with a log added to its memory, after an implicit step if one is due."""
         assert state.memory is not None
-        memory = self.recorder.follow(state.memory, log)
+        return self.updated(state, self.recorder.follow(state.memory, log))
+
+    def updated(self, state: State, memory: Memory) -> State:
+        """The state with its memory at a later sample, after an implicit step if one is due."""
         if memory.step % self.every:
             return state._replace(memory=memory)
         start = self._start(state.theta_hat, memory)
