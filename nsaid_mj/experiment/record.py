@@ -1,8 +1,8 @@
 """The record of a run: an Arrow IPC stream, appended while it runs.
 
-The file holds measurements and estimates: time, q, v, u, v̂, θ̂, and no true value. Every 0.9 s of
-the run are written as one batch, so a killed run loses less than a second, and two equal runs write
-equal bytes.
+The file holds measurements and estimates: time, q, v, u, v̂, θ̂, and no true value. Every half
+second of the run is written as one batch, so a killed run loses little more, and two equal runs
+write equal bytes.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ from ..log import Log
 from ..parameters import Array, Indices
 from ..resources import create, json_of, path_of, writing
 
-BATCH_SECONDS = 0.9
+BATCH_SECONDS = 0.5
+"""Duration of a batch, and of what identifiers follow at once: by default an interval of the
+memory, whose steps then end with it and are taken beside the filter's."""
+
 FILE = "record.arrow"
 TARGET_DELAYS = "target_delays"
 """Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts."""

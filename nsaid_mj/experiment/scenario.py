@@ -27,7 +27,7 @@ MOST_STEPS = 1e9
 MOST_HELD_OUT = 1e6
 """Largest number of time steps of the held-out trajectory, which is kept in memory."""
 SHORTEST_STEP = 1e-6
-"""Smallest time step [s]; 0.9 s of a run are buffered in memory before they are written."""
+"""Smallest time step [s]; half a second of a run is buffered in memory before it is written."""
 
 _OTHER = "Is it from another version of nsaid-mj, or from a script that is not loaded?"
 
