@@ -4,17 +4,21 @@ Computed torque along a Fourier series, the law of `FourierTracking`, is compile
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numba import types
 
 from ..bounds import Config, config
+from ..errors import InvalidInput
 from ..numerics.kernels import f8, i8, kernel, matrix, vector, void
 from ..parameters import Array, Indices
 from ..structure.arrays import AT_Q, CIRCLE, KIND, Slopes, StructureArrays, Workspace, memory_of
 from ..structure.compiled import SLOPES, STRUCTURE, WORKSPACE
 from ..structure.forces import ALL, write_forces
+from ..structure.joints import JointTree
 from ..structure.kinematics import place
 from ..structure.stage import require
 from ..structure.system import SecondOrderSystem
@@ -95,6 +99,22 @@ class Driver(ABC):
         """(n_u,) command that is held from t [s] until the next sample; q (m,), v (n,) measured."""
 
 
+@dataclass(eq=False)
+class Feedback(Driver):
+    """A driver without memory, made of two functions."""
+
+    begin: Callable[[], tuple[Array, Array]]  # what `start` returns
+    law: Callable[[float, Array, Array], Array]  # `command`
+
+    def start(self) -> tuple[Array, Array]:
+        """The initial state."""
+        return self.begin()
+
+    def command(self, t: float, q: Array, v: Array) -> Array:
+        """(n_u,) command."""
+        return self.law(t, q, v)
+
+
 class CompiledDriver(Driver):
     """A driver whose law compiled code may evaluate."""
 
@@ -129,3 +149,17 @@ class DriverConfig(Config, ABC):
 
         Frequencies, phases and coefficients come from `rng`.
         """
+
+
+def tree(system: SecondOrderSystem, wanted: str, remedy: str, carried_by: str = "") -> JointTree:
+    """The system, if it is an arm on a fixed base, or one carried by a vehicle with such columns.
+
+    `wanted` and `remedy` are for the message.
+
+    Raises:
+        InvalidInput: it is not.
+    """
+    suits = system.columns(carried_by) if carried_by else not system.group
+    if not isinstance(system, JointTree) or not suits:
+        raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
+    return system

@@ -7,9 +7,9 @@ from pydantic import Field
 
 from ..bounds import Positive, Tones, config
 from ..parameters import Array
-from ..structure.single_body import SingleBody, single_body
+from ..structure.single_body import single_body
 from ..structure.system import SecondOrderSystem
-from .driver import Driver, DriverConfig
+from .driver import Driver, DriverConfig, Feedback
 from .signals import Multisine
 
 _LOOP = 3.0  # bandwidth of the speed loop [rad/s]
@@ -54,51 +54,41 @@ class Driving(DriverConfig):
         """
         wanted = ("cornering stiffness", "drive gain", "drive loss", "rolling resistance")
         car = single_body(system, wanted, "a ground vehicle to drive")
-        return _Driver(self, car, prior, rng)
-
-
-class _Driver(Driver):
-    """Feedforward from the prior plus proportional feedback of speed and yaw rate."""
-
-    def __init__(self, config: Driving, system: SingleBody, prior: Array, rng: np.random.Generator):
-        self._config = config
-        front, rear = system.constants("tyre", "arm").tolist()
-        self._wheelbase, self._steering = front - rear, system.operation.command[1][1]
-        self._m, self._k_d, self._k_v, self._c_0, self._c_D = (
-            float(prior[system.space.index(name)]) for name in ("m", "k_d", "k_v", "c_0", "c_D")
+        front, rear = car.constants("tyre", "arm").tolist()
+        wheelbase, steering = front - rear, car.operation.command[1][1]
+        m, k_d, k_v, c_0, c_D = (
+            float(prior[car.space.index(name)]) for name in ("m", "k_d", "k_v", "c_0", "c_D")
         )
-        tones = config.tones
-        self._bend = Multisine(1, config.steer_low, config.steer_high, tones, 1.0, rng)
-        self._pace = Multisine(1, config.pace_low, config.pace_high, tones, config.variation, rng)
+        bend = Multisine(1, self.steer_low, self.steer_high, self.tones, 1.0, rng)
+        pace = Multisine(1, self.pace_low, self.pace_high, self.tones, self.variation, rng)
 
-    def start(self) -> tuple[Array, Array]:
-        return np.zeros(3), np.array([self._desired(0.0), 0.0, 0.0])
+        def desired(t: float) -> float:
+            """Desired speed at time t [m/s]."""
+            return self.speed * (1 + float(pace(t)[0]))
 
-    def command(self, t: float, q: Array, v: Array) -> Array:
-        return np.array([self._drive(t, float(v[0])), self._steer(t, q, v)])
+        def drive(t: float, speed: float) -> float:
+            """Drive command in [−1, 1] that, under the prior, closes the speed error."""
+            force = m * _LOOP * (desired(t) - speed)
+            force += c_0 + c_D * abs(speed) * speed
+            share = force / max(k_d - k_v * speed, 0.1 * k_d)
+            return min(max(share, -1.0), 1.0)  # np.clip of one number takes 10 times as long
 
-    def _desired(self, t: float) -> float:
-        """Desired speed at time t [m/s]."""
-        return self._config.speed * (1 + float(self._pace(t)[0]))
+        def command(t: float, q: Array, v: Array) -> Array:
+            curvature, speed = self._curvature(float(bend(t)[0]), q, v), max(float(v[0]), 0.1)
+            angle = float(np.arctan(wheelbase * (2 * curvature - v[2] / speed)))
+            return np.array([drive(t, float(v[0])), min(max(angle, -steering), steering)])
 
-    def _drive(self, t: float, speed: float) -> float:
-        """Drive command in [−1, 1] that, under the prior, closes the speed error."""
-        force = self._m * _LOOP * (self._desired(t) - speed)
-        force += self._c_0 + self._c_D * abs(speed) * speed
-        share = force / max(self._k_d - self._k_v * speed, 0.1 * self._k_d)
-        return min(max(share, -1.0), 1.0)  # np.clip of one number takes 10 times as long
+        return Feedback(lambda: (np.zeros(3), np.array([desired(0.0), 0.0, 0.0])), command)
 
-    def _steer(self, t: float, q: Array, v: Array) -> float:
-        """Steering angle [rad] arctan(L (2κ − r/u)): feedforward L κ plus yaw-rate feedback.
+    def _curvature(self, share: float, q: Array, v: Array) -> float:
+        """Desired curvature κ [1/m], for a share in [−1, 1] of the grip.
 
-        Without feedback, a car with softer rear tyres is unstable at high speed.
+        Steering is arctan(L (2κ − r/u)): feedforward L κ plus yaw-rate feedback, without which a
+        car with softer rear tyres is unstable at high speed.
         """
-        share, speed = float(self._bend(t)[0]), max(float(v[0]), 0.1)
-        away = min(2 * float(np.hypot(q[0], q[1])) / self._config.ground - 1, 1.0)
+        away = min(2 * float(np.hypot(q[0], q[1])) / self.ground - 1, 1.0)
         if away > 0:  # more than half-way to the edge: turn back towards the centre, the short way
             bearing = np.arctan2(-q[1], -q[0]) - q[2]
             side = np.sin(bearing)
             share += 4 * away * (side if np.cos(bearing) > 0 else np.sign(side))
-        curvature = self._config.grip * min(max(share, -1.0), 1.0) / speed**2
-        desired = float(np.arctan(self._wheelbase * (2 * curvature - v[2] / speed)))
-        return min(max(desired, -self._steering), self._steering)
+        return self.grip * min(max(share, -1.0), 1.0) / max(float(v[0]), 0.1) ** 2

@@ -1,14 +1,11 @@
 """Holds a body at a slowly moving pose with a controller based on the prior, plus dither."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..bounds import Flag, NonNegative, Positive, Tones, config
 from ..parameters import Array
 from ..structure.system import SecondOrderSystem
-from .driver import Driver, DriverConfig
+from .driver import Driver, DriverConfig, Feedback
 from .multisine import unit_wrenches
 from .signals import Multisine
 
@@ -51,24 +48,12 @@ class PoseHold(DriverConfig):
         dither = Multisine(system.n_u, self.low, self.high, self.tones, self.dither, rng)
         M = system.mass_matrix(np.r_[np.zeros(6), 1.0, np.zeros(6)], prior)
         allocation = np.linalg.pinv(wrenches) @ M
-        return _PoseHold(self, system, allocation, lambda t: bound * reference(t), dither)
+        omega, least = 2 * np.pi * self.bandwidth, 0.0 if self.one_sided else -1.0
 
+        def command(t: float, q: Array, v: Array) -> Array:
+            """Bias + dither + B⁺ M̂₀ (ω² e − 2 ω ν), B (6, n_u) the prior's wrench per command."""
+            error = system.difference(q, system.position(bound * reference(t)))
+            desired = omega**2 * error - 2 * omega * v
+            return np.clip(self.bias + dither(t) + allocation @ desired, least, 1.0)
 
-@dataclass(eq=False)
-class _PoseHold(Driver):
-    """u = bias + dither + B⁺ M̂₀ (ω² e − 2 ω ν), B (6, n_u) the prior's wrench per unit command."""
-
-    config: PoseHold
-    system: SecondOrderSystem
-    allocation: Array  # B⁺ M̂₀
-    reference: Callable[[float], Array]
-    dither: Multisine
-
-    def start(self) -> tuple[Array, Array]:
-        return self.reference(0.0), np.zeros(6)
-
-    def command(self, t: float, q: Array, v: Array) -> Array:
-        omega, low = 2 * np.pi * self.config.bandwidth, 0.0 if self.config.one_sided else -1.0
-        error = self.system.difference(q, self.system.position(self.reference(t)))
-        desired = omega**2 * error - 2 * omega * v
-        return np.clip(self.config.bias + self.dither(t) + self.allocation @ desired, low, 1.0)
+        return Feedback(lambda: (bound * reference(0.0), np.zeros(6)), command)

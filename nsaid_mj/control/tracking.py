@@ -26,6 +26,7 @@ from .driver import (
     Tracking,
     computed_torque,
     tracking_workspace,
+    tree,
 )
 from .multisine import MultisineCommand
 from .signals import FourierTrajectory, Series, fourier
@@ -60,7 +61,7 @@ class FourierTracking(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless the robot is an arm on a fixed base."""
-        system = fixed_arm(system, "an arm on a fixed base", "Use MultisineCommand.")
+        system = tree(system, "an arm on a fixed base", "Use MultisineCommand.")
         moving = np.isin(np.arange(1, system.n + 1), self.joints or np.arange(1, system.n + 1))
         if self.joints is not None and moving.sum() != len(set(self.joints)):
             raise InvalidInput(
@@ -70,17 +71,6 @@ class FourierTracking(DriverConfig):
         moving &= np.isin(np.arange(system.n), system.driven)
         trajectory.series.coefficients[~moving] = 0.0
         return follow(system, prior, trajectory.series, self.bandwidth, self.limit)
-
-
-def fixed_arm(system: SecondOrderSystem, wanted: str, remedy: str) -> JointTree:
-    """The system, if it is an arm on a fixed base.
-
-    Raises:
-        InvalidInput: it is not; the message says what is `wanted`.
-    """
-    if not isinstance(system, JointTree) or system.group:
-        raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
-    return system
 
 
 def follow(
@@ -215,7 +205,7 @@ class DesignedTracking(DriverConfig):
             InvalidInput: the system is not an arm on a fixed base with as many joints.
         """
         wanted = f"an arm on a fixed base with {len(self.centre)} joints"
-        system = fixed_arm(system, wanted, _REMEDY)
+        system = tree(system, wanted, _REMEDY)
         if system.n != len(self.centre):
             raise InvalidInput("excitation", wanted, f"{system.n} joints", _REMEDY)
         return follow(system, prior, self.series, self.bandwidth, LIMIT)

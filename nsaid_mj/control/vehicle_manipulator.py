@@ -1,16 +1,13 @@
 """Vehicles with an arm: the base swims or hovers while the arm tracks a trajectory."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..bounds import Positive, PositiveShare, Tones, config
-from ..errors import InvalidInput
 from ..numerics.spatial import cross, product, quaternion_of, rotate, rotation_vector, unrotate
 from ..parameters import Array
 from ..structure.joints import JointTree
 from ..structure.system import SecondOrderSystem
-from .driver import Driver, DriverConfig
+from .driver import Driver, DriverConfig, Feedback, tree
 from .multisine import pushes
 from .signals import FourierTrajectory, Multisine
 
@@ -44,43 +41,26 @@ class SwimAndReach(DriverConfig):
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless an underwater vehicle carries an arm."""
         remedy = "Use MultisineCommand or FourierTracking."
-        system = _carried(system, "thruster", "an underwater vehicle with an arm", remedy)
-        thrusters = system.n_u - len(system.joints)
-        signal = Multisine(thrusters, self.low, self.high, self.tones, self.amplitude, rng)
-        path = FourierTrajectory.within(self, system, rng)
-        return _SwimAndReach(system, prior, signal, path, 2 * np.pi * self.bandwidth)
+        arm = tree(system, "an underwater vehicle with an arm", remedy, "thruster")
+        count, omega = len(arm.joints), 2 * np.pi * self.bandwidth
+        signal = Multisine(arm.n_u - count, self.low, self.high, self.tones, self.amplitude, rng)
+        path = FourierTrajectory.within(self, arm, rng)
 
+        def begin() -> tuple[Array, Array]:
+            position, rate, _ = path(0.0)
+            return np.r_[np.zeros(6), position], np.r_[np.zeros(6), rate]
 
-@dataclass(eq=False)
-class _SwimAndReach(Driver):
-    """Open-loop thrusters; computed torque for the motors, on the floating base they move."""
+        def command(t: float, q: Array, v: Array) -> Array:
+            thrust, (position, rate, acceleration) = signal(t), path(t)
+            free = arm.evaluate_at(t, q, v, np.r_[np.zeros(count), thrust], v, prior).a
+            M = arm.mass_matrix(np.concatenate([q, v]), prior)
+            error = arm.joint_errors(q, position)
+            desired = acceleration + 2 * omega * (rate - v[6:]) + omega**2 * error
+            # the joints' accelerations are those without motors plus (M⁻¹)_jj τ
+            torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], desired - free[6:])
+            return np.r_[np.clip(torque / prior[arm.space["motor gain"]], -1, 1), thrust]
 
-    system: JointTree
-    prior: Array  # (p,)
-    signal: Multisine  # of the thrusters
-    path: FourierTrajectory  # of the joints
-    omega: float  # bandwidth of the joints' loops [rad/s]
-
-    def start(self) -> tuple[Array, Array]:
-        position, rate, _ = self.path(0.0)
-        still = np.zeros(6)
-        return np.concatenate([still, position]), np.concatenate([still, rate])
-
-    def command(self, t: float, q: Array, v: Array) -> Array:
-        system, prior, thrust = self.system, self.prior, self.signal(t)
-        u = np.concatenate([np.zeros(len(system.joints)), thrust])
-        free = system.evaluate_at(t, q, v, u, v, prior).a
-        M = system.mass_matrix(np.concatenate([q, v]), prior)
-        # the joints' accelerations are those without motors plus (M⁻¹)_jj τ
-        torque = np.linalg.solve(np.linalg.inv(M)[6:, 6:], self._desired(t, q, v) - free[6:])
-        return np.concatenate([np.clip(torque / prior[system.space["motor gain"]], -1, 1), thrust])
-
-    def _desired(self, t: float, q: Array, v: Array) -> Array:
-        """(k,) desired joint accelerations: feedforward plus PD feedback."""
-        position, rate, acceleration = self.path(t)
-        numbers = np.concatenate([np.zeros(6), position])
-        error = self.system.difference(q, self.system.position(numbers))[6:]
-        return acceleration + 2 * self.omega * (rate - v[6:]) + self.omega**2 * error
+        return Feedback(begin, command)
 
 
 @config
@@ -119,12 +99,12 @@ class HoverAndReach(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless the system is a flying arm."""
-        system = _carried(system, "rotor", "a flying arm", "Use another driver.")
+        arm = tree(system, "a flying arm", "Use another driver.", "rotor")
         bound = np.r_[np.full(3, self.travel), self.turn]
-        path = FourierTrajectory.within(self, system, rng, bound)
-        rotors = system.n_u - len(system.joints)
+        path = FourierTrajectory.within(self, arm, rng, bound)
+        rotors = arm.n_u - len(arm.joints)
         dither = Multisine(rotors, self.low, self.high, self.tones, self.dither, rng)
-        return _HoverAndReach(self, system, prior, path, dither)
+        return _HoverAndReach(self, arm, prior, path, dither)
 
 
 class _HoverAndReach(Driver):
@@ -180,8 +160,7 @@ class _HoverAndReach(Driver):
         pull = a + 2 * w * slip + w**2 * error[:3] + 0.3 * w**3 * integral[:3]
         pull[2] += self._g
         error[3:6] = self._attitude_error(q[3:7], pull, position[3])
-        numbers = np.concatenate([np.zeros(6), position[4:]])
-        error[6:] = self._system.difference(q, self._system.position(numbers))[6:]
+        error[6:] = self._system.joint_errors(q, position[4:])
         integral += step * error
         desired, w = np.zeros(self._system.n), self._turn
         pull[2] -= self._g
@@ -204,10 +183,3 @@ class _HoverAndReach(Driver):
         desired = product(tilt / np.linalg.norm(tilt), quaternion_of(np.array([0, 0, heading])))
         inverse = attitude * np.array([-1.0, -1.0, -1.0, 1.0])
         return rotation_vector(product(inverse, desired))
-
-
-def _carried(system: SecondOrderSystem, kind: str, wanted: str, remedy: str) -> JointTree:
-    """The system, if it is a tree on a base with columns of a kind; else raises `InvalidInput`."""
-    if not isinstance(system, JointTree) or not system.columns(kind):
-        raise InvalidInput("excitation", wanted, type(system).__name__, remedy)
-    return system

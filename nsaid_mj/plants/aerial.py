@@ -9,12 +9,21 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..structure.blocks import GRAVITY, Term, alike, guessed, inertial_block, numbered, term
+from ..structure.blocks import GRAVITY, Term, actuators, guessed, inertial_block, named, term
 from ..structure.parts import Column
 from ..structure.single_body import Operation
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import Inertia, hidden
-from .world.sheet import NotNegative, Number, Positive, Table, check_inertia, one, several
+from .world.sheet import (
+    Guess,
+    NotNegative,
+    Number,
+    Positive,
+    Table,
+    check_inertia,
+    one,
+    several,
+)
 
 _AIR = Fluid(
     1.225,  # standard atmosphere at sea level
@@ -23,14 +32,14 @@ _AIR = Fluid(
     ("body drag",),
 )
 _UP = (0.0, 0.0, 1.0)
-Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
+_Place = Annotated[list[Number], Field(min_length=2, max_length=2)]
 
 
 class Rotors(Table):
     """Four equal rotors with thrust along z."""
 
     arm: Positive = one("distance of a rotor from the origin, a number > 0 [m]")
-    places: list[Place] = several(4, "two numbers for each of four rotors, times arm/√2")
+    places: list[_Place] = several(4, "two numbers for each of four rotors, times arm/√2")
     spin: list[Number] = several(4, "1 or −1 for each of four rotors, the sign of its torque")
     top_speed: Positive = one("a number > 0 [rad/s]")
     thrust: Positive = one("a number > 0 [N·s²/rad²]")
@@ -39,12 +48,11 @@ class Rotors(Table):
     lift: NotNegative = one("a number ≥ 0 [N·s²/m²]")
 
 
-class Guess(Table):
+class RotorGuess(Guess):
     """An engineer's guesses before any measurement."""
 
     offset: Positive = one("a distance of the centre of mass from the origin > 0 [m]")
     lift: Positive = one("a number > 0 [N·s²/m²]")
-    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
 
 
 class QuadrotorSheet(VehicleSheet):
@@ -59,7 +67,7 @@ class QuadrotorSheet(VehicleSheet):
     )
     body_drag: list[Positive] = several(3, "three numbers > 0 [N·s²/m²]")
     rotors: Rotors
-    guess: Guess
+    guess: RotorGuess
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
@@ -85,52 +93,32 @@ class QuadrotorSheet(VehicleSheet):
         and the body −|v| diag(c) v. The drag on the rotors grows with their speed, but is not an
         actuator's gain: it exerts no force on a vehicle at rest.
         """
+        rotors, top, guess = self.rotors, self.rotors.top_speed, self.guess
         body = guessed(np.array([self.mass, *self.inertia]))
-        speed = np.array(self.guess.speed)
+        places = np.c_[rotors.arm / np.sqrt(2) * np.array(rotors.places), np.zeros(4)]
+        at: list[dict[str, Any]] = [{"body": 0, "point": p, "direction": _UP} for p in places]
+        inflow = [Column("rotor_inflow", 0, **there) for there in at]
+        drags = ("rotor_drag", "rotor_damping")
+        drag = [Column(drags[k], k, input=i, **at[i]) for i in range(4) for k in range(2)]
+        of_drag = {"h": "rotor drag across its axis", "z": "rotor drag along it"}
+        of_drag = {f"rotor_drag_{axis}": label for axis, label in of_drag.items()}
+        of_body = named("drag", "body drag along", "xyz")
+        thrust, torque = rotors.thrust * top**2, rotors.torque * top**2
         return Blueprint(
-            inertial_block(body[0], self.guess.offset, body[1:]),
+            inertial_block(body[0], guess.offset, body[1:]),
             Inertia(self.mass, np.zeros(3), np.diag(self.inertia)).matrix(),
-            self._terms(),
-            Operation((-speed, speed), (np.full(4, 0.1), np.ones(4))),
+            [
+                term(inflow, {"lift": "translational lift"}, rotors.lift, guess.lift),
+                term(drag, of_drag, top * np.array(rotors.drag)),
+                term("speed_drag", of_body, self.body_drag, axes=np.eye(6)[:3]),
+                *rotor_terms(places, rotors.spin, thrust, torque, spread=0.5),
+            ],
+            Operation.within(guess.speed, np.ones(4), 0.1),
             gravity=GRAVITY,
             fluid=_AIR,
             size=self.size,
             hidden_body=self._hidden_body,
         )
-
-    def _terms(self) -> list[Term]:
-        rotors, top = self.rotors, self.rotors.top_speed
-        places = np.c_[rotors.arm / np.sqrt(2) * np.array(rotors.places), np.zeros(4)]
-        at: list[dict[str, Any]] = [{"body": 0, "point": p, "direction": _UP} for p in places]
-        drag = top * np.array(rotors.drag)
-        thrust, torque = rotors.thrust * top**2, rotors.torque * top**2
-        return [
-            term(
-                [Column("rotor_inflow", 0, **there) for there in at],
-                {"lift": "translational lift"},
-                rotors.lift,
-                np.array(self.guess.lift),
-            ),
-            term(
-                [
-                    Column(kind, k, input=i, **there)
-                    for i, there in enumerate(at)
-                    for k, kind in enumerate(("rotor_drag", "rotor_damping"))
-                ],
-                {
-                    "rotor_drag_h": "rotor drag across its axis",
-                    "rotor_drag_z": "rotor drag along it",
-                },
-                drag,
-            ),
-            alike(
-                "speed_drag",
-                {f"drag_{axis}": f"body drag along {axis}" for axis in "xyz"},
-                self.body_drag,
-                axes=np.eye(6)[:3],
-            ),
-            *rotor_terms(places, rotors.spin, thrust, torque, spread=0.5),
-        ]
 
     def _hidden_body(self, spread: float, rng: np.random.Generator) -> Array:
         """(6, 6) a true mass matrix: mass and second moments vary, and so does the centre.
@@ -152,14 +140,11 @@ def rotor_terms(
     points (r, 3) are on the first body [m]; spins (r,) ±1 are the signs of the torques; `spread` is
     that of the torque, see `Term`.
     """
-    count = len(points)
-    along = {"input": range(count), "direction": [_UP] * count}
-    about = {"input": range(count), "direction": [np.multiply(sign, _UP) for sign in spins]}
-    lift = numbered("thrust", "thrust of rotor", count)
-    turn = numbered("torque", "torque of rotor", count)
+    up, about = np.broadcast_to(_UP, (len(points), 3)), np.multiply.outer(spins, _UP)
+    turning = {"direction": about, "spread": spread}
     return [
-        alike("rotor", lift, thrust, point=points, **along),
-        alike("rotor_torque", turn, torque, spread=spread, **about),
+        actuators("rotor", "thrust", "thrust of rotor", thrust, point=points, direction=up),
+        actuators("rotor_torque", "torque", "torque of rotor", torque, **turning),
     ]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..bounds import Name, Share, config
 from ..parameters import Array, Block
-from ..structure.blocks import alike, guessed
+from ..structure.blocks import guessed, term
 from ..structure.parts import tied
 from ..structure.single_body import Operation
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
@@ -107,11 +107,11 @@ def single_track(
         mass,
         rigid,
         [
-            alike("tyre", tyres, forces[:2], scale[3:5], input=[1, -1], arm=[half, -half]),
-            alike("drive", {"k_d": "drive gain"}, forces[2], scale[5], input=[0], point=[place]),
-            alike("drive_loss", {"k_v": "drive loss"}, forces[3], scale[6], input=[0]),
-            alike("rolling", {"c_0": "rolling resistance"}, forces[4], scale[7], speed=[CREEP]),
-            alike("drag", {"c_D": air}, forces[5], scale[8], air, "positive", axes=np.eye(6)[:1]),
+            term("tyre", tyres, forces[:2], scale[3:5], input=[1, -1], arm=[half, -half]),
+            term("drive", {"k_d": "drive gain"}, forces[2], scale[5], input=[0], point=[place]),
+            term("drive_loss", {"k_v": "drive loss"}, forces[3], scale[6], input=[0]),
+            term("rolling", {"c_0": "rolling resistance"}, forces[4], scale[7], speed=[CREEP]),
+            term("drag", {"c_D": air}, forces[5], scale[8], air, "positive", axes=np.eye(6)[:1]),
         ],
         operating,
         tied([(0, 0, 0, 1.0), (1, 1, 0, 1.0), (1, 5, 1, 1.0), (5, 5, 2, 1.0)]),

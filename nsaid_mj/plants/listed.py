@@ -111,14 +111,13 @@ class ListedSheet(VehicleSheet):
         added = None
         if self.plane or self.added_mass is not None:
             added = np.diag(self.added_mass or np.zeros(6))
-        speed = np.array(self.speed)[axes]
         most = np.ones(max((row.command or 0 for row in self.column), default=0))
         kinds = dict.fromkeys(row.kind for row in self.column)
         return Blueprint(
             self._inertia(rigid, added, axes),
             rigid,
             [_term([row for row in self.column if row.kind == kind]) for kind in kinds],
-            Operation((-speed, speed), (-most, most)),
+            Operation.within(np.array(self.speed)[axes], most),
             None if added is None else full(tuple(axes)),
             added,
             self.gravity,

@@ -9,7 +9,7 @@ from ..bounds import Number, Positive, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..resources import VehicleFiles, asset
-from ..structure.blocks import Term, alike
+from ..structure.blocks import Term, term
 from ..structure.parts import Column, tied
 from ..structure.single_body import Operation
 from .world.blueprint import Blueprint, BodyPlant
@@ -69,20 +69,19 @@ def heaving(nominal: Array, speed: float = 1.0) -> Blueprint:
     m, d, g, a = np.abs(nominal)[:, None]
     drag, gain = {"drag": "drag"}, "thruster gain"
     mass = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-    fastest, most = np.array([2 * speed]), np.ones(1)
     return Blueprint(
         Block("mass", ("mass",), ("kg",), m, "positive"),
         nominal[0] * mass,
         [
-            alike("quadratic", drag, nominal[1], d, "drag", "positive", sliding=[True], dof=[0]),
-            alike("weight", {"net weight": "net weight"}, nominal[2], g),
+            term("quadratic", drag, nominal[1], d, "drag", "positive", sliding=[True], dof=[0]),
+            term("weight", {"net weight": "net weight"}, nominal[2], g),
             Term(
                 Block(gain, (gain,), ("N",), a, "positive", actuator=True),
                 [Column("motor", 0, dof=0, input=0)],
                 nominal[3:],
             ),
         ],
-        Operation((-fastest, fastest), (-most, most)),
+        Operation.within([2 * speed], np.ones(1)),
         tied([(i, i, 0, 1.0) for i in range(3)]),
         hidden_body=lambda spread, rng: hidden(nominal[0], spread, rng) * mass,
     )

@@ -1,27 +1,34 @@
 """Free-flyers: nozzles of unknown gain turn and push a body in free fall; Astrobee is included."""
 
-from typing import Annotated, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
-from ..structure.blocks import alike, inertial_block, numbered
+from ..structure.blocks import actuators, inertial_block
 from ..structure.single_body import Operation
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import NED, Inertia
-from .world.sheet import Number, Positive, Table, check_directions, check_inertia, one, several
+from .world.sheet import (
+    Guess,
+    Number,
+    Place,
+    Positive,
+    Table,
+    check_directions,
+    check_inertia,
+    one,
+    several,
+)
 
-Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
-
-class Guess(Table):
+class FlyerGuess(Guess):
     """An engineer's guesses before any measurement."""
 
     mass: Positive = one("a number > 0 [kg]")
     offset: Positive = one("a distance of the centre of mass from the origin > 0 [m]")
     inertia: list[Positive] = several(3, "three numbers > 0 [kg·m²]")
-    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
 
 
 class Nozzles(Table):
@@ -49,7 +56,7 @@ class FreeFlyerSheet(VehicleSheet):
     centre: list[Number] = several(3, "three numbers [m]")
     inertia: list[Positive] = several(3, "three principal moments > 0 [kg·m²]")
     inch: Positive = one("length of the unit of the nozzles' positions, 0.0254 [m]")
-    guess: Guess
+    guess: FlyerGuess
     nozzles: Nozzles
 
     @model_validator(mode="after")
@@ -68,21 +75,12 @@ class FreeFlyerSheet(VehicleSheet):
         positions = NED * self.inch * np.concatenate([one_module, other * one_module])
         directions = -NED * np.concatenate([jets, other * jets])
         thrust = np.abs(directions) @ np.array(self.nozzles.force) / 2
-        count, guess, speed = len(positions), self.guess, np.array(self.guess.speed)
+        guess, nozzles = self.guess, {"point": positions, "direction": directions}
         return Blueprint(
             inertial_block(guess.mass, guess.offset, np.array(guess.inertia)),
             Inertia(self.mass, NED * self.centre, np.diag(self.inertia)).matrix(),
-            [
-                alike(
-                    "nozzle",
-                    numbered("nozzle", "thrust of nozzle", count),
-                    thrust,
-                    input=range(count),
-                    point=positions,
-                    direction=directions,
-                )
-            ],
-            Operation((-speed, speed), (np.zeros(count), np.ones(count)), reach=1.0),
+            [actuators("nozzle", "nozzle", "thrust of nozzle", thrust, **nozzles)],
+            Operation.within(guess.speed, np.ones(len(thrust)), 0.0, reach=1.0),
             size=self.size,
         )
 

@@ -8,12 +8,12 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array, Block
-from ..structure.blocks import Term, alike, guessed, numbered, term
+from ..structure.blocks import Term, actuators, guessed, term
 from ..structure.parts import Column, tied
 from ..structure.single_body import Operation
 from .underwater import WATER
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
-from .world.sheet import Negative, Number, Positive, Table, check_inertia, one, several
+from .world.sheet import Guess, Negative, Number, Positive, Table, check_inertia, one, several
 
 _FLUID = WATER._replace(
     solid=lambda geom: geom == "hull",  # the fins keep their own lift
@@ -93,12 +93,6 @@ class Propeller(Table):
     position: Number = one("x of the propeller [m]")
 
 
-class Guess(Table):
-    """An engineer's guesses before any measurement."""
-
-    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
-
-
 class TorpedoSheet(VehicleSheet):
     """A torpedo's data sheet; axes x forward, y right, z down, origin at the centre of buoyancy."""
 
@@ -163,15 +157,13 @@ class TorpedoSheet(VehicleSheet):
         rigid = np.diag([self.mass] * 3 + self.inertia)
         rigid[0, 4] = rigid[4, 0] = self.mass * height
         rigid[1, 3] = rigid[3, 1] = -self.mass * height
-        speed, most = np.array(self.guess.speed), np.full(5, self.fins.limit)
-        low, high = np.r_[0.4, -np.ones(5)], np.r_[1.2, np.ones(5)]
+        most, speed = self.fins.limit * np.ones(4), np.array(self.guess.speed)
+        slow, fast = np.r_[0.4, -np.ones(5)] * speed, np.r_[1.2, np.ones(5)] * speed
         return Blueprint(
             _mass_block(rigid + added),
             rigid,
             [*self._hull(), *self._actuators()],
-            Operation(
-                (low * speed, high * speed), (np.r_[-most[:4], 0.2], np.r_[most[:4], 1.0]), turn=0.5
-            ),
+            Operation((slow, fast), (np.r_[-most, 0.2], np.r_[most, 1.0]), turn=0.5),
             tied(list(_MASS)),
             added,
             fluid=_FLUID,
@@ -187,14 +179,14 @@ class TorpedoSheet(VehicleSheet):
         lift = [-self.lift.Y_uv - fins.Y_uudr, munk + fins.N_uudr - self.lift.M_uw]
         righting = self.gravity_centre[2] * self.mass * self.gravity
         return [
-            alike("drag", _DRAGS, drag, geometry="positive", axes=_DRAG),
+            term("drag", _DRAGS, drag, geometry="positive", axes=_DRAG),
             term(
                 [Column("lift", 0, body=0), Column("lift_moment", 1, body=0)],
                 {"lift_body": "body lift", "lift moment_body": "body lift moment"},
                 lift,
             ),
-            alike("weight", {"net weight": "net weight"}, self.net_weight),
-            alike("righting", {"righting_z": "righting moment"}, righting, axis=[[0, 0, 1]]),
+            term("weight", {"net weight": "net weight"}, self.net_weight),
+            term("righting", {"righting_z": "righting moment"}, righting, axis=[[0, 0, 1]]),
         ]
 
     def _actuators(self) -> list[Term]:
@@ -202,7 +194,6 @@ class TorpedoSheet(VehicleSheet):
         fins, p = self.fins, self.propeller
         x, r = fins.N_uudr / fins.Y_uudr, fins.radius
         positions = np.array([[x, 0, r], [x, 0, -r], [x, r, 0], [x, -r, 0]])
-        fins_at = {"input": range(4), "point": positions}
         lifts = np.array([[0.0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 0, 1]])
         n, wide = p.shaft_speed, p.diameter
         slope = (p.K_T[0] - p.K_T[1]) / p.advance
@@ -220,8 +211,8 @@ class TorpedoSheet(VehicleSheet):
                 {"thrust": "propeller thrust", "torque": "propeller torque"},
                 gains,
             ),
-            alike("fin", numbered("fin lift", "lift of fin", 4), lift, **fins_at, direction=lifts),
-            alike("fin_drag", numbered("fin drag", "drag of fin", 4), drag, **fins_at),
+            actuators("fin", "fin lift", "lift of fin", lift, point=positions, direction=lifts),
+            actuators("fin_drag", "fin drag", "drag of fin", drag, point=positions),
         ]
 
 

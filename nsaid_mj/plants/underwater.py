@@ -1,6 +1,6 @@
 """Underwater vehicles with thrusters of unknown gain; a BlueROV2 Heavy is included."""
 
-from typing import Annotated, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -8,15 +8,17 @@ from pydantic import Field, model_validator
 from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..structure.blocks import AXES, alike, guessed, mass_block, numbered
+from ..structure.blocks import AXES, actuators, guessed, mass_block, named, term
 from ..structure.columns.curve import odd
 from ..structure.parts import full
 from ..structure.single_body import Operation
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import NED
 from .world.sheet import (
+    Guess,
     NotNegative,
     Number,
+    Place,
     Positive,
     Table,
     check_directions,
@@ -33,14 +35,12 @@ WATER = Fluid(
     lambda geom: not geom.startswith("thruster"),  # they only show the point of thrust
     ("mass matrix", "linear drag", "quadratic drag"),
 )
-Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
-class Guess(Table):
+class UnderwaterGuess(Guess):
     """An engineer's guesses before any measurement."""
 
     linear_drag: list[Positive] = several(6, "six numbers > 0 [N·s/m, N·m·s/rad]")
-    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
 
 
 class Ring(Table):
@@ -114,7 +114,7 @@ class UnderwaterSheet(VehicleSheet):
     added_mass: list[NotNegative] = several(6, "six numbers ≥ 0 [kg, kg·m²]")
     linear_drag: list[NotNegative] = several(6, "six numbers ≥ 0 [N·s/m, N·m·s/rad]")
     quadratic_drag: list[Positive] = several(6, "six numbers > 0 [N·s²/m², N·m·s²/rad²]")
-    guess: Guess
+    guess: UnderwaterGuess
     thrusters: Thrusters
 
     @model_validator(mode="after")
@@ -152,48 +152,25 @@ class UnderwaterSheet(VehicleSheet):
         θ = [M (21), linear drag (6), quadratic drag (6), net weight, righting moments (3), thrust].
         Righting moments are r_B B − r_G W.
         """
-        positions, directions = (NED * self.thrusters.placed(x) for x in ("position", "direction"))
+        points, directions = (NED * self.thrusters.placed(x) for x in ("position", "direction"))
         rigid, added = np.diag([self.mass] * 3 + self.inertia), np.diag(self.added_mass)
-        righting = NED * self.buoyancy_centre * self.buoyancy
-        full_thrust = sum(self.thrusters.curve)
+        righting, guess = NED * self.buoyancy_centre * self.buoyancy, self.guess
+        full_thrust, count = sum(self.thrusters.curve), len(points)
         curve = odd(*np.divide(self.thrusters.curve, full_thrust))
-        count, speed = len(positions), np.array(self.guess.speed)
+        linear, square = named("d", "linear drag in", AXES), named("dq", "quadratic drag in", AXES)
+        upright, axes = named("righting", "righting moment about", "xyz"), np.eye(6)
+        thrusters = {"point": points, "direction": directions, "curve": [curve] * count}
         return Blueprint(
             mass_block(guessed(np.diag(rigid + added))),
             rigid,
             [
-                alike(
-                    "linear_drag",
-                    {f"d_{axis}": f"linear drag in {axis}" for axis in AXES},
-                    self.linear_drag,
-                    np.array(self.guess.linear_drag),
-                    axes=np.eye(6),
-                ),
-                alike(
-                    "drag",
-                    {f"dq_{axis}": f"quadratic drag in {axis}" for axis in AXES},
-                    self.quadratic_drag,
-                    axes=np.eye(6),
-                ),
-                alike("weight", {"net weight": "net weight"}, self.net_weight),
-                alike(
-                    "righting",
-                    {f"righting_{axis}": f"righting moment about {axis}" for axis in "xyz"},
-                    righting,
-                    guessed(righting[2]),
-                    axis=np.eye(3),
-                ),
-                alike(
-                    "thruster",
-                    numbered("thrust", "thrust of thruster", count),
-                    full_thrust,
-                    input=range(count),
-                    point=positions,
-                    direction=directions,
-                    curve=[curve] * count,
-                ),
+                term("linear_drag", linear, self.linear_drag, guess.linear_drag, axes=axes),
+                term("drag", square, self.quadratic_drag, axes=axes),
+                term("weight", {"net weight": "net weight"}, self.net_weight),
+                term("righting", upright, righting, guessed(righting[2]), axis=np.eye(3)),
+                actuators("thruster", "thrust", "thrust of thruster", full_thrust, **thrusters),
             ],
-            Operation((-speed, speed), (-np.ones(count), np.ones(count))),
+            Operation.within(guess.speed, np.ones(count)),
             full(),
             added,
             fluid=WATER,

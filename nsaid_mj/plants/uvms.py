@@ -11,7 +11,7 @@ from ..bounds import Share, config
 from ..parameters import Array, Block
 from ..resources import numbers, vehicle_files
 from ..robot.tree import set_inertias, tree_spec
-from ..structure.blocks import GRAVITY, alike, guessed
+from ..structure.blocks import GRAVITY, guessed, term
 from ..structure.joints import Carrier, JointScales, body_names, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
@@ -92,7 +92,7 @@ def uvms() -> Known:
     size = guessed(links.added)
     resisting = Block("added mass", tuple(own), ("kg",) * k, size, "positive", labels=tuple(labels))
     *forces, thrust = base.terms
-    drag = alike(
+    drag = term(
         "strip_drag",
         {f"link_drag_{i + 1}": f"drag of {name}" for i, name in enumerate(names)},
         links.drag,
@@ -100,7 +100,7 @@ def uvms() -> Known:
         axis=links.axes,
         strips=[strips(*cylinder) for cylinder in zip(*links[:3], strict=True)],
     )
-    buoyancy = alike(
+    buoyancy = term(
         "buoyancy",
         {f"buoyancy_{i + 1}": f"buoyancy of {name}" for i, name in enumerate(names)},
         links.buoyancy,

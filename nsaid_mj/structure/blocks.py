@@ -1,6 +1,6 @@
 """Blocks of θ: inertias that many robots have, and forces with the columns that a block scales."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,7 +118,7 @@ def guessed(value: ArrayLike) -> Array:
 
 
 def term(
-    columns: Sequence[Column],
+    what: str | Sequence[Column],
     labels: Mapping[str, str],
     nominal: ArrayLike,
     scale: ArrayLike | None = None,
@@ -126,11 +126,13 @@ def term(
     geometry: Geometry | None = None,
     spread: float = 1.0,
     sliding: Sequence[bool] = (),
+    **rows: Any,
 ) -> Term:
     """A block of columns; the columns' kinds determine its parameters.
 
     Args:
-        columns: their parameters count from 0.
+        what: the columns, whose parameters count from 0; or a kind, with one column for each label,
+            by default on the first body.
         labels: name of every parameter, with its readable description.
         nominal: (k,) or a number, the published values.
         scale: (k,) or a number, guesses of their magnitudes; `guessed` from them if left out.
@@ -138,7 +140,10 @@ def term(
         geometry: which values are physical; that of the first column's kind if left out.
         spread: see `Term`.
         sliding: (k,) whether the joint slides on which a parameter acts; for columns of joints.
+        rows: (k,) an argument of `Column` for each column of a kind: `body`, `dof`, `input`, or a
+            constant of the kind.
     """
+    columns = what if not isinstance(what, str) else _columns(what, len(labels), rows)
     first = [next(c for c in columns if c.parameter == k) for k in range(len(labels))]
     kind = KINDS[first[0].kind]
     known = np.broadcast_to(np.asarray(nominal, dtype=np.float64), len(labels))
@@ -158,27 +163,11 @@ def term(
     )
 
 
-def alike(
-    kind: str,
-    labels: Mapping[str, str],
-    nominal: ArrayLike,
-    scale: ArrayLike | None = None,
-    block: str = "",
-    geometry: Geometry | None = None,
-    spread: float = 1.0,
-    sliding: Sequence[bool] = (),
-    **rows: Any,
-) -> Term:
-    """A block of columns of one kind, one for each label, by default on the first body.
-
-    `rows` hold an argument of `Column` for each of them: `body`, `dof`, `input`, or a constant of
-    the kind. The others are those of `term`.
-    """
+def _columns(kind: str, count: int, rows: dict[str, Any]) -> list[Column]:
+    """`count` columns of a kind, each with its own parameter; see `term`."""
     if "dof" not in rows:
-        rows.setdefault("body", [0] * len(labels))
-    each = [{name: row[k] for name, row in rows.items()} for k in range(len(labels))]
-    columns = [Column(kind, k, **row) for k, row in enumerate(each)]
-    return term(columns, labels, nominal, scale, block, geometry, spread, sliding)
+        rows = {"body": [0] * count} | rows
+    return [Column(kind, k, **{name: row[k] for name, row in rows.items()}) for k in range(count)]
 
 
 def _unit(column: Column, slides: bool) -> str:
@@ -191,6 +180,16 @@ def _unit(column: Column, slides: bool) -> str:
     return unit[0 if turns else 1]
 
 
-def numbered(letter: str, label: str, count: int) -> dict[str, str]:
+def named(letter: str, label: str, parts: Iterable[Any]) -> dict[str, str]:
     """Labels of like parameters: {"thrust_1": "thrust of rotor 1", …} from "thrust of rotor"."""
-    return {f"{letter}_{i}": f"{label} {i}" for i in range(1, count + 1)}
+    return {f"{letter}_{part}": f"{label} {part}" for part in parts}
+
+
+def actuators(kind: str, letter: str, label: str, nominal: ArrayLike, **rows: Any) -> Term:
+    """A block of like actuators, the first of which reads the first command, and so on.
+
+    There are as many as rows; the arguments are those of `named` and `term`.
+    """
+    count = len(next(iter(rows.values())))
+    own = named(letter, label, range(1, count + 1))
+    return term(kind, own, nominal, input=range(count), **rows)

@@ -87,6 +87,11 @@ class StructuredKinematics:
         difference(self.structure.arrays.bodies, plain(q0), plain(q1), step, x)
         return step
 
+    def joint_errors(self, q: Array, desired: Array) -> Array:
+        """(k,) desired positions (k,) of the joints minus those in q (m,), on the shorter arc."""
+        aim = self.position(np.concatenate([np.zeros(self.group), desired]))
+        return self.difference(q, aim)[self.group :]
+
     def moves(self, q: Array) -> Array:
         """(N−1, n) tangent steps between consecutive positions of (N, m)."""
         steps, x = np.empty((len(q) - 1, self.n)), self._memory.work.scratch

@@ -22,7 +22,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ..parameters import Array, Block, ParameterSpace
-from .blocks import Term, alike, link_block, placed
+from .blocks import Term, link_block, placed, term
 from .columns import KINDS
 from .optional import pin
 from .parts import Body, Inertia, Rotor
@@ -297,7 +297,7 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
         letter, part = KINDS[kind].letter, KINDS[kind].block.removeprefix("motor ")
         labels = {f"{letter}_{i + 1}": f"{part} of {names[i]}" for i in own}
         slides, dofs = [sliding[i] for i in own], [first + i for i in own]
-        return alike(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
+        return term(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
 
     driven = every if s.driven is None else s.driven
     acting: dict[str, Sequence[Any]] = {"input": range(len(driven))}

@@ -1,9 +1,12 @@
 """Vehicles of one body: their inertia, and the terms that act on it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
 from ..parameters import Array, Block, ParameterSpace
@@ -36,6 +39,18 @@ class Operation:
     reach: float = 10.0
     turn: float = 1.5
     state: Callable[[np.random.Generator], tuple[Array, Array, Array]] | None = None
+
+    @staticmethod
+    def within(
+        speed: ArrayLike, most: Array, least: float | None = None, **more: float
+    ) -> Operation:
+        """Up to a speed (n,) in both directions, and commands up to `most` (n_u,).
+
+        The commands begin at `least`, or at −`most`.
+        """
+        fastest = np.array(speed, dtype=np.float64)
+        lowest = -most if least is None else np.full(len(most), least)
+        return Operation((-fastest, fastest), (lowest, most), **more)
 
 
 class SingleBody(SecondOrderSystem):

@@ -58,8 +58,7 @@ class Reference:
         if first:
             follow_pose(motion, q, v, self._rate, v_r, a_r)
         if len(v) > first:
-            numbers, rates = np.r_[np.zeros(first), motion[first:, 0]], motion[first:, 1]
-            error = self._system.difference(q, self._system.position(numbers))[first:]
+            rates, error = motion[first:, 1], self._system.joint_errors(q, motion[first:, 0])
             v_r[first:] = rates + self._rate * error
             a_r[first:] = motion[first:, 2] + self._rate * (rates - v[first:])
         return v_r, a_r

@@ -43,6 +43,16 @@ def several(count: int, expected: str) -> Any:
     return Field(description=expected, min_length=count, max_length=count)
 
 
+Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
+"""A point, or a direction."""
+
+
+class Guess(Table):
+    """An engineer's guesses before any measurement, of a vehicle in space."""
+
+    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
+
+
 class Sheet(Table):
     """A complete data sheet.
 
