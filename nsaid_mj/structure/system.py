@@ -135,6 +135,10 @@ class SecondOrderSystem(StructuredKinematics, ABC):
             self.reference.overwrite(W, q, v, w, a, weight)
         return W
 
+    def _at_times(self, t: Array, q: Array, v: Array, u: Array, w: Array, a: Array) -> Array:
+        """(N, n, p) W of N samples; no structure depends on t (N,)."""
+        return self._regressors(q, v, u, w, a)
+
     def _W(self, t: float, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
         """(n, p) W of one sample."""
         return self._regressors(q[None], v[None], u[None], w[None], a[None])[0]
@@ -210,21 +214,13 @@ class SecondOrderSystem(StructuredKinematics, ABC):
 
     def W_M(self, x: Array, a: Array) -> Array:
         """(..., n, p) inertial regressor, W_M θ = M(x, θ) a (8)."""
-        q, _ = self.split(x)
-
-        def rows(q: Array, a: Array) -> Array:
-            return self._moving(q, np.zeros(a.shape), np.zeros(a.shape), a)
-
-        return _batched(rows, (self.m, self.n), q, a)
+        lengths, still = (self.m, self.n, self.n, self.n), self._still
+        return _batched(self._moving, lengths, self.split(x)[0], still, still, a)
 
     def W_C(self, x: Array, w: Array) -> Array:
         """(..., n, p) Coriolis regressor, W_C θ = C(x, θ) w (9)."""
-        q, v = self.split(x)
-
-        def rows(q: Array, v: Array, w: Array) -> Array:
-            return self._moving(q, v, w, np.zeros(w.shape))
-
-        return _batched(rows, (self.m, self.n, self.n), q, v, w)
+        lengths = self.m, self.n, self.n, self.n
+        return _batched(self._moving, lengths, *self.split(x), w, self._still)
 
     def F(self, t: Array | float, x: Array, u: Array) -> Array:
         """(..., n, p) force regressor of (4)."""
@@ -232,12 +228,8 @@ class SecondOrderSystem(StructuredKinematics, ABC):
 
     def regressor(self, t: Array | float, x: Array, w: Array, a: Array, u: Array) -> Array:
         """(..., n, p) combined regressor W = W_M + W_C − F (10)."""
-        lengths = 0, self.m, self.n, self.n, self.n, self.n_u
-
-        def rows(_: Array, q: Array, v: Array, w: Array, a: Array, u: Array) -> Array:
-            return self._regressors(q, v, u, w, a)
-
-        return _batched(rows, lengths, t, *self.split(x), w, a, u)
+        lengths = 0, self.m, self.n, self.n_u, self.n, self.n
+        return _batched(self._at_times, lengths, t, *self.split(x), u, w, a)
 
     def mass_matrix(self, x: Array, theta: Array) -> Array:
         """(..., n, n) M(x, θ), the matrix of (8)."""
