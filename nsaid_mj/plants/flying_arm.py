@@ -17,6 +17,7 @@ from ..structure.joints import Carrier, JointScales, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Inertia
+from ..structure.single_body import Operation
 from .aerial import rotor_terms
 from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
 from .world.body import command_inputs
@@ -87,13 +88,11 @@ def flying_arm(
         friction_speed: joint speed at which Coulomb friction saturates [rad/s or m/s].
         d: the robot's table of assets/flying_arm/vehicle.toml.
     """
-    places, gains, count = np.array(d["positions"]), (d["thrust"], d["torque"]), len(d["spins"])
+    places = np.array(d["positions"])
     carrier = Carrier(
         [Inertia(b, 10 * b) for b in range(model.njoints - 1)],
         link_blocks(model, joints),
-        rotor_terms(places, d["spins"], *gains),
-        (np.full(count, 0.1), np.ones(count)),
-        np.vstack([places, np.full((count, 3), np.nan)]),  # a torque acts at no point
-        np.array(d["speed"]),
+        rotor_terms(places, d["spins"], d["thrust"], d["torque"]),
+        Operation.within(d["speed"], np.ones(len(places)), 0.1),
     )
     return CompiledMultibody(model, joints, np.full(len(joints.gain), friction_speed), carrier)

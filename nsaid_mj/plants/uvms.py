@@ -108,12 +108,10 @@ def uvms() -> Known:
         body=range(1, k + 1),
         point=links.centres,
     )
-    terms, ranges = [*forces, drag, buoyancy, thrust], base.operation
+    terms = [*forces, drag, buoyancy, thrust]
     bodies = [base.body, *link_blocks(model, joints)[1:], resisting]
-    assert base.system.mounts is not None and joints.rotor is not None
-    carrier = Carrier(
-        inertias, bodies, terms, ranges.command, base.system.mounts, ranges.velocity[1]
-    )
+    assert joints.rotor is not None
+    carrier = Carrier(inertias, bodies, terms, base.operation)
     speed = np.full(k, arm["joints"]["friction_speed"])
     inertial = [body.toDynamicParameters() for body in list(model.inertias)[2:]]
     on_joints = joints.rotor, joints.viscous, joints.coulomb, joints.gain

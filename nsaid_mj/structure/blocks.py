@@ -111,6 +111,17 @@ def placed(space: ParameterSpace, terms: Sequence[Term], command: int = 0) -> li
     ]
 
 
+def mounts_of(space: ParameterSpace, columns: Sequence[Column], none: float = np.nan) -> Array:
+    """(k, 3) point of application of every actuator parameter's force [m], `none` if it has none.
+
+    They are those of the first of its columns, in the body's axes.
+    """
+    first = {column.parameter: column.constants for column in reversed(columns)}
+    nowhere = np.full(3, none)  # a torque acts at no point
+    mounts = [first[k].get("point", nowhere) for k in space.actuators.tolist()]
+    return np.array(mounts, dtype=np.float64).reshape(-1, 3)
+
+
 def guessed(value: ArrayLike) -> Array:
     """The nearest powers of two of |value|: a guess by order of magnitude."""
     exponent = np.round(np.log2(np.abs(np.asarray(value, dtype=np.float64))))

@@ -22,10 +22,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from ..parameters import Array, Block, ParameterSpace
-from .blocks import Term, link_block, placed, term
+from .blocks import Term, link_block, mounts_of, placed, term
 from .columns import KINDS
 from .optional import pin
 from .parts import Body, Inertia, Rotor
+from .single_body import Operation
 from .structure import Structure
 from .system import SecondOrderSystem
 
@@ -75,11 +76,7 @@ class Carrier(NamedTuple):
     bodies: list[Block]  # blocks of these inertias, which come first in θ
     # fluid forces and thrust, which come last; commands count from the first thruster's
     terms: list[Term]
-    commands: tuple[Array, Array]  # (t,), (t,) range of the thrusters' commands of operation
-    # (·, 3) point on the base where the force of every actuator parameter in `terms` acts [m], NaN
-    # if it exerts no force
-    mounts: Array
-    speed: Array  # (6,) the base's velocities of operation [m/s, rad/s]
+    operation: Operation  # ranges of the base's velocities, and of the thrusters' commands
 
 
 class JointTree(SecondOrderSystem):
@@ -122,42 +119,39 @@ class JointTree(SecondOrderSystem):
         model, bodies = without_inertia(model), bodies_of(model)
         if carrier is None:
             rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
-            nothing, still = np.zeros(0), np.full(6 if floats(model) else 0, _BASE_SPEED)
-            carrier = Carrier(
-                rigid, link_blocks(model, scales), [], (nothing, nothing), nothing, still
-            )
-            mounts = None
+            still = Operation.within(_BASE_SPEED * np.ones(6 if floats(model) else 0), np.zeros(0))
+            own = Carrier(rigid, link_blocks(model, scales), [], still)
         else:
-            nowhere = np.full((len(scales.gain), 3), np.nan)
-            mounts = np.vstack([nowhere, carrier.mounts])
+            own = carrier
         speed = np.array(friction_speed, dtype=np.float64)
         joints = joint_terms(model, scales, speed)
-        blocks = [term.block for term in (*joints, *carrier.terms)]
-        space = ParameterSpace((*carrier.bodies, *blocks))
+        blocks = [term.block for term in (*joints, *own.terms)]
+        space = ParameterSpace((*own.bodies, *blocks))
         self.driven = np.array(range(len(speed)) if scales.driven is None else scales.driven, int)
         columns = placed(space, joints)
         # those of one body follow one another: kernels compute its surroundings once
-        carried = placed(space, carrier.terms, len(self.driven))
+        carried = placed(space, own.terms, len(self.driven))
         columns += sorted(carried, key=lambda column: (column.input >= 0, column.body))
-        first, start = model.nv - len(speed), sum(map(len, carrier.bodies))
+        first, start = model.nv - len(speed), sum(map(len, own.bodies))
         turning = range(0 if scales.rotor is None else len(speed))
         rotors = [Rotor(first + i, start + i) for i in turning]
-        low, high = carrier.commands
+        low, high = own.operation.command
         self.command_limits = np.r_[-scales.command, low], np.r_[scales.command, high]
         structure = Structure(
             bodies,
-            carrier.inertias,
+            own.inertias,
             columns,
             len(space),
             len(self.command_limits[0]),
             rotors,
             model.gravity.linear.copy(),
         )
+        mounts = None if carrier is None else mounts_of(space, columns)
         super().__init__(structure, space, mounts)
         self.model, self.joints = model, moving_joints(model)
         self.joint_names, self.body_names = joint_names(model), body_names(model)
         self.bodies, self.scales, self.friction_speed = len(bodies), scales, speed
-        self._speed = np.concatenate([carrier.speed, scales.speed])
+        self._speed = np.concatenate([own.operation.velocity[1], scales.speed])
 
     @cached_property
     def limits(self) -> tuple[Array, Array]:

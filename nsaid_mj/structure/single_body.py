@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
 from ..parameters import Array, Block, ParameterSpace
-from .blocks import Term, placed
+from .blocks import Term, mounts_of, placed
 from .parts import Body, Inertia
 from .structure import Structure
 from .system import SecondOrderSystem
@@ -88,10 +88,7 @@ class SingleBody(SecondOrderSystem):
             len(operation.command[0]),
             gravity=(0.0, 0.0, -gravity),
         )
-        first = {column.parameter: column for column in reversed(columns)}
-        nowhere = np.full(3, np.nan if n > 1 else 0.0)  # a torque acts at no point
-        mounts = [first[k].constants.get("point", nowhere) for k in space.actuators.tolist()]
-        super().__init__(robot, space, np.array(mounts, dtype=np.float64).reshape(-1, 3))
+        super().__init__(robot, space, mounts_of(space, columns, np.nan if n > 1 else 0.0))
         self.operation = operation
 
     def constants(self, kind: str, name: str) -> Array:
