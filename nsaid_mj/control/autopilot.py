@@ -8,9 +8,9 @@ from pydantic import Field
 from ..bounds import Number, Positive, Tones, config
 from ..numerics.spatial import rotation
 from ..parameters import Array
-from ..structure.single_body import SingleBody, single_body
+from ..structure.single_body import single_body
 from ..structure.system import SecondOrderSystem
-from .driver import Driver, DriverConfig
+from .driver import Driver, DriverConfig, Feedback
 from .signals import Multisine
 
 _DAMPING = 1.0  # of the attitude loops
@@ -54,66 +54,49 @@ class DepthHeadingAutopilot(DriverConfig):
         """Makes the driver; raises `InvalidInput` unless it is a torpedo, and no band is empty."""
         wanted = ("propeller gain", "fin lift", "quadratic drag", "righting moment")
         torpedo = single_body(system, wanted, "a torpedo to steer")
-        return _Autopilot(self, torpedo, prior, rng)
+        limit, place = float(torpedo.operation.command[1][0]), torpedo.space.index
+        low, high, slow = self.low, self.high, self.slow
+        dither = Multisine(torpedo.n_u, low, high, self.tones, _DRIVEN, rng)
+        course = Multisine(2, low / slow, high / slow, self.tones, 1.0, rng)
+        reach = np.full(torpedo.n_u, self.dither)
+        reach[-1] = self.swing
+        least, most = np.full((2, torpedo.n_u), [[-limit], [limit]])
+        least[-1], most[-1] = _SLOWEST, 1.0
+        inertia, righting = prior[place("M_55")], prior[place("righting_z")]
+        lever = np.cross(torpedo.constants("fin", "point"), torpedo.constants("fin", "direction"))
+        lift = lever.T * prior[torpedo.space["fin lift"]]
+        share = np.linalg.pinv(lift)[:, 1:]  # pitch and yaw only; [rad/(N·m)] at 1 m/s
+        slip = float(torpedo.constants("propeller", "slip")[0])
+        thrust, drag = prior[place("thrust")], prior[place("dq_along")]
+        cruise = _balance(thrust, drag, slip, self.propeller)
+        begin = np.zeros(6), np.zeros(6)
+        begin[0][2], begin[1][0] = -self.depth, cruise
 
+        def command(t: float, q: Array, v: Array) -> Array:
+            """Second-order pitch and yaw loops under the prior; the fins share the moments.
 
-class _Autopilot(Driver):
-    """Second-order pitch and yaw loops under the prior; the fins share the moments.
+            The righting moment controls roll.
+            """
+            speed = max(float(v[0]), 0.3 * cruise)
+            pitch, errors = self._errors(course(t), q, speed)
+            omega = self.bandwidth
+            moment = inertia * omega * (omega * errors - 2 * _DAMPING * v[4:])
+            moment[0] += righting * np.sin(pitch)
+            u = reach * _clipped(dither(t), -1.0, 1.0)
+            u[:-1] += _clipped(share @ moment / speed**2, -limit, limit)
+            u[-1] += self.propeller
+            return _clipped(u, least, most)
 
-    The righting moment controls roll.
-    """
+        return Feedback(lambda: (begin[0].copy(), begin[1].copy()), command)
 
-    def __init__(
-        self,
-        config: DepthHeadingAutopilot,
-        system: SingleBody,
-        prior: Array,
-        rng: np.random.Generator,
-    ):
-        self._config, self._limit = config, float(system.operation.command[1][0])
-        low, high, tones, slow = config.low, config.high, config.tones, config.slow
-        self._dither = Multisine(system.n_u, low, high, tones, _DRIVEN, rng)
-        self._course = Multisine(2, low / slow, high / slow, tones, 1.0, rng)
-        self._reach = np.full(system.n_u, config.dither)
-        self._reach[-1] = config.swing
-        self._least, self._most = np.full((2, system.n_u), [[-self._limit], [self._limit]])
-        self._least[-1], self._most[-1] = _SLOWEST, 1.0
-        place = system.space.index
-        self._inertia, self._righting = prior[place("M_55")], prior[place("righting_z")]
-        lever = np.cross(system.constants("fin", "point"), system.constants("fin", "direction"))
-        lift = lever.T * prior[system.space["fin lift"]]
-        self._share = np.linalg.pinv(lift)[:, 1:]  # pitch and yaw only; [rad/(N·m)] at 1 m/s
-        self._cruise = _balance(
-            prior[place("thrust")],
-            prior[place("dq_along")],
-            float(system.constants("propeller", "slip")[0]),
-            config.propeller,
-        )
-
-    def start(self) -> tuple[Array, Array]:
-        place, velocity = np.zeros(6), np.zeros(6)
-        place[2], velocity[0] = -self._config.depth, self._cruise
-        return place, velocity
-
-    def command(self, t: float, q: Array, v: Array) -> Array:
-        config, omega = self._config, self._config.bandwidth
-        R = rotation(q[3:])
-        speed = max(float(v[0]), 0.3 * self._cruise)
-        dive, turn = self._course(t)
-        climb = _SHARE * omega * (config.dive * dive - config.depth - q[2]) / speed
-        pitch = -np.arcsin(min(max(R[2, 0], -1.0), 1.0))  # nose down
-        error = np.array(
-            [
-                -min(max(climb, -_STEEPEST), _STEEPEST) - pitch,
-                _wrapped(config.turn * turn - np.arctan2(R[1, 0], R[0, 0])),
-            ]
-        )
-        moment = self._inertia * omega * (omega * error - 2 * _DAMPING * v[4:])
-        moment[0] += self._righting * np.sin(pitch)
-        u = self._reach * _clipped(self._dither(t), -1.0, 1.0)
-        u[:-1] += _clipped(self._share @ moment / speed**2, -self._limit, self._limit)
-        u[-1] += config.propeller
-        return _clipped(u, self._least, self._most)
+    def _errors(self, course: Array, q: Array, speed: float) -> tuple[float, Array]:
+        """Pitch, nose down, and errors of pitch and heading (2,) [rad] on a course (2,) in ±1."""
+        R, (dive, turn) = rotation(q[3:]), course
+        climb = _SHARE * self.bandwidth * (self.dive * dive - self.depth - q[2]) / speed
+        pitch = -np.arcsin(min(max(R[2, 0], -1.0), 1.0))
+        heading = self.turn * turn - np.arctan2(R[1, 0], R[0, 0])
+        steep = min(max(climb, -_STEEPEST), _STEEPEST)
+        return pitch, np.array([-steep - pitch, _wrapped(heading)])
 
 
 def _balance(thrust: float, drag: float, slip: float, n: float) -> float:
