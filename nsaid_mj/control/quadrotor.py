@@ -78,21 +78,16 @@ class QuadrotorFlight(DriverConfig):
         return _Flight(self, quadrotor, prior, rng)
 
 
-class _BodyModel(NamedTuple):
-    """The controller's model of the quadrotor."""
+class _Control(NamedTuple):
+    """The controller's model of the quadrotor, its bandwidths [rad/s] and bounds."""
 
     mass: float  # [kg]
     inertia: Array  # (3, 3) about the centre of mass [kg·m²]
     mixer: Array  # (4, 4) maps thrust [N] and torques [N·m] to squared rotor speeds
     trim: Array  # (3,) bounds on the attitude integrators [rad/s²]
     yaw: float  # bound on the torque about z [N·m]
-
-
-class _Loops(NamedTuple):
-    """The controller's bandwidths [rad/s] and bounds."""
-
-    place: float
-    attitude: Array
+    place: float  # bandwidth of the position loop
+    attitude: Array  # (3,) bandwidths of the attitude loops
     slope: float  # tangent of the largest tilt
     least: float  # lower bound on the squared rotor speeds, before dither
     most: float  # upper bound
@@ -106,23 +101,20 @@ class _Flight(Driver):
     ):
         self._path = _Path(config, rng)
         self._dither = Multisine(4, config.low, config.high, _TONES, config.dither, rng)
-        self._model = _body_model(system, prior)
         loops = config.attitude_bandwidth * np.array([1.0, 1.0, _HEADING])
-        self._loops = _Loops(
+        self._control = _Control(
+            *_body_model(system, prior),
             2 * np.pi * config.bandwidth,
             2 * np.pi * loops,
             float(np.tan(config.tilt)),
             _SLOWEST**2,
             (1 + config.dither / 2) ** -2,  # leaves a margin for most of the dither
         )
-        self._reset()
-
-    def _reset(self) -> None:
-        self._t, self._sums = 0.0, np.zeros(6)
+        self.start()
 
     def start(self) -> tuple[Array, Array]:
         """Resets the integrators; the quadrotor starts on the path, level."""
-        self._reset()
+        self._t, self._sums = 0.0, np.zeros(6)
         place, velocity, _, _ = self._path(0.0)
         c, s = np.cos(place[3]), np.sin(place[3])
         x, y, z, r = velocity
@@ -132,8 +124,8 @@ class _Flight(Driver):
         )
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        squares, step, known = np.empty(4), t - self._t, (self._sums, self._loops, self._model)
-        _mix(plain(q), plain(v), self._path(t), step, *known, np.empty(9), np.empty(30), squares)
+        squares, step, own = np.empty(4), t - self._t, (self._sums, self._control)
+        _mix(plain(q), plain(v), self._path(t), step, *own, np.empty(9), np.empty(30), squares)
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
 
@@ -166,8 +158,8 @@ class _Path:
         return path
 
 
-def _body_model(system: SingleBody, theta: Array) -> _BodyModel:
-    """Mass, inertia about the centre of mass, and mixer from θ (24,)."""
+def _body_model(system: SingleBody, theta: Array) -> tuple[float, Array, Array, Array, float]:
+    """The first five fields of `_Control` from θ (24,)."""
     mass, centre = float(theta[0]), theta[1:4] / theta[0]
     Ixx, Ixy, Iyy, Ixz, Iyz, Izz = theta[4:10]
     inertia = np.array([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
@@ -181,11 +173,10 @@ def _body_model(system: SingleBody, theta: Array) -> _BodyModel:
     x, y, _ = np.abs(arm).mean(axis=0)
     tilt = _TILT_TRIM * mass * GRAVITY
     trim = np.array([tilt * y, tilt * x, yaw]) / np.diag(inertia)
-    return _BodyModel(mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw)
+    return mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw
 
 
-LOOPS = types.NamedTuple((f8, vector, f8, f8, f8), _Loops)
-MODEL = types.NamedTuple((f8, matrix, matrix, vector, f8), _BodyModel)
+CONTROL = types.NamedTuple((f8, matrix, matrix, vector, f8, f8, vector, f8, f8, f8), _Control)
 
 
 @routine(void(vector, index, vector, index, vector, index))
@@ -196,20 +187,20 @@ def _cross(a, i, b, j, c, k):
     c[k + 2] = a[i] * b[j + 1] - a[i + 1] * b[j]
 
 
-@kernel(f8(vector, vector, matrix, f8, vector, LOOPS, vector, vector), inner=True)
-def _aim(q, v, path, dt, sums, loops, R, x):
+@kernel(f8(vector, vector, matrix, f8, vector, CONTROL, vector, vector), inner=True)
+def _aim(q, v, path, dt, sums, own, R, x):
     """Writes the desired specific force a (3,) into x[9:12], its axes y and z into x[12:18].
 
     x[18:21] receives z × jerk/|a|. Returns |a|.
     """
-    w, holding = loops.place, _TRIM * loops.place**3
+    w, holding = own.place, _TRIM * own.place**3
     for i in range(3):
         off, most = path[0, i] - q[i], _PLACE_TRIM[i] / holding
         sums[i] = min(max(sums[i] + dt * off, -most), most)
         ground = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2]
         x[9 + i] = path[2, i] + w**2 * off + 2.0 * w * (path[1, i] - ground) + holding * sums[i]
     x[11] = min(max(x[11] + GRAVITY, _FALL), _RISE)
-    flat = min(1.0, loops.slope * x[11] / max(np.sqrt(x[9] ** 2 + x[10] ** 2), 1e-9))
+    flat = min(1.0, own.slope * x[11] / max(np.sqrt(x[9] ** 2 + x[10] ** 2), 1e-9))
     x[9], x[10] = flat * x[9], flat * x[10]
     size = np.sqrt(dot3(x, 9, x, 9))
     x[0], x[1], x[2] = np.cos(path[0, 3]), np.sin(path[0, 3]), 0.0
@@ -223,8 +214,8 @@ def _aim(q, v, path, dt, sums, loops, R, x):
     return size
 
 
-@kernel(void(vector, vector, matrix, f8, vector, LOOPS, MODEL, vector, vector, vector))
-def _mix(q, v, path, dt, sums, loops, model, R, x, squares):
+@kernel(void(vector, vector, matrix, f8, vector, CONTROL, vector, vector, vector))
+def _mix(q, v, path, dt, sums, own, R, x, squares):
     """Writes the squared rotor speeds (4,) that track the path.
 
     `path` (4, 4) holds desired position [m] and heading [rad], and their first three derivatives;
@@ -235,7 +226,7 @@ def _mix(q, v, path, dt, sums, loops, model, R, x, squares):
         x[i] = -q[3 + i]
     x[3] = q[6]
     write_rotation(x, 0, R, 0)  # of the inverse: R holds the body's axes, one after another
-    _aim(q, v, path, dt, sums, loops, R, x)
+    _aim(q, v, path, dt, sums, own, R, x)
     _cross(x, 12, x, 15, x, 0)  # the desired x-axis
     x[20] += path[1, 3]  # the desired angular velocity, in the world
 
@@ -246,30 +237,30 @@ def _mix(q, v, path, dt, sums, loops, model, R, x, squares):
         length = max(np.sqrt(x[3] ** 2 + x[4] ** 2), 1e-9)
         x[3], x[4] = x[3] / length, x[4] / length
     for i in range(3):
-        w, holding = loops.attitude[i], _TRIM * loops.attitude[i] ** 3
-        most = model.trim[i] / holding
+        w, holding = own.attitude[i], _TRIM * own.attitude[i] ** 3
+        most = own.trim[i] / holding
         sums[3 + i] = min(max(sums[3 + i] + dt * x[3 + i], -most), most)
         rate = dot3(R, 3 * i, x, 18) - v[3 + i]
         x[21 + i] = w**2 * x[3 + i] + 2.0 * w * rate + holding * sums[3 + i]
     for i in range(3):
         x[24 + i], x[27 + i] = 0.0, 0.0
         for j in range(3):
-            x[24 + i] += model.inertia[i, j] * v[3 + j]
-            x[27 + i] += model.inertia[i, j] * x[21 + j]
+            x[24 + i] += own.inertia[i, j] * v[3 + j]
+            x[27 + i] += own.inertia[i, j] * x[21 + j]
     _cross(v, 3, x, 24, x, 0)
-    weight = model.mass * GRAVITY
-    x[3] = min(max(model.mass * dot3(x, 9, R, 6), _LIFT[0] * weight), _LIFT[1] * weight)
+    weight = own.mass * GRAVITY
+    x[3] = min(max(own.mass * dot3(x, 9, R, 6), _LIFT[0] * weight), _LIFT[1] * weight)
     x[4], x[5] = x[27] + x[0], x[28] + x[1]
-    x[6] = min(max(x[29] + x[2], -model.yaw), model.yaw)
+    x[6] = min(max(x[29] + x[2], -own.yaw), own.yaw)
     largest, least = -np.inf, np.inf
     for i in range(4):
         squares[i] = 0.0
         for j in range(4):
-            squares[i] += model.mixer[i, j] * x[3 + j]
+            squares[i] += own.mixer[i, j] * x[3 + j]
         largest = max(largest, squares[i])
-    lower = max(0.0, largest - loops.most)  # when saturated, keep the torques, give up thrust
+    lower = max(0.0, largest - own.most)  # when saturated, keep the torques, give up thrust
     for i in range(4):
         squares[i] -= lower
         least = min(least, squares[i])
     for i in range(4):
-        squares[i] = min(squares[i] + max(0.0, loops.least - least), loops.most)
+        squares[i] = min(squares[i] + max(0.0, own.least - least), own.most)
