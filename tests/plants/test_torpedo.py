@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from nsaid_mj.control import DepthHeadingAutopilot
+from nsaid_mj.control.signals import Multisine
 from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.plants import BlueROV2Plant, Mismatch
@@ -351,10 +352,13 @@ def test_without_dither_depth_and_heading_follow_their_references():
     p = remus(0, dt=0.02)
     calm = DepthHeadingAutopilot(dither=1e-9, swing=1e-9, slow=400.0)
     driver = calm.build(p.system, wrong_prior(p, 3), np.random.default_rng(3))
+    rng = np.random.default_rng(3)
+    Multisine(p.system.n_u, calm.low, calm.high, calm.tones, 1.0, rng)  # is drawn first
+    course = Multisine(2, calm.low / calm.slow, calm.high / calm.slow, calm.tones, 1.0, rng)
     depth, heading = [], []
     with p.running():
         for t, q, _, _ in trajectory(p, driver, 15000).rows:
-            dive, turn = driver._course(t)
+            dive, turn = course(t)
             if t > 60:
                 depth.append(q[2] + 20 - 5 * dive)
                 R = pin.Quaternion(q[3:]).toRotationMatrix()
