@@ -42,7 +42,7 @@ class Operation:
 
     @staticmethod
     def within(
-        speed: ArrayLike, most: Array, least: float | None = None, **more: float
+        speed: ArrayLike, most: Array, least: float | None = None, reach: float = 10.0
     ) -> Operation:
         """Up to a speed (n,) in both directions, and commands up to `most` (n_u,).
 
@@ -50,7 +50,7 @@ class Operation:
         """
         fastest = np.array(speed, dtype=np.float64)
         lowest = -most if least is None else np.full(len(most), least)
-        return Operation((-fastest, fastest), (lowest, most), **more)
+        return Operation((-fastest, fastest), (lowest, most), reach)
 
 
 class SingleBody(SecondOrderSystem):
