@@ -13,20 +13,26 @@ from ..parameters import Array
 from ..robot.findings import Finding, refused
 from ..robot.model import RobotModel
 from .arms import structured_arm
-from .checks import structure_checks
-from .fit import Fit, minimise
+from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
 from .joints import TRUSTED, nearest_friction
-from .payloads import check_loads, payloads
-from .precision import Precision, inflation, precision, tempered
+from .links import check_loads, payloads
 from .problem import Problem, folds, least_squares
 from .residuals import Followed, doubts, followed, widened, with_doubts
-from .result import Curves, Fitted, Identification, JointFit, recording_shifts
-from .scale import common_scale, idle_values, rescaled, with_known
-from .statements import combinations_in_words, parameters_in_words, suggest, verdict
-from .structure import Options, Structured
+from .result import Curves, Fitted, Identification, JointFit, Options, Structured, recording_shifts
+from .statements import (
+    combinations_in_words,
+    common_scale,
+    idle_values,
+    parameters_in_words,
+    rescaled,
+    suggest,
+    verdict,
+    with_known,
+)
 from .vehicles import structured_vehicle
 
 _FOLDS = 5
+_POOR = 0.5  # NRMSE above which a joint's motion is not explained
 _DEFAULT = Options()
 
 
@@ -190,15 +196,33 @@ def _joints(fitted: Fitted, robot: RobotModel) -> tuple[JointFit, ...]:
     held_out, plain = _held_out(problem, fitted.share, theta)
     if robot.system is not None:
         held_out[problem.hardly_moved(theta, robot.system.velocity_units)] = np.nan
-    errors = [x.tolist() for x in (problem.nrmse(theta), held_out, plain)]
-    errors += [[None] * len(held_out)] * 2
+    errors = {"fit": problem.nrmse(theta), "held_out": held_out, "least_squares": plain}
     if made.checked is not None:
         least = least_squares(problem, theta[problem.space.actuators])
-        errors[3:] = (made.checked.nrmse(x).tolist() for x in (theta, least))
+        errors["validation"] = made.checked.nrmse(theta)
+        errors["validation_least_squares"] = made.checked.nrmse(least)
     return tuple(
-        JointFit(velocity.name, fit, own, least, judged, bested, *velocity[1:])
-        for velocity, fit, own, least, judged, bested in zip(made.velocities, *errors, strict=True)
+        replace(velocity, **{key: float(values[j]) for key, values in errors.items()})
+        for j, velocity in enumerate(made.velocities)
     )
+
+
+def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
+    """Joints whose motion the structure does not explain."""
+    text = (
+        "the structure does not explain this motion: held-out NRMSE {:.0f} %, where predicting the "
+        "mean gives 100 %"
+    )
+    remedy = (
+        "Do not trust its parameters. Check the model's axis, the joint's columns in the map, "
+        "contacts, and couplings."
+    )
+    pairs = zip(names, held_out.tolist(), strict=True)
+    return [
+        Finding("warning", "unexplained", name, text.format(100 * x), remedy, {"nrmse": x})
+        for name, x in pairs
+        if x >= _POOR
+    ]
 
 
 def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
@@ -211,13 +235,6 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
         return np.ones(len(problem.space))
     own = [any(label.endswith(f" of {n}") for n in names) for label in problem.space.labels]
     return np.array(own, dtype=np.float64)
-
-
-def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
-    """The fit weighted by the effective number of independent rows, and (n,) rows per such row."""
-    fit = minimise(problem)
-    share = inflation(problem, fit.theta)
-    return minimise(problem, tempered(problem, share), fit.theta), share
 
 
 def _held_out(problem: Problem, share: Array, start: Array) -> tuple[Array, Array]:

@@ -27,11 +27,10 @@ from .calibrate import calibrate
 from .export import departures, identified
 from .joints import BASIC
 from .models import load_robot_model
-from .servos.export import rollout, write_servo_mjcf
+from .result import Options
+from .servos.export import rollout, write_by_toolbox, write_servo_mjcf
 from .servos.identify import identify_servos
 from .servos.logs import DELAYS, ServoLog, ServoLogs, late
-from .servos.sysid import write_by_toolbox
-from .structure import Options
 
 HORIZONS = (0.2, 2.0, np.inf)
 """Times after which a simulation restarts from the measured state [s]."""

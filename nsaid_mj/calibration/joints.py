@@ -22,16 +22,17 @@ from ..robot.model import RobotModel
 from ..structure.columns import KINDS, Kind
 from ..structure.joints import slides
 from .links import (
+    Load,
     file_links,
     limbs_of,
     link_blocks,
     own_inertia,
+    payloads,
     sizes_of_links,
     torque_rows,
     weight_columns,
     weight_of,
 )
-from .payloads import Load, payloads
 from .problem import Problem, Size, mean_squares
 from .smoothing import Filter, Smooth, delayed, smooth, smooth_commands
 

@@ -25,14 +25,11 @@ from ..parameters import Array
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
 from ..structure.joints import positions
-from .fit import minimise
-from .log_robot import log_robot
-from .measured import identifiers_of, measured_scenario
-from .precision import tempered
+from .fit import minimise, tempered
+from .measured import identifiers_of, log_robot, measured_scenario
 from .problem import mean_squares
-from .result import AlongLog, Fitted, Gain, Identification, recording_shifts
+from .result import AlongLog, Fitted, Gain, Identification, Structured, recording_shifts
 from .smoothing import delayed, filter_for, noise_levels, refined, smooth, smooth_commands
-from .structure import Structured
 from .vehicles import motion_of
 
 LAWS = ("batch", "efficient", "memory", "cone", "paper")

@@ -174,7 +174,7 @@ _NO_TORQUE = (
 
 def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
     """The arm and its logs if they hold targets and positions, else None."""
-    from ..calibration.payloads import load_of
+    from ..calibration.links import load_of
     from ..calibration.servos import servo_logs
 
     lock, joints = names_in(chosen.lock), names_in(chosen.joints)

@@ -8,9 +8,9 @@ import numpy as np
 from ..parameters import Array
 from ..robot.model import RobotModel
 from .checks import limits
+from .mapping import FACTORS, Quantity, of_name
 from .matching import candidates, match_targets, words
 from .tables import Table, channel_names, values_of
-from .units import FACTORS, Quantity, of_name
 
 _WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
 _HEAD = """\

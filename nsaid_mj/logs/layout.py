@@ -14,9 +14,8 @@ from ..parameters import Array
 from ..robot.model import RobotModel
 from . import matching
 from .flight import flight_map
-from .mapping import Column, Map, Vehicle, matrix
+from .mapping import Column, Map, Quantity, Vehicle, matrix, si
 from .tables import Channel, Table, channel_names
-from .units import Quantity, si
 from .unusable import UnmatchedChannels
 
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU

@@ -10,11 +10,10 @@ from ..parameters import Array
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
 from . import signals
-from .cleaning import about_rows, clean
+from .cleaning import Rest, about_rows, clean, cut_rest, limits_stated, moving_part, rows_of
 from .layout import Layout, Source, layout, pose_velocity, with_angles
 from .mapping import Map
 from .recordings import Recordings, Segment
-from .rest import Rest, cut_rest, limits_stated, moving_part, rows_of
 from .signals import Signal
 from .tables import Table, join, values_of
 from .unusable import UnusableLog

@@ -8,8 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.calibration.calibrate import _held_out, with_known
-from nsaid_mj.calibration.fit import gramians, minimise, posterior
-from nsaid_mj.calibration.precision import combinations, inflation, precision, tempered
+from nsaid_mj.calibration.fit import (
+    combinations,
+    gramians,
+    inflation,
+    minimise,
+    posterior,
+    precision,
+    tempered,
+)
 from nsaid_mj.calibration.problem import Problem, folds, least_squares
 from nsaid_mj.calibration.statements import parameters_in_words, suggest
 from nsaid_mj.errors import InvalidInput, NoEstimate, UnknownName

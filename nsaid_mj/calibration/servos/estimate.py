@@ -28,10 +28,9 @@ from .fit import (
     minimise,
     zeros,
 )
-from .joint_fits import Fitted, fit_free
+from .joint_fits import Arm, Fitted, fit_free, weigh
 from .logs import DELAYS, TRAVEL, ServoLog, ServoLogs, late
 from .simulation import JointLog
-from .weighing import Arm, weigh
 
 _KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
 _LEAST_SAG = 0.25  # variation of a joint's sinking under its load, over the deviation of its zero

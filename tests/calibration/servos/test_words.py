@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.payloads import Load
+from nsaid_mj.calibration.links import Load
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
 from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale, _moderated
 from nsaid_mj.calibration.servos.fit import Spread
