@@ -5,6 +5,7 @@ Every step is reported.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,10 +13,8 @@ from ..log import Log
 from ..numerics.spatial import continuous_signs
 from ..parameters import Array, number
 from ..robot.findings import Finding, Level
-from ..robot.model import RobotModel
 from . import signals
 from .layout import Layout, Source
-from .mapping import Map
 from .recordings import Segment
 from .signals import Signal
 from .tables import Channel, Table
@@ -27,8 +26,25 @@ SHOWN = 5
 _JITTER = 0.2  # half the spread of intervals, over their median, from which it is reported
 
 
-def clean(table: Table, layout: Layout) -> tuple[dict[str, Signal], tuple[Finding, ...]]:
-    """The signals of a layout's sources by the names of their columns, in SI.
+class Cleaned(NamedTuple):
+    """The signals of one log, in SI."""
+
+    source: str  # name of the file, or of the files
+    made: Layout  # which channels they are
+    signals: dict[str, Signal]  # by the names of their columns
+
+    def of(self, source: Source) -> Signal:
+        """The signal of a source."""
+        return self.signals[source.column.column]
+
+    @property
+    def reference(self) -> Signal:
+        """The first position, by whose rows messages name times."""
+        return self.of(self.made.positions[0])
+
+
+def clean(table: Table, layout: Layout) -> tuple[Cleaned, tuple[Finding, ...]]:
+    """The signals of a layout's sources.
 
     Rows without a value or out of order are dropped, angles continued across whole turns, and
     outliers of positions and velocities interpolated. Every step adds a finding.
@@ -46,7 +62,7 @@ def clean(table: Table, layout: Layout) -> tuple[dict[str, Signal], tuple[Findin
             said = _disorder(table.source, channel, orders[key])
             findings += [finding for finding in said if finding not in findings]
         found[name] = _clean_one(table.source, source, channel, orders[key], findings)
-    return found, tuple(findings)
+    return Cleaned(table.source, layout, found), tuple(findings)
 
 
 def _same_signs(table: Table, layout: Layout) -> Table:
@@ -148,65 +164,48 @@ _WINDOW = 0.2  # a robot moves if it does in most rows of such a window [s]
 
 
 class Rest:
-    """Speeds below which a robot's joints count as being at rest, on a grid of `rate` [Hz]."""
+    """Speeds below which the joints of a log count as being at rest, on a grid of `rate` [Hz].
 
-    def __init__(self, made: Layout, mapping: Map, robot: RobotModel, rate: float):
-        self.rate = rate
-        self._made = made
-        self._own = np.array(
-            [mapping.joints[j].rest if j in mapping.joints else 0.0 for j in robot.joints]
-        )
+    Measured velocities are compared with them, or the derivatives of the positions where noise
+    hides rest in the former but not in the latter. stated (n,) are the map's limits.
+    """
 
-    def limits(self, found: dict[str, Signal], logs: Sequence[Log]) -> Array:
-        """(n,) speeds of one recording's joints [rad/s or m/s].
+    def __init__(self, log: Cleaned, stated: Array, rate: float):
+        made, self._stated, self._rate, self._derived = log.made, stated, rate, False
+        n = len(made.positions)
+        self._coupling = np.eye(n) if made.coupling is None else made.coupling
+        own = np.array([
+            signals.derivative_noise(signals.noise(s.x), s.rate, rate)
+            for s in map(log.of, made.positions)
+        ])  # fmt: skip
+        columns = [log.of(v).x if v else None for v in made.velocities]
+        steps = [0.0 if x is None else signals.quantum(x) for x in columns]
+        noises = [own[j] if x is None else signals.noise(x) for j, x in enumerate(columns)]
+        fast = [np.quantile(np.abs(x), 0.95) for x in columns if x is not None]
+        self._steps, measured = np.array(steps), np.array(noises)
+        if len(fast) == n:  # else the others' columns have their own units and delays
+            loud = _MARGIN * measured > _LOUD * np.array(fast)
+            self._derived = bool((loud & (own < measured)).any() and (own <= measured).all())
+        if self._derived:
+            self._steps, measured = np.zeros(n), own
+        self._noise = measured
+
+    def limits(self, logs: Sequence[Log]) -> Array:
+        """(n,) speeds of the joints [rad/s or m/s], from the log's stretches on the grid.
 
         Four standard deviations of the velocity's noise, and not less than its quantisation; for a
         joint that is ten times faster than its noise, at most a tenth of its speed, since fourth
         differences of few rows count a fast motion as noise. The limits of the map always apply.
         """
-        made, derived = self._made, self._derived(found)
-        deviations, steps = self._noise(found, derived)
-        coupling = np.eye(len(steps)) if made.coupling is None else made.coupling
-        spread = np.sqrt(coupling**2 @ np.square(deviations))
-        limits = np.maximum(_MARGIN * spread, np.abs(coupling) @ steps)
-        speeds = np.concatenate([self.speed(found, log) for log in logs])
-        fast = np.quantile(np.abs(speeds), 0.95, axis=0)
+        spread = np.sqrt(self._coupling**2 @ np.square(self._noise))
+        limits = np.maximum(_MARGIN * spread, np.abs(self._coupling) @ self._steps)
+        fast = np.quantile(np.concatenate([self.speed(log) for log in logs]), 0.95, axis=0)
         limits = np.where(fast > 10 * spread, np.minimum(limits, 0.1 * fast), limits)
-        return np.maximum(limits, self._own)
+        return np.maximum(limits, self._stated)
 
-    def speed(self, found: dict[str, Signal], log: Log) -> Array:
-        """(N, n) velocities for rest detection: measured ones, or less noisy derivatives."""
-        if not self._derived(found):
-            return log.v
-        return np.column_stack([signals.derivative(column, self.rate) for column in log.q.T])
-
-    def _derived(self, found: dict[str, Signal]) -> bool:
-        """Whether noise hides rest in the measured velocities, but not in the derivatives."""
-        if any(velocity is None for velocity in self._made.velocities):
-            return False  # the others' columns have their own units and delays
-        fast = [
-            float(np.quantile(np.abs(found[velocity.column.column].x), 0.95))
-            for velocity in self._made.velocities
-            if velocity is not None
-        ]
-        own, measured = (self._noise(found, derived)[0] for derived in (True, False))
-        loud = _MARGIN * measured > _LOUD * np.array(fast)
-        return bool((loud & (own < measured)).any() and (own <= measured).all())
-
-    def _noise(self, found: dict[str, Signal], derived: bool) -> tuple[Array, Array]:
-        """Standard deviations and smallest steps of the measured velocities, or the derivatives."""
-        deviations, steps = [], []
-        for position, velocity in zip(self._made.positions, self._made.velocities, strict=True):
-            if velocity is None or derived:
-                signal = found[position.column.column]
-                sigma = signals.noise(signal.x)
-                deviations.append(signals.derivative_noise(sigma, signal.rate, self.rate))
-                steps.append(0.0)
-            else:
-                signal = found[velocity.column.column]
-                deviations.append(signals.noise(signal.x))
-                steps.append(signals.quantum(signal.x))
-        return np.array(deviations), np.array(steps)
+    def speed(self, log: Log) -> Array:
+        """(N, n) speeds for rest detection."""
+        return np.abs(signals.derivative(log.q, self._rate) if self._derived else log.v)
 
 
 def rows_of(signal: Signal, start: float, end: float) -> tuple[int, int]:
@@ -227,22 +226,21 @@ def moving_part(moving: np.ndarray, rate: float) -> slice:
     return slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0)
 
 
-def cut_rest(file: str, reference: Signal, grid: Array, kept: slice) -> list[Finding]:
+def cut_rest(log: Cleaned, grid: Array, kept: slice) -> list[Finding]:
     """Reports the cuts at both ends of a stretch, whose part `kept` has motion.
 
-    `reference` is a signal of the file, for its row numbers; grid (N,) are times [s].
+    grid (N,) are times [s].
     """
-    findings = []
+    findings, reference = [], log.reference
     whole = rows_of(reference, *grid[[0, -1]].tolist())
     if kept.stop == kept.start:
         text = f"the robot stands still in rows {whole[0]}–{whole[1]}, which were left out"
-        findings.append(Finding("warning", "rest", file, text, data={"rows": list(whole)}))
-        return findings
+        return [Finding("warning", "rest", log.source, text, data={"rows": list(whole)})]
     inner = rows_of(reference, *grid[[kept.start, kept.stop - 1]].tolist())
     for a, b, when in ((whole[0], inner[0] - 1, "before"), (inner[1] + 1, whole[1], "after")):
         if b - a > 0.05 / reference.period:
             text = f"the robot stands still {when} its motion, in rows {a}–{b}, which were left out"
-            findings.append(Finding("note", "rest", file, text, data={"rows": [a, b]}))
+            findings.append(Finding("note", "rest", log.source, text, data={"rows": [a, b]}))
     return findings
 
 

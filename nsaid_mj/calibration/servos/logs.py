@@ -199,14 +199,14 @@ def _stretches(
 ) -> tuple[list[ServoLog], tuple[Finding, ...]]:
     """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
     found, findings = clean(recording, made)
-    measured = [found[source.column.column] for source in made.positions]
-    targets = [source.column for source in made.commands if source]
-    wanted = [found[column.column] for column in targets]
+    measured, sources = list(map(found.of, made.positions)), [s for s in made.commands if s]
+    targets, wanted = [source.column for source in sources], list(map(found.of, sources))
     done = np.array([[column.column.startswith(FOLLOWED)] for column in targets])
-    if min(len(signal.t) for signal in found.values()) < 10:
+    every = found.signals.values()
+    if min(len(signal.t) for signal in every) < 10:
         return [], findings
     t = measured[0].t
-    inside = (t >= max(s.t[0] for s in found.values())) & (t <= min(s.t[-1] for s in measured))
+    inside = (t >= max(s.t[0] for s in every)) & (t <= min(s.t[-1] for s in measured))
     t = t[inside]
     cuts = {0, len(t)}
     for signal in measured:
