@@ -59,16 +59,13 @@ class Prior:
     """D(θ, θ̂(0)) of a problem, from its `space`, `prior`, `spread`, `known` and `size`."""
 
     def __init__(self, problem: Problem):
-        space, size = problem.space, problem.size
-        kinds, self._cone = space.geometries, None
-        self._start = problem.prior
+        space, self._size, self._cone = problem.space, problem.size, None
+        kinds, self._start = space.geometries, problem.prior
         self._matrix = np.flatnonzero((kinds != "positive") & (kinds != "free"))
         self.positive = np.flatnonzero(kinds == "positive")
         self._free = np.flatnonzero(kinds == "free")
         self._precision = np.where(problem.known, 0.0, 1 / problem.spread)
-        self._size = size
-        self._limb = np.zeros(len(space), dtype=np.intp) if size is None else size.limb
-        self._tied = np.zeros(len(space)) if size is None else 1.0 - size.stated
+        self._precision[self._matrix] = 0.0
         blocks = tuple(b for b in space.blocks if b.geometry not in ("positive", "free"))
         if blocks:
             self._cone = cone_of(ParameterSpace(blocks))
@@ -76,52 +73,34 @@ class Prior:
             self._slope = gradient_and_hessian(self._cone, start)[0]
             self._level, self._pull = barrier(self._cone, start), -self._slope * start
 
-    def _of(self, theta: Array) -> tuple[Array, Array]:
-        """(s,) logarithms of the sizes of θ over those of θ̂(0), and their derivatives (s, p)."""
-        if self._size is None:
-            return np.zeros(1), np.zeros((1, len(theta)))
-        w = self._size.weights
-        return np.log(w @ theta / (w @ self._start)), self._size.slopes(theta)
+    def _scales(self, theta: Array) -> tuple[Array, Array]:
+        """(s,) logarithms of the sizes of θ over those of θ̂(0); (p,) that of each prior value."""
+        weights = self._size.weights
+        sizes = np.log(weights @ theta / (weights @ self._start))
+        return sizes, np.where(self._size.stated, 0.0, sizes[self._size.limb])
+
+    def _slopes(self, theta: Array) -> tuple[Array, Array]:
+        """(s, p) and (p, p) derivatives of the scales."""
+        slopes, stated = self._size.slopes(theta), self._size.stated[:, None]
+        return slopes, np.where(stated, 0.0, slopes[self._size.limb])
 
     def _deviations(self, theta: Array) -> Array:
         """(p + s,) standardised deviations of single parameters and of the sizes."""
-        p, changes = len(theta), self._of(theta)[0]
-        off, change = np.zeros(p + len(changes)), self._tied * changes[self._limb]
-        if self._size is not None:
-            off[p:] = changes / self._size.deviation
+        (sizes, change), off = self._scales(theta), np.zeros(len(theta))
         at = self.positive
         off[at] = np.log(theta[at] / self._start[at]) - change[at]
         at = self._free
         off[at] = np.exp(-change[at]) * theta[at] - self._start[at]
-        off[:p] *= self._precision
-        return off
-
-    def _slopes(self, theta: Array) -> Array:
-        """(p + s, p) derivatives of the deviations."""
-        p, (changes, slopes) = len(theta), self._of(theta)
-        rows, change = np.zeros((p + len(changes), p)), self._tied * changes[self._limb]
-        slope = self._tied[:, None] * slopes[self._limb]
-        if self._size is not None:
-            rows[p:] = slopes / self._size.deviation
-        at = self.positive
-        rows[at, at] = 1 / theta[at]
-        rows[at] -= slope[at]
-        at = self._free
-        share = np.exp(-change[at])
-        rows[at, at] = share
-        rows[at] -= (share * theta[at])[:, None] * slope[at]
-        rows[:p] *= self._precision[:, None]
-        return rows
+        return np.append(self._precision * off, sizes / self._size.deviation)
 
     def value(self, theta: Array) -> float:
         """D(θ, θ̂(0)); infinite outside the cone."""
-        outside = not (theta[self.positive] > 0).all()
-        if outside or (self._size is not None and not (self._size.weights @ theta > 0).all()):
+        if not ((theta[self.positive] > 0).all() and (self._size.weights @ theta > 0).all()):
             return np.inf
         off = self._deviations(theta)
         total = 0.5 * float(off @ off)
         if self._cone is not None:
-            own, change = theta[self._matrix], self._of(theta)[0][self._limb[self._matrix]]
+            own, change = theta[self._matrix], self._scales(theta)[1][self._matrix]
             total += barrier(self._cone, own) - self._level
             total += self._pull @ (change - 1) - self._slope @ (own / np.exp(change))
         return float(total)
@@ -131,18 +110,25 @@ class Prior:
 
         Only the sizes and stated values have a part along θ.
         """
-        off, rows = self._deviations(theta), self._slopes(theta)
+        off, change, (slopes, changes) = (
+            self._deviations(theta), self._scales(theta)[1], self._slopes(theta)
+        )  # fmt: skip
+        at, rows = self.positive, -changes
+        rows[at, at] += 1 / theta[at]
+        at = self._free
+        share = np.exp(-change[at])
+        rows[at] *= (share * theta[at])[:, None]
+        rows[at, at] += share
+        rows = np.vstack([self._precision[:, None] * rows, slopes / self._size.deviation])
         gradient, hessian = rows.T @ off, rows.T @ rows
         if self._cone is not None:
-            at, own = self._matrix, theta[self._matrix]
+            at = self._matrix
+            own, size, weights = theta[at], np.exp(change[at]), changes[at]
             slope, curvature = gradient_and_hessian(self._cone, own)
-            changes, slopes = self._of(theta)
-            size, weights = np.exp(changes[self._limb[at]]), slopes[self._limb[at]]
             gradient[at] += slope - self._slope / size
             gradient += (self._pull + self._slope * own / size) @ weights
-            shape = np.zeros((len(at), len(theta)))
-            shape[:, at] = np.eye(len(at))
-            shape -= own[:, None] * weights
+            shape = -own[:, None] * weights
+            shape[np.arange(len(at)), at] += 1.0
             hessian += shape.T @ curvature @ shape
         return gradient, hessian
 
@@ -327,20 +313,10 @@ def combinations(problem: Problem) -> Combinations:
     size = np.maximum(np.sqrt(np.mean(masked**2, axis=(0, 2))), 1e-300)
     stack = (masked / size[None, :, None]).reshape(-1, len(rest)) * problem.space.scale[rest]
     R = np.asarray(np.linalg.qr(stack, mode="r"))
-    norms = np.linalg.norm(R, axis=0)
-    kept: list[int] = []
-    basis = np.zeros((R.shape[0], 0))
-    dependent: list[int] = []
-    for j in range(len(rest)):
-        if norms[j] <= 1e-10 * norms.max():  # 0 in the whole log
-            continue
-        left = R[:, j] - basis @ (basis.T @ R[:, j])
-        left -= basis @ (basis.T @ left)
-        if np.linalg.norm(left) > _DEPENDENT * norms[j]:
-            kept.append(j)
-            basis = np.hstack([basis, (left / np.linalg.norm(left))[:, None]])
-        else:
-            dependent.append(j)
+    norms, new = np.linalg.norm(R, axis=0), np.abs(np.diagonal(R))  # of each column, of its rest
+    seen = np.flatnonzero(norms > 1e-10 * norms.max())  # others are 0 in the whole log
+    kept = np.intersect1d(seen, np.flatnonzero(new > _DEPENDENT * norms[: len(new)]))
+    dependent = np.setdiff1d(seen, kept)
     weights = np.linalg.lstsq(R[:, kept], R[:, dependent], rcond=None)[0]
     weights[np.abs(weights) < _NEGLIGIBLE] = 0.0
     own, others, scale = rest[kept], rest[dependent], problem.space.scale

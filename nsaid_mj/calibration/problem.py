@@ -54,7 +54,7 @@ class Problem:
     # ones; not used for matrices, whose prior is the barrier's divergence
     spread: Array
     known: Mask  # (p,) whether a parameter is known and keeps the prior's value
-    size: Size | None = None  # prior of the common scales; None if prior values are absolute
+    size: Size  # prior of the common scales
     # (n, p) m_i with m_iᵀθ the inertial force at a velocity's own rms acceleration; None unless
     # some joints are passive
     inertia: Array | None = None

@@ -261,13 +261,8 @@ def common_scale(
     `stated` is whether commands are in N·m or N, `weightless` whether the model file has no masses,
     `known` the user's parameters.
     """
-    at, size = problem.space.actuators, problem.size
+    at, slopes = problem.space.actuators, problem.size.slopes(theta)
     gains = exact.deviation[at] / np.abs(theta[at])
-    if size is None:
-        slopes, limb = np.zeros((1, len(theta))), np.zeros(len(theta), dtype=np.intp)
-        slopes[0, at] = 1 / (len(at) * theta[at])
-    else:
-        slopes, limb = size.slopes(theta), size.limb
     # the file's gains may contradict its masses: then no gain is known as well as the size is
     deviation = max(*map(exact.of, slopes), min(gains, default=0.0))
     fixed = stated or (bool(known) and deviation < _SURE)
@@ -281,7 +276,7 @@ def common_scale(
         words = "guesses, as the model file has no masses: only ratios of parameters hold"
     else:
         words = "the masses of the model file: a calibrated gain or a weighed payload would fix it"
-    return Scale(slopes[limb], deviation, fixed, words, len(slopes))
+    return Scale(slopes[problem.size.limb], deviation, fixed, words, len(slopes))
 
 
 def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
@@ -311,7 +306,7 @@ def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
 def _share(problem: Problem, index: int) -> float:
     """Share of the bodies' size due to the body whose mass a parameter is; 0 for others."""
     own = next(p for _, p in problem.space if p.start <= index < p.stop)
-    if problem.size is None or problem.space.units[index] != "kg" or index != own.start:
+    if problem.space.units[index] != "kg" or index != own.start:
         return 0.0
     parts = problem.size.weights[problem.size.limb[index]] * problem.prior
     return float(np.clip(parts[own].sum() / parts.sum(), 0.0, 1.0))

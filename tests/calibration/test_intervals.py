@@ -15,7 +15,7 @@ from nsaid_mj.calibration.selection import worthwhile
 from nsaid_mj.calibration.smoothing import Filter, refined, slope
 from nsaid_mj.calibration.statements import parameters_in_words, verdict, with_known
 from nsaid_mj.parameters import ParameterSpace
-from tests.calibration.test_fit import TRUE, problem_of
+from tests.calibration.test_fit import TRUE, absolute, problem_of
 
 FIRST = np.eye(7)[0]
 
@@ -124,6 +124,7 @@ def test_a_single_gain_is_identified_by_its_own_interval(deviation, status):
         problem,
         space=ParameterSpace((*blocks, gain)),
         Y=problem.Y[:, :, :6],
+        size=absolute(6),
         **{name: getattr(problem, name)[kept] for name in ("prior", "spread", "known")},
     )
     fit, eye = minimise(problem)._replace(theta=TRUE[:6]), np.eye(6)
