@@ -6,9 +6,11 @@ A robot is known from its model file alone, or with the columns chosen from its 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from copy import copy
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,24 +23,14 @@ from ..experiment.scenario import MOST_STEPS, Scenario
 from ..experiment.setup import with_prior_error
 from ..laws import Identifier, NullspaceAID, Status
 from ..laws.cone.prior import drawn_inside
-from ..parameters import Array, Block, Geometry, ParameterSpace
+from ..parameters import Block, Geometry, ParameterSpace
 from ..plants import PlantConfig, SensorNoise
 from ..plants.arm import ArmPlant, nominal_scales
 from ..robot.model import RobotModel
-from ..structure.joints import (
-    JointScales,
-    JointTree,
-    bodies_of,
-    body_names,
-    joint_names,
-    moving_joints,
-    without_inertia,
-)
+from ..structure.joints import JointScales, JointTree
 from ..structure.multibody import CompiledMultibody, check_consistency
-from ..structure.optional import pin
-from ..structure.parts import Column, Inertia, Rotor
+from ..structure.parts import Column, Rotor
 from ..structure.single_body import LEVEL
-from ..structure.structure import Structure
 from ..structure.system import SecondOrderSystem
 from .joints import COLUMNS, STRIBECK, joint_of
 from .links import file_links
@@ -171,6 +163,7 @@ def identifiers_of(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
     return {"": config.build(robot.system, robot.prior, scenario.dt, levels)}
 
 
+_System = TypeVar("_System", bound=SecondOrderSystem)
 _OPERATION = 2.0  # largest speeds and commands, relative to their rms
 
 
@@ -200,42 +193,6 @@ class Parameters:
             self.name, self.names, self.units, scale, self.geometry, self.actuator, self.entries,
             self.labels,
         )  # fmt: skip
-
-
-class LoggedArm(JointTree):
-    """A tree of joints with any columns.
-
-    `model` has no inertia; speed (n,) and command (n_u,) are the largest in operation.
-    """
-
-    def __init__(
-        self,
-        model: pin.Model,
-        structure: Structure,
-        space: ParameterSpace,
-        speed: Array,
-        command: Array,
-    ):
-        SecondOrderSystem.__init__(self, structure, space)  # a tree would add its own columns
-        self.model, self.joints = model, moving_joints(model)
-        self.joint_names, self.body_names = joint_names(model), body_names(model)
-        self.bodies, self.command_limits = len(structure.bodies), (-command, command)
-        self._speed = speed
-        unit = np.ones(len(speed))
-        self.scales = JointScales(unit, unit, unit, unit, unit, speed, command)
-        self.friction_speed = unit
-
-
-class LoggedVehicle(SecondOrderSystem):
-    """A vehicle `own` with further columns, which `structure` includes."""
-
-    def __init__(self, own: SecondOrderSystem, structure: Structure, space: ParameterSpace):
-        super().__init__(structure, space, own.mounts)
-        self._vehicle = own
-
-    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        """Draws a state and commands in the range of operation."""
-        return self._vehicle.random_state(rng)
 
 
 @config
@@ -269,21 +226,21 @@ class LogRobot(MeasuredRobot):
     def _space(self) -> ParameterSpace:
         return ParameterSpace(tuple(block.block() for block in self.blocks))
 
-    def _arm(self, model: RobotModel) -> LoggedArm:
-        tree, space = without_inertia(model.model), self._space
-        columns, rotors = self._columns(space), []
+    def _arm(self, model: RobotModel) -> SecondOrderSystem:
+        """A tree of joints with the columns chosen for it."""
+        space, rotors = self._space, []
+        unit, speed, command = (
+            np.ones(len(self.speed)),
+            np.array(self.speed),
+            np.array(self.command),
+        )
+        tree = JointTree(model.model, JointScales(*5 * (unit,), speed, command), unit)
         for j, names in enumerate(self.columns):
             if "rotor" in names:
                 rotors.append(Rotor(j, space.index(f"rotor_{j + 1}")))
         for i, j, _ in self.coupled:
             rotors.append(Rotor(i, space.index(f"coupling_inertia_{i + 1}_{j + 1}"), j))
-        bodies = bodies_of(tree)
-        rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
-        structure = Structure(
-            bodies, rigid, columns, len(space), len(self.command), rotors,
-            tree.gravity.linear.copy(),
-        )  # fmt: skip
-        system = LoggedArm(tree, structure, space, np.array(self.speed), np.array(self.command))
+        system = _with(tree, space, self._columns(space), rotors)
         check_consistency(system)
         return system
 
@@ -295,10 +252,7 @@ class LogRobot(MeasuredRobot):
             for i, names in enumerate(self.columns)
             for name in names
         ]
-        if not more:
-            return own
-        columns = [*own.structure.columns, *more]
-        return LoggedVehicle(own, replace(own.structure, columns=columns, p=len(space)), space)
+        return _with(own, space, [*own.structure.columns, *more]) if more else own
 
     def _columns(self, space: ParameterSpace) -> list[Column]:
         """Friction, offsets and motors of an arm; those of couplings act on both joints."""
@@ -326,6 +280,16 @@ class LogRobot(MeasuredRobot):
             j = joint_of(space.names[at])
             found.append(Column("motor", int(at), dof=j, input=j))
         return found
+
+
+def _with(
+    system: _System, space: ParameterSpace, columns: list[Column], rotors: Sequence[Rotor] = ()
+) -> _System:
+    """A copy of a system with other columns, and rotors, of other parameters."""
+    made, own = copy(system), system.structure
+    structure = replace(own, columns=columns, p=len(space), rotors=rotors or own.rotors)
+    SecondOrderSystem.__init__(made, structure, space, system.mounts)
+    return made
 
 
 def _of_velocity(system: SecondOrderSystem, name: str, i: int, parameter: int) -> Column:
