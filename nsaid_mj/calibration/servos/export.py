@@ -26,12 +26,11 @@ from mujoco import rollout as batch
 from numpy.typing import ArrayLike
 
 from ...baselines.sysid import toolbox
-from ...errors import BadRobot
 from ...parameters import Array
 from ...plants.world.coordinates import JointMap
 from ...plants.world.quiet import quiet
 from ...resources import write_text
-from ...robot.mjcf_file import actuators_of_file, compile_file, joints_of_file, relocate
+from ...robot.mjcf_file import actuators_of_file, compile_file, joints_of_file, own_file, relocate
 from ...robot.target_profile import followed
 from ...robot.tree import (
     TARGET_DELAY,
@@ -41,7 +40,7 @@ from ...robot.tree import (
     target_delays,
     target_profiles,
 )
-from ...robot.xml import numbers, read_xml, write_xml
+from ...robot.xml import numbers, write_xml
 from .logs import ServoLog, ServoLogs
 from .words import Servo, ServoIdentification
 
@@ -67,12 +66,12 @@ are in the numeric target_profile, which MuJoCo ignores and nsaid applies.
 def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     """Writes the model's own MJCF with the servos of a result; nothing else is changed.
 
-    Raises:
-        BadRobot: the joints or actuators are not in the file itself but in one that it includes.
+    Files that it includes are put in their places.
     """
     source = result.robot.source
     assert source is not None  # a model with servos comes from a file
-    root, (spec, mj, _) = read_xml(source)[0], compile_file(source)
+    spec, mj, _ = compile_file(source)
+    root, _ = own_file(source, spec, mj, [])
     names, actuators = joint_names(mj), actuators_of_file(root)
     joints = {joint.get("name"): joint for joint in joints_of_file(root)}
     delays, profiles = target_delays(mj), target_profiles(mj)
@@ -80,9 +79,6 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     assert stated is not None  # as the logs were of targets
     for servo, profile in zip(result.servos, stated.profile, strict=True):
         index = actuators_of(mj, names.index(servo.name))[0]
-        if servo.name not in joints or len(actuators) != mj.nu:
-            remedy = "Merge the included files into one (MuJoCo's `compile` does it)."
-            raise BadRobot(str(source), servo.name, "it is not in the file itself", remedy)
         identified = {"armature": servo.armature, "damping": 0.0, "frictionloss": servo.friction}
         own = joints[servo.name].attrib
         own.update({key: numbers(value) for key, value in identified.items()})
