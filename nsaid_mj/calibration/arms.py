@@ -99,6 +99,7 @@ def structured_arm(
         choice.delay,
         lambda theta: arm_suspects(rows, choice, problem, theta),
         noisier,
+        coupled=options.coupled,
     )
 
 

@@ -54,10 +54,9 @@ def calibrate(
         InvalidInput: a known value is not physical.
     """
     begin, arm, known = time.perf_counter(), robot.system is None, dict(options.known)
-    if options.loads:
-        check_loads(options.loads, [segment.source for segment in recordings.segments])
-        for payload in payloads(robot.model, options.loads):
-            known |= payload.known
+    check_loads(options.loads, [segment.source for segment in recordings.segments])
+    for payload in payloads(robot.model, options.loads):
+        known |= payload.known
     found = [*robot.findings, *recordings.findings]
     if validation is not None:
         found += [f for f in validation.findings if f not in found]
@@ -67,7 +66,7 @@ def calibrate(
     found += made.findings
     _refuse(found)
     report("fitting and estimating intervals")
-    fitted = _estimated(made, robot.weightless, known, options)
+    fitted = _estimated(robot, made, known)
     theta, covariance = fitted.fit.theta, fitted.exact.covariance
     tried = made.suspects(theta)
     left = followed(fitted.problem, theta, covariance, fitted.share, tried, made.noisier)
@@ -83,13 +82,11 @@ def calibrate(
     return result
 
 
-def _estimated(
-    made: Structured, weightless: bool, known: Mapping[str, float], options: Options
-) -> Fitted:
+def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) -> Fitted:
     """The fit of a structure with known values, and its precision."""
 
     def informed(each: Problem) -> Problem:
-        return with_known(rescaled(each, known) if weightless else each, known)
+        return with_known(rescaled(each, known) if robot.weightless else each, known)
 
     problem = informed(made.problem)
     fit, share = tempered_fit(problem)
@@ -97,7 +94,7 @@ def _estimated(
     changes = [_change(problem, fit, informed(other), share) for other in made.alternatives]
     if changes:
         exact = exact._replace(structure=np.array(changes))
-    return Fitted(made, problem, fit, exact, share, options.coupled)
+    return Fitted(made, problem, fit, exact, share)
 
 
 def _without_offset(result: Identification) -> frozenset[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from mujoco import rollout
 
 from ..errors import InvalidInput, NsaidError
-from ..logs.recordings import Recordings, Segment
+from ..logs.recordings import Recordings
 from ..parameters import Array, number
 from ..plants.world.coordinates import JointMap
 from ..plants.world.quiet import quiet
@@ -82,7 +82,7 @@ def identified(result: Identification) -> Identified:
     gain = _of(result, "motor gain", k) * np.sign(robot.gain)
     couplings = tuple(
         Coupling((i, j), sign, *(p.value for p in result.of(f"coupling of {a} and {b}")))
-        for i, j, sign in result.fitted.coupled
+        for i, j, sign in result.fitted.made.coupled
         for a, b in [(robot.joints[i], robot.joints[j])]
     )
     return Identified(
@@ -178,47 +178,27 @@ def departures(
     command = {k: own[0] for k, i in enumerate(joint_ids) if (own := actuators_of(mj, i))}
     substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
     mj.opt.timestep = 1 / (recordings.rate * substeps)
-    found = [np.zeros((0, len(robot.joints)))]
-    for segment in recordings.segments:
-        length = len(segment.log.t) - 1
+    found, kind = [np.zeros((0, len(robot.joints)))], mujoco.mjtState.mjSTATE_FULLPHYSICS
+    for log in (segment.log for segment in recordings.segments):
+        length = len(log.t) - 1
         samples = max(1, length if np.isinf(horizon) else round(horizon * recordings.rate))
-        windows = _simulate(mj, joints, command, segment, samples, substeps, every)
-        found.append(windows.reshape(-1, len(robot.joints)))
+        starts = np.arange(0, len(log.t) - samples, samples * every)
+        if not len(starts):
+            continue
+        data, state = mujoco.MjData(mj), np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
+        for row, k in zip(state, starts, strict=True):
+            joints.write(data, log.q[k], log.v[k])
+            mujoco.mj_getState(mj, data, row, kind)
+        within = starts[:, None] + np.arange(samples)
+        control = np.zeros((len(starts), samples * substeps, mj.nu))
+        u = log.u[within][:, :, list(command)]
+        control[:, :, list(command.values())] = np.repeat(u, substeps, axis=1)
+        with quiet():  # a simulation that diverges has a large error
+            states: Any = rollout.rollout(mj, data, state, control)[0]
+        with np.errstate(invalid="ignore", over="ignore"):
+            errors = joints.angles(states[:, substeps - 1 :: substeps]) - log.q[within + 1]
+        found.append(errors.reshape(-1, len(robot.joints)))
     return np.concatenate(found)
-
-
-def _simulate(
-    mj: Any,
-    joints: JointMap,
-    command: dict[int, int],
-    segment: Segment,
-    samples: int,
-    substeps: int,
-    every: int,
-) -> Array:
-    """(windows, samples, n) errors of position in one of `every` so many windows of a segment.
-
-    `mj` is MuJoCo's model, `command` the number of the motor of each joint that has one, by the
-    joint's; each of the `samples` time steps of a window takes `substeps` steps of the simulation.
-    """
-    log = segment.log
-    starts = np.arange(0, len(log.t) - samples, samples * every)
-    if not len(starts):
-        return np.zeros((0, samples, log.v.shape[1]))
-    data, kind = mujoco.MjData(mj), mujoco.mjtState.mjSTATE_FULLPHYSICS
-    state = np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
-    for row, k in zip(state, starts, strict=True):
-        joints.write(data, log.q[k], log.v[k])
-        mujoco.mj_getState(mj, data, row, kind)
-    control = np.zeros((len(starts), samples * substeps, mj.nu))
-    within = starts[:, None] + np.arange(samples)
-    u = log.u[within][:, :, list(command)]
-    control[:, :, list(command.values())] = np.repeat(u, substeps, axis=1)
-    with quiet():  # a simulation that diverges has a large error
-        found: Any = rollout.rollout(mj, data, state, control)[0]
-    position = joints.angles(found[:, substeps - 1 :: substeps])
-    with np.errstate(invalid="ignore", over="ignore"):
-        return position - log.q[within + 1]
 
 
 def _compiled(text: str, folder: Path) -> Any:

@@ -322,7 +322,7 @@ def log_robot(found: Identification) -> LogRobot:
         prior=tuple(problem.prior.tolist()),
         columns=tuple(velocity.columns for velocity in made.velocities),
         speeds=tuple(velocity.friction_speed for velocity in made.velocities) if arm else (),
-        coupled=found.fitted.coupled,
+        coupled=made.coupled,
         weight=tuple(made.links.tolist()) if arm else (),
         speed=tuple(speed.tolist()),
         command=tuple(command.tolist()),

@@ -75,6 +75,7 @@ class Structured(NamedTuple):
     noisier: Callable[[Array], tuple[Problem, Iterable[Suspect]]] | None = None
     # commands (N, k) as they act, apart from `delays`, from those at a rate [Hz]
     acting: Callable[[Array, float], Array] = lambda u, _: u
+    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1) of joints with a common motor
 
 
 _BETWEEN = 1.0  # time between two logs on the common axis [s]
@@ -111,7 +112,6 @@ class Fitted(NamedTuple):
     fit: Fit  # the minimum
     exact: Precision  # the estimate and its precision
     share: Array  # (n,) rows per effectively independent row
-    coupled: tuple[tuple[int, int, int], ...]  # pairs (i, j, ±1) of joints with a common motor
 
 
 class Gain(NamedTuple):
