@@ -179,7 +179,17 @@ def expected_gains(
     nominal = ~stated & (own != 1)
     gain = np.where(stated | nominal, own, guess)
     spread = np.where(stated, STATED, np.where(nominal, _NOMINAL, _GUESSED))
-    return gain, spread, unit_checks(torque, gain * u, units)
+    found, checkable = [], stated.any() and (torque > 0).any()
+    ratio = np.linalg.norm((gain * u)[stated]) / np.linalg.norm(torque[stated]) if checkable else 1
+    if not 1 / _UNIT < ratio < _UNIT:
+        text = (
+            f"the commands, stated in {units[int(np.argmax(stated))]}, are {ratio:.2g} times the "
+            "forces that the model needs for this motion"
+        )
+        remedy = "Check the command's unit in the map (mA, %, or raw counts?), and the model's "
+        remedy += "masses."
+        found.append(Finding("refusal", "unit", "", text, remedy, {"ratio": float(ratio)}))
+    return gain, spread, found
 
 
 def _guessed(rows: JointRows, commands: Array) -> Array:
@@ -315,23 +325,3 @@ def _driven_by_friction(rows: JointRows, choice: Choice, u: Array, joint: int) -
     beta = np.linalg.lstsq(np.vstack([A, ridge]), target, rcond=None)[0]
     speed = rows.diagonal["viscous"][usable, joint]
     return float(np.mean((friction @ beta[: len(kinds)]) * np.sign(speed))) < 0
-
-
-def unit_checks(torque: Array, force: Array, units: tuple[str, ...]) -> list[Finding]:
-    """Compares commands stated in N or N·m with the model's inverse dynamics.
-
-    `torque` (k,) is the rms of the forces of the model's inertias and weight along the motion,
-    `force` (k,) that of the stated forces.
-    """
-    stated = [j for j, unit in enumerate(units) if unit in ("N·m", "N")]
-    if not stated or not (torque > 0).any():
-        return []
-    ratio = float(np.linalg.norm(force[stated]) / np.linalg.norm(torque[stated]))
-    if 1 / _UNIT < ratio < _UNIT:
-        return []
-    text = (
-        f"the commands, stated in {units[stated[0]]}, are {ratio:.2g} times the forces that the "
-        "model needs for this motion"
-    )
-    remedy = "Check the command's unit in the map (mA, %, or raw counts?), and the model's masses."
-    return [Finding("refusal", "unit", "", text, remedy, {"ratio": ratio})]

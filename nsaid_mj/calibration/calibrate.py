@@ -75,7 +75,13 @@ def calibrate(
     doubted, exact = _judged(fitted, left, joints, arm)
     logs, found, fitted = (recordings, validation), [*found, *doubted], fitted._replace(exact=exact)
     result = _identification(robot, logs, fitted, joints, found, known, begin)
-    level = options.level | _without_offset(result)
+    # elastic gears may cause an apparent offset in the held-out parts of one log, not in another
+    vain = {p.label for p in result.parameters if p.low <= 0 <= p.high}
+    level = options.level | {
+        joint.name
+        for joint in joints
+        if "spring" not in joint.columns and f"offset of {joint.name}" in vain
+    }
     if options.columns is None and level != options.level:
         report("fitting without an offset whose interval holds 0")
         return calibrate(robot, recordings, validation, replace(options, level=level), report)
@@ -95,19 +101,6 @@ def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) 
     if changes:
         exact = exact._replace(structure=np.array(changes))
     return Fitted(made, problem, fit, exact, share)
-
-
-def _without_offset(result: Identification) -> frozenset[str]:
-    """Joints with an offset whose interval holds 0 and that is not needed for a spring's rest.
-
-    Elastic gears may cause an apparent offset in the held-out parts of one log, not in another log.
-    """
-    vain = {p.label for p in result.parameters if p.low <= 0 <= p.high}
-    return frozenset(
-        joint.name
-        for joint in result.joints
-        if "spring" not in joint.columns and f"offset of {joint.name}" in vain
-    )
 
 
 def _judged(

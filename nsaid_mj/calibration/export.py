@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -85,19 +84,16 @@ def identified(result: Identification) -> Identified:
         for i, j, sign in result.fitted.made.coupled
         for a, b in [(robot.joints[i], robot.joints[j])]
     )
-    return Identified(
-        model, damping, friction, speed, gain, result.anchor, tuple(_notes(result)), couplings,
-        tuple(_springs(result)),
-    )  # fmt: skip
-
-
-def _springs(result: Identification) -> Iterator[Spring]:
-    """The springs among the chosen columns; a joint's offset gives the spring's rest position."""
     value = {p.name: p.value for p in result.parameters}
-    for j, joint in enumerate(result.joints):
+    springs = []
+    for j, joint in enumerate(result.joints):  # an offset gives the spring's rest position
         if "spring" in joint.columns:
             stiffness = value[f"stiffness_{j + 1}"]
-            yield Spring(j, stiffness, -value[f"offset_{j + 1}"] / stiffness)
+            springs.append(Spring(j, stiffness, -value[f"offset_{j + 1}"] / stiffness))
+    return Identified(
+        model, damping, friction, speed, gain, result.anchor, tuple(_notes(result)), couplings,
+        tuple(springs),
+    )  # fmt: skip
 
 
 def _file_name(name: str) -> str:
@@ -172,7 +168,13 @@ def departures(
     """
     assert robot.file is not None  # a tree of joints comes from a file
     folder = robot.file.resolve().parent
-    mj = _compiled(mjcf_text(robot, values, folder), folder)
+    spec = mujoco.MjSpec.from_string(mjcf_text(robot, values, folder))
+    for directory in ("meshdir", "texturedir"):
+        setattr(spec, directory, str(folder / getattr(spec, directory)))
+    spec.option.disableflags |= int(
+        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    )
+    mj: Any = spec.compile()
     joints = JointMap(mj, robot.joints)
     joint_ids = [mj.joint(name).id for name in robot.joints]
     command = {k: own[0] for k, i in enumerate(joint_ids) if (own := actuators_of(mj, i))}
@@ -199,14 +201,3 @@ def departures(
             errors = joints.angles(states[:, substeps - 1 :: substeps]) - log.q[within + 1]
         found.append(errors.reshape(-1, len(robot.joints)))
     return np.concatenate(found)
-
-
-def _compiled(text: str, folder: Path) -> Any:
-    """MuJoCo's model of an MJCF text whose paths are relative to a folder, without contacts."""
-    spec = mujoco.MjSpec.from_string(text)
-    for directory in ("meshdir", "texturedir"):
-        setattr(spec, directory, str(folder / getattr(spec, directory)))
-    spec.option.disableflags |= int(
-        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
-    )
-    return spec.compile()

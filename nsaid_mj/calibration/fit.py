@@ -79,11 +79,6 @@ class Prior:
         sizes = np.log(weights @ theta / (weights @ self._start))
         return sizes, np.where(self._size.stated, 0.0, sizes[self._size.limb])
 
-    def _slopes(self, theta: Array) -> tuple[Array, Array]:
-        """(s, p) and (p, p) derivatives of the scales."""
-        slopes, stated = self._size.slopes(theta), self._size.stated[:, None]
-        return slopes, np.where(stated, 0.0, slopes[self._size.limb])
-
     def _deviations(self, theta: Array) -> Array:
         """(p + s,) standardised deviations of single parameters and of the sizes."""
         (sizes, change), off = self._scales(theta), np.zeros(len(theta))
@@ -110,9 +105,9 @@ class Prior:
 
         Only the sizes and stated values have a part along θ.
         """
-        off, change, (slopes, changes) = (
-            self._deviations(theta), self._scales(theta)[1], self._slopes(theta)
-        )  # fmt: skip
+        off, change = self._deviations(theta), self._scales(theta)[1]
+        slopes = self._size.slopes(theta)
+        changes = np.where(self._size.stated[:, None], 0.0, slopes[self._size.limb])
         at, rows = self.positive, -changes
         rows[at, at] += 1 / theta[at]
         at = self._free

@@ -229,12 +229,10 @@ class LogRobot(MeasuredRobot):
     def _arm(self, model: RobotModel) -> SecondOrderSystem:
         """A tree of joints with the columns chosen for it."""
         space, rotors = self._space, []
-        unit, speed, command = (
-            np.ones(len(self.speed)),
-            np.array(self.speed),
-            np.array(self.command),
-        )
-        tree = JointTree(model.model, JointScales(*5 * (unit,), speed, command), unit)
+        speed, command = np.array(self.speed), np.array(self.command)
+        unit = np.ones(len(speed))
+        scales = JointScales(unit, unit, unit, unit, unit, speed, command)
+        tree = JointTree(model.model, scales, unit)
         for j, names in enumerate(self.columns):
             if "rotor" in names:
                 rotors.append(Rotor(j, space.index(f"rotor_{j + 1}")))
@@ -245,13 +243,26 @@ class LogRobot(MeasuredRobot):
         return system
 
     def _vehicle(self, model: RobotModel) -> SecondOrderSystem:
-        """The vehicle's own system, with damping and offsets of its velocities where chosen."""
-        own, space = model.system, self._space
-        more = [
-            _of_velocity(own, name, i, space.index(f"{name}_{i + 1}"))
-            for i, names in enumerate(self.columns)
-            for name in names
-        ]
+        """The vehicle's own system, with damping and offsets of its velocities where chosen.
+
+        Raises:
+            InvalidInput: there is a constant force on the vehicle's body.
+        """
+        own, space, more = model.system, self._space, []
+        for i, names in enumerate(self.columns):
+            for name in names:
+                at = space.index(f"{name}_{i + 1}")
+                if i >= own.group:
+                    more.append(Column("viscous" if name == "damping" else name, at, dof=i))
+                    continue
+                if name != "damping":
+                    raise InvalidInput(
+                        "law", "batch, for a vehicle with constant forces on its body", "another",
+                        "Use --law batch, or leave the forces out: --columns damping, or "
+                        '--columns "".',
+                    )  # fmt: skip
+                axes = np.eye(6)[i if own.group == 6 else LEVEL[i]]
+                more.append(Column("linear_drag", at, body=0, axes=axes))
         return _with(own, space, [*own.structure.columns, *more]) if more else own
 
     def _columns(self, space: ParameterSpace) -> list[Column]:
@@ -290,23 +301,6 @@ def _with(
     structure = replace(own, columns=columns, p=len(space), rotors=rotors or own.rotors)
     SecondOrderSystem.__init__(made, structure, space, system.mounts)
     return made
-
-
-def _of_velocity(system: SecondOrderSystem, name: str, i: int, parameter: int) -> Column:
-    """The column of damping or of a constant force along velocity i of a vehicle.
-
-    Raises:
-        InvalidInput: it is a constant force on the vehicle's body.
-    """
-    if i >= system.group:
-        return Column("viscous" if name == "damping" else name, parameter, dof=i)
-    if name != "damping":
-        raise InvalidInput(
-            "law", "batch, for a vehicle with constant forces on its body", "another",
-            "Use --law batch, or leave the forces out: --columns damping, or --columns \"\".",
-        )  # fmt: skip
-    axes = np.eye(6)[i if system.group == 6 else LEVEL[i]]
-    return Column("linear_drag", parameter, body=0, axes=axes)
 
 
 def log_robot(found: Identification) -> LogRobot:

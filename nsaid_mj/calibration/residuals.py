@@ -140,7 +140,13 @@ def doubts(
     of them, and their intervals are widened. held_out (n,) is the NRMSE of held-out parts; `exact`
     is the precision before it is widened.
     """
-    half, size, space = INTERVAL * exact.deviation, _sizes(problem, exact.theta), problem.space
+    half, space = INTERVAL * exact.deviation, problem.space
+    size, units = np.maximum(np.abs(exact.theta), 1e-300), np.array(space.units)
+    for block, rows in space:
+        if block.geometry == "pseudo_inertia":  # of moments the largest: single ones depend on axes
+            own = size[rows]
+            for unit in np.unique(units[rows]):
+                own[units[rows] == unit] = own[units[rows] == unit].max()
     friction = ["friction" in block.name for block in space.blocks for _ in block.names]
     certain = (space.geometries != "free") & ~np.array(friction)
     stated, findings = ~problem.known & certain & (half < _STATED * size), []
@@ -160,20 +166,6 @@ def doubts(
         data = {"share": float(share.max()), "moved": moved, "parameter": label}
         findings.append(Finding(level, "residuals", suspect.where, text, suspect.remedy, data))
     return findings
-
-
-def _sizes(problem: Problem, theta: Array) -> Array:
-    """(p,) the size of each parameter, for relative changes.
-
-    For a body's first moments or inertia it is their largest: single ones depend on its axes.
-    """
-    size, units = np.maximum(np.abs(theta), 1e-300), np.array(problem.space.units)
-    for block, rows in problem.space:
-        if block.geometry == "pseudo_inertia":
-            own = size[rows]
-            for unit in np.unique(units[rows]):
-                own[units[rows] == unit] = own[units[rows] == unit].max()
-    return size
 
 
 def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:

@@ -113,7 +113,7 @@ def _clean_one(
 
 
 def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding]:
-    """Findings about a clock: missing, repeated and late times, and resets."""
+    """Findings about a clock: missing, repeated and late times, resets, uneven intervals."""
     found = []
     undated = np.flatnonzero(~np.isfinite(channel.t))
     for code, rows, text in (
@@ -125,22 +125,17 @@ def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding
         if len(rows):
             level = "warning" if len(rows) > 0.2 * len(channel.t) else "note"
             found.append(about_rows(level, code, file, rows + 1, text))
-    return found + _jitter(file, order.t)
-
-
-def _jitter(file: str, t: Array) -> list[Finding]:
-    """Whether the intervals between rows scatter."""
-    if len(t) < 10:
-        return []
-    intervals = np.diff(t)
+    if len(order.t) < 10:
+        return found
+    intervals = np.diff(order.t)
     period = float(np.median(intervals))
     low, high = np.quantile(intervals, [0.05, 0.95])
-    if high - low < 2 * _JITTER * period:
-        return []
-    text = f"intervals between rows scatter from {low * 1e3:.3g} to {high * 1e3:.3g} ms (5 % to "
-    text += "95 %); values are interpolated to a constant rate"
-    data = {"period": period, "low": float(low), "high": float(high)}
-    return [Finding("note", "jitter", file, text, data=data)]
+    if high - low >= 2 * _JITTER * period:
+        text = f"intervals between rows scatter from {low * 1e3:.3g} to {high * 1e3:.3g} ms (5 % "
+        text += "to 95 %); values are interpolated to a constant rate"
+        data = {"period": period, "low": float(low), "high": float(high)}
+        found.append(Finding("note", "jitter", file, text, data=data))
+    return found
 
 
 def about_rows(

@@ -70,12 +70,12 @@ class Fitted(NamedTuple):
         return found._replace(fits=fits)
 
 
-def fit_free(
-    logs: list[ServoLog],
-    limits: Array,
-    report: Callable[[str], None],
-) -> Fitted:
-    """Fits of all joints to the free logs, without windows of external forces."""
+def fit_free(logs: list[ServoLog], limits: Array, report: Callable[[str], None]) -> Fitted:
+    """Fits of all joints to the free logs, without windows of external forces.
+
+    limits (n,) of the servos' forces [N·m or N] are inf, or those of the model file, which apply
+    where the logs show them.
+    """
     report("fitting every servo alone")
     found = Fitted(logs, [], np.ones(sum(len(log.t) for log in logs)))
     for j in range(len(limits)):
@@ -86,9 +86,17 @@ def fit_free(
         used = used * undisturbed(found.simulated(j).logs, fit.residual, fit.sigma)
     report("fitting all servos together, without external forces")
     found = _together(logs, _alike(found._replace(used=used)))
-    limited = _saturated(found, limits)
-    if np.isfinite(limited).any():
-        found = _together([log._replace(limit=limited) for log in logs], found)
+    # model files state limits that the servo does not have, so a limit must lower the residual
+    limited = found._replace(logs=[log._replace(limit=limits) for log in found.logs])
+    shown = np.full(len(limits), np.inf)
+    for j, fit in enumerate(found.fits):
+        own = limited.simulated(j)
+        if np.isinf(limits[j]) or np.array_equal(own.residual(fit.x), fit.residual):
+            continue
+        if minimise(own, fit.x, fit.prior).sigma < _LOWER * fit.sigma:
+            shown[j] = limits[j]
+    if np.isfinite(shown).any():
+        found = _together([log._replace(limit=shown) for log in logs], found)
     return found
 
 
@@ -142,22 +150,6 @@ def _together(logs: Sequence[ServoLog], found: Fitted) -> Fitted:
             break
         before, found = now, found.refitted(list(exerting))
     return found
-
-
-def _saturated(found: Fitted, limits: Array) -> Array:
-    """(n,) limits of the servos' forces [N·m or N] where the logs show them; else inf.
-
-    Model files state limits that the servo does not have, so a limit must lower the residual.
-    """
-    out, logs = np.full(len(limits), np.inf), [log._replace(limit=limits) for log in found.logs]
-    limited = found._replace(logs=logs)
-    for j, fit in enumerate(found.fits):
-        own = limited.simulated(j)
-        if np.isinf(limits[j]) or np.array_equal(own.residual(fit.x), fit.residual):
-            continue
-        if minimise(own, fit.x, fit.prior).sigma < _LOWER * fit.sigma:
-            out[j] = limits[j]
-    return out
 
 
 def start(logs: Sequence[JointLog]) -> Array:
