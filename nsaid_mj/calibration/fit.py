@@ -107,6 +107,7 @@ class Prior:
         """
         off, change = self._deviations(theta), self._scales(theta)[1]
         slopes = self._size.slopes(theta)
+        # (p, p) derivatives of the logarithms of the sizes to which prior values are relative
         changes = np.where(self._size.stated[:, None], 0.0, slopes[self._size.limb])
         at, rows = self.positive, -changes
         rows[at, at] += 1 / theta[at]
