@@ -2,10 +2,8 @@
 
 from .calibration.identify import identify as identify
 from .calibration.live import live as live
-from .calibration.log_robot import LoggedArm as LoggedArm
-from .calibration.log_robot import LoggedVehicle as LoggedVehicle
-from .calibration.log_robot import LogRobot as LogRobot
 from .calibration.measured import LiveRobot as LiveRobot
+from .calibration.measured import LogRobot as LogRobot
 from .calibration.models import load_robot_model as load_robot_model
 from .calibration.result import Identification as Identification
 from .cli import main as main

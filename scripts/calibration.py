@@ -33,16 +33,13 @@ from pathlib import Path
 import numpy as np
 
 from nsaid_mj.calibration.arms import structured_arm
-from nsaid_mj.calibration.calibrate import tempered_fit
-from nsaid_mj.calibration.fit import minimise
+from nsaid_mj.calibration.fit import minimise, tempered, tempered_fit
 from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.links import Load
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.payloads import Load
-from nsaid_mj.calibration.precision import tempered
 from nsaid_mj.calibration.problem import least_squares
-from nsaid_mj.calibration.result import AlongLog
+from nsaid_mj.calibration.result import AlongLog, Options
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
-from nsaid_mj.calibration.structure import Options
 from nsaid_mj.experiment import library
 from nsaid_mj.experiment.loop import run as simulate
 from nsaid_mj.logs import prepare, read_map, read_tables

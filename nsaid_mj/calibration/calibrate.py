@@ -13,11 +13,9 @@ from ..parameters import Array
 from ..robot.findings import Finding, refused
 from ..robot.model import RobotModel
 from .arms import structured_arm
-from .checks import structure_checks
-from .fit import Fit, minimise
+from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
 from .joints import TRUSTED, nearest_friction
-from .payloads import check_loads, payloads
-from .precision import Precision, inflation, precision, tempered
+from .links import check_loads, payloads
 from .problem import Problem, folds, least_squares
 from .residuals import Followed, doubts, followed, widened, with_doubts
 from .result import (
@@ -25,15 +23,25 @@ from .result import (
     Fitted,
     Identification,
     JointFit,
+    Options,
+    Structured,
     figures_of,
     recording_shifts,
 )
-from .scale import common_scale, idle_values, rescaled, with_known
-from .statements import combinations_in_words, parameters_in_words, suggest, verdict
-from .structure import Options, Structured
+from .statements import (
+    combinations_in_words,
+    common_scale,
+    idle_values,
+    parameters_in_words,
+    rescaled,
+    suggest,
+    verdict,
+    with_known,
+)
 from .vehicles import structured_vehicle
 
 _FOLDS = 5
+_POOR = 0.5  # NRMSE above which a joint's motion is not explained
 _DEFAULT = Options()
 
 
@@ -55,10 +63,9 @@ def calibrate(
         InvalidInput: a known value is not physical.
     """
     begin, arm, known = time.perf_counter(), robot.system is None, dict(options.known)
-    if options.loads:
-        check_loads(options.loads, [segment.source for segment in recordings.segments])
-        for payload in payloads(robot.model, options.loads):
-            known |= payload.known
+    check_loads(options.loads, [segment.source for segment in recordings.segments])
+    for payload in payloads(robot.model, options.loads):
+        known |= payload.known
     found = [*robot.findings, *recordings.findings]
     if validation is not None:
         found += [f for f in validation.findings if f not in found]
@@ -68,7 +75,7 @@ def calibrate(
     found += made.findings
     _refuse(found)
     report("fitting and estimating intervals")
-    fitted = _estimated(made, robot.weightless, known, options)
+    fitted = _estimated(robot, made, known)
     theta, covariance = fitted.fit.theta, fitted.exact.covariance
     tried = made.suspects(theta)
     left = followed(fitted.problem, theta, covariance, fitted.share, tried, made.noisier)
@@ -77,20 +84,24 @@ def calibrate(
     doubted, exact = _judged(fitted, left, joints, arm)
     logs, found, fitted = (recordings, validation), [*found, *doubted], fitted._replace(exact=exact)
     result = _identification(robot, logs, fitted, joints, found, known, begin)
-    level = options.level | _without_offset(result)
+    # elastic gears may cause an apparent offset in the held-out parts of one log, not in another
+    vain = {p.label for p in result.parameters if p.low <= 0 <= p.high}
+    level = options.level | {
+        joint.name
+        for joint in joints
+        if "spring" not in joint.columns and f"offset of {joint.name}" in vain
+    }
     if options.columns is None and level != options.level:
         report("fitting without an offset whose interval holds 0")
         return calibrate(robot, recordings, validation, replace(options, level=level), report)
     return result
 
 
-def _estimated(
-    made: Structured, weightless: bool, known: Mapping[str, float], options: Options
-) -> Fitted:
+def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) -> Fitted:
     """The fit of a structure with known values, and its precision."""
 
     def informed(each: Problem) -> Problem:
-        return with_known(rescaled(each, known) if weightless else each, known)
+        return with_known(rescaled(each, known) if robot.weightless else each, known)
 
     problem = informed(made.problem)
     fit, share = tempered_fit(problem)
@@ -98,20 +109,7 @@ def _estimated(
     changes = [_change(problem, fit, informed(other), share) for other in made.alternatives]
     if changes:
         exact = exact._replace(structure=np.array(changes))
-    return Fitted(made, problem, fit, exact, share, options.coupled)
-
-
-def _without_offset(result: Identification) -> frozenset[str]:
-    """Joints with an offset whose interval holds 0 and that is not needed for a spring's rest.
-
-    Elastic gears may cause an apparent offset in the held-out parts of one log, not in another log.
-    """
-    vain = {p.label for p in result.parameters if p.low <= 0 <= p.high}
-    return frozenset(
-        joint.name
-        for joint in result.joints
-        if "spring" not in joint.columns and f"offset of {joint.name}" in vain
-    )
+    return Fitted(made, problem, fit, exact, share)
 
 
 def _judged(
@@ -198,15 +196,33 @@ def _joints(fitted: Fitted, robot: RobotModel) -> tuple[JointFit, ...]:
     held_out, plain = _held_out(problem, fitted.share, theta)
     if robot.system is not None:
         held_out[problem.hardly_moved(theta, robot.system.velocity_units)] = np.nan
-    errors = [x.tolist() for x in (problem.nrmse(theta), held_out, plain)]
-    errors += [[None] * len(held_out)] * 2
+    errors = {"fit": problem.nrmse(theta), "held_out": held_out, "least_squares": plain}
     if made.checked is not None:
         least = least_squares(problem, theta[problem.space.actuators])
-        errors[3:] = (made.checked.nrmse(x).tolist() for x in (theta, least))
+        errors["validation"] = made.checked.nrmse(theta)
+        errors["validation_least_squares"] = made.checked.nrmse(least)
     return tuple(
-        JointFit(velocity.name, fit, own, least, judged, bested, *velocity[1:])
-        for velocity, fit, own, least, judged, bested in zip(made.velocities, *errors, strict=True)
+        replace(velocity, **{key: float(values[j]) for key, values in errors.items()})
+        for j, velocity in enumerate(made.velocities)
     )
+
+
+def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
+    """Joints whose motion the structure does not explain."""
+    text = (
+        "the structure does not explain this motion: held-out NRMSE {:.0f} %, where predicting the "
+        "mean gives 100 %"
+    )
+    remedy = (
+        "Do not trust its parameters. Check the model's axis, the joint's columns in the map, "
+        "contacts, and couplings."
+    )
+    pairs = zip(names, held_out.tolist(), strict=True)
+    return [
+        Finding("warning", "unexplained", name, text.format(100 * x), remedy, {"nrmse": x})
+        for name, x in pairs
+        if x >= _POOR
+    ]
 
 
 def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
@@ -219,13 +235,6 @@ def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
         return np.ones(len(problem.space))
     own = [any(label.endswith(f" of {n}") for n in names) for label in problem.space.labels]
     return np.array(own, dtype=np.float64)
-
-
-def tempered_fit(problem: Problem) -> tuple[Fit, Array]:
-    """The fit weighted by the effective number of independent rows, and (n,) rows per such row."""
-    fit = minimise(problem)
-    share = inflation(problem, fit.theta)
-    return minimise(problem, tempered(problem, share), fit.theta), share
 
 
 def _held_out(problem: Problem, share: Array, start: Array) -> tuple[Array, Array]:

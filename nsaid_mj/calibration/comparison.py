@@ -27,11 +27,10 @@ from .calibrate import calibrate
 from .export import departures, identified
 from .joints import BASIC
 from .models import load_robot_model
-from .servos.export import rollout, write_servo_mjcf
+from .result import Options
+from .servos.export import rollout, write_by_toolbox, write_servo_mjcf
 from .servos.identify import identify_servos
 from .servos.logs import DELAYS, ServoLog, ServoLogs, late
-from .servos.sysid import write_by_toolbox
-from .structure import Options
 
 HORIZONS = (0.2, 2.0, np.inf)
 """Times after which a simulation restarts from the measured state [s]."""
@@ -78,10 +77,21 @@ def compare_servos(
     def parts(model: str) -> list[_Part]:
         if model in FITTED:
             return _fitted_servos(given, model, report)
-        _check(Path(model), given.robot.joints)
+        mj, joints = compile_file(Path(model))[1], given.robot.joints
+        names = joint_names(mj)
+        missing = [joint for joint in joints if joint not in names]
+        if missing or position_servos(mj, names, joints) is None:
+            remedy = f"All models need a position servo on each of {', '.join(joints)}."
+            raise BadRobot(model, ", ".join(missing), "a joint or its servo is missing", remedy)
         return [_apart(Path(model), given, log, None) for log in given.logs]
 
-    return *(_scored(str(model), parts, report) for model in models), _followed_late(given)
+    scores = [_scored(str(model), parts, report) for model in models]
+    n, used = len(given.robot.joints), np.ones(sum(len(log.t) for log in given.logs))
+    followed = np.full((len(HORIZONS), n), np.nan)
+    for j in range(n):
+        joint = [log.joint(j) for log in given.logs]
+        followed[-1, j] = min(late(joint, used, delay) for delay in DELAYS)
+    return *scores, Score("the target, late", followed, np.full(n, np.nan), 0.0)
 
 
 def compare_arms(
@@ -125,19 +135,12 @@ def compare_arms(
 def _scored(model: str, parts: Callable[[str], list[_Part]], report: Report) -> Score:
     """A model's score."""
     report(f"simulating {model}")
-    begin = time.process_time()
-    errors, one_step = _score(parts(model))
-    return Score(model, errors, one_step, time.process_time() - begin)
-
-
-def _check(path: Path, joints: Sequence[str]) -> None:
-    """Checks that a file has a position servo on every joint."""
-    mj = compile_file(path)[1]
-    names = joint_names(mj)
-    missing = [joint for joint in joints if joint not in names]
-    if missing or position_servos(mj, names, joints) is None:
-        remedy = f"All models need a position servo on each of {', '.join(joints)}."
-        raise BadRobot(str(path), ", ".join(missing), "a joint or its servo is missing", remedy)
+    begin, found = time.process_time(), parts(model)
+    *errors, ahead = (np.concatenate(each) for each in zip(*(e for e, _ in found), strict=True))
+    size = np.sqrt(np.mean(np.concatenate([change for _, change in found]) ** 2, axis=0))
+    ratio = np.sqrt(np.mean(ahead**2, axis=0)) / np.where(size > 0, size, np.nan)
+    mean = np.array([np.abs(error).mean(axis=0) for error in errors])
+    return Score(model, mean, ratio, time.process_time() - begin)
 
 
 def _apart(path: Path, given: ServoLogs, log: ServoLog, delay: Array | None) -> _Part:
@@ -147,15 +150,6 @@ def _apart(path: Path, given: ServoLogs, log: ServoLog, delay: Array | None) -> 
         (rollout(path, given.robot.joints, log, delay, h) - log.position)[1:] for h in horizons
     ]
     return errors, np.diff(log.position, axis=0)
-
-
-def _score(parts: Sequence[_Part]) -> tuple[Array, Array]:
-    """(3, n) mean absolute errors and (n,) relative rms errors one row ahead."""
-    *errors, ahead = (np.concatenate(each) for each in zip(*(e for e, _ in parts), strict=True))
-    change = np.concatenate([c for _, c in parts])
-    size = np.sqrt(np.mean(change**2, axis=0))
-    ratio = np.sqrt(np.mean(ahead**2, axis=0)) / np.where(size > 0, size, np.nan)
-    return np.array([np.abs(error).mean(axis=0) for error in errors]), ratio
 
 
 def _fitted_servos(given: ServoLogs, model: str, report: Report) -> list[_Part]:
@@ -177,17 +171,6 @@ def _fitted_servos(given: ServoLogs, model: str, report: Report) -> list[_Part]:
                 delay = np.asarray(write_by_toolbox(part, path, model == SYSID))
             found += [_apart(path, given, log, delay) for log in own]
     return found
-
-
-def _followed_late(given: ServoLogs) -> Score:
-    """The score of the target itself, at the best delay of each joint."""
-    found, used = [], np.ones(sum(len(log.t) for log in given.logs))
-    for j in range(len(given.robot.joints)):
-        joint = [log.joint(j) for log in given.logs]
-        found.append(min(late(joint, used, delay) for delay in DELAYS))
-    errors = np.full((len(HORIZONS), len(found)), np.nan)
-    errors[-1] = found
-    return Score("the target, late", errors, np.full(len(found), np.nan), 0.0)
 
 
 def _departed(robot: RobotModel, values: Identified, recordings: Recordings) -> _Part:

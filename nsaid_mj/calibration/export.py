@@ -2,7 +2,6 @@
 
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from mujoco import rollout
 
 from ..errors import InvalidInput, NsaidError
-from ..logs.recordings import Recordings, Segment
+from ..logs.recordings import Recordings
 from ..parameters import Array, number
 from ..plants.world.coordinates import JointMap
 from ..plants.world.quiet import quiet
@@ -82,22 +81,19 @@ def identified(result: Identification) -> Identified:
     gain = _of(result, "motor gain", k) * np.sign(robot.gain)
     couplings = tuple(
         Coupling((i, j), sign, *(p.value for p in result.of(f"coupling of {a} and {b}")))
-        for i, j, sign in result.fitted.coupled
+        for i, j, sign in result.fitted.made.coupled
         for a, b in [(robot.joints[i], robot.joints[j])]
     )
-    return Identified(
-        model, damping, friction, speed, gain, result.anchor, tuple(_notes(result)), couplings,
-        tuple(_springs(result)),
-    )  # fmt: skip
-
-
-def _springs(result: Identification) -> Iterator[Spring]:
-    """The springs among the chosen columns; a joint's offset gives the spring's rest position."""
     value = {p.name: p.value for p in result.parameters}
-    for j, joint in enumerate(result.joints):
+    springs = []
+    for j, joint in enumerate(result.joints):  # an offset gives the spring's rest position
         if "spring" in joint.columns:
             stiffness = value[f"stiffness_{j + 1}"]
-            yield Spring(j, stiffness, -value[f"offset_{j + 1}"] / stiffness)
+            springs.append(Spring(j, stiffness, -value[f"offset_{j + 1}"] / stiffness))
+    return Identified(
+        model, damping, friction, speed, gain, result.anchor, tuple(_notes(result)), couplings,
+        tuple(springs),
+    )  # fmt: skip
 
 
 def _file_name(name: str) -> str:
@@ -172,61 +168,36 @@ def departures(
     """
     assert robot.file is not None  # a tree of joints comes from a file
     folder = robot.file.resolve().parent
-    mj = _compiled(mjcf_text(robot, values, folder), folder)
-    joints = JointMap(mj, robot.joints)
-    joint_ids = [mj.joint(name).id for name in robot.joints]
-    command = {k: own[0] for k, i in enumerate(joint_ids) if (own := actuators_of(mj, i))}
-    substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
-    mj.opt.timestep = 1 / (recordings.rate * substeps)
-    found = [np.zeros((0, len(robot.joints)))]
-    for segment in recordings.segments:
-        length = len(segment.log.t) - 1
-        samples = max(1, length if np.isinf(horizon) else round(horizon * recordings.rate))
-        windows = _simulate(mj, joints, command, segment, samples, substeps, every)
-        found.append(windows.reshape(-1, len(robot.joints)))
-    return np.concatenate(found)
-
-
-def _simulate(
-    mj: Any,
-    joints: JointMap,
-    command: dict[int, int],
-    segment: Segment,
-    samples: int,
-    substeps: int,
-    every: int,
-) -> Array:
-    """(windows, samples, n) errors of position in one of `every` so many windows of a segment.
-
-    `mj` is MuJoCo's model, `command` the number of the motor of each joint that has one, by the
-    joint's; each of the `samples` time steps of a window takes `substeps` steps of the simulation.
-    """
-    log = segment.log
-    starts = np.arange(0, len(log.t) - samples, samples * every)
-    if not len(starts):
-        return np.zeros((0, samples, log.v.shape[1]))
-    data, kind = mujoco.MjData(mj), mujoco.mjtState.mjSTATE_FULLPHYSICS
-    state = np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
-    for row, k in zip(state, starts, strict=True):
-        joints.write(data, log.q[k], log.v[k])
-        mujoco.mj_getState(mj, data, row, kind)
-    control = np.zeros((len(starts), samples * substeps, mj.nu))
-    within = starts[:, None] + np.arange(samples)
-    u = log.u[within][:, :, list(command)]
-    control[:, :, list(command.values())] = np.repeat(u, substeps, axis=1)
-    with quiet():  # a simulation that diverges has a large error
-        found: Any = rollout.rollout(mj, data, state, control)[0]
-    position = joints.angles(found[:, substeps - 1 :: substeps])
-    with np.errstate(invalid="ignore", over="ignore"):
-        return position - log.q[within + 1]
-
-
-def _compiled(text: str, folder: Path) -> Any:
-    """MuJoCo's model of an MJCF text whose paths are relative to a folder, without contacts."""
-    spec = mujoco.MjSpec.from_string(text)
+    spec = mujoco.MjSpec.from_string(mjcf_text(robot, values, folder))
     for directory in ("meshdir", "texturedir"):
         setattr(spec, directory, str(folder / getattr(spec, directory)))
     spec.option.disableflags |= int(
         mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
     )
-    return spec.compile()
+    mj: Any = spec.compile()
+    joints = JointMap(mj, robot.joints)
+    joint_ids = [mj.joint(name).id for name in robot.joints]
+    command = {k: own[0] for k, i in enumerate(joint_ids) if (own := actuators_of(mj, i))}
+    substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
+    mj.opt.timestep = 1 / (recordings.rate * substeps)
+    found, kind = [np.zeros((0, len(robot.joints)))], mujoco.mjtState.mjSTATE_FULLPHYSICS
+    for log in (segment.log for segment in recordings.segments):
+        length = len(log.t) - 1
+        samples = max(1, length if np.isinf(horizon) else round(horizon * recordings.rate))
+        starts = np.arange(0, len(log.t) - samples, samples * every)
+        if not len(starts):
+            continue
+        data, state = mujoco.MjData(mj), np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
+        for row, k in zip(state, starts, strict=True):
+            joints.write(data, log.q[k], log.v[k])
+            mujoco.mj_getState(mj, data, row, kind)
+        within = starts[:, None] + np.arange(samples)
+        control = np.zeros((len(starts), samples * substeps, mj.nu))
+        u = log.u[within][:, :, list(command)]
+        control[:, :, list(command.values())] = np.repeat(u, substeps, axis=1)
+        with quiet():  # a simulation that diverges has a large error
+            states: Any = rollout.rollout(mj, data, state, control)[0]
+        with np.errstate(invalid="ignore", over="ignore"):
+            errors = joints.angles(states[:, substeps - 1 :: substeps]) - log.q[within + 1]
+        found.append(errors.reshape(-1, len(robot.joints)))
+    return np.concatenate(found)

@@ -16,10 +16,9 @@ from ..robot.model import RobotModel
 from .calibrate import calibrate
 from .joints import BASIC, COLUMNS
 from .law import LAWS, with_law
+from .links import Load, load_of
 from .models import load_robot_model
-from .payloads import Load, load_of
-from .result import Identification
-from .structure import Options
+from .result import Identification, Options
 from .vehicles import EXTRA
 
 PathLike = str | Path

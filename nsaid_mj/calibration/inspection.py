@@ -76,7 +76,10 @@ def inspect(
                 recordings = prepare(tables, mapping, robot)
                 findings = (*recordings.findings, *checks(recordings, robot))
         except UnmatchedChannels as error:
-            findings += (_unmatched(error),)
+            text = f"cannot determine which channels are {', '.join(error.missing)}"
+            text += f". {' '.join(error.reasons)}".rstrip(".")
+            remedy = "Complete map.toml by hand and pass it with --map."
+            findings += (Finding("warning", "unmatched", "", text, remedy),)
         except UnusableLog as error:
             findings = error.findings
     figures = tuple(
@@ -84,7 +87,11 @@ def inspect(
         for table in tables
         for name, channel in table.channels.items()
     )
-    return Inspection(tuple(tables), figures, (*findings, *_unmapped(figures)), recordings, robot)
+    if dead := [f.name for f in figures if f.dead and not f.role]:  # may be why a match failed
+        text = f"unused and constant: {', '.join(dead[:12])}"
+        text += f" and {len(dead) - 12} more" if len(dead) > 12 else ""
+        findings += (Finding("note", "dead_channel", "", text, data={"channels": dead}),)
+    return Inspection(tuple(tables), figures, findings, recordings, robot)
 
 
 def _servo_findings(
@@ -100,14 +107,6 @@ def _servo_findings(
         return None
     text = "the commands are position targets; `nsaid identify` fits the servos to them"
     return (Finding("note", "targets", "", text), *given.findings)
-
-
-def _unmatched(error: UnmatchedChannels) -> Finding:
-    """The remedy for channels with ambiguous names."""
-    text = f"cannot determine which channels are {', '.join(error.missing)}"
-    text += f". {' '.join(error.reasons)}".rstrip(".")
-    remedy = "Complete map.toml by hand and pass it with --map."
-    return Finding("warning", "unmatched", "", text, remedy)
 
 
 def figures_of(source: str, name: str, channel: Channel, role: str = "") -> ChannelFigures:
@@ -165,13 +164,3 @@ def signal_names(robot: RobotModel) -> dict[str, list[tuple[str, str]]]:
         "v": list(zip(v, rates, strict=False)),
         "u": [(joint, "") for joint in robot.joints],
     }
-
-
-def _unmapped(figures: Sequence[ChannelFigures]) -> list[Finding]:
-    """Dead unused channels, which may explain why a match failed."""
-    dead = [f.name for f in figures if f.dead and not f.role]
-    if not dead:
-        return []
-    text = f"unused and constant: {', '.join(dead[:12])}"
-    text += f" and {len(dead) - 12} more" if len(dead) > 12 else ""
-    return [Finding("note", "dead_channel", "", text, data={"channels": dead})]

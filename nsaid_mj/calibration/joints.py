@@ -16,22 +16,23 @@ import numpy as np
 import scipy
 
 from ..logs.recordings import Recordings
-from ..parameters import Array, Block, Indices, ParameterSpace
+from ..parameters import Array, Block, ParameterSpace
 from ..robot.identified import with_inertias
 from ..robot.model import RobotModel
 from ..structure.columns import KINDS, Kind
 from ..structure.joints import slides
 from .links import (
+    Load,
     file_links,
     limbs_of,
     link_blocks,
     own_inertia,
+    payloads,
     sizes_of_links,
     torque_rows,
     weight_columns,
     weight_of,
 )
-from .payloads import Load, payloads
 from .problem import Problem, Size, mean_squares
 from .smoothing import Filter, Smooth, delayed, smooth, smooth_commands
 
@@ -208,6 +209,8 @@ class JointRows:
         blocks, columns, prior, spread = zip(*parts, strict=True)
         space = ParameterSpace((*link_blocks(model), *blocks))
         sizes = sizes_of_links(model, self.links[self.usable], self._weight)
+        carried = payloads(model, self.loads)
+        loaded = {name: load.place.start // 10 for load in carried for name in load.block.names}
         stated = np.zeros(len(space), dtype=bool)
         stated[space.actuators] = self.spread[driven] < TRUSTED
         return Problem(
@@ -221,7 +224,7 @@ class JointRows:
             np.zeros(len(space), dtype=bool),
             Size(
                 np.pad(sizes, ((0, 0), (0, len(space) - len(own)))),
-                self._limbs(space),
+                limbs_of(model)[[loaded.get(name, joint_of(name)) for name in space.names]],
                 WEIGHTLESS if self.robot.weightless else FILE,
                 stated,
             ),
@@ -236,12 +239,6 @@ class JointRows:
             if parameter.startswith("rotor"):
                 found[joint_of(parameter), space.index(parameter)] = 1.0
         return found * np.sqrt(mean_squares(moving, self.usable))[:, None]
-
-    def _limbs(self, space: ParameterSpace) -> Indices:
-        """(p,) the limb of every parameter."""
-        model, carried = self.robot.model, payloads(self.robot.model, self.loads)
-        loaded = {name: load.place.start // 10 for load in carried for name in load.block.names}
-        return limbs_of(model)[[loaded.get(name, joint_of(name)) for name in space.names]]
 
     def _slides(self, joint: int) -> bool:
         return slides(self.robot.model.joints[joint + 1])

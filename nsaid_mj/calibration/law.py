@@ -25,14 +25,11 @@ from ..parameters import Array
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
 from ..structure.joints import positions
-from .fit import minimise
-from .log_robot import log_robot
-from .measured import identifiers_of, measured_scenario
-from .precision import tempered
+from .fit import minimise, tempered
+from .measured import identifiers_of, log_robot, measured_scenario
 from .problem import mean_squares
-from .result import AlongLog, Fitted, Gain, Identification, recording_shifts
+from .result import AlongLog, Fitted, Gain, Identification, Structured, recording_shifts
 from .smoothing import delayed, filter_for, noise_levels, refined, smooth, smooth_commands
-from .structure import Structured
 from .vehicles import motion_of
 
 LAWS = ("batch", "efficient", "memory", "cone", "paper")
@@ -90,8 +87,24 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     known = log_robot(found)
     levels = noise_levels(max(logs, key=lambda log: len(log.t)))
     scenario = measured_scenario(known, law, rate, levels, _ERROR, steps)
-    unexplained = unexplained_forces(fitted).tolist() if arm else []
-    scenario = _configured(scenario, tuple(unexplained))
+    unexplained: list[float] = []
+    if arm:  # the density of its unexplained forces, over the last gain [units², times s]
+        # residuals of variance σ² at intervals h, of which one in `share` is effectively
+        # independent, act on the motion like a white force of density σ² h share
+        problem, own = fitted.problem, fitted.fit.theta
+        residual = problem.residual(own) / own[problem.space.actuators[-1]]
+        density = mean_squares(residual, problem.usable) * fitted.share
+        unexplained = (density * float(np.median(np.diff(problem.t)))).tolist()
+    config = scenario.identifier
+    assert isinstance(config, NullspaceAID)
+    config = replace(
+        config,
+        # between the memory's steps, the flow (45) would follow unmodelled effects
+        gain=_SLOW if law in ("memory", "efficient") else 1.0,
+        memory=MemoryConfig(interval=_INTERVAL),
+        efficient=EfficientConfig(unexplained=tuple(unexplained)),
+    )
+    scenario = replace(scenario, identifier=config)
     whole = known.robot_of(robot)
     identifiers = identifiers_of(scenario, whole)
     watch = _Watch(identifiers[""], max(1.0, round(steps / _ROWS)) / rate)
@@ -136,35 +149,6 @@ def law_logs(
         if len(t) > 1:
             found.append(Log(t + (own - start), q, v, held))
     return found, start, rate
-
-
-def _configured(scenario: Scenario, unexplained: tuple[float, ...]) -> Scenario:
-    """A scenario whose law is for a structure that is not exact.
-
-    Between the memory's steps, the flow (45) would follow unmodelled effects, so its gain is
-    reduced.
-    """
-    law = scenario.identifier
-    assert isinstance(law, NullspaceAID)
-    law = replace(
-        law,
-        gain=_SLOW if law.law in ("memory", "efficient") else 1.0,
-        memory=MemoryConfig(interval=_INTERVAL),
-        efficient=EfficientConfig(unexplained=unexplained),
-    )
-    return replace(scenario, identifier=law)
-
-
-def unexplained_forces(fitted: Fitted) -> Array:
-    """(n,) density of an arm's unexplained forces, over the last gain [units², times s].
-
-    Residuals of variance σ² at intervals h, of which one in `share` is effectively independent, act
-    on the motion like a white force of density σ² h share.
-    """
-    problem, theta = fitted.problem, fitted.fit.theta
-    residual = problem.residual(theta) / theta[problem.space.actuators[-1]]
-    interval = float(np.median(np.diff(problem.t)))
-    return mean_squares(residual, problem.usable) * fitted.share * interval
 
 
 def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:

@@ -1,9 +1,21 @@
-"""A tree's links: the columns of their inertia and weight along a motion, and their size."""
+"""A tree's links: the columns of their inertia and weight along a motion, their size, payloads.
+
+No motion distinguishes masses, frictions and gains from twice as large ones. A payload of known
+mass in some of the logs, but not in others, does: the log determines the ratio of all forces to
+those of the payload.
+"""
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 
+from ..bounds import LARGEST
+from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block, Indices
 from ..plants.arm import extent
 from ..structure.blocks import link_block
@@ -96,3 +108,118 @@ def link_blocks(model: pin.Model) -> list[Block]:
         length = max(extent(inertia), 1e-3)
         blocks.append(link_block(i, names[i - 1], float(inertia.mass), length))
     return blocks
+
+
+_FORM = "FILE:MASSkg, FILE:MASSkg@LINK or FILE:MASSkg@LINK:X,Y,Z"
+_TEXT = re.compile(
+    r"(?P<file>.+):(?P<mass>[0-9.eE+-]+) *(?P<unit>kg|g)?(@(?P<link>[^:]+)(:(?P<place>[^:]+))?)?"
+)
+_GRIPPERS = {"gripper", "jaw", "finger", "hand"}
+_SMALL, _ANYWHERE = 0.05, 0.15  # radius of a load, and of the region in which an unknown one is [m]
+
+
+class Load(NamedTuple):
+    """A weighed payload."""
+
+    source: str  # name of the file that carries it
+    mass: float  # [kg]
+    # body, joint or frame of the model that it is fixed to; "" for the last link that does not
+    # belong to a gripper
+    link: str = ""
+    # (3,) its centre of mass in the frame of that link [m]; None if unknown
+    centre: tuple[float, ...] | None = None
+
+
+def load_of(text: str) -> Load:
+    """A load as the command line states it, such as `loaded.csv:0.25kg@gripper`.
+
+    Raises:
+        InvalidInput: the text has another form, or the mass is not positive.
+    """
+    found = _TEXT.fullmatch(text.strip())
+    try:
+        if found is None:
+            raise ValueError
+        mass = float(found["mass"]) * (1e-3 if found["unit"] == "g" else 1.0)
+        place = found["place"]
+        centre = None if place is None else tuple(float(x) for x in place.split(","))
+        known = centre is None or (len(centre) == 3 and (np.abs(centre) <= LARGEST).all())
+        if not (0 < mass <= LARGEST and known):
+            raise ValueError
+    except ValueError as error:
+        raise InvalidInput("--load", _FORM, text, "Such as loaded.csv:0.25kg@gripper.") from error
+    return Load(re.split(r"[/\\]", found["file"])[-1], mass, found["link"] or "", centre)
+
+
+def check_loads(loads: Sequence[Load], sources: Sequence[str]) -> None:
+    """Checks that every load belongs to one of the files `sources`, and that one carries none.
+
+    Raises:
+        InvalidInput: a log is missing, or all of them carry a load.
+    """
+    for load in loads:
+        if load.source not in sources:
+            raise InvalidInput("--load", "the name of a log", load.source, "Give it with --log.")
+    if loads and {load.source for load in loads} >= set(sources):
+        remedy = "Record the same robot without the load too."
+        raise InvalidInput("--load", "a log that carries no load", "a load on all logs", remedy)
+
+
+def carrier(model: pin.Model, load: Load) -> tuple[int, Array, bool]:
+    """The joint that moves a load, the centre in its frame (3,) [m], and whether that is known.
+
+    Raises:
+        UnknownName: the model has no such link.
+    """
+    joint = model.njoints - 1
+    if load.link:
+        bodies = {f.name: f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint}
+        others = {f.name: f for f in model.frames if f.parentJoint}
+        frame = bodies.get(load.link) or others.get(load.link)
+        if frame is None:
+            raise UnknownName("link", load.link, list(bodies))
+        if load.centre is not None:
+            return frame.parentJoint, frame.placement.act(np.array(load.centre)), True
+        joint = frame.parentJoint
+    else:
+        while joint > 1 and _GRIPPERS & set(re.split(r"[^a-z]+", model.names[joint].lower())):
+            joint = int(model.parents[joint])
+    return joint, np.array(model.inertias[joint].lever), False
+
+
+def with_mass(model: pin.Model, joint: int, mass: float, centre: Array) -> pin.Model:
+    """A copy of the model with a small ball of a mass [kg] at a centre (3,) in a joint's frame."""
+    found = pin.Model(model)
+    ball = pin.Inertia.FromSphere(mass, _SMALL)
+    found.inertias[joint] += pin.Inertia(mass, np.asarray(centre), ball.inertia)
+    return found
+
+
+class Payload(NamedTuple):
+    """All loads of one mass and place, as parameters of a fit."""
+
+    block: Block  # the ten inertial parameters, in the frame of the joint that moves the load
+    prior: Array  # (10,) a ball of its mass, large if its place is unknown
+    place: slice  # place of the carrying link's ten parameters in θ
+    sources: frozenset[str]  # names of the files that carry it
+    # its parameters by label: the mass, and its moments if its place is known
+    known: dict[str, float]
+
+
+def payloads(model: pin.Model, loads: Sequence[Load]) -> list[Payload]:
+    """The loads of a tree of joints, one for each mass and place."""
+    found, grouped = [], {}
+    for load in loads:
+        grouped.setdefault(load._replace(source=""), set()).add(load.source)
+    for number, (load, sources) in enumerate(grouped.items(), 1):
+        joint, centre, known = carrier(model, load)
+        name = "payload" if len(grouped) == 1 else f"payload_{number}"
+        block = link_block(number, name, load.mass, _ANYWHERE)
+        block = replace(block, name=name, names=tuple(f"payload_{x}" for x in block.names))
+        ball = pin.Inertia.FromSphere(load.mass, _SMALL if known else _ANYWHERE)
+        prior = pin.Inertia(load.mass, centre, ball.inertia).toDynamicParameters()
+        fixed = range(4) if known else range(1)
+        values = {block.labels[k]: float(prior[k]) for k in fixed}
+        place = slice(10 * joint - 10, 10 * joint)
+        found.append(Payload(block, prior, place, frozenset(sources), values))
+    return found

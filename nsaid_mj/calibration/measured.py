@@ -1,24 +1,41 @@
-"""Robots that are not simulated: their structure and prior, and the scenario of a run."""
+"""Robots that are not simulated: their structure and prior, and the scenario of a run.
+
+A robot is known from its model file alone, or with the columns chosen from its log.
+"""
+
+from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import replace
-from typing import Any
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
-from ..bounds import Name, Positive, config
+from ..bounds import Flag, Name, Number, Positive, config
 from ..errors import InvalidInput
-from ..experiment.loop import Robot
+from ..experiment.loop import Cost, Ending, Robot, Run
+from ..experiment.loop import columns as columns_of
+from ..experiment.record import Record
 from ..experiment.scenario import MOST_STEPS, Scenario
 from ..experiment.setup import with_prior_error
-from ..laws import Identifier, NullspaceAID
+from ..laws import Identifier, NullspaceAID, Status
 from ..laws.cone.prior import drawn_inside
+from ..parameters import Block, Geometry, ParameterSpace
 from ..plants import PlantConfig, SensorNoise
 from ..plants.arm import ArmPlant, nominal_scales
 from ..robot.model import RobotModel
-from ..structure.multibody import CompiledMultibody
+from ..structure.joints import JointScales, JointTree
+from ..structure.multibody import CompiledMultibody, check_consistency
+from ..structure.parts import Column, Rotor
+from ..structure.single_body import LEVEL
+from ..structure.system import SecondOrderSystem
+from .joints import COLUMNS, STRIBECK, joint_of
 from .links import file_links
 from .models import load_robot_model
+from .result import Identification
 
 _FRICTION_SPEED = 0.05  # s of tanh(v/s) of Coulomb friction [rad/s or m/s]
 _FRICTION = 0.05  # friction of either kind over an actuator's largest force
@@ -144,3 +161,184 @@ def identifiers_of(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
     """The scenario's own identifier, for a robot that is not simulated."""
     config, levels = with_prior_error(scenario.identifier, scenario), scenario.noise.levels
     return {"": config.build(robot.system, robot.prior, scenario.dt, levels)}
+
+
+_System = TypeVar("_System", bound=SecondOrderSystem)
+_OPERATION = 2.0  # largest speeds and commands, relative to their rms
+
+
+@config
+class Parameters:
+    """A block of θ, see `parameters.Block`."""
+
+    name: Name
+    names: tuple[Name, ...]
+    units: tuple[Name, ...]
+    scale: tuple[Positive, ...]
+    geometry: Geometry
+    actuator: Flag
+    labels: tuple[Name, ...]
+    entries: tuple[tuple[int, int, int, float], ...] = ()
+
+    @staticmethod
+    def of(block: Block) -> Parameters:
+        """Those of a block."""
+        values = {field.name: getattr(block, field.name) for field in fields(block)}
+        return Parameters(**values | {"scale": block.scale.tolist()})
+
+    def block(self) -> Block:
+        """The block."""
+        scale = np.array(self.scale)
+        return Block(
+            self.name, self.names, self.units, scale, self.geometry, self.actuator, self.entries,
+            self.labels,
+        )  # fmt: skip
+
+
+@config
+class LogRobot(MeasuredRobot):
+    """A robot as `nsaid identify` fits it to a log: θ is that of the batch fit."""
+
+    # path of a URDF, MJCF or vehicle's TOML file, or the name of a robot or vehicle, for its
+    # kinematics
+    robot: Name
+    joints: tuple[Name, ...]  # the joints that move; none of a vehicle
+    blocks: tuple[Parameters, ...]  # blocks of θ
+    prior: tuple[Number, ...]  # (p,) θ̂(0)
+    columns: tuple[tuple[Name, ...], ...]  # for every velocity, the names of its columns
+    speeds: tuple[Positive, ...] = ()  # of every joint, s of tanh(v/s) [rad/s or m/s]
+    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): the motor turns by v_i ± v_j
+    weight: tuple[Number, ...] = ()  # (10 k,) of the links whose weight loads the friction
+    speed: tuple[Number, ...] = ()  # (n,) largest velocities, for probes of the structure
+    command: tuple[Number, ...] = ()  # (n_u,) largest commands
+
+    def known(self) -> Robot:
+        """Structure, prior and looks; kinematics and looks are the model file's."""
+        return self.robot_of(load_robot_model(self.robot, (), self.joints or None))
+
+    def robot_of(self, model: RobotModel) -> Robot:
+        """Structure, prior and looks of a robot with a loaded model."""
+        system = self._vehicle(model) if model.system is not None else self._arm(model)
+        prior = drawn_inside(system.space, np.array(self.prior), 0.0, np.random.default_rng(0))
+        return Robot(system, prior, model.visuals)
+
+    @property
+    def _space(self) -> ParameterSpace:
+        return ParameterSpace(tuple(block.block() for block in self.blocks))
+
+    def _arm(self, model: RobotModel) -> SecondOrderSystem:
+        """A tree of joints with the columns chosen for it."""
+        space, rotors = self._space, []
+        speed, command = np.array(self.speed), np.array(self.command)
+        unit = np.ones(len(speed))
+        scales = JointScales(unit, unit, unit, unit, unit, speed, command)
+        tree = JointTree(model.model, scales, unit)
+        for j, names in enumerate(self.columns):
+            if "rotor" in names:
+                rotors.append(Rotor(j, space.index(f"rotor_{j + 1}")))
+        for i, j, _ in self.coupled:
+            rotors.append(Rotor(i, space.index(f"coupling_inertia_{i + 1}_{j + 1}"), j))
+        system = _with(tree, space, self._columns(space), rotors)
+        check_consistency(system)
+        return system
+
+    def _vehicle(self, model: RobotModel) -> SecondOrderSystem:
+        """The vehicle's own system, with damping and offsets of its velocities where chosen.
+
+        Raises:
+            InvalidInput: there is a constant force on the vehicle's body.
+        """
+        own, space, more = model.system, self._space, []
+        for i, names in enumerate(self.columns):
+            for name in names:
+                at = space.index(f"{name}_{i + 1}")
+                if i >= own.group:
+                    more.append(Column("viscous" if name == "damping" else name, at, dof=i))
+                    continue
+                if name != "damping":
+                    raise InvalidInput(
+                        "law", "batch, for a vehicle with constant forces on its body", "another",
+                        "Use --law batch, or leave the forces out: --columns damping, or "
+                        '--columns "".',
+                    )  # fmt: skip
+                axes = np.eye(6)[i if own.group == 6 else LEVEL[i]]
+                more.append(Column("linear_drag", at, body=0, axes=axes))
+        return _with(own, space, [*own.structure.columns, *more]) if more else own
+
+    def _columns(self, space: ParameterSpace) -> list[Column]:
+        """Friction, offsets and motors of an arm; those of couplings act on both joints."""
+        found, links = [], np.array(self.weight).reshape(-1, 10)[:, :4]
+        loads = np.column_stack([np.arange(len(links)), links])
+        for j, names in enumerate(self.columns):
+            constants = {
+                "coulomb": {"speed": self.speeds[j]},
+                "stribeck": {"speed": self.speeds[j], "stribeck": STRIBECK},
+                "load": {"speed": self.speeds[j], "bodies": loads},
+                "offset": {"force": -1.0},
+            }
+            for name in sorted(set(names) - {"rotor"}):
+                at = space.index(f"{COLUMNS[name].letter}_{j + 1}")
+                found.append(Column(name, at, dof=j, **constants.get(name, {})))
+        for i, j, sign in self.coupled:
+            speed, pair = self.speeds[j], f"{i + 1}_{j + 1}"
+            for one, other in ((i, j), (j, i)):
+                at = space.index(f"coupling_viscous_{pair}")
+                found.append(Column("shared_viscous", at, dof=one, other=other))
+                slip = {"other": other, "sign": sign, "speed": speed}
+                at = space.index(f"coupling_coulomb_{pair}")
+                found.append(Column("shared_coulomb", at, dof=one, **slip))
+        for at in space.actuators:
+            j = joint_of(space.names[at])
+            found.append(Column("motor", int(at), dof=j, input=j))
+        return found
+
+
+def _with(
+    system: _System, space: ParameterSpace, columns: list[Column], rotors: Sequence[Rotor] = ()
+) -> _System:
+    """A copy of a system with other columns, and rotors, of other parameters."""
+    made, own = copy(system), system.structure
+    structure = replace(own, columns=columns, p=len(space), rotors=rotors or own.rotors)
+    SecondOrderSystem.__init__(made, structure, space, system.mounts)
+    return made
+
+
+def log_robot(found: Identification) -> LogRobot:
+    """The robot of a batch fit."""
+    robot, (made, problem, *_) = found.robot, found.fitted
+    v, u = (np.concatenate([getattr(s.log, x) for s in found.recordings.segments]) for x in "vu")
+    speed, command = (_OPERATION * np.sqrt(np.mean(x**2, axis=0)) for x in (v, u))
+    arm = robot.system is None
+    return LogRobot(
+        robot=str(robot.source or robot.name),
+        joints=robot.joints if arm else (),
+        blocks=tuple(Parameters.of(block) for block in problem.space.blocks),
+        prior=tuple(problem.prior.tolist()),
+        columns=tuple(velocity.columns for velocity in made.velocities),
+        speeds=tuple(velocity.friction_speed for velocity in made.velocities) if arm else (),
+        coupled=made.coupled,
+        weight=tuple(made.links.tolist()) if arm else (),
+        speed=tuple(speed.tolist()),
+        command=tuple(command.tolist()),
+    )
+
+
+def reopen_measured(folder: Path, record: Record) -> Run | None:
+    """Rebuilds the run of a measured robot from its record; None if its robot was simulated."""
+    scenario = Scenario.from_json(record.scenario(folder))
+    if not isinstance(scenario.plant, MeasuredRobot):
+        return None
+    robot = scenario.plant.known()
+    record.check(folder, columns_of(robot.system, scenario))
+    return Run(
+        scenario=scenario,
+        folder=folder,
+        record=record,
+        system=robot.system,
+        prior=robot.prior,
+        identifiers=identifiers_of(scenario, robot),
+        statuses={"": Status.completed},
+        ending=Ending(Status.completed, float(record["t"][-1])),
+        cost=Cost(steps=len(record)),
+        looks=robot.looks,
+    )

@@ -34,54 +34,34 @@ def load_robot_model(
         joints: joints to keep, all others being locked; None keeps all that are not in `lock`.
 
     Returns:
-        The model, reduced to the joints that move, with physically consistent inertias. Its
-        findings say what was changed or left out.
+        The model, reduced to the joints that move, with physically consistent inertias; of a
+        vehicle, the published values, moved inside the cone of physical parameters, are the prior.
+        Its findings say what was changed or left out.
 
     Raises:
         BadRobot: the file cannot be read, or describes a robot that is not a tree of revolute and
-            prismatic joints.
+            prismatic joints, or a vehicle whose structure is not known exactly.
         InvalidInput: a value in a vehicle's file is missing or wrong, a joint is to be both locked
             and kept, or joints of a vehicle are to be locked.
         UnknownName: there is no such robot or joint; the message lists similar names.
     """
     path = path_of(model)
     sheet = path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file())
-    if model not in packed_folders() and (sheet or model in _packed_vehicles()):
-        return load_vehicle(model, lock, joints)
-    return load_tree(model, lock, joints, _packed_vehicles())
-
-
-def _packed_vehicles() -> list[str]:
-    """The vehicles that have a folder in assets and a scenario of their own."""
-    return sorted({path.name for path in folder("assets").iterdir()} & set(scenarios()))
-
-
-def load_vehicle(
-    name: str, lock: Sequence[str] = (), joints: Sequence[str] | None = None
-) -> RobotModel:
-    """Reads a vehicle of a known family, with its published values as the prior.
-
-    Values on the boundary of the cone of physical parameters are moved inside. `name` is that of a
-    packed vehicle, or the path of a TOML file or of its folder.
-
-    Raises:
-        BadRobot: its structure is not known exactly.
-        InvalidInput: a value in its file is missing or wrong, or joints are to be locked.
-        UnknownName: there is no such vehicle, or no such key in its file.
-    """
+    if model in packed_folders() or not (sheet or model in _packed_vehicles()):
+        return load_tree(model, lock, joints, _packed_vehicles())
     if lock or joints is not None:
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
-    config = load(name).plant if name in scenarios() else plant_of(vehicle_files(name).sheet)
+    packed = model in scenarios()
+    config = load(model).plant if packed else plant_of(vehicle_files(model).sheet)
     if not isinstance(config, ParametricPlantConfig):
         reason = "its equations of motion are not linear in known parameters"
-        raise BadRobot(name, "", reason, "It can only be simulated: `nsaid run`.")
+        raise BadRobot(model, "", reason, "It can only be simulated: `nsaid run`.")
     plant, nominal = published(config, _STEP)
-    system, packed = plant.system, name in scenarios()
-    count = system.n_u
+    system, count = plant.system, plant.system.n_u
     return RobotModel(
-        name=name if packed else Path(name).stem,
-        source=None if packed else vehicle_files(name).sheet,
+        name=model if packed else Path(model).stem,
+        source=None if packed else vehicle_files(model).sheet,
         kind="vehicle",
         model=None,
         joints=command_names(system),
@@ -95,6 +75,11 @@ def load_vehicle(
         visuals=plant,
         top_speed=_top_speed(config),
     )
+
+
+def _packed_vehicles() -> list[str]:
+    """The vehicles that have a folder in assets and a scenario of their own."""
+    return sorted({path.name for path in folder("assets").iterdir()} & set(scenarios()))
 
 
 def _top_speed(config: PlantConfig) -> float:

@@ -54,7 +54,7 @@ class Problem:
     # ones; not used for matrices, whose prior is the barrier's divergence
     spread: Array
     known: Mask  # (p,) whether a parameter is known and keeps the prior's value
-    size: Size | None = None  # prior of the common scales; None if prior values are absolute
+    size: Size  # prior of the common scales
     # (n, p) m_i with m_iᵀθ the inertial force at a velocity's own rms acceleration; None unless
     # some joints are passive
     inertia: Array | None = None
@@ -128,24 +128,19 @@ def folds(problem: Problem, count: int) -> list[tuple[Problem, Problem]]:
     A part is contiguous in time and has an equal share of the information in the rows of every
     velocity; otherwise a joint's only motion might have to be predicted from rows at rest.
     """
-    sums = np.cumsum(_leverages(problem), axis=0)
+    leverages = np.zeros(problem.usable.shape)  # of the usable rows in least squares of a velocity
+    for i in range(problem.Y.shape[1]):
+        X = problem.Y[:, i] * problem.usable[:, i, None] * problem.space.scale
+        A = X.T @ X
+        A[np.diag_indices_from(A)] += max(_RIDGE * float(np.trace(A)), 1e-300)
+        leverages[:, i] = np.einsum("np,np->n", X @ np.linalg.inv(A), X)
+    sums = np.cumsum(leverages, axis=0)
     number = np.minimum((count * sums / np.maximum(sums[-1], 1e-300)).astype(int), count - 1)
     found = []
     for k in range(count):
         own = problem.usable & (number == k)
         rest = replace(problem, usable=problem.usable & ~own)
         found.append((rest, replace(problem, usable=own).select(own.any(axis=1))))
-    return found
-
-
-def _leverages(problem: Problem) -> Array:
-    """(N, n) leverages of the usable rows of every velocity in their own least squares."""
-    found = np.zeros(problem.usable.shape)
-    for i in range(problem.Y.shape[1]):
-        X = problem.Y[:, i] * problem.usable[:, i, None] * problem.space.scale
-        A = X.T @ X
-        A[np.diag_indices_from(A)] += max(_RIDGE * float(np.trace(A)), 1e-300)
-        found[:, i] = np.einsum("np,np->n", X @ np.linalg.inv(A), X)
     return found
 
 

@@ -28,10 +28,9 @@ import scipy.special
 
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import Explains
-from ..parameters import Array, Indices
+from ..parameters import Array
 from ..robot.findings import Finding
-from .fit import cost_of, gramians
-from .precision import Precision
+from .fit import Precision, cost_of, gramians
 from .problem import Problem, mean_squares
 
 _BLOCKS = 20  # of the log, for the variance of the scores
@@ -84,34 +83,42 @@ def followed(
     """
     every = -(-len(problem.t) // _MANY)
     thin, share = np.arange(0, len(problem.t), every), share / every
-    rows = _Rows(problem.select(thin) if every > 1 else problem, theta, share)
-    thinned = (s._replace(columns=s.columns[thin]) for s in suspects)
-    left = [_Candidate(s, rows.outside(s.columns, s.columns)) for s in thinned]
+    own = _Rows(problem.select(thin) if every > 1 else problem, theta, share)
+    copies, thinned = [own], (s._replace(columns=s.columns[thin]) for s in suspects)
+    left = [(s, [own.outside(s.columns, s.columns)]) for s in thinned]
     level = _CHANCE / max(len(left), 1)
     entered: list[tuple[Suspect, float, Array]] = []
     while left and len(entered) < _MOST:
-        trials = [rows.trial(each) for each in left]
+        trials = [_trial(copies, *each) for each in left]
         beyond = [trial.beyond(level) for trial in trials]
         if not any(beyond):
             break
-        if noisier and rows.noisy is None:
-            left = rows.with_noise(left, *noisier(theta), theta, share, thin)
+        if noisier and copies == [own]:
+            other, again = noisier(theta)
+            copies.append(_Rows(other.select(thin), theta, share, own.weight))
+            for (suspect, rest), noisy in zip(left, again, strict=True):
+                rest.append(copies[1].outside(noisy.columns[thin], suspect.columns))
             continue
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
-        suspect = left[best].suspect
-        entered.append((suspect, beyond[best], rows.add(trials[best])))
+        suspect, bases, before = left[best][0], trials[best].bases, own.power
+        for copy, basis in zip(copies, bases, strict=True):
+            copy.residual = _outside(copy.residual, basis)
+        explained = np.where(before > 0, 1 - own.power / np.where(before > 0, before, 1.0), 0.0)
+        entered.append((suspect, beyond[best], explained))
         left = [  # other sizes or places of the encoder of the same effect are not tried
-            each.beside(trials[best]) for each in left if each.suspect[:2] != suspect[:2]
+            (s, [_outside(*pair) for pair in zip(rest, bases, strict=True)])
+            for s, rest in left
+            if s[:2] != suspect[:2]
         ]
     found = []
     if not entered:
         return ()
     columns = [suspect.columns for suspect, _, _ in entered]
-    coefficients = rows.coefficients(columns)
+    coefficients = own.coefficients(columns)
     for (suspect, certain, explained), Z, gamma in zip(entered, columns, coefficients, strict=True):
         if suspect.size is not None and gamma[0] <= 0:  # with the others it is not possible
             continue
-        pull = rows.X_T @ rows.weighed(Z)
+        pull = own.X_T @ own.weighed(Z)
         shift = -covariance @ (pull @ gamma)
         found.append(Followed(suspect, explained, certain * shift, gamma))
     return tuple(found)
@@ -133,7 +140,13 @@ def doubts(
     of them, and their intervals are widened. held_out (n,) is the NRMSE of held-out parts; `exact`
     is the precision before it is widened.
     """
-    half, size, space = INTERVAL * exact.deviation, _sizes(problem, exact.theta), problem.space
+    half, space = INTERVAL * exact.deviation, problem.space
+    size, units = np.maximum(np.abs(exact.theta), 1e-300), np.array(space.units)
+    for block, rows in space:
+        if block.geometry == "pseudo_inertia":  # of moments the largest: single ones depend on axes
+            own = size[rows]
+            for unit in np.unique(units[rows]):
+                own[units[rows] == unit] = own[units[rows] == unit].max()
     friction = ["friction" in block.name for block in space.blocks for _ in block.names]
     certain = (space.geometries != "free") & ~np.array(friction)
     stated, findings = ~problem.known & certain & (half < _STATED * size), []
@@ -155,20 +168,6 @@ def doubts(
     return findings
 
 
-def _sizes(problem: Problem, theta: Array) -> Array:
-    """(p,) the size of each parameter, for relative changes.
-
-    For a body's first moments or inertia it is their largest: single ones depend on its axes.
-    """
-    size, units = np.maximum(np.abs(theta), 1e-300), np.array(problem.space.units)
-    for block, rows in problem.space:
-        if block.geometry == "pseudo_inertia":
-            own = size[rows]
-            for unit in np.unique(units[rows]):
-                own[units[rows] == unit] = own[units[rows] == unit].max()
-    return size
-
-
 def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> tuple[Explains, str]:
     """The verdict, at most "partly" if a suspect matters."""
     serious = [f for f in findings if f.level == "warning" and f.code == "residuals"]
@@ -181,24 +180,11 @@ def with_doubts(explains: Explains, sentence: str, findings: list[Finding]) -> t
     )
 
 
-class _Candidate(NamedTuple):
-    """A suspect that has not been selected."""
-
-    suspect: Suspect
-    rest: Array  # (N n, c) its columns, orthogonal to those of the fit and of the selected suspects
-    noisy: Array | None = None  # (N n, c) the same with the noise doubled; None as long as unknown
-
-    def beside(self, entered: _Trial) -> _Candidate:
-        """The candidate after the selection of another."""
-        noisy = None if self.noisy is None else _outside(self.noisy, entered.noisy)
-        return self._replace(rest=_outside(self.rest, entered.basis), noisy=noisy)
-
-
 class _Trial(NamedTuple):
     """The effect of adding a suspect."""
 
-    basis: Array  # (N n, c) orthonormal basis of its columns orthogonal to those of the fit
-    noisy: Array  # (N n, c) the same with the noise doubled; (N n, 0) as long as that is unknown
+    # (N n, c) orthonormal bases of its columns orthogonal to those of the fit, in every copy
+    bases: list[Array]
     gained: float  # decrease of the weighted sum of squares
     F: float  # Hotelling's statistic
     degrees: tuple[int, int]  # degrees of freedom of F
@@ -209,22 +195,20 @@ class _Trial(NamedTuple):
         One test counts rows as effectively independent ones, at the level of significance; the
         other uses the blocks, which are few and uneven, at 1 %.
         """
-        chance = 2 * scipy.special.gammainccinv(0.5 * max(self.basis.shape[1], 1), level)
+        chance = 2 * scipy.special.gammainccinv(0.5 * max(self.bases[0].shape[1], 1), level)
         if self.gained < chance or scipy.special.fdtri(*self.degrees, 1 - _EVEN) > self.F:
             return 0.0
         return 1 - 1 / self.F
 
 
 class _Rows:
-    """Weighted rows of a fit, and the selected suspects.
+    """Weighted rows of a fit: as measured, or a copy with the noise doubled.
 
     Attributes:
         X_T: (p, N n) transposed columns of the fit: changes of the residuals over the effort.
         weight: (N, n) weight of the rows.
-        noisy: the same rows with the noise doubled; None as long as that is unknown.
+        residual: (N n, 1) what fit and selected suspects leave.
     """
-
-    noisy: _Rows | None = None
 
     def __init__(self, problem: Problem, theta: Array, share: Array, weight: Array | None = None):
         used = problem.usable
@@ -240,9 +224,8 @@ class _Rows:
         values, vectors = scipy.linalg.eigh(unit @ unit.T)
         kept = values > _SPAN * values[-1]
         self._own = unit.T @ (vectors[:, kept] / np.sqrt(values[kept]))
-        own = (residual * self.weight).reshape(-1, 1)
-        self._first = self._residual = _outside(own, self._own)[:, 0]
-        self._n = used.shape[1]
+        self._first = _outside((residual * self.weight).reshape(-1, 1), self._own)
+        self.residual, self.n = self._first, used.shape[1]
 
     def weighed(self, columns: Array) -> Array:
         """(N n, c) columns (N, n, c) times the rows' weights."""
@@ -256,59 +239,38 @@ class _Rows:
         length = np.maximum(np.linalg.norm(self.weighed(unit), axis=0), 1e-300)
         return _outside(self.weighed(columns) / length, self._own)
 
-    def with_noise(
-        self,
-        left: list[_Candidate],
-        noisy: Problem,
-        suspects: Iterable[Suspect],
-        theta: Array,
-        share: Array,
-        thin: Indices,
-    ) -> list[_Candidate]:
-        """The candidates once the problem and the suspects with doubled noise are known."""
-        self.noisy = own = _Rows(noisy.select(thin), theta, share, self.weight)
-        return [
-            each._replace(noisy=own.outside(s.columns[thin], each.suspect.columns))
-            for each, s in zip(left, suspects, strict=True)
-        ]
-
-    def trial(self, candidate: _Candidate) -> _Trial:
-        """The effect of a candidate."""
-        rest = candidate.rest
-        values, vectors = scipy.linalg.eigh(rest.T @ rest)
-        kept = values > _OUTSIDE
-        combine = vectors[:, kept] / np.sqrt(values[kept])
-        basis, noisy = rest @ combine, rest[:, :0]
-        own = basis * self._residual[:, None]
-        if self.noisy is not None and candidate.noisy is not None:
-            noisy = candidate.noisy @ combine
-            own = 2 * own - noisy * self.noisy._residual[:, None]
-        gained = own.sum(axis=0)
-        impossible = candidate.suspect.size is not None and (combine @ gained > 0).any()
-        if not kept.any() or impossible:
-            return _Trial(rest[:, :0], rest[:, :0], 0.0, 0.0, (1, 1))
-        F, degrees = _hotelling(own.reshape(-1, self._n, own.shape[1]).sum(axis=1))
-        return _Trial(basis, np.linalg.qr(noisy)[0], float(np.sum(gained**2)), F, degrees)
-
-    def add(self, trial: _Trial) -> Array:
-        """Adds a suspect; returns (n,) the share of the residuals' variance it explains."""
-        before = self._power()
-        self._residual = self._residual - trial.basis @ (trial.basis.T @ self._residual)
-        if self.noisy is not None:
-            own = self.noisy._residual
-            self.noisy._residual = own - trial.noisy @ (trial.noisy.T @ own)
-        return np.where(before > 0, 1 - self._power() / np.where(before > 0, before, 1.0), 0.0)
-
-    def _power(self) -> Array:
-        return np.sum(self._residual.reshape(-1, self._n) ** 2, axis=0)
+    @property
+    def power(self) -> Array:
+        """(n,) sums of squares of the residuals."""
+        return np.sum(self.residual.reshape(-1, self.n) ** 2, axis=0)
 
     def coefficients(self, suspects: list[Array]) -> list[Array]:
         """γ of the columns (N, n, c) of all suspects in a joint fit."""
         Z = np.hstack([self.weighed(columns) for columns in suspects])
         size = np.maximum(np.linalg.norm(Z, axis=0), 1e-300)
         rest = _outside(Z / size, self._own)
-        gamma = -np.linalg.lstsq(rest, self._first, rcond=_OUTSIDE)[0] / size
+        gamma = -np.linalg.lstsq(rest, self._first[:, 0], rcond=_OUTSIDE)[0] / size
         return np.split(gamma, np.cumsum([columns.shape[2] for columns in suspects])[:-1])
+
+
+def _trial(copies: list[_Rows], suspect: Suspect, rest: list[Array]) -> _Trial:
+    """The effect of a suspect, with columns `rest` (N n, c) orthogonal to the fit's in every copy.
+
+    Of two copies, scores are extrapolated to no noise.
+    """
+    values, vectors = scipy.linalg.eigh(rest[0].T @ rest[0])
+    kept = values > _OUTSIDE
+    combine = vectors[:, kept] / np.sqrt(values[kept])
+    bases = [columns @ combine for columns in rest]
+    scores = [basis * copy.residual for basis, copy in zip(bases, copies, strict=True)]
+    own = scores[0] if len(scores) == 1 else 2 * scores[0] - scores[1]
+    gained = own.sum(axis=0)
+    impossible = suspect.size is not None and (combine @ gained > 0).any()
+    if not kept.any() or impossible:
+        return _Trial([basis[:, :0] for basis in bases], 0.0, 0.0, (1, 1))
+    F, degrees = _hotelling(own.reshape(-1, copies[0].n, own.shape[1]).sum(axis=1))
+    bases = [bases[0], *(np.linalg.qr(basis)[0] for basis in bases[1:])]
+    return _Trial(bases, float(np.sum(gained**2)), F, degrees)
 
 
 def _outside(Z: Array, basis: Array) -> Array:

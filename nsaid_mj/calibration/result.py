@@ -1,7 +1,7 @@
 """The result of a calibration: estimates, intervals and identifiability of every parameter."""
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,11 +11,72 @@ from ..experiment.loop import Run
 from ..laws import Status
 from ..logs.recordings import Recordings
 from ..parameters import Array, Indices
+from ..robot.findings import Finding
 from ..robot.model import RobotModel
-from .fit import Fit
-from .precision import Precision
+from .fit import Fit, Precision
+from .links import Load
 from .problem import Mask, Problem
-from .structure import Structured
+from .residuals import Suspect
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the structure is chosen."""
+
+    # friction columns of all joints, names of `joints.COLUMNS`; None to choose them by
+    # cross-validation inside the log
+    columns: frozenset[str] | None = None
+    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): a motor turns by v_i ± v_j
+    delay: Array | None = None  # (k,) delays of the commands [s]; None to search for them
+    cutoff: float | None = None  # of the rows' filter [Hz]; None for the bandwidth of the motion
+    loads: tuple[Load, ...] = ()  # payloads of known mass, carried in some of the logs
+    level: frozenset[str] = frozenset()  # names of joints for which no constant offset is tried
+    known: Mapping[str, float] = field(default_factory=dict)  # parameters by name or label [SI]
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Structure chosen for one joint or velocity, and prediction quality of its command.
+
+    NRMSE is the rms error of the predicted command over the standard deviation of the measured one:
+    predicting the mean gives 1.
+    """
+
+    name: str  # name of the joint, or of the component of a body's twist
+    fit: float = np.nan  # NRMSE on the rows of the fit
+    held_out: float = np.nan  # NRMSE on fifths of the log, each predicted from the others
+    least_squares: float = np.nan  # that of weighted least squares on the same rows and columns
+    validation: float | None = None  # NRMSE on the validation log; None without one
+    # that of weighted least squares; None without a log
+    validation_least_squares: float | None = None
+    columns: tuple[str, ...] = ()  # friction columns in use
+    # s of tanh(v/s) [rad/s or m/s]; NaN where there is no such column
+    friction_speed: float = np.nan
+    delay: float = 0.0  # delay of the command [s]
+
+
+class Structured(NamedTuple):
+    """A chosen structure."""
+
+    problem: Problem  # rows of the training logs
+    # problems of other plausible structures and filters, for the sensitivity of θ̂. An iterator,
+    # since those of a long log are large
+    alternatives: Iterator[Problem]
+    checked: Problem | None  # rows of the validation log; None without one
+    velocities: tuple[JointFit, ...]  # the choice for every velocity, before its prediction
+    findings: tuple[Finding, ...]  # how the structure was chosen, and other findings
+    cutoff: float  # cut-off frequency of the rows' filter [Hz]
+    links: Array  # (10 k,) parameters of the links whose weight loads an arm's friction
+    delays: Array  # (k,) delays of the commands [s]
+    # maps θ̂ (p,) to unmodelled effects against which residuals are tested
+    suspects: Callable[[Array], Iterable[Suspect]] = lambda _: ()
+    # the problem and the suspects with twice the variance of the sensors' noise, for a (p,) θ̂;
+    # None where suspects do not depend on the measured motion
+    noisier: Callable[[Array], tuple[Problem, Iterable[Suspect]]] | None = None
+    # commands (N, k) as they act, apart from `delays`, from those at a rate [Hz]
+    acting: Callable[[Array, float], Array] = lambda u, _: u
+    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1) of joints with a common motor
+
 
 _BETWEEN = 1.0  # time between two logs on the common axis [s]
 _NEAR = 10.0  # a log that begins this soon after the one before it keeps its own times [s]
@@ -30,25 +91,6 @@ class Combination:
     value: float  # estimate
     low: float  # lower end of the 95 % interval
     high: float  # upper end of the 95 % interval
-
-
-@dataclass(frozen=True)
-class JointFit:
-    """Prediction quality of one joint's (or velocity's) command.
-
-    NRMSE is the rms error of the predicted command over the standard deviation of the measured one:
-    predicting the mean gives 1.
-    """
-
-    name: str  # name of the joint
-    fit: float  # NRMSE on the rows of the fit
-    held_out: float  # NRMSE on fifths of the log, each predicted from the others
-    least_squares: float  # that of weighted least squares on the same rows and columns
-    validation: float | None  # NRMSE on the validation log; None without one
-    validation_least_squares: float | None  # that of weighted least squares; None without a log
-    columns: tuple[str, ...]  # friction columns in use
-    friction_speed: float  # s of tanh(v/s) [rad/s or m/s]
-    delay: float  # delay of the command [s]
 
 
 @dataclass(frozen=True)
@@ -84,7 +126,6 @@ class Fitted(NamedTuple):
     fit: Fit  # the minimum
     exact: Precision  # the estimate and its precision
     share: Array  # (n,) rows per effectively independent row
-    coupled: tuple[tuple[int, int, int], ...]  # pairs (i, j, ±1) of joints with a common motor
 
 
 class Gain(NamedTuple):

@@ -82,33 +82,19 @@ class Estimate:
     def of_line(found: dict[str, Any], space: ParameterSpace) -> Estimate:
         """The estimate of such a line."""
         gains = (
-            Gain(space.names[k], space.units[k], value, *_ends(low, high))
+            Gain(
+                space.names[k],
+                space.units[k],
+                value,
+                -np.inf if low is None else low,
+                np.inf if high is None else high,
+            )
             for k, (value, low, high) in zip(space.actuators, found["gains"], strict=True)
         )
         return Estimate(
             found["t"], found["samples"], tuple(space.names), tuple(space.units),
             np.array(found["theta"]), tuple(gains), found["misfit"], tuple(found["faults"]),
         )  # fmt: skip
-
-
-def estimate_of(
-    space: ParameterSpace, state: State, samples: int, deviation: Array, misfit: str
-) -> Estimate:
-    """The estimate of a state, with (a,) relative deviations of the gains."""
-    gains = []
-    for k, spread in zip(space.actuators, deviation, strict=True):
-        value = float(state.theta_hat[k])
-        half = INTERVAL * abs(value) * float(spread) if np.isfinite(spread) else np.inf
-        gains.append(Gain(space.names[k], space.units[k], value, value - half, value + half))
-    faults = tuple(fault.in_words for fault in state.faults)
-    return Estimate(
-        state.t, samples, tuple(space.names), tuple(space.units), state.theta_hat,
-        tuple(gains), misfit, faults,
-    )  # fmt: skip
-
-
-def _ends(low: float | None, high: float | None) -> tuple[float, float]:
-    return -np.inf if low is None else low, np.inf if high is None else high
 
 
 _INTERVALS = 0.05  # time between two computations of the gains' intervals [s]
@@ -149,8 +135,18 @@ class Estimates(Observer):
         self._next = t + self._every * (1 - 1e-9)
         if t >= self._stated + _INTERVALS:
             self._deviation, self._stated = self._misfit.deviations(state), t
-        used, level = self._counts.used, self._misfit.level(state)
-        self._show(estimate_of(self._space, state, used, self._deviation, level))
+        space, theta, gains = self._space, state.theta_hat, []
+        for k, spread in zip(space.actuators, self._deviation, strict=True):
+            value = float(theta[k])
+            half = INTERVAL * abs(value) * float(spread) if np.isfinite(spread) else np.inf
+            gains.append(Gain(space.names[k], space.units[k], value, value - half, value + half))
+        self._show(
+            Estimate(
+                state.t, self._counts.used, tuple(space.names), tuple(space.units), theta,
+                tuple(gains), self._misfit.level(state),
+                tuple(fault.in_words for fault in state.faults),
+            )
+        )  # fmt: skip
 
     def stop(self) -> None:
         """Stops judging."""

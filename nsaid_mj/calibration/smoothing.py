@@ -93,23 +93,17 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
     every = max(1, int(rate / (_SAMPLES * cutoff)))
     computed = sum(len(segment.log.t) for segment in recordings.segments) / every
     least = max(1, int(np.ceil(computed / _MOST_ROWS)))
-    return Filter(cutoff, rate, every, least, _differentiates(_longest(recordings), cutoff))
+    log, derived = _longest(recordings), False
+    if log.q.shape[1] == log.v.shape[1]:
+        # drives often report filtered velocities, delayed relative to the positions: they are used
+        # only if the positions' derivative has more than three times their noise
+        position, velocity = noise_levels(log)
+        derived = bool(position * 2 * np.pi * cutoff / np.sqrt(3) <= 3 * velocity + 1e-12)
+    return Filter(cutoff, rate, every, least, derived)
 
 
 def _longest(recordings: Recordings) -> Log:
     return max(recordings.segments, key=lambda s: len(s.log.t)).log
-
-
-def _differentiates(log: Log, cutoff: float) -> bool:
-    """Whether the positions' derivative replaces the measured velocities.
-
-    Drives often report filtered velocities, delayed relative to the positions. They are used only
-    if the derivative has more than three times their noise.
-    """
-    if log.q.shape[1] != log.v.shape[1]:
-        return False
-    position, velocity = noise_levels(log)
-    return bool(position * 2 * np.pi * cutoff / np.sqrt(3) <= 3 * velocity + 1e-12)
 
 
 def noise_levels(log: Log) -> tuple[float, float]:

@@ -30,7 +30,11 @@ PLAYS = (0.002, 0.006, 0.02)  # of gears [rad or m], with which free links are s
 def arm_suspects(
     rows: JointRows, choice: Choice, problem: Problem, theta: Array
 ) -> Iterator[Suspect]:
-    """Suspects of a tree of joints, at θ̂ (p,), links first, of the fit with structure `choice`."""
+    """Suspects of a tree of joints, at θ̂ (p,), links first, of the fit with structure `choice`.
+
+    Those of the kinematics come last: a mount that is not level; zero and ratio of every joint's
+    encoder; its gear's compliance and play.
+    """
     links, rotor = theta[: rows.links.shape[2]], np.zeros(len(rows.robot.joints))
     model = with_inertias(rows.robot.model, links, 0 * rotor)  # rotors are columns of their own
     residual, driven = problem.residual(theta), -problem.actuation(theta)
@@ -39,14 +43,52 @@ def arm_suspects(
     for j, columns in enumerate(choice.columns):
         if "rotor" in columns:
             rotor[j] = theta[problem.space.index(f"rotor_{j + 1}")]
-    yield from _kinematic(rows, model, rotor, residual, rows.links @ links)
     yield from (_between(needed, stated, residual) for needed, stated in either)
     yield from _own(rows, choice)
+    torque, names = rows.links @ links, rows.robot.joints
+    down = model.gravity.linear.copy()
+    if np.linalg.norm(down) > 0:
+        columns = []
+        for gravity in np.linalg.svd(down[None])[2][1:] * np.linalg.norm(down):
+            tilted = pin.Model(model)
+            tilted.gravity = pin.Motion(gravity, np.zeros(3))
+            columns.append(rows.joined(lambda m, model=tilted: weight_of(model, m.q)))
+        remedy = "Check how the base is mounted; if it is tilted, tilt the model's gravity."
+        yield Suspect("gravity across the model's vertical", "", np.stack(columns, 2), remedy)
+    parts = [[rows.chosen.rows(x) for x in _changes(model, m)] for m in rows.motions]
+    found = [np.concatenate(kind) for kind in zip(*parts, strict=True)]
+    twists = _rates(rows, torque)
+    answered = _answered(rows, model, rotor, residual)
+    for j, name in enumerate(names):
+        zero, by_v, by_a, scale, *plays = (change[:, :, j, None] for change in found)
+        remedy = "Check the encoder's zero against the model's."
+        yield Suspect("an offset of its position", name, zero, remedy)
+        remedy = "Check the gear ratio and the unit of its position in the map."
+        ratio = Suspect("a scale error of its position", name, scale, remedy)
+        stated = ratio._replace(columns=ratio.columns - answered[:, :, j, None])
+        yield _between(ratio, stated, residual)
+        first, second = twists[:, j, :, None, None].swapaxes(0, 1)
+        behind = -(torque[:, j, None, None] * zero + first * by_v + second * by_a)
+        remedy = "Its gear, belt or shaft yields: identify from slower motion."
+        for columns in (behind, _on(j, len(names), rotor[j] * second[:, :, 0])):
+            yield Suspect("the twist of an elastic joint", name, columns, remedy,
+                          lambda x: f"about {1 / max(x, 1e-300):.2g} N·m/rad")  # fmt: skip
+        remedy = "Its gear has play: tighten it, or keep its load to one side."
+        for play, columns in zip(PLAYS, plays, strict=True):
+            yield Suspect("backlash", name, columns, remedy,
+                          lambda x, play=play: f"about {1e3 * x * play:.2g} mrad")  # fmt: skip
 
 
 def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
-    """Effects on forces (N, n)."""
-    yield from _lags(rows, force)
+    """Effects on forces (N, n); lags as first and second derivatives, of all together and each."""
+    rates = _rates(rows, force)
+    remedy = (
+        "Its force lags behind the recorded command: record the measured current instead of the "
+        "commanded one, or give each command's delay."
+    )
+    yield Suspect("the rate of all forces", "", rates, remedy)
+    for j, name in enumerate(rows.robot.joints):
+        yield Suspect("the rate of its force", name, _on(j, force.shape[1], rates[:, j]), remedy)
     each = force[:, :, None] * np.eye(force.shape[1])
     yield from command_suspects(rows.t, each, rows.robot.joints)
 
@@ -84,47 +126,6 @@ def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[
             remedy = f"Its force is not proportional to the command. {more}"
             yield Suspect(words, name, (own * factor[:, None])[:, :, None], remedy)
         yield Suspect("its force times the time", name, (own * late)[:, :, None], fading)
-
-
-def _kinematic(
-    rows: JointRows, model: pin.Model, rotor: Array, residual: Array, torque: Array
-) -> Iterator[Suspect]:
-    """A mount that is not level; zero and ratio of every joint's encoder; its gear's compliance.
-
-    `model` has the estimated links; rotor (n,) are inertias, residual (N, n) the inverse dynamics
-    minus the forces of the commands, torque (N, n) the torques of the links.
-    """
-    names, down = rows.robot.joints, model.gravity.linear.copy()
-    if np.linalg.norm(down) > 0:
-        columns = []
-        for gravity in np.linalg.svd(down[None])[2][1:] * np.linalg.norm(down):
-            tilted = pin.Model(model)
-            tilted.gravity = pin.Motion(gravity, np.zeros(3))
-            columns.append(rows.joined(lambda m, model=tilted: weight_of(model, m.q)))
-        remedy = "Check how the base is mounted; if it is tilted, tilt the model's gravity."
-        yield Suspect("gravity across the model's vertical", "", np.stack(columns, 2), remedy)
-    parts = [[rows.chosen.rows(x) for x in _changes(model, m)] for m in rows.motions]
-    found = [np.concatenate(kind) for kind in zip(*parts, strict=True)]
-    twists = _rates(rows, torque)
-    answered = _answered(rows, model, rotor, residual)
-    for j, name in enumerate(names):
-        zero, by_v, by_a, scale, *plays = (change[:, :, j, None] for change in found)
-        remedy = "Check the encoder's zero against the model's."
-        yield Suspect("an offset of its position", name, zero, remedy)
-        remedy = "Check the gear ratio and the unit of its position in the map."
-        ratio = Suspect("a scale error of its position", name, scale, remedy)
-        stated = ratio._replace(columns=ratio.columns - answered[:, :, j, None])
-        yield _between(ratio, stated, residual)
-        first, second = twists[:, j, :, None, None].swapaxes(0, 1)
-        behind = -(torque[:, j, None, None] * zero + first * by_v + second * by_a)
-        remedy = "Its gear, belt or shaft yields: identify from slower motion."
-        for columns in (behind, _on(j, len(names), rotor[j] * second[:, :, 0])):
-            yield Suspect("the twist of an elastic joint", name, columns, remedy,
-                          lambda x: f"about {1 / max(x, 1e-300):.2g} N·m/rad")  # fmt: skip
-        remedy = "Its gear has play: tighten it, or keep its load to one side."
-        for play, columns in zip(PLAYS, plays, strict=True):
-            yield Suspect("backlash", name, columns, remedy,
-                          lambda x, play=play: f"about {1e3 * x * play:.2g} mrad")  # fmt: skip
 
 
 def _changes(model: pin.Model, motion: Smooth) -> Iterator[Array]:
@@ -188,18 +189,6 @@ def _answered(rows: JointRows, model: pin.Model, rotor: Array, residual: Array) 
         inertia = upper + np.triu(upper, 1).T
         found[k] = inertia * np.linalg.solve(inertia + np.diag(rotor), residual[k])
     return found
-
-
-def _lags(rows: JointRows, force: Array) -> Iterator[Suspect]:
-    """First and second derivatives of the forces: of all together, and of each."""
-    rates = _rates(rows, force)
-    remedy = (
-        "Its force lags behind the recorded command: record the measured current instead of the "
-        "commanded one, or give each command's delay."
-    )
-    yield Suspect("the rate of all forces", "", rates, remedy)
-    for j, name in enumerate(rows.robot.joints):
-        yield Suspect("the rate of its force", name, _on(j, force.shape[1], rates[:, j]), remedy)
 
 
 def _rates(rows: JointRows, x: Array) -> Array:

@@ -18,13 +18,12 @@ from ..robot.findings import Finding
 from ..robot.model import RobotModel
 from ..structure.columns import fluid, thrust
 from ..structure.sensing import rate_labels
-from .fit import minimise
+from .fit import inflation, minimise, tempered, tempered_fit
 from .joints import FILE
-from .precision import inflation, tempered
 from .problem import Problem, Size, size_weights
 from .residuals import Suspect
+from .result import JointFit, Options, Structured
 from .smoothing import Filter, filter_for
-from .structure import Options, Structured, Velocity
 from .suspects import command_suspects
 from .timing import WORTH, Timing, search
 
@@ -234,12 +233,12 @@ def structured_vehicle(
             remedy = "Record in still water or air, or with the speed relative to it as `linear`."
             yield Suspect("a steady current or wind", "", flow, remedy)
 
-    own = tuple(sorted(columns)), np.nan, float(np.median(rows.delays(timing)))
+    own, late = tuple(sorted(columns)), float(np.median(rows.delays(timing)))
     return Structured(
         problem,
         _alternatives(rows, columns, timing, others),
         checked,
-        tuple(Velocity(name, *own) for name in rate_labels(rows.system)),
+        tuple(JointFit(name, columns=own, delay=late) for name in rate_labels(rows.system)),
         tuple(findings),
         rows.filter.cutoff,
         np.zeros(0),
@@ -294,9 +293,7 @@ def _most_informative(
 
     def information(rows: VehicleRows) -> float:
         problem = rows.problem(columns, timing)
-        fit, scale = minimise(problem), problem.space.scale
-        parts = tempered(problem, inflation(problem, fit.theta))
-        hessian = minimise(problem, parts, fit.theta).hessian
+        hessian, scale = tempered_fit(problem)[0].hessian, problem.space.scale
         return float(np.linalg.slogdet(hessian * np.outer(scale, scale))[1])
 
     return trials[0] if len(trials) == 1 else max(trials, key=information)

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from ..calibration.inspection import Inspection
     from ..calibration.result import Identification
     from ..calibration.servos import Replayed, ServoIdentification, ServoLogs
-    from ..logs.mapping import Map
     from ..pages.page import Page
     from ..pages.progress import Progress
     from ..robot.findings import Finding
@@ -170,7 +169,7 @@ _NO_TORQUE = (
 
 def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
     """The arm and its logs if they hold targets and positions, else None."""
-    from ..calibration.payloads import load_of
+    from ..calibration.links import load_of
     from ..calibration.servos import servo_logs
 
     lock, joints = names_in(chosen.lock), names_in(chosen.joints)
@@ -224,13 +223,9 @@ def identify_given(
 def _followed(
     others: ServoLogs | None, given: ServoLogs, result: ServoIdentification, path: Path
 ) -> tuple[Finding, Replayed]:
-    """Deviation of MuJoCo from logs with the exported file, and with the user's own.
+    """Deviation of MuJoCo from logs with the exported file at a path, and with the user's own.
 
-    Args:
-        others: logs not used in the fit, which are simulated if there are any.
-        given: those of the fit.
-        result: result of the fit.
-        path: path of the exported file.
+    The logs are `others`, which took no part in the fit, or else those of the fit.
     """
     from ..calibration.servos import Replayed, rollout
     from ..robot.findings import Finding
@@ -238,10 +233,9 @@ def _followed(
     source, joints = result.robot.source, result.robot.joints
     logs = [log for log in (others or given).logs if not log.loaded]  # of the file's own links
     assert source is not None  # a model with servos comes from a file
-    simulated = [rollout(path, joints, log) for log in logs]
-    nominal = [rollout(source, joints, log) for log in logs]
+    simulated, nominal = ([rollout(file, joints, log) for log in logs] for file in (path, source))
     own, before = (
-        np.mean([np.abs(q - log.position).mean(axis=0) for q, log in pairs], axis=0) * 1e3
+        1e3 * np.mean([np.abs(q - log.position).mean(axis=0) for q, log in pairs], axis=0)
         for pairs in (zip(simulated, logs, strict=True), zip(nominal, logs, strict=True))
     )
     what, unit = ", ".join(dict.fromkeys(log.source for log in logs)), result.robot.small_unit
@@ -262,13 +256,22 @@ MAP, PICTURE = "map.toml", "inspection.png"
 
 
 def inspect_log(chosen: Inspect) -> int:
-    """Executes the command and returns the exit code: unusable where `identify` would refuse."""
+    """Executes the command and returns the exit code: unusable where `identify` would refuse.
+
+    It writes the plot and, if a model but no map is given, a first map. An existing map may have
+    been edited by hand and is kept: a new one that differs gets another name, and so does the
+    picture beside one that is not ours.
+    """
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
     from ..calibration.identify import files_of
     from ..calibration.inspection import inspect
     from ..logs import limited_to, read_map, read_tables
+    from ..logs.first_map import first_map
+    from ..pages.inspection import draw
+    from ..pages.plots import is_own
+    from ..resources import write_text
 
     logs, mapping = list(chosen.logs), read_map(chosen.map) if chosen.map else None
     model, name = chosen.model, str(logs[0])
@@ -283,7 +286,17 @@ def inspect_log(chosen: Inspect) -> int:
         tables = read_tables(logs, mapping)
     found = inspect(tables, mapping, robot)
     with reading(*chosen.logs, chosen.map, chosen.model):
-        files = _written(found, chosen.out, mapping)
+        chosen.out.mkdir(parents=True, exist_ok=True)
+        names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
+        paths = (chosen.out / name for name in names)
+        files = [draw(found, next(p for p in paths if not p.exists() or is_own(p)))]
+        if found.robot is not None and mapping is None:
+            text = first_map(found.tables, found.robot)
+            names = map("map-new-{}.toml".format, count(2))
+            paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
+            path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
+            write_text(path, text)
+            files.append(path)
     if chosen.json:
         print_json(document(found))
     else:
@@ -301,27 +314,3 @@ def inspect_log(chosen: Inspect) -> int:
 def document(found: Inspection) -> dict[str, object]:
     """Figures and findings as plain data."""
     return {name: [asdict(x) for x in getattr(found, name)] for name in ("channels", "findings")}
-
-
-def _written(found: Inspection, folder: Path, mapping: Map | None) -> list[Path]:
-    """Writes the plot and, if a model but no map is given, a first map; returns the files.
-
-    An existing map may have been edited by hand and is kept: a new one that differs gets another
-    name, and so does the picture beside one that is not ours.
-    """
-    from ..logs.first_map import first_map
-    from ..pages.inspection import draw
-    from ..pages.plots import is_own
-    from ..resources import write_text
-
-    folder.mkdir(parents=True, exist_ok=True)
-    names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
-    paths = (folder / name for name in names)
-    files = [draw(found, next(p for p in paths if not p.exists() or is_own(p)))]
-    if found.robot is not None and mapping is None:
-        text, names = first_map(found.tables, found.robot), map("map-new-{}.toml".format, count(2))
-        paths = (folder / name for name in chain((MAP, "map-new.toml"), names))
-        path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
-        write_text(path, text)
-        files.append(path)
-    return files

@@ -225,8 +225,8 @@ def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Scor
     from ..calibration.comparison import compare_arms, compare_servos
     from ..calibration.identify import coupled, recordings_of
     from ..calibration.models import load_robot_model
+    from ..calibration.result import Options
     from ..calibration.servos import servo_logs
-    from ..calibration.structure import Options
     from ..logs import read_map
     from ..pages.progress import Progress
 

@@ -49,16 +49,38 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
     `swapped_columns` and `milliamps`.
     """
     motion = _motion(recordings)
-    remedy = "Map the column of its {}, or leave the joint out with --lock."
-    found = _dead("command", motion.u, 0.0, robot, remedy.format("torque or current"))
+    remedy = "Map the column of its torque or current, or leave the joint out with --lock."
+    found = _dead("command", motion.u, 0.0, robot, remedy)
     found = [finding for finding in found if finding.where not in robot.passive]
-    found += _short(recordings)
+    usable = np.concatenate([segment.usable for segment in recordings.segments])
+    seconds = float(np.sum(usable.any(axis=1)) / recordings.rate)
+    if seconds < SHORT:
+        text = f"only {seconds:.2g} s of motion can be used"
+        remedy = "Record at least 10 s of all joints moving at once, fast and slow."
+        level = "refusal" if seconds < TOO_SHORT else "warning"
+        found.append(Finding(level, "short_log", "", text, remedy, {"seconds": seconds}))
     if robot.system is not None:
         return tuple(found)
-    still = _dead("position", motion.q, 1e-9, robot, remedy.format("position"))
-    resting, said = _resting(recordings, robot)
-    found += still + [finding for finding in said if finding.where not in {f.where for f in still}]
-    measured = [j for j in _measured(recordings, robot) if j not in resting]
+    remedy = "Map the column of its position, or leave the joint out with --lock."
+    still = _dead("position", motion.q, 1e-9, robot, remedy)
+    found += still
+    shares = usable.mean(axis=0).tolist()
+    resting = {j for j, share in enumerate(shares) if share < _MOVES}
+    remedy = "Record a motion of this joint, or leave it out with --lock."
+    for j in sorted(resting):
+        if robot.joints[j] not in {finding.where for finding in still}:
+            text = "the joint moves faster than its noise in only "
+            text += f"{100 * shares[j]:.1f} % of the rows"
+            data = {"share": shares[j]}
+            found.append(Finding("warning", "at_rest", robot.joints[j], text, remedy, data))
+    derived = {  # joints whose velocities are not measured
+        joint
+        for finding in recordings.findings
+        if finding.code == "differentiated"
+        for joint in finding.data["joints"]  # pyright: ignore[reportGeneralTypeIssues]
+    }
+    names = enumerate(robot.joints)
+    measured = [j for j, name in names if name not in derived and j not in resting]
     found += _velocities(motion, robot, measured)
     reported = {finding.where for finding in found}
     speeds = np.quantile(np.abs(motion.slopes), 0.95, axis=0)
@@ -79,17 +101,6 @@ def _motion(recordings: Recordings) -> Motion:
     return Motion(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _measured(recordings: Recordings, robot: RobotModel) -> list[int]:
-    """Joints whose velocities are measured, not derived from positions."""
-    derived = {
-        joint
-        for finding in recordings.findings
-        if finding.code == "differentiated"
-        for joint in finding.data["joints"]  # pyright: ignore[reportGeneralTypeIssues]
-    }
-    return [j for j, name in enumerate(robot.joints) if name not in derived]
-
-
 def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> list[Finding]:
     """Refusals of joints whose position or command x (N, n) never changes by more than `least`."""
     text, columns = f"the {what} is {{}} in all rows", zip(robot.joints, x.T, strict=False)
@@ -98,30 +109,6 @@ def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> 
         for joint, column in columns
         if np.ptp(column) <= least
     ]
-
-
-def _resting(recordings: Recordings, robot: RobotModel) -> tuple[set[int], list[Finding]]:
-    """Joints that hardly move, and a warning for each."""
-    usable = np.concatenate([segment.usable for segment in recordings.segments]).mean(axis=0)
-    resting = {j for j, share in enumerate(usable) if share < _MOVES}
-    text = "the joint moves faster than its noise in only {:.1f} % of the rows"
-    remedy = "Record a motion of this joint, or leave it out with --lock."
-    shares = [(robot.joints[j], float(usable[j])) for j in sorted(resting)]
-    return resting, [
-        Finding("warning", "at_rest", joint, text.format(100 * share), remedy, {"share": share})
-        for joint, share in shares
-    ]
-
-
-def _short(recordings: Recordings) -> list[Finding]:
-    usable = np.concatenate([segment.usable for segment in recordings.segments])
-    seconds = float(np.sum(usable.any(axis=1)) / recordings.rate)
-    if seconds >= SHORT:
-        return []
-    text = f"only {seconds:.2g} s of motion can be used"
-    remedy = "Record at least 10 s of all joints moving at once, fast and slow."
-    level = "refusal" if seconds < TOO_SHORT else "warning"
-    return [Finding(level, "short_log", "", text, remedy, {"seconds": seconds})]
 
 
 # -- velocities against positions ----------------------------------------------------------------
@@ -251,7 +238,11 @@ def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
 
 def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Commands far larger than the model's torques make plausible."""
-    torques = model_torques(motion, recordings.rate, robot)
+    model, data = robot.model, robot.model.createData()
+    accelerations = np.gradient(motion.v, 1 / recordings.rate, axis=0)
+    some = (positions(model, motion.q), motion.v, accelerations)
+    rows = zip(*(x[:: len(motion.q) // _ROWS or 1] for x in some), strict=True)
+    torques = np.array([pin.rnea(model, data, *row) for row in rows])  # without friction
     size, needed = _rms(motion.u), _rms(torques) / np.abs(robot.gain)
     loaded = needed > 0.1 * needed.max()
     ratio = float(np.median(size[loaded] / needed[loaded])) if loaded.any() else 0.0
@@ -274,15 +265,6 @@ def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -
     remedy = "They may be milliamperes or counts: state the unit in map.toml, or the gains are "
     remedy += "identified per unit of this column."
     return [Finding("warning", "milliamps", "", text, remedy, data)]
-
-
-def model_torques(motion: Motion, rate: float, robot: RobotModel) -> Array:
-    """(k, n) torques of the model without friction [N·m or N], at some rows of the motion."""
-    model, data = robot.model, robot.model.createData()
-    accelerations, every = np.gradient(motion.v, 1 / rate, axis=0), len(motion.q) // _ROWS or 1
-    some = (positions(model, motion.q), motion.v, accelerations)
-    rows = zip(*(x[::every] for x in some), strict=True)
-    return np.array([pin.rnea(model, data, *row) for row in rows])
 
 
 def _rms(x: Array) -> Array:

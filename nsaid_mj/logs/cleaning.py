@@ -1,15 +1,21 @@
-"""Converts a table's channels to ordered signals in SI, and reports every cleaning step."""
+"""From a table's channels to ordered signals in SI, and the speeds below which a joint is at rest.
+
+Every step is reported.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
+from ..log import Log
 from ..numerics.spatial import continuous_signs
 from ..parameters import Array, number
 from ..robot.findings import Finding, Level
 from . import signals
 from .layout import Layout, Source
+from .recordings import Segment
 from .signals import Signal
 from .tables import Channel, Table
 
@@ -20,8 +26,25 @@ SHOWN = 5
 _JITTER = 0.2  # half the spread of intervals, over their median, from which it is reported
 
 
-def clean(table: Table, layout: Layout) -> tuple[dict[str, Signal], tuple[Finding, ...]]:
-    """The signals of a layout's sources by the names of their columns, in SI.
+class Cleaned(NamedTuple):
+    """The signals of one log, in SI."""
+
+    source: str  # name of the file, or of the files
+    made: Layout  # which channels they are
+    signals: dict[str, Signal]  # by the names of their columns
+
+    def of(self, source: Source) -> Signal:
+        """The signal of a source."""
+        return self.signals[source.column.column]
+
+    @property
+    def reference(self) -> Signal:
+        """The first position, by whose rows messages name times."""
+        return self.of(self.made.positions[0])
+
+
+def clean(table: Table, layout: Layout) -> tuple[Cleaned, tuple[Finding, ...]]:
+    """The signals of a layout's sources.
 
     Rows without a value or out of order are dropped, angles continued across whole turns, and
     outliers of positions and velocities interpolated. Every step adds a finding.
@@ -39,7 +62,7 @@ def clean(table: Table, layout: Layout) -> tuple[dict[str, Signal], tuple[Findin
             said = _disorder(table.source, channel, orders[key])
             findings += [finding for finding in said if finding not in findings]
         found[name] = _clean_one(table.source, source, channel, orders[key], findings)
-    return found, tuple(findings)
+    return Cleaned(table.source, layout, found), tuple(findings)
 
 
 def _same_signs(table: Table, layout: Layout) -> Table:
@@ -90,7 +113,7 @@ def _clean_one(
 
 
 def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding]:
-    """Findings about a clock: missing, repeated and late times, and resets."""
+    """Findings about a clock: missing, repeated and late times, resets, uneven intervals."""
     found = []
     undated = np.flatnonzero(~np.isfinite(channel.t))
     for code, rows, text in (
@@ -102,22 +125,17 @@ def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding
         if len(rows):
             level = "warning" if len(rows) > 0.2 * len(channel.t) else "note"
             found.append(about_rows(level, code, file, rows + 1, text))
-    return found + _jitter(file, order.t)
-
-
-def _jitter(file: str, t: Array) -> list[Finding]:
-    """Whether the intervals between rows scatter."""
-    if len(t) < 10:
-        return []
-    intervals = np.diff(t)
+    if len(order.t) < 10:
+        return found
+    intervals = np.diff(order.t)
     period = float(np.median(intervals))
     low, high = np.quantile(intervals, [0.05, 0.95])
-    if high - low < 2 * _JITTER * period:
-        return []
-    text = f"intervals between rows scatter from {low * 1e3:.3g} to {high * 1e3:.3g} ms (5 % to "
-    text += "95 %); values are interpolated to a constant rate"
-    data = {"period": period, "low": float(low), "high": float(high)}
-    return [Finding("note", "jitter", file, text, data=data)]
+    if high - low >= 2 * _JITTER * period:
+        text = f"intervals between rows scatter from {low * 1e3:.3g} to {high * 1e3:.3g} ms (5 % "
+        text += "to 95 %); values are interpolated to a constant rate"
+        data = {"period": period, "low": float(low), "high": float(high)}
+        found.append(Finding("note", "jitter", file, text, data=data))
+    return found
 
 
 def about_rows(
@@ -133,3 +151,104 @@ def about_rows(
     plural = "row" if len(rows) == 1 else "rows"
     data = {"count": len(rows), "rows": listed}
     return Finding(level, code, where, f"{len(rows)} {text} ({plural} {first})", data=data)
+
+
+_MARGIN = 4.0  # standard deviations of a velocity's noise that count as rest
+_LOUD = 0.05  # such a margin, over a joint's speed, from which rest is hidden in the noise
+_WINDOW = 0.2  # a robot moves if it does in most rows of such a window [s]
+
+
+class Rest:
+    """Speeds below which the joints of a log count as being at rest, on a grid of `rate` [Hz].
+
+    Measured velocities are compared with them, or the derivatives of the positions where noise
+    hides rest in the former but not in the latter. stated (n,) are the map's limits.
+    """
+
+    def __init__(self, log: Cleaned, stated: Array, rate: float):
+        made, self._stated, self._rate, self._derived = log.made, stated, rate, False
+        n = len(made.positions)
+        self._coupling = np.eye(n) if made.coupling is None else made.coupling
+        own = np.array([
+            signals.derivative_noise(signals.noise(s.x), s.rate, rate)
+            for s in map(log.of, made.positions)
+        ])  # fmt: skip
+        columns = [log.of(v).x if v else None for v in made.velocities]
+        steps = [0.0 if x is None else signals.quantum(x) for x in columns]
+        noises = [own[j] if x is None else signals.noise(x) for j, x in enumerate(columns)]
+        fast = [np.quantile(np.abs(x), 0.95) for x in columns if x is not None]
+        self._steps, measured = np.array(steps), np.array(noises)
+        if len(fast) == n:  # else the others' columns have their own units and delays
+            loud = _MARGIN * measured > _LOUD * np.array(fast)
+            self._derived = bool((loud & (own < measured)).any() and (own <= measured).all())
+        if self._derived:
+            self._steps, measured = np.zeros(n), own
+        self._noise = measured
+
+    def limits(self, logs: Sequence[Log]) -> Array:
+        """(n,) speeds of the joints [rad/s or m/s], from the log's stretches on the grid.
+
+        Four standard deviations of the velocity's noise, and not less than its quantisation; for a
+        joint that is ten times faster than its noise, at most a tenth of its speed, since fourth
+        differences of few rows count a fast motion as noise. The limits of the map always apply.
+        """
+        spread = np.sqrt(self._coupling**2 @ np.square(self._noise))
+        limits = np.maximum(_MARGIN * spread, np.abs(self._coupling) @ self._steps)
+        fast = np.quantile(np.concatenate([self.speed(log) for log in logs]), 0.95, axis=0)
+        limits = np.where(fast > 10 * spread, np.minimum(limits, 0.1 * fast), limits)
+        return np.maximum(limits, self._stated)
+
+    def speed(self, log: Log) -> Array:
+        """(N, n) speeds for rest detection."""
+        return np.abs(signals.derivative(log.q, self._rate) if self._derived else log.v)
+
+
+def rows_of(signal: Signal, start: float, end: float) -> tuple[int, int]:
+    """First and last row, in the file, of the stretch between two times [s]."""
+    first = np.searchsorted(signal.t, start - 1e-9)
+    last = np.searchsorted(signal.t, end + 1e-9, side="right") - 1
+    return int(signal.row[min(first, len(signal.row) - 1)]), int(signal.row[max(last, 0)])
+
+
+def moving_part(moving: np.ndarray, rate: float) -> slice:
+    """The slice from the first to the last window in which the robot moves in most rows."""
+    width = max(1, round(_WINDOW * rate))
+    share = np.convolve(moving, np.ones(width) / width, mode="same")
+    often = np.flatnonzero(share > 0.5)
+    if not len(often):
+        return slice(0, 0)
+    inside = np.flatnonzero(moving[often[0] : often[-1] + 1]) + often[0]
+    return slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0)
+
+
+def cut_rest(log: Cleaned, grid: Array, kept: slice) -> list[Finding]:
+    """Reports the cuts at both ends of a stretch, whose part `kept` has motion.
+
+    grid (N,) are times [s].
+    """
+    findings, reference = [], log.reference
+    whole = rows_of(reference, *grid[[0, -1]].tolist())
+    if kept.stop == kept.start:
+        text = f"the robot stands still in rows {whole[0]}–{whole[1]}, which were left out"
+        return [Finding("warning", "rest", log.source, text, data={"rows": list(whole)})]
+    inner = rows_of(reference, *grid[[kept.start, kept.stop - 1]].tolist())
+    for a, b, when in ((whole[0], inner[0] - 1, "before"), (inner[1] + 1, whole[1], "after")):
+        if b - a > 0.05 / reference.period:
+            text = f"the robot stands still {when} its motion, in rows {a}–{b}, which were left out"
+            findings.append(Finding("note", "rest", log.source, text, data={"rows": [a, b]}))
+    return findings
+
+
+def limits_stated(
+    file: str, segments: Sequence[Segment], limits: Array, joints: Sequence[str]
+) -> Finding:
+    """Reports the speeds below which rows are not used, and the share of rows above."""
+    usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)
+    each = ", ".join(
+        f"{joint} {number(limit, significant=2)} ({100 * share:.0f} %)"
+        for joint, limit, share in zip(joints, limits, usable, strict=True)
+    )
+    text = "rows below these speeds [rad/s or m/s] are not used "
+    text += f"(in brackets: share of rows used): {each}"
+    data = {"limits": limits.tolist(), "share": usable.tolist()}
+    return Finding("note", "rest_limits", file, text, data=data)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..parameters import Array
-from .units import TIME, of_name
+from .mapping import TIME, of_name
 
 _CORE = {"t", "time", "timestamp", "timestamps", "stamp", "datetime", "date", "clock", "times"}
 _AROUND = {"header", "system", "robot", "elapsed", "rel", "relative", "log", "sample", "utc", "ros"}

@@ -8,9 +8,9 @@ import numpy as np
 from ..parameters import Array
 from ..robot.model import RobotModel
 from .checks import limits
+from .mapping import FACTORS, Quantity, of_name
 from .matching import candidates, match_targets, words
 from .tables import Table, channel_names, values_of
-from .units import FACTORS, Quantity, of_name
 
 _WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
 _HEAD = """\
@@ -80,7 +80,14 @@ def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
     `read_map` accepts it once every joint or actuator has a position and a command.
     """
     names = channel_names(tables)
-    parts = [_HEAD, _channels(tables), _time(tables)]
+    parts = [_HEAD]
+    for table in tables:
+        parts.append(f"#\n# {table.source} has the columns\n")
+        parts += [f"#   {name}\n" for name in table.channels]
+    parts.append('\n# [time]\n# column = "t"\n# unit = "s"  # s, ms, us, ns, date\n')
+    for table in tables if len(tables) > 1 else ():
+        parts.append(f"# [files.{_quoted(table.source)}]\n")
+        parts.append("# offset = 0.0  # added to its times [s]\n")
     if robot.system is not None:
         parts.append(_vehicle(tables, robot))
     else:
@@ -141,23 +148,6 @@ def _is_gripper(joint: str) -> bool:
     return bool({"gripper", "jaw"} & set(words(joint)))
 
 
-def _channels(tables: Sequence[Table]) -> str:
-    lines = []
-    for table in tables:
-        lines.append(f"#\n# {table.source} has the columns\n")
-        lines += [f"#   {name}\n" for name in table.channels]
-    return "".join(lines)
-
-
-def _time(tables: Sequence[Table]) -> str:
-    several = tables if len(tables) > 1 else ()
-    files = "".join(
-        f"# [files.{_quoted(table.source)}]\n# offset = 0.0  # added to its times [s]\n"
-        for table in several
-    )
-    return f'\n# [time]\n# column = "t"\n# unit = "s"  # s, ms, us, ns, date\n{files}'
-
-
 def _joint(joint: str, found: dict[Quantity, dict[str, dict[str, str]]]) -> str:
     lines = [f"\n[joints.{_key(joint)}]\n"]
     for quantity, groups in found.items():
@@ -197,12 +187,14 @@ def _vehicle(tables: Sequence[Table], robot: RobotModel) -> str:
     lines.append("\n[actuators]\n")
     groups = candidates(channels, robot.joints)["command"]
     for k, name in enumerate(robot.joints):
-        means, low, high = _means(robot, k)
+        kinds = [c.kind for c in robot.system.structure.columns if c.input == k]
+        known = (_MEANING[kind] for kind in kinds if kind in _MEANING)
+        means, low, high = next(known, ("", 0.0, 0.0))
         for column in [by_joint[name] for by_joint in groups.values()] or ["…"]:
             scaled = ""
-            if column in channels and high and _is_pulse(values_of(column, tables)):
-                width = _PULSE[1] - _PULSE[0]
-                ratio = (high - low) / width
+            values = values_of(column, tables) if high else np.zeros(0)
+            if len(values) and values.min() >= 800 and 1000 < values.max() <= 2200:
+                ratio = (high - low) / (_PULSE[1] - _PULSE[0])  # of pulses of a radio-control servo
                 scaled = f"ratio = {ratio:g}, offset = {low - ratio * _PULSE[0]:g}"
             mark = "" if len(groups) == 1 else "# "
             lines.append(mark + _line(_key(name), column, scaled, means))
@@ -219,17 +211,6 @@ def _named(suffixes: Sequence[str], channels: Collection[str]) -> list[str] | No
         if all(len(names) == 1 for names in found):
             return [names[0] for names in found]
     return None
-
-
-def _means(robot: RobotModel, k: int) -> tuple[str, float, float]:
-    """Command k in words, and the range that a servo's pulses represent; 0 if none."""
-    kinds = [c.kind for c in robot.system.structure.columns if c.input == k]
-    return next((_MEANING[kind] for kind in kinds if kind in _MEANING), ("", 0.0, 0.0))
-
-
-def _is_pulse(values: Array) -> bool:
-    """Whether values are pulse widths of a radio-control servo or speed controller [µs]."""
-    return len(values) > 0 and bool(values.min() >= 800 and 1000 < values.max() <= 2200)
 
 
 def _quoted(text: str) -> str:

@@ -14,9 +14,8 @@ from ..parameters import Array
 from ..robot.model import RobotModel
 from . import matching
 from .flight import flight_map
-from .mapping import Column, Map, Vehicle, matrix
+from .mapping import Column, Map, Quantity, Vehicle, matrix, si
 from .tables import Channel, Table, channel_names
-from .units import Quantity, si
 from .unusable import UnmatchedChannels
 
 _NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
@@ -129,9 +128,15 @@ def layout(
             raise InvalidInput(f"map: joints.{name}.command", expected, "none", remedy)
     n = len(joints)
     made = Layout(
-        tuple(_source("position", j.position, _turns(j.position)) for j in joints),
+        tuple(
+            _source("position", j.position, j.position.unit_as("position") not in ("m", "mm"))
+            for j in joints
+        ),
         tuple(_source("velocity", j.velocity) if j.velocity else None for j in joints),
-        tuple(_command(j.command, targets) if j.command else None for j in joints),
+        tuple(
+            Source("command", c, c.factor("position" if targets else "command")) if c else None
+            for c in (j.command for j in joints)
+        ),
         np.linalg.inv(matrix("position", mapping.coupling.position, n)),
         matrix("torque", mapping.coupling.torque, n),
     )
@@ -163,15 +168,6 @@ def with_angles(table: Table, robot: RobotModel) -> Table:
 
 def _source(quantity: Quantity, column: Column, angle: bool = False) -> Source:
     return Source(quantity, column, column.factor(quantity), angle)
-
-
-def _command(column: Column, target: bool) -> Source:
-    return Source("command", column, column.factor("position" if target else "command"))
-
-
-def _turns(column: Column) -> bool:
-    """Whether a position is an angle."""
-    return column.unit_as("position") not in ("m", "mm")
 
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
@@ -262,19 +258,15 @@ def _pose(vehicle: Vehicle, raw: Array) -> Array:
         return np.column_stack([y, x, np.pi / 2 - heading]) if ned else raw
     count = 0 if vehicle.position is None else 3
     places = raw[:, :3] if count else np.zeros((len(raw), 3))
-    turns = _rotations(vehicle, raw[:, count:])
+    if vehicle.quaternion is None:  # roll, pitch and yaw
+        turns = Rotation.from_euler("ZYX", raw[:, count:][:, ::-1])
+    else:
+        turns = Rotation.from_quat(raw[:, count:], scalar_first=vehicle.order == "wxyz")
     if ned:
         places = places @ _NED.T
         turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
     quaternions = turns.as_quat()
     return np.column_stack([places, quaternions * continuous_signs(quaternions)[:, None]])
-
-
-def _rotations(vehicle: Vehicle, raw: Array) -> Rotation:
-    """Rotations from body to world, from quaternions (N, 4) or roll, pitch and yaw (N, 3)."""
-    if vehicle.quaternion is None:
-        return Rotation.from_euler("ZYX", raw[:, ::-1])
-    return Rotation.from_quat(raw, scalar_first=vehicle.order == "wxyz")
 
 
 def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:

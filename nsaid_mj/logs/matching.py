@@ -9,8 +9,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 
-from .mapping import Column, Joint, Map
-from .units import FACTORS, Quantity, of_name
+from .mapping import FACTORS, Column, Joint, Map, Quantity, of_name
 from .unusable import UnmatchedChannels
 
 

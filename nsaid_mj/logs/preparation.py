@@ -10,12 +10,19 @@ from ..parameters import Array
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
 from . import signals
-from .cleaning import about_rows, clean
+from .cleaning import (
+    Cleaned,
+    Rest,
+    about_rows,
+    clean,
+    cut_rest,
+    limits_stated,
+    moving_part,
+    rows_of,
+)
 from .layout import Layout, Source, layout, pose_velocity, with_angles
 from .mapping import Map
 from .recordings import Recordings, Segment
-from .rest import Rest, cut_rest, limits_stated, moving_part, rows_of
-from .signals import Signal
 from .tables import Table, join, values_of
 from .unusable import UnusableLog
 
@@ -64,11 +71,8 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     cleaned = _cleaned(recordings, made, findings)
     if not cleaned:
         raise UnusableLog(tuple(findings))
-    rate = _rate([found for _, found in cleaned], made, findings)
-    rest = Rest(made, mapping, robot, rate)
-    segments: list[Segment] = []
-    for source, found in cleaned:
-        segments += _segments(source, found, made, mapping, robot, rest, findings)
+    rate = _rate(cleaned, findings)
+    segments = [s for log in cleaned for s in _segments(log, mapping, robot, rate, findings)]
     if not segments:
         text, remedy = f"no interval of {SHORTEST} s has all signals", "Record a longer log."
         if any(finding.code == "rest" for finding in findings):
@@ -79,23 +83,21 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     return Recordings(tuple(segments), rate, made.command_units, tuple(findings))
 
 
-def _cleaned(
-    recordings: list[Table], made: Layout, findings: list[Finding]
-) -> list[tuple[str, dict[str, Signal]]]:
-    """Source and signals of the recordings with numbers in all channels; empties their list."""
+def _cleaned(recordings: list[Table], made: Layout, findings: list[Finding]) -> list[Cleaned]:
+    """The recordings with numbers in all channels; empties their list."""
     cleaned = []
     while recordings:
-        recording = recordings.pop(0)
-        found, said = clean(recording, made)
+        log, said = clean(recordings.pop(0), made)
         findings += said
-        if all(len(signal.t) > 9 for signal in found.values()):
-            cleaned.append((recording.source, found))
+        few, signal = min(log.signals.items(), key=lambda item: len(item[1].t))
+        if len(signal.t) > 9:
+            cleaned.append(log)
             continue
-        few = min(found, key=lambda name: len(found[name].t))
-        count = len(found[few].t)
-        text = f"only {count} rows have a number" if count else "no row has a number"
+        text = (
+            f"only {len(signal.t)} rows have a number" if len(signal.t) else "no row has a number"
+        )
         remedy = "Map another column, or leave the joint out with --lock."
-        where = f"{recording.source}, {few}"
+        where = f"{log.source}, {few}"
         findings.append(Finding("refusal", "dead_channel", where, text, remedy))
     return cleaned
 
@@ -117,13 +119,12 @@ def _without_dead_velocities(
     return made._replace(velocities=tuple(kept)), findings
 
 
-def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Finding]) -> float:
+def _rate(cleaned: Sequence[Cleaned], findings: list[Finding]) -> float:
     """Samples per second of the grid: the median rate of the positions, or a fraction of it."""
-    rates = [found[s.column.column].rate for found in cleaned for s in made.positions]
-    own = float(np.median(rates))
+    own = float(np.median([log.of(s).rate for log in cleaned for s in log.made.positions]))
     if abs(own - round(own)) < 2e-3 * own and own > 10:
         own = float(round(own))
-    rows = sum(len(found[made.positions[0].column.column].t) for found in cleaned)
+    rows = sum(len(log.reference.t) for log in cleaned)
     every = max(1, math.ceil(own / HIGHEST_RATE - 0.05))
     every = max(every, min(math.ceil(rows / MOST_ROWS), int(own / ENOUGH)))
     if every > 1:
@@ -133,10 +134,9 @@ def _rate(cleaned: Sequence[dict[str, Signal]], made: Layout, findings: list[Fin
     return own / every
 
 
-def _stretches(
-    source: str, found: dict[str, Signal], made: Layout, findings: list[Finding]
-) -> list[tuple[float, float]]:
+def _stretches(log: Cleaned, findings: list[Finding]) -> list[tuple[float, float]]:
     """Start and end [s] of the stretches between the gaps of all signals."""
+    found, source = log.signals, log.source
     start = max(signal.t[0] for signal in found.values())
     end = min(signal.t[-1] for signal in found.values())
     cuts: dict[tuple[float, float], list[str]] = {}
@@ -154,13 +154,12 @@ def _stretches(
         parts.append((last, min(a, end)))
         last = max(last, b)
     parts.append((last, end))
-    reference = found[made.positions[0].column.column]
     kept = []
     for start, end in parts:
         if end - start >= SHORTEST:
             kept.append((start, end))
         elif end > start:
-            rows = rows_of(reference, start, end)
+            rows = rows_of(log.reference, start, end)
             text = f"{end - start:.2g} s between gaps (rows {rows[0]}–{rows[1]}) are "
             text += "too short and were left out"
             data = {"rows": list(rows)}
@@ -169,57 +168,55 @@ def _stretches(
 
 
 def _segments(
-    source: str,
-    found: dict[str, Signal],
-    made: Layout,
-    mapping: Map,
-    robot: RobotModel,
-    rest: Rest,
-    findings: list[Finding],
+    log: Cleaned, mapping: Map, robot: RobotModel, rate: float, findings: list[Finding]
 ) -> list[Segment]:
-    """The segments of a recording on the grid."""
-    reference = found[made.positions[0].column.column]
+    """The segments of a log on the grid."""
+    made, source, reference = log.made, log.source, log.reference
     drop_rest = robot.system is None and mapping.drop_rest
-    saturated = _saturated(source, found, made, robot, findings)
+    saturated = _saturated(log, robot, findings)
     if any(velocity is None for velocity in made.velocities):
-        text = f"velocities are derived from positions up to {signals.bandwidth(rest.rate):g} Hz"
+        text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
         missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
         findings.append(Finding("note", "differentiated", source, text, data={"joints": missing}))
     logs: list[Log] = []
-    for start, end in _stretches(source, found, made, findings):
+    for start, end in _stretches(log, findings):
         first = reference.t[np.searchsorted(reference.t, start)]
-        grid = first + np.arange(int((end - first) * rest.rate + 1e-6) + 1) / rest.rate
-        logs.append(_log(grid, found, made, mapping.hold, rest.rate))
-    limits = rest.limits(found, logs) if drop_rest and logs else np.zeros(0)
+        grid = first + np.arange(int((end - first) * rate + 1e-6) + 1) / rate
+        logs.append(_log(grid, log, mapping.hold, rate))
+    if not logs:
+        return []
+    rest, limits = None, np.zeros(0)
+    if drop_rest:
+        stated = [mapping.joints[j].rest if j in mapping.joints else 0.0 for j in robot.joints]
+        rest = Rest(log, np.array(stated), rate)
+        limits = rest.limits(logs)
     segments = []
-    for log in logs:
-        grid = log.t
-        usable = _trusted(grid, found, made, saturated, log.v.shape[1])
-        if drop_rest:
-            speed = np.abs(rest.speed(found, log))
-            moving = np.asarray(speed >= np.maximum(limits, 1e-12))
+    for own in logs:
+        grid = own.t
+        usable, kept = _trusted(grid, log, saturated, own.v.shape[1]), slice(0, len(grid))
+        if rest is not None:
+            moving = rest.speed(own) >= np.maximum(limits, 1e-12)
             usable &= moving
-            kept = moving_part(np.any(moving, axis=1), rest.rate)
-            if kept.stop - kept.start < SHORTEST * rest.rate:
+            kept = moving_part(np.any(moving, axis=1), rate)
+            if kept.stop - kept.start < SHORTEST * rate:
                 kept = slice(0, 0)
-            findings += cut_rest(source, reference, grid, kept)
-        else:
-            kept = slice(0, len(grid))
+            findings += cut_rest(log, grid, kept)
         if kept.stop > kept.start:
             rows = rows_of(reference, grid[kept.start], grid[kept.stop - 1])
-            segments.append(Segment(log.part(kept.start, kept.stop), usable[kept], source, rows))
+            segments.append(Segment(own.part(kept.start, kept.stop), usable[kept], source, rows))
     if segments and drop_rest:
         findings.append(limits_stated(source, segments, limits, robot.joints))
     return segments
 
 
-def _log(grid: Array, found: dict[str, Signal], made: Layout, hold: bool, rate: float) -> Log:
+def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
     """q, v and u on a grid."""
+    made = log.made
 
     def on_grid(sources: Sequence[Source | None], held: bool = False) -> Array:
-        signal = [found[s.column.column] if s else None for s in sources]
-        columns = [signals.resample(x, grid, held) if x else 0.0 * grid for x in signal]
-        return np.column_stack(columns)
+        return np.column_stack(
+            [signals.resample(log.of(s), grid, held) if s else 0.0 * grid for s in sources]
+        )
 
     q_raw = on_grid(made.positions)
     q = made.q(q_raw)
@@ -227,21 +224,17 @@ def _log(grid: Array, found: dict[str, Signal], made: Layout, hold: bool, rate: 
     if made.vehicle is not None and made.velocities[0] is None:
         v = signals.low_pass(pose_velocity(q, rate), signals.bandwidth(rate) / (0.5 * rate))
     else:
-        v_raw = np.empty((len(grid), len(made.velocities)))
-        for j, source in enumerate(made.velocities):
-            if source is None:
-                v_raw[:, j] = signals.derivative(q_raw[:, j], rate)
-            else:
-                v_raw[:, j] = signals.resample(found[source.column.column], grid)
+        v_raw = on_grid(made.velocities)
+        none = [source is None for source in made.velocities]
+        if any(none):
+            v_raw[:, none] = signals.derivative(q_raw[:, none], rate)
         v = made.v(v_raw, q)
     return Log(grid, made.placed(q, v, rate), v, u)
 
 
-def _trusted(
-    grid: Array, found: dict[str, Signal], made: Layout, saturated: dict[str, Array], n: int
-) -> np.ndarray:
+def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> np.ndarray:
     """(N, n) rows in which no signal of a joint is saturated or bridges a drop-out."""
-    usable = np.ones((len(grid), n), bool)
+    usable, made = np.ones((len(grid), n), bool), log.made
     step = (grid[-1] - grid[0]) / (len(grid) - 1)
     for group, mixing in (
         (made.positions, made.coupling),
@@ -251,42 +244,28 @@ def _trusted(
         for k, source in enumerate(group):
             if source is None:
                 continue
-            spans = found[source.column.column].doubtful
-            spans = spans[spans[:, 1] - spans[:, 0] > 1.2 * step]
+            spans = log.of(source).doubtful
+            spans = [spans[spans[:, 1] - spans[:, 0] > 1.2 * step]]
+            spans += [saturated[name] for name in (source.column.column,) if name in saturated]
             touched = np.ones(n, bool) if mixing is None else mixing[:, k] != 0
-            bad = _within(grid, spans)
-            if source.column.column in saturated:
-                bad |= _within(grid, saturated[source.column.column])
-            usable[np.ix_(bad, touched)] = False
+            for a, b in np.concatenate(spans):  # open intervals
+                bad = slice(np.searchsorted(grid, a, side="right"), np.searchsorted(grid, b))
+                usable[bad, touched] = False
     return usable
 
 
-def _within(grid: Array, spans: Array) -> np.ndarray:
-    """(N,) whether a time lies in one of the open intervals (k, 2)."""
-    inside = np.zeros(len(grid), bool)
-    for a, b in spans:
-        inside[np.searchsorted(grid, a, side="right") : np.searchsorted(grid, b)] = True
-    return inside
-
-
-def _saturated(
-    source: str,
-    found: dict[str, Signal],
-    made: Layout,
-    robot: RobotModel,
-    findings: list[Finding],
-) -> dict[str, Array]:
+def _saturated(log: Cleaned, robot: RobotModel, findings: list[Finding]) -> dict[str, Array]:
     """Intervals of time (k, 2) in which a command is at its limit, by column."""
-    spans: dict[str, Array] = {}
+    spans, made = {}, log.made
     torque = np.eye(len(made.commands)) if made.torque is None else made.torque
     diagonal = np.array_equal(torque, np.diag(np.diag(torque)))
     for j, (command, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
         if command is None:
             continue
         name = command.column.column
-        signal = found[name]
+        signal = log.of(command)
         flat = signals.flat_extremes(signal.x, signal.period)
-        where, how = f"{source}, {name}", "a flat extreme"
+        where, how = f"{log.source}, {name}", "a flat extreme"
         size = np.abs(signal.x * torque[j, j] + command.column.offset)
         if diagonal and np.isfinite(limit) and size.max() <= 1.02 * limit:
             at_limit = size >= 0.999 * limit

@@ -97,7 +97,8 @@ def outliers(t: Array, x: Array) -> np.ndarray:
     nearby = ndimage.median_filter(steps, 15, mode="nearest")
     some = steps[steps > 0]
     smallest = float(np.quantile(some, 0.25)) if len(some) else 0.0
-    floor = max(8 * robust_noise(x), 5 * smallest)
+    noisy = 1.4826 * np.median(np.abs(np.diff(x, 4))) / np.sqrt(70)  # see `noise`
+    floor = max(8 * noisy, 5 * smallest)
     from_cubic = np.abs(ndimage.convolve1d(x, np.array([1, -4, 6, -4, 1]) / 6, mode="nearest"))
     intervals = np.diff(t, prepend=2 * t[0] - t[1])
     uneven = ndimage.maximum_filter1d(intervals > 1.5 * np.median(intervals), 5)
@@ -123,11 +124,6 @@ def noise(x: Array) -> float:
     kept = max(5, int(0.99 * len(squares)))
     squares.partition(kept - 1)
     return float(np.sqrt(np.mean(squares[:kept]) / 70))
-
-
-def robust_noise(x: Array) -> float:
-    """Standard deviation of a signal's noise, from the median absolute fourth difference."""
-    return float(1.4826 * np.median(np.abs(np.diff(x, 4))) / np.sqrt(70)) if len(x) > 9 else 0.0
 
 
 def quantum(x: Array) -> float:

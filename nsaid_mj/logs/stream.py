@@ -144,21 +144,16 @@ def parsed(system: SecondOrderSystem, line: bytes) -> tuple[float, Array, Array,
     try:
         found = orjson.loads(line)
     except ValueError:
-        found = _lenient(line)
+        try:
+            found = json_of(line)  # with NaN or Infinity, which JSON lacks
+        except ValueError:
+            found = None
     if isinstance(found, dict) and found.get("end"):
         return None
     if not isinstance(found, dict) or not {"t", "q", "v", "u"} <= found.keys():
         got = line[:60].decode("utf-8", "replace").strip()
         raise InvalidInput("sample", _EXPECTED, got, "See docs/live.md.")
     return sample_of(system, *(found[key] for key in "tqvu"))
-
-
-def _lenient(line: bytes) -> object:
-    """The content of a line with NaN or Infinity, which JSON lacks; None if it has none."""
-    try:
-        return json_of(line)
-    except ValueError:
-        return None
 
 
 def turned(system: SecondOrderSystem, q: Array, v: Array) -> tuple[Array, Array]:

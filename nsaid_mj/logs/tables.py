@@ -20,6 +20,8 @@ from .unusable import UnreadableLog
 _FOUND = Time()
 _FEW = 0.01  # share of rows with problems from which they are a warning
 _SHOWN = 6  # columns named in a message
+_AWAY = 5.0  # least distance of a missing value from all others, over their range
+# an extreme that far away marks missing values if it is a number commonly used for this
 _SENTINEL = re.compile(r"-?(?:999+(?:\.9+)?|32768|32767|65535|2147483648|2147483647|1e\+?[1-9]\d+)")
 
 
@@ -71,9 +73,19 @@ def read(path: str | os.PathLike[str], time: Time = _FOUND) -> Table:
         findings += _unread(file, columns)
         clock, rest = _timed(file, columns, time, findings)
         groups.append((clock, _numbers(file, rest, findings)))
-        dropped += [*columns.dropped, *_no_numbers(rest)]
+        dropped += columns.dropped
+        for name, column in rest.items():
+            if column.dtype.kind not in "fiu":
+                texts = column.dtype.kind in "OU"
+                what = f"text such as {str(column[0])[:20]!r}" if texts else "dates"
+                dropped.append((name, what))
     if dropped:
-        findings.append(_left_out(file, dropped, sum(len(numbers) for _, numbers in groups)))
+        total = len(dropped) + sum(len(numbers) for _, numbers in groups)
+        what = "; ".join(f"{name} ({why})" for name, why in dropped[:_SHOWN])
+        what += f"; and {len(dropped) - _SHOWN} more" if len(dropped) > _SHOWN else ""
+        text = f"left out {len(dropped)} of {total} channels: {printable(what)}"
+        data = {"columns": dict(dropped)}
+        findings.append(Finding("note", "left_out", file.name, text, data=data))
     origin = min(clock.origin for clock, _ in groups)
     channels: dict[str, Channel] = {}
     for clock, numbers in groups:
@@ -123,7 +135,11 @@ def _timed(
         text = f"there is no column {time!r}, the time of the map; {name!r} is used instead"
         findings.append(Finding("warning", "time_column", file.name, text, "Correct map.toml."))
     if clock.unit != "s":
-        findings.append(_converted(file, name, clock))
+        how = "judging by their size" if clock.guessed else "as stated"
+        what = "dates" if clock.unit == "date" else f"in {clock.unit}"
+        text = f"the times in column {name!r} are {what}, {how}, and were converted to seconds"
+        data = {"column": name, "unit": clock.unit, "guessed": clock.guessed}
+        findings.append(Finding("note", "time_unit", file.name, text, data=data))
     rest = {other: column for other, column in values.items() if other != name}
     return clock, rest
 
@@ -138,55 +154,21 @@ def _numbers(
         if column.dtype.kind in "fiu"
     }
     for name, column in found.items():
-        absent = _sentinel(column)
-        if absent is None:
-            continue
-        rows = np.flatnonzero(column == absent)
-        column[rows] = np.nan
-        text = f"{len(rows)} rows hold {absent:g}, far from all others; it was read as missing"
-        data = {"value": absent, "count": len(rows), "rows": (rows[:100] + 1).tolist()}
-        findings.append(Finding("warning", "sentinel", f"{file.name}, {name}", text, data=data))
+        finite = column[np.isfinite(column)]
+        for extreme in (finite.min(), finite.max()) if len(finite) else ():
+            if not _SENTINEL.fullmatch(f"{extreme:.17g}"):
+                continue
+            others = finite[finite != extreme]
+            if len(others) < 2 or np.abs(others - extreme).min() <= _AWAY * np.ptp(others):
+                continue
+            rows = np.flatnonzero(column == extreme)
+            column[rows] = np.nan
+            text = f"{len(rows)} rows hold {extreme:g}, far from all others; it was read as missing"
+            data = {"value": float(extreme), "count": len(rows), "rows": (rows[:100] + 1).tolist()}
+            where = f"{file.name}, {name}"
+            findings.append(Finding("warning", "sentinel", where, text, data=data))
+            break
     return found
-
-
-def _sentinel(column: Array) -> float | None:
-    """The number with which a column marks missing values.
-
-    It is a number commonly used for this, is the smallest or largest of the column, and is farther
-    from all others than five times their range.
-    """
-    finite = column[np.isfinite(column)]
-    for extreme in (finite.min(), finite.max()) if len(finite) else ():
-        if not _SENTINEL.fullmatch(f"{extreme:.17g}"):
-            continue
-        others = finite[finite != extreme]
-        if len(others) > 1 and np.abs(others - extreme).min() > 5 * np.ptp(others):
-            return float(extreme)
-    return None
-
-
-def _no_numbers(values: dict[str, np.ndarray]) -> list[tuple[str, str]]:
-    """The columns without numbers, and what they hold instead."""
-    return [
-        (name, f"text such as {str(column[0])[:20]!r}" if column.dtype.kind in "OU" else "dates")
-        for name, column in values.items()
-        if column.dtype.kind not in "fiu"
-    ]
-
-
-def _left_out(file: Path, dropped: list[tuple[str, str]], kept: int) -> Finding:
-    what = "; ".join(f"{name} ({why})" for name, why in dropped[:_SHOWN])
-    what += f"; and {len(dropped) - _SHOWN} more" if len(dropped) > _SHOWN else ""
-    text = f"left out {len(dropped)} of {len(dropped) + kept} channels: {printable(what)}"
-    return Finding("note", "left_out", file.name, text, data={"columns": dict(dropped)})
-
-
-def _converted(file: Path, name: str, clock: clocks.Clock) -> Finding:
-    how = "judging by their size" if clock.guessed else "as stated"
-    what = "dates" if clock.unit == "date" else f"in {clock.unit}"
-    text = f"the times in column {name!r} are {what}, {how}, and were converted to seconds"
-    data = {"column": name, "unit": clock.unit, "guessed": clock.guessed}
-    return Finding("note", "time_unit", file.name, text, data=data)
 
 
 def _unread(file: Path, columns: formats.Columns) -> list[Finding]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import evaluation, recording
 from ..bounds import LARGEST
-from ..calibration.log_robot import reopen_measured
+from ..calibration.measured import reopen_measured
 from ..errors import BadRun
 from ..evaluation.verify import ROWS, verify
 from ..experiment.loop import Cost, Ending, Run, reopen

@@ -8,9 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.calibration.calibrate import _held_out, with_known
-from nsaid_mj.calibration.fit import gramians, minimise, posterior
-from nsaid_mj.calibration.precision import combinations, inflation, precision, tempered
-from nsaid_mj.calibration.problem import Problem, folds, least_squares
+from nsaid_mj.calibration.fit import (
+    combinations,
+    gramians,
+    inflation,
+    minimise,
+    posterior,
+    precision,
+    tempered,
+)
+from nsaid_mj.calibration.problem import Problem, Size, folds, least_squares
 from nsaid_mj.calibration.statements import parameters_in_words, suggest
 from nsaid_mj.errors import InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.parameters import Block, ParameterSpace
@@ -35,6 +42,11 @@ def space_of(gains: int = 2) -> ParameterSpace:
 TRUE = np.array([2.0, 0.5, 1.5, 0.7, 0.2, 1.3, 0.8])
 
 
+def absolute(p: int) -> Size:
+    """All p prior values are absolute."""
+    return Size(np.ones((1, p)), np.zeros(p, dtype=np.intp), np.inf, np.ones(p, dtype=bool))
+
+
 def problem_of(noise: float = 0.0, rows: int = 400, seed: int = 0) -> Problem:
     """Rows of two independent joints whose commands make Y θ = 0 under TRUE, plus noise."""
     rng = np.random.default_rng(seed)
@@ -57,6 +69,7 @@ def problem_of(noise: float = 0.0, rows: int = 400, seed: int = 0) -> Problem:
         np.array([1.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0]),
         np.array([1.0, 1.0, 1.0, 1.0, 1.0, 0.3, 0.3]),
         np.zeros(7, dtype=bool),
+        absolute(7),
     )
 
 

@@ -8,13 +8,11 @@ import pinocchio as pin
 import pytest
 
 import nsaid_mj as ns
-from nsaid_mj.calibration.calibrate import calibrate, tempered_fit
-from nsaid_mj.calibration.fit import minimise
+from nsaid_mj.calibration.calibrate import calibrate
+from nsaid_mj.calibration.fit import minimise, tempered, tempered_fit
 from nsaid_mj.calibration.identify import coupled, identify
-from nsaid_mj.calibration.precision import tempered
 from nsaid_mj.calibration.problem import Problem, least_squares
-from nsaid_mj.calibration.result import Identification
-from nsaid_mj.calibration.structure import Options
+from nsaid_mj.calibration.result import Identification, Options
 from nsaid_mj.cli.commands import command
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.logs import Map, prepare, read_tables

@@ -7,18 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration import calibrate, checks, precision, selection
-from nsaid_mj.calibration.calibrate import _change, _doubted
-from nsaid_mj.calibration.checks import structure_checks
-from nsaid_mj.calibration.fit import minimise
-from nsaid_mj.calibration.precision import Precision, inflation, tempered
+from nsaid_mj.calibration import arms, calibrate, selection
+from nsaid_mj.calibration.calibrate import _change, _doubted, structure_checks
+from nsaid_mj.calibration.fit import Precision, inflation, minimise, precision, tempered
 from nsaid_mj.calibration.result import JointFit
-from nsaid_mj.calibration.scale import with_known
 from nsaid_mj.calibration.selection import worthwhile
 from nsaid_mj.calibration.smoothing import Filter, refined, slope
-from nsaid_mj.calibration.statements import parameters_in_words, verdict
+from nsaid_mj.calibration.statements import parameters_in_words, verdict, with_known
 from nsaid_mj.parameters import ParameterSpace
-from tests.calibration.test_fit import TRUE, problem_of
+from tests.calibration.test_fit import TRUE, absolute, problem_of
 
 FIRST = np.eye(7)[0]
 
@@ -54,7 +51,7 @@ def test_a_deviation_is_that_of_the_jackknife():
     """The mean of K estimates without one part each: variance (K − 1)/K Σ (θ_k − mean)²."""
     problem = with_known(problem_of(noise=0.5, rows=800), {"gain_1": 1.3, "gain_2": 0.8})
     fit, share = minimise(problem), np.ones(2)
-    exact = precision.precision(problem, fit, share)
+    exact = precision(problem, fit, share)
     size = np.linalg.norm(exact.parts[:, :4], axis=0)
     assert len(exact.parts) == 8
     ratio = size / np.sqrt(np.diag(exact.covariance)[:4])
@@ -65,7 +62,7 @@ def test_what_no_row_tells_has_the_deviation_of_the_prior():
     """Scale of joint 2: rotor and friction known to a factor e, its gain to e^.3."""
     problem = problem_of(noise=0.1, rows=2000)
     fit = minimise(problem)
-    exact = precision.precision(problem, fit, np.ones(2))
+    exact = precision(problem, fit, np.ones(2))
     deviation = np.sqrt(exact.covariance[6, 6]) / fit.theta[6]
     assert deviation == pytest.approx((1 + 1 + 1 / 0.3**2) ** -0.5, rel=0.1)
 
@@ -77,8 +74,8 @@ def test_correlated_rows_count_as_fewer():
     np.testing.assert_allclose(few.counts * share, all_.counts)
     np.testing.assert_allclose(few.sums[0] * 4, all_.sums[0])
     at = minimise(problem)
-    wide = precision.precision(problem, at, share).covariance[2, 2]
-    assert wide > 2 * precision.precision(problem, at, np.ones(2)).covariance[2, 2]
+    wide = precision(problem, at, share).covariance[2, 2]
+    assert wide > 2 * precision(problem, at, np.ones(2)).covariance[2, 2]
 
 
 def test_residuals_that_last_are_inflated_by_how_long_they_last():
@@ -127,6 +124,7 @@ def test_a_single_gain_is_identified_by_its_own_interval(deviation, status):
         problem,
         space=ParameterSpace((*blocks, gain)),
         Y=problem.Y[:, :, :6],
+        size=absolute(6),
         **{name: getattr(problem, name)[kept] for name in ("prior", "spread", "known")},
     )
     fit, eye = minimise(problem)._replace(theta=TRUE[:6]), np.eye(6)
@@ -141,11 +139,11 @@ def test_a_single_gain_is_identified_by_its_own_interval(deviation, status):
 def test_a_swap_helps_every_joint_that_it_moves(monkeypatch, other, told):
     errors = {(0, 0): 0.5, (0, 1): 0.05, (1, 1): 0.1, (1, 0): other}
     monkeypatch.setattr(
-        checks, "held_out_errors", lambda rows, choice, u, joint: np.full(5, errors[joint, u[0]])
+        arms, "held_out_errors", lambda rows, choice, u, joint: np.full(5, errors[joint, u[0]])
     )
     commands = np.array([[0, 1]])
     rows: Any = SimpleNamespace(driven=[0, 1])
-    found = checks._swapped(rows, rows, commands, ("a", "b"), [])
+    found = arms._swapped(rows, rows, commands, ("a", "b"), [])
     assert bool(found) == told
 
 

@@ -7,8 +7,8 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.links import Load, carrier, check_loads, load_of, payloads, with_mass
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.payloads import Load, carrier, check_loads, load_of, payloads, with_mass
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.resources import asset
 from tests.support.simulated_logs import HeavyWrist

@@ -10,11 +10,10 @@ import pinocchio as pin
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from nsaid_mj.calibration.fit import minimise
+from nsaid_mj.calibration.fit import minimise, precision
 from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.joints import BASIC, SPEEDS, Choice, JointRows
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.precision import precision
 from nsaid_mj.calibration.problem import Problem
 from nsaid_mj.calibration.residuals import (
     Followed,
@@ -24,9 +23,9 @@ from nsaid_mj.calibration.residuals import (
     widened,
     with_doubts,
 )
-from nsaid_mj.calibration.scale import with_known
 from nsaid_mj.calibration.selection import choose, refined, with_constants
 from nsaid_mj.calibration.smoothing import filter_for
+from nsaid_mj.calibration.statements import with_known
 from nsaid_mj.calibration.suspects import _answered, _between
 from nsaid_mj.log import Log
 from nsaid_mj.logs.recordings import Recordings, Segment

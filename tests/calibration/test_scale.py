@@ -16,10 +16,9 @@ from nsaid_mj.calibration.identify import identify
 from nsaid_mj.calibration.joints import BASIC, Choice, JointRows
 from nsaid_mj.calibration.links import file_links, link_blocks, sizes_of_links
 from nsaid_mj.calibration.problem import Problem, Size
-from nsaid_mj.calibration.result import Identification, JointFit
+from nsaid_mj.calibration.result import Identification, JointFit, Options
 from nsaid_mj.calibration.smoothing import filter_for
 from nsaid_mj.calibration.statements import verdict
-from nsaid_mj.calibration.structure import Options
 from nsaid_mj.logs import prepare, read_tables
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.robot.findings import Finding

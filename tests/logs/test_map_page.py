@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.logs import map_of, units
+from nsaid_mj.logs import map_of
 from nsaid_mj.logs import mapping as m
 
 PAGE = (Path(__file__).parents[2] / "docs" / "map.md").read_text(encoding="utf-8")
@@ -29,5 +29,5 @@ def test_every_field_is_in_an_example(part):
 
 
 def test_every_unit_is_listed():
-    known = {unit for factors in units.FACTORS.values() for unit in factors}
+    known = {unit for factors in m.FACTORS.values() for unit in factors}
     assert [unit for unit in known if unit not in PAGE] == []

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.logs import matching, units
+from nsaid_mj.logs import mapping, matching
 from nsaid_mj.logs.mapping import Column, map_of, read_map
 from nsaid_mj.logs.unusable import UnmatchedChannels
 
@@ -114,7 +114,7 @@ def test_more_indices_than_joints_are_not_guessed():
 
 
 @given(
-    st.sampled_from([(q, unit) for q, known in units.FACTORS.items() for unit in known]),
+    st.sampled_from([(q, unit) for q, known in mapping.FACTORS.items() for unit in known]),
     st.floats(-1e3, 1e3),
     st.sampled_from([-1, 1]),
     st.floats(0.01, 200),
@@ -124,7 +124,7 @@ def test_conversion_is_sign_times_unit_over_or_times_ratio(kind, value, sign, ra
     counts = 4096.0 if unit.startswith("ticks") else None
     column = Column(column="x", unit=unit, sign=sign, ratio=ratio, counts_per_turn=counts)
     geared = value * ratio if quantity == "command" else value / ratio
-    expected = sign * geared * units.FACTORS[quantity][unit] / (counts or 1)
+    expected = sign * geared * mapping.FACTORS[quantity][unit] / (counts or 1)
     assert column.factor(quantity) * value == pytest.approx(expected, rel=1e-12, abs=1e-300)
 
 
@@ -147,16 +147,16 @@ def test_a_turn_in_every_unit_is_two_pi():
     ],
 )
 def test_units_at_the_end_of_a_name(name, bare, unit):
-    assert units.of_name(name, units.FACTORS["position"]) == (bare, unit)
+    assert mapping.of_name(name, mapping.FACTORS["position"]) == (bare, unit)
 
 
 @pytest.mark.parametrize("text", ["Nm", "N·m", "N.m", "n*m", "N·m"])
 def test_a_unit_has_many_spellings(text):
-    assert units.canonical(text) == "N·m"
+    assert mapping.canonical(text) == "N·m"
 
 
 def test_milli_and_mega_are_not_confused():
-    assert units.canonical("mA") == "mA" and units.canonical("A") == "A"
+    assert mapping.canonical("mA") == "mA" and mapping.canonical("A") == "A"
 
 
 JOINT = {"position": {"column": "q"}, "command": {"column": "u"}}

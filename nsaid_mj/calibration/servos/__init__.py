@@ -12,5 +12,5 @@ from .identify import read_servos as read_servos
 from .identify import servo_logs as servo_logs
 from .logs import ServoLog as ServoLog
 from .logs import ServoLogs as ServoLogs
-from .result import Replayed as Replayed
-from .result import ServoIdentification as ServoIdentification
+from .words import Replayed as Replayed
+from .words import ServoIdentification as ServoIdentification

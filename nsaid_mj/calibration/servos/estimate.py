@@ -28,10 +28,9 @@ from .fit import (
     minimise,
     zeros,
 )
-from .joint_fits import Fitted, fit_free
+from .joint_fits import Arm, Fitted, fit_free, weigh
 from .logs import DELAYS, TRAVEL, ServoLog, ServoLogs, late
 from .simulation import JointLog
-from .weighing import Arm, weigh
 
 _KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
 _LEAST_SAG = 0.25  # variation of a joint's sinking under its load, over the deviation of its zero
@@ -158,11 +157,11 @@ def _with_kp(fitted: Fitted, given: ServoLogs, cluster: Indices, zero: Array) ->
     """(n,) joints whose kp gravity determines; in `fitted`, the others are refitted with theirs."""
     fits = fitted.fits
     spread = [covariance_of(fit, cluster, zero[[j]]) for j, fit in enumerate(fits)]
-    known = np.array([
-        _reveals(of.covariance[GRAVITY, GRAVITY], of.moved[GRAVITY, 1])
-        and _follows(fit.of.logs, fit.residual, fitted.used)
-        for of, fit in zip(spread, fits, strict=True)
-    ])  # fmt: skip
+    known = np.zeros(len(fits), dtype=bool)
+    for j, (of, fit) in enumerate(zip(spread, fits, strict=True)):
+        error, simple, travel = _errors(fit.of.logs, fit.residual, fitted.used)
+        follows = travel > TRAVEL and not (simple > _STILL and error > _NEARLY * simple)
+        known[j] = follows and _reveals(of.covariance[GRAVITY, GRAVITY], of.moved[GRAVITY, 1])
     x = np.array([fit.x for fit in fits])
     known &= _sag(given.logs, x) > _LEAST_SAG * zero
     common = _common(x, known, given.kp)
@@ -274,9 +273,3 @@ def _errors(logs: Sequence[JointLog], residual: Array, used: Array) -> tuple[flo
     best = min(late(logs, used, delay) for delay in DELAYS)
     error = float(np.abs(residual) @ used / used.sum())
     return error, min(best, float(constant)), float(np.ptp(position))
-
-
-def _follows(logs: Sequence[JointLog], residual: Array, used: Array) -> bool:
-    """Whether a joint moves as predicted by its model, so that its parameters are meaningful."""
-    error, simple, travel = _errors(logs, residual, used)
-    return travel > TRAVEL and not (simple > _STILL and error > _NEARLY * simple)

@@ -34,19 +34,17 @@ def follow(
     logs: Sequence[Sequence[JointLog]], fits: Sequence[JointEstimate], used: Array
 ) -> tuple[Followed, ...]:
     """The filters of all joints, from logs and batch fit of each; used (N,) marks what counts."""
-    starts = np.array([np.log(start([_begin(own[0])])[:3]) for own in logs])
+    starts = np.empty((len(logs), 3))
+    for j, (first, *_) in enumerate(logs):
+        count = int(np.searchsorted(first.t, first.t[0] + _BEGIN))
+        rows = {name: getattr(first, name)[:count] for name in first._fields[:5]}
+        starts[j] = np.log(start([first._replace(**rows)])[:3])
     determined = starts[:, GRAVITY] > np.log(2 * LEAST[GRAVITY])
     if determined.any():  # servos of an arm are alike
         starts[~determined, GRAVITY] = starts[determined, GRAVITY].mean()
     return tuple(
         _followed(own, fit, x, used) for own, fit, x in zip(logs, fits, starts, strict=True)
     )
-
-
-def _begin(log: JointLog) -> JointLog:
-    count = int(np.searchsorted(log.t, log.t[0] + _BEGIN))
-    rows = (part[:count] for part in log[:5])
-    return JointLog(*rows, limit=log.limit, stiffer=log.stiffer)
 
 
 def _followed(logs: Sequence[JointLog], fit: JointEstimate, x: Array, used: Array) -> Followed:

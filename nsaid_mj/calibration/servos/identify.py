@@ -16,15 +16,15 @@ from ...resources import asset
 from ...robot.findings import Finding
 from ...robot.model import RobotModel
 from ...robot.target_profile import followed
+from ..links import Load, carrier, check_loads
 from ..models import load_robot_model
-from ..payloads import Load, carrier, check_loads
 from .effects import hidden_profile
 from .estimate import Estimate, estimate
 from .fit import DELAY
 from .follow import follow
 from .logs import ServoLog, ServoLogs, coupled, read_servo_logs, servo_map
-from .result import ServoIdentification
 from .words import (
+    ServoIdentification,
     apart,
     by_filter,
     gravity_notes,

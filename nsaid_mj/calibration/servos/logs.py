@@ -25,7 +25,7 @@ from ...robot.model import RobotModel, Servos
 from ...robot.target_profile import followed
 from ...structure.joints import positions
 from ...structure.optional import pin
-from ..payloads import Load
+from ..links import Load
 from .simulation import STEP, JointLog, move_arm
 
 DELAYS = np.arange(0.0, 0.31, 0.01)
@@ -131,7 +131,7 @@ def read_servo_logs(
     the files' clocks, and `carrying` names the files whose arm carries a weighed load.
 
     Raises:
-        InvalidInput: a column or joint of the map does not exist.
+        InvalidInput: a column or joint of the map does not exist, or it states `p` of some files.
         UnusableLog: no stretch lasts two seconds, or positions are in another unit.
     """
     mapping = replace(mapping or Map(), joints=columns)
@@ -139,10 +139,16 @@ def read_servo_logs(
     recordings, findings = join(tables, mapping, [s.column.column for s in made.sources])
     logs: list[ServoLog] = []
     assert robot.servos is not None
-    model, stiffer = without_armature(robot.model), _stiffer(recordings, mapping)
+    model, sources = without_armature(robot.model), [recording.source for recording in recordings]
+    stated = {name: file.p for name, file in mapping.files.items() if file.p is not None}
+    missing = [source for source in sources if stated and source not in stated]
+    if missing:
+        remedy = "State `p` of every file, or of none."
+        raise InvalidInput("map: files", "p of every log", f"none of {missing[0]}", remedy)
     for recording in recordings:
         stretches, said = _stretches(recording, made, robot.servos)
-        loaded, kp = recording.source in carrying, stiffer.get(recording.source, 1.0)
+        loaded = recording.source in carrying
+        kp = stated[recording.source] / stated[sources[0]] if stated else 1.0
         logs += [log._replace(loaded=loaded, stiffer=kp) for log in stretches]
         findings += said
     if not logs:
@@ -156,23 +162,6 @@ def read_servo_logs(
     if refused(findings):
         raise UnusableLog(tuple(findings))
     return tuple(weighed(model, log) for log in logs), tuple(findings)
-
-
-def _stiffer(recordings: Sequence[Table], mapping: Map) -> dict[str, float]:
-    """kp of the recordings over that of the first, by their sources, as far as the map tells.
-
-    Raises:
-        InvalidInput: it tells that of some recordings only.
-    """
-    stated = {name: file.p for name, file in mapping.files.items() if file.p is not None}
-    sources = [recording.source for recording in recordings]
-    missing = [source for source in sources if source not in stated]
-    if not stated or not sources:
-        return {}
-    if missing:
-        remedy = "State `p` of every file, or of none."
-        raise InvalidInput("map: files", "p of every log", f"none of {missing[0]}", remedy)
-    return {source: stated[source] / stated[sources[0]] for source in sources}
 
 
 def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
@@ -199,14 +188,14 @@ def _stretches(
 ) -> tuple[list[ServoLog], tuple[Finding, ...]]:
     """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
     found, findings = clean(recording, made)
-    measured = [found[source.column.column] for source in made.positions]
-    targets = [source.column for source in made.commands if source]
-    wanted = [found[column.column] for column in targets]
+    measured, sources = list(map(found.of, made.positions)), [s for s in made.commands if s]
+    targets, wanted = [source.column for source in sources], list(map(found.of, sources))
     done = np.array([[column.column.startswith(FOLLOWED)] for column in targets])
-    if min(len(signal.t) for signal in found.values()) < 10:
+    every = found.signals.values()
+    if min(len(signal.t) for signal in every) < 10:
         return [], findings
     t = measured[0].t
-    inside = (t >= max(s.t[0] for s in found.values())) & (t <= min(s.t[-1] for s in measured))
+    inside = (t >= max(s.t[0] for s in every)) & (t <= min(s.t[-1] for s in measured))
     t = t[inside]
     cuts = {0, len(t)}
     for signal in measured:

@@ -30,7 +30,11 @@ def read(path: Path) -> list[Columns]:
     """
     try:
         info = json_of((path / "meta" / "info.json").read_bytes())
-        names = {key: _names(key, f) for key, f in info["features"].items() if _vector(f)}
+        names = {
+            key: _names(key, feature)
+            for key, feature in info["features"].items()
+            if feature["dtype"] in ("float32", "float64") and len(feature["shape"]) == 1
+        }
         wanted = [*_OWN, *(key for key in names if key not in _OWN)]
         files = sorted((path / "data").rglob("*.parquet"))
         tables = [table_of(file, wanted) for file in files]
@@ -46,10 +50,6 @@ def read(path: Path) -> list[Columns]:
     if not values:
         raise UnreadableLog(path, "the dataset has no vector of numbers", _REMEDY)
     return [Columns(values, time)]
-
-
-def _vector(feature: dict[str, Any]) -> bool:
-    return feature["dtype"] in ("float32", "float64") and len(feature["shape"]) == 1
 
 
 def _names(key: str, feature: dict[str, Any]) -> list[str]:

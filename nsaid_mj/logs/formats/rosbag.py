@@ -40,7 +40,9 @@ def read(path: Path) -> list[Columns]:
         for connection, received, raw in reader.messages(known):
             message: Any = reader.deserialize(raw, connection.msgtype)
             topic = connection.topic.strip("/")
-            time = _stamp(message) or received
+            header = getattr(message, "header", None)
+            own = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec if header else 0
+            time = own or received
             for part, values in _PARTS[connection.msgtype](message):
                 times[f"{topic}/{part}"].append(time)
                 rows[f"{topic}/{part}"].append({f"{topic}/{k}": x for k, x in values.items()})
@@ -50,21 +52,13 @@ def read(path: Path) -> list[Columns]:
         types = ", ".join(sorted(set(others.values())))
         remedy = f"Record sensor_msgs/JointState or nav_msgs/Odometry; it has {types}."
         raise UnreadableLog(path, "the bag has no message of joints or odometry", remedy)
-    found = [_columns(times[part], rows[part]) for part in rows]
+    found = []
+    for part, own in rows.items():
+        names = dict.fromkeys(name for row in own for name in row)
+        values = {name: np.array([row.get(name, np.nan) for row in own], float) for name in names}
+        found.append(Columns(values, np.array(times[part], dtype=np.int64)))
     dropped = tuple((topic, f"a topic of {kind}") for topic, kind in others.items())
     return [found[0]._replace(dropped=dropped), *found[1:]]
-
-
-def _columns(times: list[int], rows: list[dict[str, float]]) -> Columns:
-    names = dict.fromkeys(name for row in rows for name in row)
-    values = {name: np.array([row.get(name, np.nan) for row in rows], float) for name in names}
-    return Columns(values, np.array(times, dtype=np.int64))
-
-
-def _stamp(message: Any) -> int:
-    """The header's time [ns]; 0 if there is none."""
-    header = getattr(message, "header", None)
-    return header.stamp.sec * 1_000_000_000 + header.stamp.nanosec if header else 0
 
 
 def _joints(message: Any) -> Iterator[tuple[str, dict[str, float]]]:

@@ -52,7 +52,12 @@ def read(path: Path) -> list[Columns]:
     comments = [line for line in text[:65536].splitlines() if _COMMENT.match(line)]
     if comments:
         text = _COMMENT_LINES.sub(b"", text)
-    encoding = _encoding(text)
+    encoding = "utf-8"
+    if not text.isascii():  # spares a copy of a log that may be large
+        try:
+            text.decode("utf-8")
+        except UnicodeDecodeError:
+            encoding = "latin-1"
     lines = [line for line in text[: 1 << 20].decode(encoding, "replace").splitlines() if line]
     if not lines or not lines[0].strip():
         raise UnreadableLog(path, "the file has no rows", "Record the log again.")
@@ -202,16 +207,6 @@ def _unique(names: list[str]) -> list[str]:
             new = f"{name}.{seen[name]}"
         found[new] = None
     return list(found)
-
-
-def _encoding(text: bytes) -> str:
-    if text.isascii():  # spares a copy of a log that may be large
-        return "utf-8"
-    try:
-        text.decode("utf-8")
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8"
 
 
 def _parsed(

@@ -4,10 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.payloads import Load, with_mass
+from nsaid_mj.calibration.links import Load, with_mass
 from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo_mjcf
+from nsaid_mj.calibration.servos.joint_fits import Arm
 from nsaid_mj.calibration.servos.logs import weighed, without_armature
-from nsaid_mj.calibration.servos.weighing import Arm
 from nsaid_mj.errors import InvalidInput
 from tests.support import menagerie
 from tests.support.menagerie import HEAVY_ARM

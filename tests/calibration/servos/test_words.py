@@ -1,10 +1,11 @@
 """What is said of servos: every doubt is told where it is due, and only there."""
 
+import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.payloads import Load
-from nsaid_mj.calibration.servos import identify_servos, servo_logs
+from nsaid_mj.calibration.links import Load
+from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo_mjcf
 from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale, _moderated
 from nsaid_mj.calibration.servos.fit import Spread
 from nsaid_mj.calibration.servos.follow import Followed
@@ -18,6 +19,7 @@ from nsaid_mj.calibration.servos.words import (
     verdict,
     weighed,
 )
+from tests.support.servos import identified_servos
 
 from .simulated import ARMATURE, DELAY, KP, MODEL, T, log, write
 
@@ -183,3 +185,23 @@ def test_a_slow_motion_tells_the_lag_and_no_armature(tmp_path):
         text = a.combination.partition("delay: ")[2]
         lag, half = (float(x.replace("ms", "")) for x in text.split("±"))
         assert abs(lag - 1e3 * (T[k] + DELAY)) < max(half, 5.0)
+
+
+def test_an_arm_in_an_included_file_is_exported_in_one(tmp_path):
+    (tmp_path / "body.xml").write_text(
+        """<mujoco><worldbody><body><joint name="lift" axis="0 1 0"/>
+        <geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/><body pos=".3 0 0">
+        <joint name="elbow" axis="0 1 0"/><geom type="capsule" size=".02" fromto="0 0 0 .2 0 0"/>
+        </body></body></worldbody></mujoco>"""
+    )
+    (tmp_path / "arm.xml").write_text(
+        """<mujoco><include file="body.xml"/><actuator><position joint="lift" kp="10"/>
+        <position joint="elbow" kp="10"/></actuator></mujoco>"""
+    )
+    result = identified_servos(np.ones(10), tmp_path / "arm.xml")
+    write_servo_mjcf(result, tmp_path / "identified.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "identified.xml"))
+    kp = [servo.kp for servo in result.servos]
+    np.testing.assert_allclose(model.actuator_gainprm[:, 0], kp, rtol=1e-5)
+    armature = [servo.armature for servo in result.servos]
+    np.testing.assert_allclose(model.dof_armature, armature, rtol=1e-5)
