@@ -18,7 +18,7 @@ from ..evaluation.verify import ROWS, Verdict, verify
 from ..experiment.loop import Run
 from ..parameters import ParameterSpace, rounded
 from ..resources import RECORDING
-from .page import FILE, Figures, Fold, Items, Page, Panel, Section, Table, Text
+from .page import FILE, Figure, Figures, Fold, Items, Page, Panel, Section, Table, Text
 from .parameters import CORRELATIONS, correlations, folds, forests, gains_of
 from .picture import picture
 from .terminal import print_page
@@ -74,9 +74,7 @@ def page(
     result = replace(made.result, curves=curves_of(run, summary, truth))
     forces = [panel for panel in result.curves if isinstance(panel, Comparison)]
     curves = [panel for panel in result.curves if not isinstance(panel, Comparison)]
-    more, correlated = drawn(curves[2:]), drawn(_correlations(summary))
-    figures, gains, *rest = made.sections
-    checks = _checks(summary)
+    more, figures, gains, *rest = drawn(curves[2:]), *made.sections
     shown = drawn(forests([p for p in result.gains if p.relative is not None]))
     sections = [
         replace(figures, beside=picture(run.looks, run.record["q"][0], robot)),
@@ -89,12 +87,10 @@ def page(
         *rest,
         Section("Parameters", [Text(_relative_to(result)), *folds(result, gains=False)]),
         Section("Least known directions of θ/scale", _least_known(summary)),
-        Section("Correlations of what is identified", [
-            Figures(correlated), Text(f"{CORRELATIONS} {_HELD}", note=True),
-        ] if correlated else []),
-        Section("The paper's statements on this run", [
-            *statements(verdicts), *([Text(checks, note=True)] if checks else []),
-        ]),
+        Section("Correlations of what is identified",
+                _correlated(drawn(_correlations(summary)))),
+        Section("The paper's statements on this run",
+                [*statements(verdicts), *_checks(summary)]),
     ]  # fmt: skip
     return replace(
         made,
@@ -208,7 +204,12 @@ def _relative_to(result: Result) -> str:
     return words
 
 
-def _checks(summary: dict[str, Any]) -> str:
+def _correlated(figures: Sequence[Figure]) -> list[Panel]:
+    """The heat map of correlations with its explanation; empty if there is none."""
+    return [Figures(figures), Text(f"{CORRELATIONS} {_HELD}", note=True)] if figures else []
+
+
+def _checks(summary: dict[str, Any]) -> list[Panel]:
     """Agreement of the run with the theory: conserved quantity and excitation."""
     said = []
     if (drift := summary.get("conserved_drift")) is not None:
@@ -221,7 +222,7 @@ def _checks(summary: dict[str, Any]) -> str:
     measured = ("pe_level_perp", "pe_level", "pe_share_perp")  # 0 or None without a window
     if levels and any(summary.get(key) for key in measured):
         said.append(f"Smallest level of excitation ε₀ of any window: {', '.join(levels)}.")
-    return " ".join(said)
+    return [Text(" ".join(said), note=True)] if said else []
 
 
 def statements(verdicts: Sequence[Verdict]) -> list[Panel]:
