@@ -216,14 +216,24 @@ def markdown(page: Page) -> str:
     lines = [f"## {plain(page.heading)}", ""] if page.heading else []
     lines += [f"**{plain(mark.text)}**", ""] if mark else []
     lines += [plain(page.lead), ""] if page.lead else []
+    said, notes = list[str](), list[str]()
     for finding in page.result.findings:
         where = f"**{plain(finding.where)}**: " if finding.where else ""
-        lines.append(f"- {where}{plain(f'{finding.text}. {finding.remedy}')}")
+        line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"
+        (notes if finding.level == "note" else said).append(line)
+    lines += said
     for section in page.sections:
-        if section.brief:
+        if section.brief and (shown := in_brief(section.panels)):
             lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
-            lines += panels(section.panels)
+            lines += panels(shown)
+    lines += ["", "### Notes", "", *notes] if notes else []
     return "\n".join(lines) + "\n"
+
+
+def in_brief(panels: Sequence[Panel]) -> list[Panel]:
+    """What terminal and recording show of a brief section: no notes, drawings or folded panels."""
+    shown = (panel for panel in panels if not isinstance(panel, Figures | Fold))
+    return [panel for panel in shown if not (isinstance(panel, Text) and panel.note)]
 
 
 def panels(some: Sequence[Panel]) -> list[str]:

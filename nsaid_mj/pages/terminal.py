@@ -11,7 +11,7 @@ from rich.table import Table as Grid
 from ..errors import printable
 from ..evaluation.result import LEVELS, Mark
 from ..robot.findings import Finding
-from .page import Badges, Cell, Items, Link, Page, Panel, Table, Text, count
+from .page import Badges, Cell, Items, Link, Page, Panel, Table, Text, count, in_brief
 
 _COLOURS = {"good": "green", "fair": "yellow", "poor": "red", "weak": "bright_black"}
 _NOTES, _GRAVE = 6, 40  # largest printed number of notes, and of findings of any graver level
@@ -70,10 +70,10 @@ def print_findings(findings: Sequence[Finding], console: Console, codes: bool = 
 def print_panels(panels: Sequence[Panel], console: Console) -> None:
     """Prints badges, texts, lists and tables, each indented by two characters.
 
-    Of a list's pairs long parts are cut, as the page has them all; notes, and what is folded or
-    drawn there, are left out.
+    Of a list's pairs long parts are cut, as the page has them all; see `in_brief` for what is left
+    out.
     """
-    shown = [panel for panel in panels if not (isinstance(panel, Text) and panel.note)]
+    shown = in_brief(panels)
     if shown and isinstance(shown[0], Text | Items | Badges):
         console.print()
     for panel in shown:
