@@ -270,7 +270,10 @@ def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
     plan = Plan("double_pendulum", scenario, laws=laws, seeds=(0, 1))
     with locked(tmp_path), ThreadPoolExecutor(1) as other, pytest.raises(FolderInUse):
         other.submit(run_study, plan, tmp_path).result()
-    run_study(plan, tmp_path)
+    result, done = run_study(plan, tmp_path)
+    assert len(done) == 4 and result.complete and result.explains in {"yes", "partly"}
+    errors = next(f for f in result.figures if f.name == "rms_rad").values
+    assert set(errors) == set(laws) and [c.name for c in result.curves[0].curves] == list(laws)
     rows = json.loads((tmp_path / "tracking.json").read_text())["rows"]
     assert [(row["law"], row["seed"]) for row in rows] == [(k, i) for i in (0, 1) for k in laws]
     assert all(row["v_rises"] == 0 for row in rows if row["law"] == "nullspace")
