@@ -31,9 +31,7 @@ from ..resources import (
     scenarios,
 )
 from .process import (
-    EXPLAINED,
     INTERRUPTED,
-    NOT_EXPLAINED,
     UNUSABLE,
     code_of,
     ending_like_ctrl_c,
@@ -179,13 +177,18 @@ def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
 
 def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quiet: bool) -> int:
     """Prints the verdicts and returns the exit code."""
-    from ..evaluation.verify import document, failed, print_verdicts
+    from rich.console import Console
+
+    from ..evaluation.verify import FILE, document, result_of
+    from ..pages.report import verdicts_page
+    from ..pages.terminal import print_page
 
     if as_json:
         print_json(document(result, verdicts))
     elif not quiet:
-        print_verdicts(name, result, verdicts)
-    return NOT_EXPLAINED if failed(verdicts) else EXPLAINED
+        page = verdicts_page(name, result, verdicts)
+        print_page(page, Console(highlight=False), [f"verdicts   {result.folder / FILE}"])
+    return code_of(result_of(verdicts))
 
 
 def _carry_out(

@@ -6,13 +6,13 @@ first tenth, *fails* if it has not decayed at all, and is *not yet* settled in b
 about every time step either hold or fail.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from rich.console import Console
 
 from ..errors import BadRun
 from ..experiment.loop import Run, reopen
@@ -23,6 +23,7 @@ from ..laws.nullspace_aid import NullspaceIdentifier
 from ..numerics.threads import single_threaded
 from ..parameters import number, rounded
 from ..resources import write_json
+from .result import Explains, Result
 from .summary import summarize
 from .truth import Truth, truth_of
 
@@ -37,7 +38,7 @@ ROWS = 20
 
 
 Word = Literal["holds", "not yet", "fails", "not applicable"]
-_COLOURS = {"holds": "green", "not yet": "yellow", "fails": "red", "not applicable": "dim"}
+_HOLD, _FAIL = ("hold", "holds"), ("fail", "fails")  # of several, and of one
 
 
 @dataclass(frozen=True)
@@ -223,20 +224,15 @@ def write(run: Run, verdicts: Sequence[Verdict]) -> None:
     write_json(run.folder / FILE, document(run, verdicts))
 
 
-def print_verdicts(name: str, run: Run, verdicts: Sequence[Verdict]) -> None:
-    """Prints the verdict on each statement, with its reason."""
-    console, end = Console(highlight=False), float(run.record["t"][-1])
-    console.print(f"[bold]{name}[/bold]: {run.ending.status.words}, {end:.4g} s simulated")
-    for v in verdicts:
-        colour = _COLOURS[v.verdict]
-        console.print(
-            f"  [{colour}]{v.verdict:14}[/{colour}]  {v.statement}: {v.claim}\n"
-            f"                  {v.words}",
-            soft_wrap=True,
-        )
-    console.print(f"  verdicts        {run.folder / FILE}")
-
-
-def failed(verdicts: Sequence[Verdict]) -> bool:
-    """Whether any statement fails."""
-    return any(verdict.verdict == "fails" for verdict in verdicts)
+def result_of(verdicts: Sequence[Verdict]) -> Result:
+    """The result of a check: whether the statements that apply hold; without a verdict if none."""
+    counts = Counter(verdict.verdict for verdict in verdicts)
+    apply = len(verdicts) - counts["not applicable"]
+    said = [f"{counts['holds']} of the {apply} statements that apply {_HOLD[counts['holds'] == 1]}"]
+    said += [f"{counts['not yet']} not yet"] * bool(counts["not yet"])
+    said += [f"{counts['fails']} {_FAIL[counts['fails'] == 1]}"] * bool(counts["fails"])
+    settled: Explains = "partly" if counts["not yet"] else "yes"
+    return Result(
+        explains=("no" if counts["fails"] else settled) if apply else None,
+        verdict=f"{', '.join(said)}.",
+    )

@@ -15,6 +15,7 @@ from ..evaluation.curves import curves_of
 from ..evaluation.panels import Comparison, HeatMap
 from ..evaluation.result import Mark, Result
 from ..evaluation.verify import ROWS, Verdict, verify
+from ..evaluation.verify import result_of as verified
 from ..experiment.loop import Run
 from ..parameters import ParameterSpace, rounded
 from ..resources import RECORDING
@@ -240,6 +241,18 @@ def statements(verdicts: Sequence[Verdict]) -> list[Panel]:
         *([Table(heads, lines, (0, 1, 2, 3))] if lines else []),
         *([Items(reasons)] if reasons else []),
     ]
+
+
+def verdicts_page(name: str, run: Run, verdicts: Sequence[Verdict]) -> Page:
+    """The page of a check of the paper's statements on a run, for the terminal."""
+    lines = [f"{v.verdict:15} {v.statement}: {v.claim}\n{' ' * 20}{v.words}" for v in verdicts]
+    end = float(run.record["t"][-1])
+    return Page(
+        heading=name,
+        result=verified(verdicts),
+        lead=f"{run.ending.status.words}, {end:.4g} s simulated",
+        sections=[Section("", [Items(lines)], brief=True)],
+    )
 
 
 def unobservable(summary: dict[str, Any]) -> list[Panel]:

@@ -13,6 +13,7 @@ from nsaid_mj.cli import commands
 from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.evaluation.result import Result
+from nsaid_mj.evaluation.verify import Verdict
 from nsaid_mj.laws import Status
 from nsaid_mj.logs.unusable import UnusableLog
 from nsaid_mj.pages.page import Page
@@ -67,10 +68,18 @@ def test_run(verdict: str, code: int, monkeypatch: Patch) -> None:
     assert shell("run", "scalar_rov")[0] == 130
 
 
-@pytest.mark.parametrize(("fails", "code"), [(False, EXPLAINED), (True, NOT_EXPLAINED)])
-def test_verify(fails: bool, code: int, monkeypatch: Patch) -> None:
-    put(monkeypatch, "evaluation.verify.verify_folder", (None, []))
-    put(monkeypatch, "evaluation.verify.failed", fails)
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("holds", "not applicable"), EXPLAINED),
+        (("holds", "not yet"), EXPLAINED),
+        (("not applicable",), EXPLAINED),
+        (("holds", "fails"), NOT_EXPLAINED),
+    ],
+)
+def test_verify(words: tuple[Any, ...], code: int, monkeypatch: Patch) -> None:
+    verdicts = [Verdict("Theorem 1", "Δv vanishes", word, None, None, "") for word in words]
+    put(monkeypatch, "evaluation.verify.verify_folder", (None, verdicts))
     assert shell("verify", "--run", "out", "--quiet")[0] == code
 
 
