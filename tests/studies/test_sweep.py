@@ -19,7 +19,7 @@ import pytest
 from joblib.externals.loky import get_reusable_executor
 
 from nsaid_mj import evaluation as metrics
-from nsaid_mj.cli import commands as cli
+from nsaid_mj.cli.process import NOT_EXPLAINED, UNUSABLE
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run as run_alone
@@ -398,7 +398,7 @@ def test_bad_input_is_one_line_and_writes_nothing(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     code, heard = shell(*words)
-    assert code == cli.UNUSABLE
+    assert code == UNUSABLE
     assert said in heard.err
     assert heard.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
@@ -435,7 +435,7 @@ def test_a_failed_run_is_listed_with_its_command_and_exits_with_1(
         "--out",
         tmp_path / "out",
     )
-    assert code == cli.NOT_EXPLAINED
+    assert code == NOT_EXPLAINED
     assert "1 of 2 runs have a result" in said.out
     assert "exit code 3" in said.out
     assert f"nsaid run {fates} --excitation.fate=dies --seed={seed_of(0, 0)}" in said.out
@@ -477,7 +477,7 @@ def test_flags_of_single_runs_are_refused_for_sweeps(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     code, said = shell(command, "scalar_rov", "--live")
-    assert code == cli.UNUSABLE and "--live" in said.err
+    assert code == UNUSABLE and "--live" in said.err
     assert not list(tmp_path.iterdir())
 
 
