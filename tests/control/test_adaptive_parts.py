@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import minimize
 
 from nsaid_mj.control.adaptive import AdaptiveTracking, Tracker
-from nsaid_mj.control.adaptive.actuation import Actuation
+from nsaid_mj.control.adaptive.actuation import Actuation, unit_forces
 from nsaid_mj.control.adaptive.laws import Estimate
 from nsaid_mj.control.adaptive.reference import (
     loop_frequency,
@@ -20,11 +21,14 @@ from nsaid_mj.control.adaptive.reference import (
     stiffness,
 )
 from nsaid_mj.control.adaptive.tracker import command_range
+from nsaid_mj.errors import InvalidInput
 from nsaid_mj.laws.cone.law import ConeMetric
 from nsaid_mj.laws.cone.prior import drawn_inside
 from nsaid_mj.laws.metric import ConstantMetric
 from nsaid_mj.numerics.spatial import product
 from nsaid_mj.parameters import Array, Block, ParameterSpace
+from nsaid_mj.structure.parts import Column
+from nsaid_mj.structure.system import SecondOrderSystem
 from tests.support.plants import plant
 
 RATE = 1.5
@@ -413,3 +417,20 @@ def test_only_an_estimate_that_listens_is_informed():
         assert (driver.theta_hat == (2 if listens else 1) * before).all()
         driver.start()
         assert (driver.theta_hat == before).all()
+
+
+def test_a_thruster_on_a_link_is_refused_as_its_force_depends_on_the_pose():
+    """Its kind reads nothing; the arm that carries it makes the difference."""
+    system = tracker("uvms")[0]
+    unit_forces(system)
+    moved = copy(system)
+    columns = [
+        Column(c.kind, c.parameter, body=3, input=c.input, **c.constants)
+        if c.kind == "thruster"
+        else c
+        for c in system.structure.columns
+    ]
+    structure = replace(system.structure, columns=columns)
+    SecondOrderSystem.__init__(moved, structure, system.space, system.mounts)
+    with pytest.raises(InvalidInput, match="their own commands alone"):
+        unit_forces(moved)

@@ -10,10 +10,10 @@ import numpy as np
 
 from ...errors import InvalidInput
 from ...parameters import Array, Indices
-from ...structure.columns import KINDS
 from ...structure.system import SecondOrderSystem
 
 _KNOTS = 4001  # of a tabulated command curve: relative errors of 1e-7 for smooth curves
+_PROBES = 4
 _RANK = 1e-6  # smallest singular value of a group's B, relative to the largest
 
 
@@ -99,18 +99,23 @@ def unit_forces(system: SecondOrderSystem) -> Array:
     Raises:
         InvalidInput: the forces of the commands depend on the state, or on each other.
     """
-    gains, columns = system.space.actuators, system.structure.columns
-    if any(KINDS[c.kind].reads for c in columns if KINDS[c.kind].actuator):
-        raise InvalidInput(
-            "excitation",
-            "actuators whose forces depend on their own commands alone",
-            type(system).__name__,
-            "Adaptive tracking is for motors, thrusters and nozzles: use another driver.",
-        )
-    q, v, _ = system.random_state(np.random.default_rng(0))
-    zero = system._F(0.0, q, v, np.zeros(system.n_u))
-    moved = [system._F(0.0, q, v, e) - zero for e in np.eye(system.n_u)]
-    return np.stack([one[:, gains] for one in moved], axis=1)
+    rng, found = np.random.default_rng(0), []
+    for _ in range(_PROBES):
+        q, v, u = system.random_state(rng)
+        zero = system._F(0.0, q, v, np.zeros(system.n_u))
+        moved = [system._F(0.0, q, v, e) - zero for e in np.eye(system.n_u)]
+        found.append(np.stack([one[:, system.space.actuators] for one in moved], axis=1))
+        whole = system._F(0.0, q, v, u) - zero
+        apart = sum(system._F(0.0, q, v, e) - zero for e in np.diag(u))
+        found_apart = np.abs(whole - apart).max() + np.abs(found[-1] - found[0]).max()
+        if not found_apart <= 1e-9 * np.abs(found[0]).max():
+            raise InvalidInput(
+                "excitation",
+                "actuators whose forces depend on their own commands alone",
+                type(system).__name__,
+                "Adaptive tracking is for motors, thrusters and nozzles: use another driver.",
+            )
+    return found[0]
 
 
 def curves(system: SecondOrderSystem, unit: Array, knots: Array) -> tuple[list[Array], list[Array]]:
