@@ -40,7 +40,7 @@ FIGURES = (
     ("distance to the true set", "theta_perp_ratio"),
     ("error of gain ratios", "actuator_ratio_error"),
     ("force residual, held out", "force_residual_ratio"),
-    ("wall time [s]", "wall_s"),
+    ("wall time", "wall_s"),
 )
 """The figures that are compared: label, key."""
 
@@ -151,7 +151,8 @@ def result_of(found: Sequence[Row]) -> Result:
         )
     figures = [
         Numbers(
-            label, "", {f"{row.log}: {row.method}": row.median[key] for row in found},
+            label, "s" if key == "wall_s" else "%",
+            {f"{row.log}: {row.method}": row.median[key] for row in found},
             {f"{row.log}: {row.method}": row.worst[key] for row in found if row.several},
         )
         for label, key in FIGURES

@@ -17,15 +17,15 @@ from . import sweep_results
 from .montecarlo import JOBS, Plan, rows_of
 from .study import MOST_JOBS, check_count
 from .sweep import opened
-from .sweep_results import Group, Row, Sweep, digits, factor, read
+from .sweep_results import Group, Row, Sweep, digits, read
 
 FIGURES = {
-    "theta_perp_ratio": "distance at end [%]",
-    "actuator_ratio_error": "error of gain ratios [%]",
-    "conserved_drift": "drift of the conserved quantity [–]",
-    "time_to_converge": "converged after [s]",
+    "theta_perp_ratio": ("distance at end", "%"),
+    "actuator_ratio_error": ("error of gain ratios", "%"),
+    "conserved_drift": ("drift of the conserved quantity", "–"),
+    "time_to_converge": ("converged after", "s"),
 }
-"""Columns of the printed table, and their labels."""
+"""Labels and units of the figures that are printed, by column."""
 QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
 
 
@@ -109,16 +109,17 @@ def result_of(sweep: Sweep) -> Result:
         )
         for row in gone
     )  # fmt: skip
-    figures = (Figure(FIGURES[key], "", values) for key, values in quantiles(sweep).items())
+    figures = (Figure(*FIGURES[key], values) for key, values in quantiles(sweep).items())
     own = sweep_results.result_of(sweep)
     return replace(own, figures=tuple(figures), findings=tuple(failures), complete=not gone)
 
 
 def page_of(sweep: Sweep) -> Page:
     """The page of a study for the terminal."""
+    result = result_of(sweep)
     lines = [
-        [FIGURES[key], *(digits(factor(key) * value) for value in each.values())]
-        for key, each in quantiles(sweep).items()
+        [f"{f.name} [{f.unit}]", *(digits(value, f.unit) for value in f.values.values())]
+        for f in result.figures
     ]
     shared = sweep.manifest["montecarlo"]["shared"]
     many = count(len(sweep.rows), "prior" if shared else "plant")
@@ -126,7 +127,7 @@ def page_of(sweep: Sweep) -> Page:
     spent = f"identifier {rounded(cost(sweep), 2)} µs of thread time per run and time step"
     return Page(
         heading=sweep.folder.name,
-        result=result_of(sweep),
+        result=result,
         lead=f"{many} {kind}, {len(lost(sweep))} lost; {spent}",
         sections=[Section("Figures", [Table(["", *QUANTILES], lines)], brief=True)],
     )

@@ -23,14 +23,17 @@ from ..resources import atomic_write, json_of
 from ..robot.findings import Finding
 
 MANIFEST, ROWS, TABLE = "manifest.json", "rows.jsonl", "results.parquet"
-FIGURES = ("theta_perp_ratio", "time_to_converge")
-"""Columns whose distributions are printed and plotted."""
+FIGURES = {
+    "theta_perp_ratio": ("distance at end", "%"),
+    "time_to_converge": ("converged after", "s"),
+}
+"""Labels and units of the columns whose distributions are printed and plotted."""
 QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
 SPREADS = (
     "Medians, with 5 % and 95 % quantiles in brackets; – means never. Early: ended before the "
     "scenario's duration. Lost: no result."
 )
-HEADS = ("distance at end [%]", "converged after [s]", "converged", "early", "lost")
+HEADS = (*(f"{name} [{unit}]" for name, unit in FIGURES.values()), "converged", "early", "lost")
 _TYPES = {"failure": pa.string(), "time_to_converge": pa.float64()}  # columns that may be all null
 
 Row = dict[str, Any]
@@ -272,10 +275,13 @@ def result_of(sweep: Sweep) -> Result:
     missing = sweep.manifest["runs"] - runs
     unfinished = Finding("refusal", "missing", "not finished", f"{missing} of the runs")
     figures = [
-        Figure(name, unit, {words(group): group.quantile(key, share) for group in sweep.groups})
-        for key, unit in (("theta_perp_ratio", "%"), ("time_to_converge", "s"))
-        for name, share in ((f"{key}, {name}", share) for name, share in QUANTILES.items())
-    ]
+        Figure(
+            f"{label}, {name}", unit,
+            {words(group): group.quantile(key, share) for group in sweep.groups},
+        )
+        for key, (label, unit) in FIGURES.items()
+        for name, share in QUANTILES.items()
+    ]  # fmt: skip
     return Result(
         explains="yes" if converged == runs else "partly" if found.results else "no",
         verdict=f"{sentence}.",
@@ -299,9 +305,9 @@ def files_of(sweep: Sweep) -> list[str]:
 def cells(group: Group) -> list[str]:
     """A group's cells in a table, in the order of `HEADS`."""
     spreads = []
-    for key in FIGURES:
+    for key, (_, unit) in FIGURES.items():
         low, median, high = (
-            digits(factor(key) * group.quantile(key, share)) for share in QUANTILES.values()
+            digits(group.quantile(key, share), unit) for share in QUANTILES.values()
         )
         spreads.append("–" if median == low == high == "–" else f"{median} ({low}…{high})")
     converged = int(np.isfinite(group.column("time_to_converge")).sum())
@@ -309,11 +315,8 @@ def cells(group: Group) -> list[str]:
     return [*spreads, f"{converged}/{len(group.results)}", str(len(group.early)), str(lost)]
 
 
-def factor(key: str) -> float:
-    """100 for a figure that is printed in percent, else 1."""
-    return 100.0 if key.endswith(("_ratio", "_ratio_error")) else 1.0
-
-
-def digits(value: float) -> str:
-    """Formats a figure with two digits; – if it is not finite."""
-    return rounded(value, 2) if math.isfinite(value) else ABSENT
+def digits(value: float | None, unit: str = "") -> str:
+    """Formats a figure with two digits, in percent if that is its unit; – if it is not finite."""
+    if value is None or not math.isfinite(value):
+        return ABSENT
+    return rounded(100 * value if unit == "%" else value, 2)

@@ -3,7 +3,7 @@
 Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same sensor noise.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
@@ -18,7 +18,7 @@ from ..errors import InvalidInput, UnknownName
 from ..evaluation import Truth
 from ..evaluation.panels import COLOURS, Panel, local_rms
 from ..evaluation.panels import LAWS as COLOUR_OF
-from ..evaluation.result import Figure, Result
+from ..evaluation.result import Explains, Figure, Result
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.following import Following
 from ..experiment.setup import Setup
@@ -27,7 +27,7 @@ from ..laws import Status
 from ..laws.cone.law import ConeMetric
 from ..log import Log
 from ..pages.page import Table, count
-from ..parameters import Array
+from ..parameters import Array, rounded
 from ..plants import Plant
 from ..resources import write_json
 from ..robot.findings import Finding
@@ -202,53 +202,82 @@ def medians(plan: Plan, done: list[Course]) -> dict[str, dict[str, float]]:
     return found
 
 
-def table_of(plan: Plan, done: list[Course]) -> Table:
-    """The table: medians, worst in brackets, and the ratio to conventional."""
-    units = [u for u in ("rad", "m") if any(f"rms_{u}" in c.figures for c in done)]
-    heads = ["law"]
-    for unit in units:
-        heads += [f"rms [m{unit}]", "error", f"peak [m{unit}]"]
-    heads += ["effort", "at limit", "V rises"]
-    rows, worst = [], " ({})" if len(plan.seeds) > 1 else ""
-    for law in plan.laws:
-        own = [c.figures for c in done if c.law == law]
-        if not own:
-            continue
-        row = [law]
-        for unit in units:
-            values = np.array([float(f[f"rms_{unit}"]) for f in own])
-            known = [float(c.figures[f"rms_{unit}"]) for c in done if c.law == "conventional"]
-            pairs = zip(known, values, strict=False)
-            ratio = np.median([a / b for a, b in pairs]) if known else np.nan
-            row += [
-                _digits(1e3 * np.median(values)) + worst.format(_digits(1e3 * values.max())),
-                _compared(float(ratio)) if law != "conventional" and known else "",
-                _digits(1e3 * float(np.median([float(f[f"peak_{unit}"]) for f in own]))),
-            ]
-        row += [
-            f"{100 * max(float(f['effort']) for f in own):.0f} %",
-            f"{100 * float(np.median([float(f['saturated']) for f in own])):.2g} %",
-            str(int(sum(float(f["v_rises"]) for f in own))) if "v_rises" in own[0] else "–",
+_ERROR = "error"  # the name of the figure that compares with the conventional law
+
+
+def figures_of(plan: Plan, done: list[Course]) -> tuple[Figure, ...]:
+    """The figures of every law that has run.
+
+    Medians over the seeds of rms and peak errors, of the conventional law's rms error over the
+    law's own, and of the share of samples at a limit; the largest command over its limit; and the
+    number of rises of V. A figure that a law lacks is None.
+    """
+    laws = {law: [c.figures for c in done if c.law == law] for law in plan.laws}
+    laws = {law: rows for law, rows in laws.items() if rows}
+
+    def of(key: str, merge: Callable[[Array], Any]) -> dict[str, float | None]:
+        return {
+            law: float(merge(np.array([float(row[key]) for row in rows]))) if key in rows[0]
+            else None
+            for law, rows in laws.items()
+        }  # fmt: skip
+
+    def ratio(key: str) -> dict[str, float | None]:
+        known = [float(row[key]) for row in laws.get("conventional", ())]
+        others = laws.keys() - {"conventional"} if known else ()
+        pairs = {law: zip(known, laws[law], strict=False) for law in laws if law in others}
+        return {
+            law: float(np.median([a / float(row[key]) for a, row in own]))
+            for law, own in pairs.items()
+        }
+
+    found = []
+    for unit in (u for u in ("rad", "m") if any(f"rms_{u}" in rows[0] for rows in laws.values())):
+        found += [
+            Figure("rms", unit, of(f"rms_{unit}", np.median), of(f"rms_{unit}", np.max)),
+            Figure(_ERROR, "", ratio(f"rms_{unit}")),
+            Figure("peak", unit, of(f"peak_{unit}", np.median)),
         ]
-        rows.append(row)
-    spare = [k for k, h in enumerate(heads) if h.startswith(("peak", "effort", "at limit"))]
-    return Table(heads, rows, spare=spare)
+    return (
+        *found,
+        Figure("effort", "%", of("effort", np.max)),
+        Figure("at limit", "%", of("saturated", np.median)),
+        Figure("V rises", "", of("v_rises", np.sum)),
+    )
+
+
+def table_of(plan: Plan, figures: Sequence[Figure]) -> Table:
+    """The table of such figures: a line for each law, with the worst seed's in brackets."""
+    heads = [f"{f.name} [m{f.unit}]" if f.unit in {"rad", "m"} else f.name for f in figures]
+    several, ran = len(plan.seeds) > 1, figures[-1].values
+    lines = [[law, *(_cell(figure, law, several) for figure in figures)] for law in ran]
+    spare = [k for k, f in enumerate(figures, 1) if f.name in {"peak", "effort", "at limit"}]
+    return Table(["law", *heads], lines, spare=spare)
+
+
+def _cell(figure: Figure, law: str, several: bool) -> str:
+    value, worst = (of.get(law) for of in (figure.values, figure.worst))
+    if value is None:
+        return "" if figure.name == _ERROR else "–"
+    if figure.name == _ERROR:
+        return _compared(value)
+    if figure.unit == "%":
+        return f"{rounded(100 * value, 2)} %"
+    if not figure.unit:
+        return f"{value:.0f}"
+    brackets = f" ({_digits(1e3 * worst)})" if worst is not None and several else ""
+    return _digits(1e3 * value) + brackets
 
 
 def result_of(plan: Plan, done: list[Course]) -> Result:
-    """The result of a study: medians of every law's figures, and errors over time.
+    """The result of a study: figures of every law, and errors over time.
 
     The verdict is how much better each adaptive law tracks than the conventional law.
     """
-    table = table_of(plan, done)
-    column = table.heads.index("error") if "error" in table.heads else 0
-    words = {
-        str(line[0]): str(line[column])
-        for line in table.lines
-        if line[0] in ("nullspace", "composite") and line[column]
-    }
-    said = ", ".join(f"{law} {word}" for law, word in words.items())
-    better = all(word.endswith("smaller") for word in words.values())
+    figures = figures_of(plan, done)
+    compared = next((f.values for f in figures if f.name == _ERROR), {})
+    ratios = {law: r for law in ("nullspace", "composite") if (r := compared.get(law)) is not None}
+    said = ", ".join(f"{law} {_compared(ratio)}" for law, ratio in ratios.items())
     missing = len(plan.laws) * len(plan.seeds) - len(done)
     findings = [
         Finding("refusal", "early", f"seed {c.seed}, {c.law}", str(c.figures["status"]))
@@ -258,16 +287,13 @@ def result_of(plan: Plan, done: list[Course]) -> Result:
     if missing:
         text = f"{count(missing, 'run')} {'is' if missing == 1 else 'are'} missing"
         findings.append(Finding("refusal", "missing", "not finished", text))
-    found = medians(plan, done)
-    keys = dict.fromkeys(key for of in found.values() for key in of)
     shown = [c for c in done if c.seed == done[0].seed]
-    units = [unit for unit in ("rad", "m") if shown and f"rms_{unit}" in shown[0].figures]
+    units = [f.unit for f in figures if f.name == "rms"]
+    better: Explains = "yes" if all(ratio >= 1 for ratio in ratios.values()) else "partly"
     return Result(
-        explains=("yes" if better else "partly") if words else None,
+        explains=better if ratios else None,
         verdict=f"Tracking error (rms) compared with the conventional law's: {said}.",
-        figures=tuple(
-            Figure(key, "", {law: of.get(key) for law, of in found.items()}) for key in keys
-        ),
+        figures=figures,
         curves=tuple(_errors(shown, unit) for unit in units),
         findings=tuple(findings),
         complete=not findings,

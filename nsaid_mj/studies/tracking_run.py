@@ -64,7 +64,7 @@ def page_of(folder: Path, plan: Plan, done: list[Course]) -> Page:
     )
     sections = [
         Section("Tracking errors", [
-            table_of(plan, done), Text(medians_in_words(plan)),
+            table_of(plan, result.figures), Text(medians_in_words(plan)),
         ], brief=True),
         Section("", [Text(f"Curves and robot: seed {seed}. {note}", note=True)]),
         Section("Over time", [
