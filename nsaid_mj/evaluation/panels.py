@@ -1,4 +1,4 @@
-"""The contents of a page's figures as plain data, and their colours on light and dark screens."""
+"""The curves of a result as plain data: panels, their legends and colours."""
 
 from __future__ import annotations
 
@@ -17,32 +17,17 @@ COLOURS = (
 )  # fmt: skip
 """Colours of curves on a light page."""
 
-DARK = (
-    "#4fb3dc", "#ff8f5e", "#a791ff", "#69c77c", "#ff7aa8", "#d9b949", "#5fd3e3",
-    "#d191e6", "#9fb3c3", "#cf9a6b",
-)  # fmt: skip
-"""Colours of curves on a dark page, in the order of `COLOURS`."""
-
 LAWS = {
     "memory": 0, "nullspace": 0, "conventional": 1, "paper": 2, "composite": 3, "wls": 3,
     "efficient": 4, "tls": 5, "computed_torque": 5, "ekf": 6, "cone": 7, "ols": 8, "rls": 9,
 }  # fmt: skip
 """Index in `COLOURS`, and in a recording's palette, of a law's or method's colour on any plot."""
 
-VARIABLES = {INK: "--ink", GRID: "--grid", BAD: "--bad"} | {
-    colour: f"--c{k}" for k, colour in enumerate(COLOURS)
-}
-"""CSS variable of each colour, which a page redefines on dark screens."""
-
-
 POINTS = 1500
 """Largest number of drawn points of a curve."""
 
 DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}
 """SVG dash patterns of matplotlib's line styles."""
-
-MARKERS = {"D": "M12 0L16 4L12 8L8 4Z", "x": "M8 0L16 8M16 0L8 8", "|": "M12 0V8"}
-"""Paths of matplotlib's markers in a legend, in place of a dash pattern."""
 
 MEASURED, PREDICTED, INTERVAL = "measured", "predicted", "95 % interval"
 DIFFERENCE = "error, rms over short intervals"

@@ -15,7 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..evaluation.panels import BAND, COLOURS, DARK, DASHES, MARKERS, PALE, VARIABLES
+from ..evaluation.panels import BAD, BAND, COLOURS, DASHES, GRID, INK, PALE
 from ..evaluation.result import LEVELS, Mark, Result
 from ..parameters import ABSENT
 from ..resources import write_text
@@ -23,6 +23,20 @@ from ..resources import write_text
 FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
 _EMPTY: set[object] = {"", ABSENT}
+
+DARK = (
+    "#4fb3dc", "#ff8f5e", "#a791ff", "#69c77c", "#ff7aa8", "#d9b949", "#5fd3e3",
+    "#d191e6", "#9fb3c3", "#cf9a6b",
+)  # fmt: skip
+"""Colours of curves on a dark page, in the order of `COLOURS`."""
+
+VARIABLES = {INK: "--ink", GRID: "--grid", BAD: "--bad"} | {
+    colour: f"--c{k}" for k, colour in enumerate(COLOURS)
+}
+"""CSS variable of each colour, which a page redefines on dark screens."""
+
+MARKERS = {"D": "M12 0L16 4L12 8L8 4Z", "x": "M8 0L16 8M16 0L8 8", "|": "M12 0V8"}
+"""Paths of matplotlib's markers in a legend, in place of a dash pattern."""
 
 
 class Link(NamedTuple):

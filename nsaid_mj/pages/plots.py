@@ -22,8 +22,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from ..evaluation.panels import COLOURS, GRID, INK, VARIABLES, Panel
+from ..evaluation.panels import COLOURS, GRID, INK, Panel
 from ..parameters import Array
+from .page import VARIABLES
 from .page import Figure as PageFigure
 
 CURVE, NAMES = "curve:", "names"
@@ -198,7 +199,7 @@ def svg(figure: Figure, title: str) -> str:
     """Renders a figure as an SVG element for an HTML page with other drawings.
 
     Ids that are referenced are prefixed with a hash of the drawing, so that they are unique on the
-    page; all others are removed. Colours in `panels.VARIABLES` become CSS variables. The curves'
+    page; all others are removed. Colours in `page.VARIABLES` become CSS variables. The curves'
     values are in the element's metadata, from where the page's script reads them.
 
     Args:

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from nsaid_mj.evaluation.panels import VARIABLES
+from nsaid_mj.pages.page import VARIABLES
 
 
 def points_of(drawing: ElementTree.Element, colour: str) -> np.ndarray:

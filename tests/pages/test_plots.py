@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from nsaid_mj.evaluation.panels import (
     COLOURS,
     POINTS,
-    VARIABLES,
     Comparison,
     Forest,
     Panel,
@@ -28,6 +27,7 @@ from nsaid_mj.evaluation.panels import (
 )
 from nsaid_mj.pages import plots
 from nsaid_mj.pages.drawings import draw
+from nsaid_mj.pages.page import VARIABLES
 from nsaid_mj.pages.plots import number, over_time
 from tests.pages.drawing import points_of, words_of
 from tests.pages.markup import data_of
