@@ -188,7 +188,7 @@ def page_of(
             lines.append([row.log])
         lines.append([row.method, *_figures(row), "; ".join(row.notes)])
     heads = ["method", *_HEADS, "chosen automatically"]
-    table = Table(heads, lines, (0, 5), spare=(5,), most=len(lines))
+    table = Table(heads, lines, (0, 5), spare=(5, 4, 2), most=len(lines))
     several = any(row.several for row in found)
     notes = " ".join([_MEANING, *[_WORST] * several, *[_MULTIPLES] * bool(manifest["bound"])])
     more = [Figures(shown[2:], "plots", 6), Text(_BARS, note=True)] if shown[2:] else []
