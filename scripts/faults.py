@@ -30,13 +30,13 @@ from nsaid_mj.evaluation import Truth
 from nsaid_mj.evaluation.confidence import known
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws import NullspaceAID, Status
+from nsaid_mj.laws import FaultEvent, NullspaceAID, Status
 from nsaid_mj.laws.base import Estimates, State
-from nsaid_mj.laws.faults import FaultEvent
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import parse_faults
 from nsaid_mj.plants.world.faults.kinds import ActuatorFault, Bias, Friction, Payload
+from nsaid_mj.watch import drift_of
 
 STRIKE, SLOWLY = 6.0, 12.0
 _ACTUATORS = ("reversed {k}", "broken {k}", "stuck {k}")
@@ -203,7 +203,7 @@ def kinds(name: str, seeds: Sequence[int]) -> list[list[object]]:
             clause = text.format(k=actuator(name, seed), j=1 + seed % 6)
             found = followed(name, seed, f"{clause} at {STRIKE} s", STRIKE + 4.0)
             events = [e for e in found.events if e.found > STRIKE]
-            restarts = "unexplained" if found.state.filter.restarts else "nothing"
+            restarts = "unexplained" if found.state.own.restarts else "nothing"
             taken[events[0].kind if events else restarts] += 1
             said = found.said if events else restarts
             print(f"{name}, seed {seed}, {clause}: {said}", flush=True)
@@ -269,7 +269,7 @@ def drift(name: str, seeds: Sequence[int], seconds: float) -> list[list[object]]
             error = np.abs(ratio / ratio.mean() - 1)
             errors.append(float(error.max()))
             deviations.append(float((error / sure).max()))
-            named, seen = named + len(found.events), seen + (found.state.filter.drift > 0)
+            named, seen = named + len(found.events), seen + (drift_of(found.state)[0] > 0)
             print(f"{name}, {rate} %/min, seed {seed}: {errors[-1]:.2g}", flush=True)
         cells = median_and_worst(errors), median_and_worst(deviations, "")
         rows.append([name, f"{rate} %/min", *cells, f"{seen}/{len(seeds)}", named])
@@ -286,8 +286,8 @@ def matched(name: str, seeds: Sequence[int], seconds: float) -> list[list[object
         found = followed(name, seed, "", seconds)
         alarms += len(found.events)
         total += float(found.log.t[-1])
-        inside = found.state.filter
-        back = f"{inside.returns} returns, {inside.restarts} restarts"
+        own = found.state.own
+        back = f"{own.supervision.returns} returns, {own.restarts} restarts"
         print(f"{name}, seed {seed}: {back}; {found.said}", flush=True)
     return [[name, f"{total / 60:.0f} min", alarms]]
 

@@ -13,9 +13,11 @@ from collections import defaultdict
 
 import numpy as np
 
-from nsaid_mj.evaluation.confidence import INTERVAL, gain_deviations
-from nsaid_mj.evaluation.running import RunningMisfit, running_misfit
+from nsaid_mj.evaluation.confidence import INTERVAL
+from nsaid_mj.evaluation.running import RunningMisfit
+from nsaid_mj.laws import gain_deviations
 from nsaid_mj.parameters import Array
+from nsaid_mj.watch import running_misfit
 from scripts.machine import machine
 from tests.court.cases import drawn
 from tests.court.simulation import NotRun, Simulated, simulated

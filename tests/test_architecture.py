@@ -26,6 +26,7 @@ ORDER = (
     ("nullspace",),
     ("quotient",),
     ("laws",),
+    ("watch",),
     ("robot",),
     ("control",),
     ("plants",),
@@ -103,8 +104,8 @@ def test_every_package_folder_is_in_the_order_of_imports():
     assert {part(module) for module in FILES} == set(LINE)
 
 
-def test_there_are_at_most_24_rooms():
-    assert len(LINE) <= 24
+def test_there_are_at_most_25_rooms():
+    assert len(LINE) <= 25
 
 
 @pytest.mark.parametrize("module", FILES)
@@ -251,6 +252,27 @@ def test_identifiers_are_numpy_numba_and_declared_configurations():
 
 
 SYSID = {"baselines.sysid": {"mujoco", "pinocchio", "numba"}}
+
+
+def test_laws_import_nothing_of_what_watches_them_and_few_names_cross():
+    """A supervisor is a guest: the laws know its protocol only."""
+    assert not [m for m, path in FILES.items() if part(m) == "laws" and "watch" in names_from(m)]
+    taken = {name for m in FILES if part(m) == "watch" for name in names_from(m).get("laws", ())}
+    assert len(taken) <= 14, sorted(taken)
+
+
+def names_from(module: str) -> dict[str, set[str]]:
+    """The names that a module imports from each room."""
+    names = module.split(".")
+    package = names if FILES[module].name == "__init__.py" else names[:-1]
+    found: dict[str, set[str]] = {}
+    for node in nodes(FILES[module]):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = package[: len(package) - node.level + 1]
+            base += node.module.split(".") if node.module else []
+            if base:
+                found.setdefault(base[0], set()).update(alias.name for alias in node.names)
+    return found
 
 
 def test_baselines_are_numpy_and_scipy():

@@ -9,16 +9,22 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ..evaluation.confidence import INTERVAL, gain_deviations
-from ..evaluation.misfit import misfit_of
+from ..evaluation.confidence import INTERVAL
 from ..evaluation.result import gravest_first
+from ..evaluation.run_misfit import misfit_of
 from ..experiment.loop import Observer, Robot, Run, followed
 from ..experiment.record import Record
 from ..experiment.scenario import Scenario
 from ..experiment.source import Logs
-from ..laws import Identifier, NullspaceAID, State, Status
-from ..laws.efficient.replay import EfficientConfig
-from ..laws.memory.statistics import MemoryConfig
+from ..laws import (
+    EfficientConfig,
+    Identifier,
+    MemoryConfig,
+    NullspaceAID,
+    State,
+    Status,
+    gain_deviations,
+)
 from ..log import Log, Measurement
 from ..logs.recordings import Recordings
 from ..parameters import Array

@@ -20,7 +20,7 @@ from ..experiment.loop import Cost, Ending, Robot, Run
 from ..experiment.loop import columns as columns_of
 from ..experiment.record import Record
 from ..experiment.scenario import MOST_STEPS, Scenario
-from ..experiment.setup import with_prior_error
+from ..experiment.setup import identifier_of
 from ..laws import Identifier, NullspaceAID, Status
 from ..laws.cone.prior import drawn_inside
 from ..parameters import Block, Geometry, ParameterSpace
@@ -159,8 +159,8 @@ def measured_scenario(
 
 def identifiers_of(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
     """The scenario's own identifier, for a robot that is not simulated."""
-    config, levels = with_prior_error(scenario.identifier, scenario), scenario.noise.levels
-    return {"": config.build(robot.system, robot.prior, scenario.dt, levels)}
+    config, levels = scenario.identifier, scenario.noise.levels
+    return {"": identifier_of(config, scenario, robot.system, robot.prior, levels)}
 
 
 _System = TypeVar("_System", bound=SecondOrderSystem)

@@ -29,6 +29,7 @@ from ..parameters import Array, phrase
 from ..plants import Sensors
 from ..structure.joints import JointTree
 from ..structure.payload import point_mass
+from ..watch import supervised
 from .designing import Design, Report
 from .experiment import Experiment
 from .information import PRIOR, bound, rms
@@ -305,8 +306,9 @@ def tried(found: Design, seed: int = 0) -> Trial | None:
     if log is None:
         return None
     config = replace(scenario.identifier, law="efficient")
-    law = config.build(
-        system, experiment.prior, scenario.dt, experiment.levels, lambda: np.eye(system.p)
+    levels = experiment.levels
+    law = supervised(
+        config.build(system, experiment.prior, scenario.dt, levels, lambda: np.eye(system.p))
     )
     ends = np.unique(np.linspace(0, len(log.t) - 1, _PARTS + 1).astype(int))
     state, rows = law.init(log.at(0)), []

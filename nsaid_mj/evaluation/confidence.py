@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ..laws import Confidence
+from ..laws import Confidence, gain_deviations
 from ..nullspace import Nullspace
 from ..parameters import Array, Indices, ParameterSpace
 
@@ -102,16 +102,3 @@ def known(
         gain_deviations(confidence, theta_hat, space),
         confidence.blocks,
     )
-
-
-def gain_deviations(
-    confidence: Confidence | None, theta_hat: Array, space: ParameterSpace
-) -> Array:
-    """(a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown."""
-    k = space.actuators
-    if confidence is None:
-        return np.full(len(k), np.inf)
-    share = np.eye(len(k)) - 1 / len(k)
-    gains = np.where(theta_hat[k] == 0, space.scale[k], theta_hat[k])  # 0 is a failed actuator's
-    relative = confidence.covariance[np.ix_(k, k)] / np.outer(gains, gains)
-    return np.sqrt(np.maximum(np.diag(share @ relative @ share), 0.0))

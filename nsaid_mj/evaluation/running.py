@@ -8,46 +8,26 @@ import numpy as np
 
 from ..experiment.scenario import Scenario
 from ..experiment.source import LONGEST_STEP
-from ..laws import Identifier, State
-from ..laws.efficient.faults.signals import Signals
+from ..laws import Identifier, State, gain_deviations
 from ..log import Log, extended
 from ..parameters import Array
-from .confidence import gain_deviations
-from .misfit import (
+from ..watch import (
     CONTRADICTS,
     FEWEST,
-    LARGE,
     LEVELS,
     LONGEST,
-    NONE,
-    REPEATED,
-    SETTLED,
-    SOME,
     Misfit,
-    filter_of,
+    drift_of,
     judged_estimate,
+    running_misfit,
+    signals_after,
     widened,
 )
+from .run_misfit import filter_of
 
 _FIRST, _NEXT = 0.5, 1.5  # duration that is judged first [s], and the next one's ratio to it
 _LATER = 1.4  # durations judged, after which the misfit is stated; enough time for 1 kHz
 _REST = 5e-4  # of the thread between two pieces, so that on two cores the user's loop can run [s]
-
-
-def running_misfit(state: State) -> str:
-    """The level during a run, from the law's state alone; "" for a law without a filter.
-
-    It is based on all innovations so far, and on contradictions that no fault explains, unless the
-    filter has since explained two thirds of the motion: a prior far off is contradicted, too.
-    """
-    if state.filter is None:
-        return ""
-    inside = state.filter
-    squares, number = inside.filter.totals
-    late = inside.calm < (1 - SETTLED) * state.t
-    if late and inside.restarts + inside.unnamed > REPEATED:
-        return CONTRADICTS
-    return SOME if number and squares > LARGE * number else NONE
 
 
 class RunningMisfit:
@@ -96,13 +76,13 @@ class RunningMisfit:
             misfit, deviations = self._found
             self._stated, self._found = (misfit.result(), deviations), None
             self._judged *= _NEXT
-        drifts = state.filter is not None and state.filter.drift
-        if self._found is None and duration >= self._judged and not drifts:
+        drift, _ = drift_of(state)
+        if self._found is None and duration >= self._judged and not drift:
             whole = Log.joined(*self._parts)
             whole = whole.part(int(np.searchsorted(whole.t, whole.t[-1] - LONGEST)), len(whole.t))
             stated = self._identifier.confidence(state)
             deviations = gain_deviations(stated, state.theta_hat, self._system.space)
-            acting = Signals.after(self._system, known).acting(self._system, whole)
+            acting = signals_after(self._system, known).acting(self._system, whole)
             given = state.theta_hat, stated, self._prior, acting
             self._found = self._pool.submit(self._judgement, self._log, *given), deviations
 
@@ -115,8 +95,7 @@ class RunningMisfit:
             time.sleep(_REST)
 
         assert self._filter is not None
-        self._filter.rest = rest
-        return judged_estimate(self._filter, *given)
+        return judged_estimate(self._filter, *given, rest)
 
     def level(self, state: State) -> str:
         """The level of `Misfit` so far; "" of a law that is not judged."""

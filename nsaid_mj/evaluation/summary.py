@@ -13,11 +13,12 @@ from ..laws import ConventionalAID, IdentifierConfig
 from ..nullspace import directions
 from ..numerics.threads import single_threaded
 from ..parameters import ParameterSpace, rounded
+from ..watch import widened
 from .confidence import Determined, determined, known
 from .excitation import motion_figures, persistence_figures
 from .figures import held_out_rows, judge, residual_floor
 from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
-from .misfit import misfit_of, widened
+from .run_misfit import misfit_of
 from .truth import Truth, nullspace_of
 from .words import verdict
 

@@ -13,9 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..laws import Identifier, State, Status
-from ..laws.base import Estimates
-from ..laws.faults import FaultEvent
+from ..laws import Estimates, FaultEvent, Identifier, State, Status
 from ..log import Log, Measurement
 from ..nullspace import PersistenceMonitor
 from ..numerics.stopwatch import clock

@@ -15,8 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import BadRun
-from ..laws import Identifier, State, Status
-from ..laws.faults import FaultEvent
+from ..laws import FaultEvent, Identifier, State, Status
 from ..nullspace import PersistenceMonitor, structural
 from ..numerics.stopwatch import clock, compile_seconds
 from ..numerics.threads import single_threaded

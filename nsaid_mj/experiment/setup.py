@@ -21,13 +21,14 @@ import numpy as np
 from ..control import CompiledDriver, Driver, DriverConfig
 from ..control.driver import Tracking
 from ..errors import BadScript, InvalidInput
-from ..laws import Identifier, IdentifierConfig, NullspaceAID
+from ..laws import ExpectedGramian, Identifier, IdentifierConfig, NullspaceAID
 from ..laws.cone.prior import drawn_inside
-from ..log import EXACT, Log
+from ..log import EXACT, Log, SensorLevels
 from ..parameters import Array, ParameterSpace
 from ..plants import ParametricPlantConfig, Plant, PlantConfig, Sensors
 from ..plants.world.sensors import EXACT_SENSORS
 from ..structure.system import SecondOrderSystem
+from ..watch import supervised
 from .expected_gramian import expected_gramian
 from .library import place_of
 from .scenario import Scenario
@@ -108,11 +109,10 @@ class Setup:
             driver, duration = self._driver(self.seeds.gramian), scenario.duration
             return expected_gramian(system, driver, prior, scenario.dt, min(duration, _LONGEST))
 
+        configs = {"": scenario.identifier, **scenario.rivals}
         return {
-            name: with_prior_error(config, scenario).build(
-                system, prior, scenario.dt, levels, gramian
-            )
-            for name, config in {"": scenario.identifier, **scenario.rivals}.items()
+            name: identifier_of(config, scenario, system, prior, levels, gramian)
+            for name, config in configs.items()
         }
 
     def simulate(self, check: Callable[[], object] = lambda: None) -> Log:
@@ -143,6 +143,22 @@ def with_prior_error(config: IdentifierConfig, scenario: Scenario) -> Identifier
         return config
     error = scenario.initial_error or None
     return replace(config, efficient=replace(config.efficient, prior=error))
+
+
+def identifier_of(
+    config: IdentifierConfig,
+    scenario: Scenario,
+    system: SecondOrderSystem,
+    prior: Array,
+    levels: SensorLevels,
+    gramian: ExpectedGramian | None = None,
+) -> Identifier:
+    """The identifier of a configuration, with its supervisor if its law has one.
+
+    The arguments after the scenario are those of `IdentifierConfig.build`.
+    """
+    config = with_prior_error(config, scenario)
+    return supervised(config.build(system, prior, scenario.dt, levels, gramian))
 
 
 def published(config: PlantConfig, dt: float) -> tuple[Plant, Array]:

@@ -2,11 +2,17 @@
 
 from .. import numerics as numerics  # sets the cache folder before the first kernel is defined
 from .base import Confidence as Confidence
+from .base import Estimates as Estimates
+from .base import ExpectedGramian as ExpectedGramian
 from .base import Identifier as Identifier
 from .base import IdentifierConfig as IdentifierConfig
 from .base import State as State
 from .base import Status as Status
+from .base import gain_deviations as gain_deviations
 from .config import NullspaceAID as NullspaceAID
 from .conventional import ConventionalAID as ConventionalAID
-from .efficient.law import EfficientConfig as EfficientConfig
+from .efficient.estimator import EfficientConfig as EfficientConfig
+from .efficient.estimator import KalmanFilter as KalmanFilter
+from .efficient.signals import Signals as Signals
+from .faults import FaultEvent as FaultEvent
 from .memory.statistics import MemoryConfig as MemoryConfig

@@ -12,7 +12,7 @@ import numpy as np
 from ..bounds import Config, config
 from ..errors import InvalidInput
 from ..log import EXACT, Log, Measurement, SensorLevels
-from ..parameters import Array
+from ..parameters import Array, ParameterSpace
 from ..structure.system import SecondOrderSystem, checked
 from .faults import FaultEvent
 from .memory.statistics import Memory
@@ -61,8 +61,8 @@ class State(NamedTuple):
     status: Status  # `completed` as long as identification may continue
     memory: Memory | None = None  # statistics of past data; None for laws without a memory
     spent: float = 0.0  # total decrease of the conserved quantity in the memory's implicit steps
-    filter: Any = None  # filter and guard of the law `efficient`; None for other laws
-    faults: tuple[FaultEvent, ...] = ()  # those found so far; empty for laws other than `efficient`
+    own: Any = None  # what a law keeps besides; None for a law that keeps nothing
+    faults: tuple[FaultEvent, ...] = ()  # those found so far; empty for a law that seeks none
 
 
 class Estimates(NamedTuple):
@@ -101,6 +101,19 @@ class Confidence(NamedTuple):
     covariance: Array  # (p, p) covariance of θ̂ at a fixed common scale
     prior: Array  # (p, p) covariance before any data
     blocks: Array  # (n,) effective number of independent samples per row of the momentum balance
+
+
+def gain_deviations(
+    confidence: Confidence | None, theta_hat: Array, space: ParameterSpace
+) -> Array:
+    """(a,) relative standard deviations of k_i over the mean of all actuators; inf if unknown."""
+    k = space.actuators
+    if confidence is None:
+        return np.full(len(k), np.inf)
+    share = np.eye(len(k)) - 1 / len(k)
+    gains = np.where(theta_hat[k] == 0, space.scale[k], theta_hat[k])  # 0 is a failed actuator's
+    relative = confidence.covariance[np.ix_(k, k)] / np.outer(gains, gains)
+    return np.sqrt(np.maximum(np.diag(share @ relative @ share), 0.0))
 
 
 class Identifier(ABC):

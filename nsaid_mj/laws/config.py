@@ -14,8 +14,8 @@ from ..parameters import Array
 from ..structure.system import SecondOrderSystem
 from .base import ExpectedGramian, Identifier, IdentifierConfig
 from .cone.law import ConeMetric
+from .efficient.estimator import EfficientConfig, KalmanFilter
 from .efficient.law import EfficientIdentifier
-from .efficient.replay import EfficientConfig
 from .memory.implicit import ImplicitMemory
 from .memory.statistics import MemoryConfig
 from .nullspace_aid import NullspaceIdentifier, paper_identifier
@@ -89,7 +89,9 @@ class NullspaceAID(IdentifierConfig):
             return NullspaceIdentifier(system, K, metric, prior, dt, hermite)
         memory = ImplicitMemory(system, metric, prior, dt, hermite, self.memory, noise)
         guard = NullspaceIdentifier(system, K, metric, prior, dt, hermite, memory)
-        return guard if self.law == "memory" else EfficientIdentifier(guard, dt, self.efficient)
+        if self.law == "memory":
+            return guard
+        return EfficientIdentifier(guard, KalmanFilter(system, dt, self.efficient))
 
     @property
     def in_cone(self) -> bool:

@@ -12,7 +12,7 @@ from ..evaluation import Truth, common_factor, nullspace_of
 from ..evaluation.verify import Verdict
 from ..experiment.loop import Run
 from ..experiment.record import Record
-from ..laws.faults import FaultEvent
+from ..laws import FaultEvent
 from ..log import Log
 from ..pages.page import markdown, panels
 from ..pages.report import brief, statements, unobservable

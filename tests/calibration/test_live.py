@@ -16,16 +16,17 @@ from nsaid_mj.calibration.live import _LINE
 from nsaid_mj.calibration.measured import LiveRobot, measured_scenario
 from nsaid_mj.calibration.session import Estimate, Session
 from nsaid_mj.errors import InvalidInput, UnknownName
-from nsaid_mj.evaluation.confidence import gain_deviations
-from nsaid_mj.evaluation.misfit import filter_of, judged_estimate, widened
-from nsaid_mj.evaluation.running import RunningMisfit, running_misfit
+from nsaid_mj.evaluation.run_misfit import filter_of
+from nsaid_mj.evaluation.running import RunningMisfit
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import Run
 from nsaid_mj.experiment.record import Record
 from nsaid_mj.experiment.setup import Setup
+from nsaid_mj.laws import gain_deviations
 from nsaid_mj.log import Log
 from nsaid_mj.logs.stream import Cleaner, parsed, sample_of, turned
 from nsaid_mj.recording.postprocessing import finish, rebuild
+from nsaid_mj.watch import judged_estimate, running_misfit, widened
 
 RATE = 100.0
 BLUEROV = LiveRobot(robot="bluerov2")
@@ -79,7 +80,7 @@ def test_no_interval_is_stated_while_the_motion_contradicts_the_structure(log: L
     run, contradicts, stated = gains(log._replace(u=np.roll(log.u, 30, axis=0)))
     assert any(contradicts) and not any(np.array(stated) & contradicts)
     state = run.states[""]
-    forgiven = state._replace(filter=state.filter._replace(calm=0.7 * state.t))
+    forgiven = state._replace(own=state.own._replace(calm=0.7 * state.t))
     assert running_misfit(state) == "contradicts" != running_misfit(forgiven)
 
 

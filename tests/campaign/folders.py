@@ -15,7 +15,7 @@ from nsaid_mj import Record, run
 from nsaid_mj.errors import NsaidError
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import FAULTS
-from nsaid_mj.laws.faults import FaultEvent
+from nsaid_mj.laws import FaultEvent
 from nsaid_mj.recording import postprocessing
 from nsaid_mj.studies import sweep, sweep_report, sweep_results
 from nsaid_mj.studies.sweep_engine import Engine

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.laws.faults import FaultEvent
+from nsaid_mj.laws import FaultEvent
 from nsaid_mj.plants.world.faults.kinds import Fault
 from nsaid_mj.structure.system import SecondOrderSystem
 

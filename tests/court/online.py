@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.evaluation.misfit import misfit_of
+from nsaid_mj.evaluation.run_misfit import misfit_of
 from nsaid_mj.evaluation.summary import confidence
 from nsaid_mj.evaluation.truth import Truth
 from nsaid_mj.experiment.loop import Cost, Ending, SimulatedRun
 from nsaid_mj.experiment.record import Record
 from nsaid_mj.experiment.setup import with_prior_error
-from nsaid_mj.laws import NullspaceAID, Status
-from nsaid_mj.laws.efficient.replay import FilterAlone
-from nsaid_mj.laws.faults import FaultEvent
+from nsaid_mj.laws import FaultEvent, KalmanFilter, NullspaceAID, Status
 from nsaid_mj.numerics.threads import single_threaded
 from nsaid_mj.parameters import Array
+from nsaid_mj.watch.replay import replay
 
 from .cases import Case
 from .simulation import Simulated, simulated
@@ -115,7 +114,9 @@ def trace_of(case: Case) -> float:
         setup, log = found.setup, found.log
         config = with_prior_error(setup.scenario.identifier, setup.scenario)
         assert isinstance(config, NullspaceAID)
-        alone = FilterAlone(setup.system, setup.scenario.dt, config.efficient)
-        learned = alone.replay(setup.prior, alone.covariance(setup.prior), log).filter
-        innovations.append(alone.replay(learned.theta, learned.Ptt, log).along.innovation)
+        estimator = KalmanFilter(setup.system, setup.scenario.dt, config.efficient)
+        P = estimator.covariance(setup.prior)
+        learned = replay(estimator, setup.prior, P, log).filter
+        again = replay(estimator, learned.theta, learned.Ptt, log)
+        innovations.append(again.along.innovation)
     return float(np.nansum((innovations[0] - innovations[1]) ** 2))

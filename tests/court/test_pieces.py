@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from nsaid_mj.laws.faults import FaultEvent
+from nsaid_mj.laws import FaultEvent
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.kinds import Loss
 from tests.court import command

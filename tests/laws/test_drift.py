@@ -7,10 +7,11 @@ import pytest
 
 from nsaid_mj.evaluation.words import verdict
 from nsaid_mj.laws.cone.prior import drawn_covariance
-from nsaid_mj.laws.efficient.drift import Rival, Rivals, walks
 from nsaid_mj.laws.efficient.filter import filter_at
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.text import parse_faults
+from nsaid_mj.watch import drift_of
+from nsaid_mj.watch.drift import Rival, Rivals, walks
 
 from .test_never_wrong import known_of, misfit, ran, system_of
 
@@ -23,7 +24,7 @@ def test_gains_that_drift_are_followed_within_their_intervals(
     each = "; ".join(f"loss 0.9 of {k} rate {rate / 60} %/s at 0 s" for k in (2, 3, 7))
     found = ran("bluerov2", seed, 40.0, faults=parse_faults(each))
     plant, k = found.setup.plant, found.setup.system.space.actuators
-    assert found.state.faults == () and found.inside.drift > 0 and found.inside.handed
+    assert found.state.faults == () and drift_of(found.state)[0] > 0 and found.own.handed
     for at in (0.6, 1.0):  # of the run
         row = int(at * (len(found.log.t) - 1))
         ratio = found.theta_hat[row][k] / plant.truth_at(found.log.t[row])[k]

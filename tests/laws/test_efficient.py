@@ -12,13 +12,12 @@ import pytest
 from nsaid_mj import evaluation
 from nsaid_mj.evaluation.bound import bound_figures, cramer_rao
 from nsaid_mj.evaluation.confidence import Known, known
-from nsaid_mj.evaluation.misfit import CONTRADICTS, NONE, judged
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
+from nsaid_mj.laws import EfficientConfig, KalmanFilter
 from nsaid_mj.laws.base import Estimates, State, Status
 from nsaid_mj.laws.cone.prior import drawn_inside
 from nsaid_mj.laws.efficient.noise import Noise, add_increment
-from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import Loss
@@ -28,6 +27,9 @@ from nsaid_mj.quotient.cone import cone_of
 from nsaid_mj.structure.joints import JointScales
 from nsaid_mj.structure.multibody import CompiledMultibody
 from nsaid_mj.structure.system import SecondOrderSystem
+from nsaid_mj.watch.misfit import CONTRADICTS, NONE, judged
+from nsaid_mj.watch.replay import replay
+from nsaid_mj.watch.state import keeping, moving_of
 
 
 class Followed(NamedTuple):
@@ -99,7 +101,7 @@ def test_its_intervals_hold_the_truth() -> None:
 
 def test_it_finds_the_noise_by_itself() -> None:
     found = followed("bluerov2", 10, 30.0)
-    variance = found.state.filter.filter.noise.variance
+    variance = found.state.own.filter.noise.variance
     np.testing.assert_allclose(np.sqrt(variance[:3]), 1e-4, rtol=0.05)
     assert (np.sqrt(variance[3:6]) < 1.05e-4).all()  # noise of a rotation vector turns the body
     assert (np.sqrt(variance[3:6]) > 0.7e-4).all()  # by less, far from zero rotation
@@ -155,9 +157,9 @@ def test_a_robot_does_not_change_the_next_ones_filter_in_the_same_process() -> N
         v = np.sin(t[:, None] * [3.0, 4.0, 5.0])
         noisy = v + 1e-3 * rng.standard_normal(v.shape)
         log = Log(t, np.cumsum(v, axis=0) * 0.01, noisy, rng.standard_normal(v.shape))
-        alone = FilterAlone(system, 0.01, EfficientConfig())
+        alone = KalmanFilter(system, 0.01, EfficientConfig())
         theta = system.space.scale
-        kalman = alone.replay(theta, alone.covariance(theta), log).filter
+        kalman = replay(alone, theta, alone.covariance(theta), log).filter
         return kalman.theta, kalman.Ptt
 
     chain, fork = three_joints(2), three_joints(1)
@@ -171,11 +173,11 @@ def test_a_robot_does_not_change_the_next_ones_filter_in_the_same_process() -> N
 def test_with_exact_sensors_rounding_contradicts_nothing(seed: int) -> None:
     """Seed 0: P_θθ lost its definiteness to rounding, and the estimate wandered off to 1.6e-4."""
     found = followed("straight_then_slalom", seed, 40.0, sensors="ideal")
-    inside = found.state.filter
-    assert inside.handed and inside.returns == 0 and inside.restarts == 0
+    own = found.state.own
+    assert own.handed and own.supervision.returns == 0 and own.restarts == 0
     assert found.figures["theta_perp_ratio"] < 3e-6
     assert found.covered >= 0.8
-    assert np.linalg.eigvalsh(inside.filter.Ptt).min() > 0
+    assert np.linalg.eigvalsh(own.filter.Ptt).min() > 0
 
 
 def test_a_lost_actuator_is_found_and_the_others_are_left_alone() -> None:
@@ -188,19 +190,20 @@ def test_a_lost_actuator_is_found_and_the_others_are_left_alone() -> None:
     assert np.abs(np.delete(shares[late], 1, axis=1)).max() < 0.01
     assert abs(shares[found.log.t > 23.0][0, 1]) < 1e-3
     assert abs(shares[-1, 1]) < 2e-5
-    assert found.state.filter.returns == 1 and found.state.filter.restarts == 0
+    own = found.state.own
+    assert own.supervision.returns == 1 and own.restarts == 0
 
 
 def test_where_the_structure_is_wrong_the_memorys_estimate_is_handed_out() -> None:
     found = followed("bluerov2", 10, 20.0, mismatch=Mismatch(lag=0.05))
-    inside = found.state.filter
-    assert inside.restarts >= 3 and not inside.handed
-    np.testing.assert_array_equal(found.state.theta_hat, inside.guard.theta_hat)
+    own = found.state.own
+    assert own.restarts >= 3 and not own.handed
+    np.testing.assert_array_equal(found.state.theta_hat, own.guard.theta_hat)
 
 
-def witness_of(found: Followed, system: SecondOrderSystem | None = None) -> FilterAlone:
+def witness_of(found: Followed, system: SecondOrderSystem | None = None) -> KalmanFilter:
     scenario = found.setup.scenario
-    return FilterAlone(system or found.setup.system, scenario.dt, scenario.identifier.efficient)
+    return KalmanFilter(system or found.setup.system, scenario.dt, scenario.identifier.efficient)
 
 
 REVERSED = "reversed actuator"
@@ -248,10 +251,10 @@ def test_after_trials_in_vain_a_fault_is_sought_after_twice_as_long_a_calm(
 ) -> None:
     run = followed("bluerov2", 1, 3.0)
     law: Any = run.setup.identifiers()[""]
-    inside = deepcopy(run.state.filter)._replace(calm=3.0, unnamed=unnamed)
-    after = law._faults.contradicted(inside, inside.recent)
-    assert (after.trials is not None) == tried
-    assert after.restarts == inside.restarts + (not tried)
+    own = keeping(deepcopy(run.state.own)._replace(calm=3.0), unnamed=unnamed)
+    after = law.supervisor._faults.contradicted(own, moving_of(own).recent)
+    assert (moving_of(after).trials is not None) == tried
+    assert after.restarts == own.restarts + (not tried)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -279,7 +282,7 @@ def test_a_hundred_matched_runs_are_not_contradicted(name: str) -> None:
 def test_from_far_away_it_ends_where_it_does_from_nearby(name: str) -> None:
     found = followed(name, 10, 30.0, initial_error=1.0)
     near = followed(name, 10, 30.0)
-    assert found.state.filter.handed
+    assert found.state.own.handed
     assert found.figures["theta_perp_ratio"] < 4 * near.figures["theta_perp_ratio"]
 
 

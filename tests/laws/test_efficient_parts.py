@@ -10,34 +10,38 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
-from nsaid_mj.evaluation import misfit
-from nsaid_mj.evaluation.misfit import whiteness
+from nsaid_mj.evaluation import run_misfit
+from nsaid_mj.laws import EfficientConfig, KalmanFilter
 from nsaid_mj.laws.cone.prior import drawn_inside
 from nsaid_mj.laws.efficient.covariance import innovate, predict, update
-from nsaid_mj.laws.efficient.faults import trials as trying
-from nsaid_mj.laws.efficient.faults import watch as watching
-from nsaid_mj.laws.efficient.faults.events import event_of
-from nsaid_mj.laws.efficient.faults.evidence import Jump
-from nsaid_mj.laws.efficient.faults.hypotheses import (
+from nsaid_mj.laws.efficient.filter import Filter, FilterConstants, FilterWorkspace, filter_at
+from nsaid_mj.laws.efficient.kalman import _linear_share
+from nsaid_mj.laws.efficient.state import EfficientState
+from nsaid_mj.laws.efficient.steps import margin_of, project_inside
+from nsaid_mj.laws.efficient.supervision import Supervision
+from nsaid_mj.log import Log
+from nsaid_mj.nullspace import parts_of
+from nsaid_mj.parameters import Array, Block, ParameterSpace
+from nsaid_mj.quotient.cone import cone_of, inside
+from nsaid_mj.structure.arrays import StructureArrays
+from nsaid_mj.watch import misfit
+from nsaid_mj.watch.faults import snapshots as watching
+from nsaid_mj.watch.faults import trials as trying
+from nsaid_mj.watch.faults.events import event_of
+from nsaid_mj.watch.faults.evidence import Jump
+from nsaid_mj.watch.faults.hypotheses import (
     Hypothesis,
     everything,
     hypotheses_of,
     inexact,
     nothing,
 )
-from nsaid_mj.laws.efficient.faults.isolation import Isolation
-from nsaid_mj.laws.efficient.faults.signals import Signals
-from nsaid_mj.laws.efficient.faults.trials import Trials, Verdict
-from nsaid_mj.laws.efficient.faults.watch import Snapshot
-from nsaid_mj.laws.efficient.filter import Filter, Law, Memory, filter_at
-from nsaid_mj.laws.efficient.kalman import _linear_share
-from nsaid_mj.laws.efficient.state import EfficientState
-from nsaid_mj.laws.efficient.steps import margin_of, project_inside
-from nsaid_mj.log import Log
-from nsaid_mj.nullspace import parts_of
-from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.quotient.cone import cone_of, inside
-from nsaid_mj.structure.arrays import StructureArrays
+from nsaid_mj.watch.faults.isolation import Isolation
+from nsaid_mj.watch.faults.signals import signals_after, signals_under
+from nsaid_mj.watch.faults.snapshots import Snapshot
+from nsaid_mj.watch.faults.trials import Trials, Verdict
+from nsaid_mj.watch.misfit import whiteness
+from nsaid_mj.watch.state import Kept, kept_of
 from tests.support.plants import plant
 
 # -- the filter's sample ---------------------------------------------------------------------------
@@ -50,7 +54,9 @@ NOTHING: list[Any] = [
 NO_STRUCTURE = StructureArrays(*NOTHING)
 
 
-def filter_and_law(seed: int, gamma: float = 0.0, walk: float = 0.0) -> tuple[Filter, Law]:
+def filter_and_constants(
+    seed: int, gamma: float = 0.0, walk: float = 0.0
+) -> tuple[Filter, FilterConstants]:
     """A filter of three positive numbers and a free one, in the middle of a run."""
     rng, scale = np.random.default_rng(seed), np.array([0.5, 2.0, 10.0, 0.1])
     names, units = ("a", "b", "c"), ("1", "1", "1")
@@ -64,7 +70,7 @@ def filter_and_law(seed: int, gamma: float = 0.0, walk: float = 0.0) -> tuple[Fi
     kalman = filter_at(np.zeros(N), np.zeros(N), theta, joint[2 * N :, 2 * N :].copy())
     kalman.Pxx[:], kalman.Pxt[:] = joint[: 2 * N, : 2 * N], joint[: 2 * N, 2 * N :]
     cone, walks = cone_of(space), np.full(P, walk)
-    return kalman, Law(
+    return kalman, FilterConstants(
         NO_STRUCTURE, cone, scale, margin_of(cone, scale), gamma, 10, walks, np.zeros(0),
         np.ones((1, P)),
     )  # fmt: skip
@@ -76,31 +82,39 @@ def test_an_update_is_kalmans_then_projected_with_the_scale_carried_along(
 ) -> None:
     """With Joseph's form for the gain that is applied, where a share of the step is taken."""
     for seed in range(5):
-        kalman, law = filter_and_law(seed)
+        kalman, constants = filter_and_constants(seed)
         rng = np.random.default_rng(seed)
         R, y = rng.uniform(0.05, 0.1, 2 * N), size * rng.standard_normal(2 * N)
         theta, Pxx, Pxt, Ptt = (np.array(a) for a in kalman[2:6])
         S = Pxx + np.diag(R)
         K, Kx = np.linalg.solve(S, Pxt).T, np.linalg.solve(S, Pxx).T
-        free = theta + share * law.scale * (K @ y)
+        free = theta + share * constants.scale * (K @ y)
         P_after = Ptt - share * (K @ Pxt + Pxt.T @ K.T) + share**2 * K @ S @ K.T
-        memory = Memory.of(law.structure, N, N, P)
-        memory.R[:], memory.y[:] = R, y
-        spread = innovate(law.scale, kalman.Pxx, kalman.Pxt, memory)
-        square = memory.e @ memory.e
-        update(law.cone, law.margin, law.scale, law.parts, kalman, share, memory)
-        given = memory.y
+        workspace = FilterWorkspace.of(constants.structure, N, N, P)
+        workspace.R[:], workspace.y[:] = R, y
+        spread = innovate(constants.scale, kalman.Pxx, kalman.Pxt, workspace)
+        square = workspace.e @ workspace.e
+        update(
+            constants.cone,
+            constants.margin,
+            constants.scale,
+            constants.parts,
+            kalman,
+            share,
+            workspace,
+        )
+        given = workspace.y
         out = not (free[:3] > 0).all()
         assert out == (size > 1)
         after = kalman.theta
         assert (after[:3] > 0).all()
         assert (after == pytest.approx(free, rel=1e-9)) == (not out)
         # the joint estimate moves along P: an error of θ that is learned corrects the state as well
-        moved = (after - free) / law.scale
+        moved = (after - free) / constants.scale
         learned = np.linalg.solve(P_after, moved)
         np.testing.assert_allclose(given, Kx @ y + (Pxt - Kx @ Pxt) @ learned, rtol=1e-6, atol=1e-9)
-        w = theta / law.scale / np.sum((theta / law.scale) ** 2)
-        T = np.eye(P) + np.outer((after - theta) / law.scale, w)
+        w = theta / constants.scale / np.sum((theta / constants.scale) ** 2)
+        T = np.eye(P) + np.outer((after - theta) / constants.scale, w)
         np.testing.assert_allclose(kalman.Ptt, T @ P_after @ T.T, rtol=1e-7, atol=1e-12)
         np.testing.assert_allclose(kalman.Pxt, (Pxt - Kx @ Pxt) @ T.T, rtol=1e-7, atol=1e-12)
         np.testing.assert_allclose(kalman.Pxx, Pxx - Kx @ Pxx, rtol=1e-7, atol=1e-12)
@@ -110,13 +124,21 @@ def test_an_update_is_kalmans_then_projected_with_the_scale_carried_along(
 
 def test_a_prediction_carries_the_covariance_and_adds_linearisation_and_walk() -> None:
     gamma, walk, dt = 0.3, 0.04, 0.01
-    kalman, law = filter_and_law(1, gamma, walk)
+    kalman, constants = filter_and_constants(1, gamma, walk)
     rng = np.random.default_rng(0)
     F, B = rng.standard_normal((2 * N, 3 * N)), rng.standard_normal((N, P))
     _, Pxx, Pxt, Ptt = (np.array(a) for a in kalman[2:6])
-    memory = Memory.of(law.structure, N, N, P)
-    memory.F[:], memory.B[:] = F, B
-    predict(law.scale, law.walk, law.unexplained, law.gamma, dt, kalman, memory)
+    workspace = FilterWorkspace.of(constants.structure, N, N, P)
+    workspace.F[:], workspace.B[:] = F, B
+    predict(
+        constants.scale,
+        constants.walk,
+        constants.unexplained,
+        constants.gamma,
+        dt,
+        kalman,
+        workspace,
+    )
     joint = np.block([[Pxx, Pxt], [Pxt.T, Ptt]])
     Phi = np.hstack([F[:, : 2 * N], F[:, 2 * N :] @ B])
     effect = F[:, 2 * N :] @ B @ Ptt @ B.T @ F[:, 2 * N :].T
@@ -130,16 +152,24 @@ def test_a_prediction_carries_the_covariance_and_adds_linearisation_and_walk() -
 def test_a_projection_onto_one_number_is_that_of_the_constrained_minimum() -> None:
     """The nearest point of the half-space in the metric P⁻¹, from Lagrange's condition."""
     for seed in range(20):
-        kalman, law = filter_and_law(seed)
-        theta, bound = kalman.theta.copy(), 2 * law.margin[1]
-        theta[1] = -0.3 * law.scale[1]
+        kalman, constants = filter_and_constants(seed)
+        theta, bound = kalman.theta.copy(), 2 * constants.margin[1]
+        theta[1] = -0.3 * constants.scale[1]
         gain = kalman.Ptt[:, 1] / kalman.Ptt[1, 1]
-        nearest = theta + law.scale * gain * (bound - theta[1]) / law.scale[1]
-        if not (nearest[[0, 2]] > law.margin[[0, 2]]).all():
+        nearest = theta + constants.scale * gain * (bound - theta[1]) / constants.scale[1]
+        if not (nearest[[0, 2]] > constants.margin[[0, 2]]).all():
             continue
         start, y, work = kalman.theta, np.zeros(2 * N), (np.empty(P), np.empty(P), np.empty((P, P)))
         project_inside(
-            law.cone, law.margin, start, theta, law.scale, kalman.Ptt, kalman.Pxt, y, *work
+            constants.cone,
+            constants.margin,
+            start,
+            theta,
+            constants.scale,
+            kalman.Ptt,
+            kalman.Pxt,
+            y,
+            *work,
         )
         np.testing.assert_allclose(theta, nearest, rtol=1e-9)
 
@@ -151,7 +181,7 @@ def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(n
     system, truth = made.system, made.truth
     space, n = system.space, system.n
     cone, scale = cone_of(space), np.array(space.scale)
-    law = Law(
+    constants = FilterConstants(
         system.forward,
         cone,
         scale,
@@ -166,9 +196,9 @@ def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(n
         rng = np.random.default_rng(seed)
         q, v, u = system.random_state(rng)
         kalman = filter_at(q, v, truth, np.eye(system.p))
-        memory = Memory.of(law.structure, n, len(q), system.p)
-        memory.step[:] = truth * 10 ** rng.uniform(-1, 1) * rng.standard_normal(system.p)
-        share = _linear_share(law, q, v, u, kalman, memory)
+        workspace = FilterWorkspace.of(constants.structure, n, len(q), system.p)
+        workspace.step[:] = truth * 10 ** rng.uniform(-1, 1) * rng.standard_normal(system.p)
+        share = _linear_share(constants, q, v, u, kalman, workspace)
 
         W_M = system.W_M(np.tile(np.concatenate([q, v]), (n, 1)), np.eye(n))
 
@@ -176,9 +206,9 @@ def test_a_step_keeps_half_of_the_mass_matrix_and_is_no_shorter_than_that_asks(n
             return float(np.linalg.eigvalsh(W_M @ theta)[0])
 
         assert 0 < share <= 1
-        assert least(0.5 * truth + share * memory.step) > 0
+        assert least(0.5 * truth + share * workspace.step) > 0
         if share < 1:
-            assert least(0.5 * truth + 2 * share * memory.step) <= 0
+            assert least(0.5 * truth + 2 * share * workspace.step) <= 0
             shortened += 1
     assert 0 < shortened < 30
 
@@ -199,29 +229,29 @@ def test_a_broken_actuator_is_at_a_command_of_zero_and_a_velocity_has_its_own_er
     broken = [h for h in what if h.kind == "broken"][2]
     off = next(h for h in what if h.names == ("velocity 2",))
     events = [event_of(h, 1.0, 2.0, (0.3, 0.2, 0.4), 1.0) for h in (broken, off)]
-    signals = Signals.after(made.system, events)
+    signals = signals_after(made.system, events)
     assert signals.held[broken.command] == 0 and np.isfinite(signals.held).sum() == 1
     assert np.flatnonzero(signals.bias).tolist() == [made.system.n + 1] == [off.channel]
 
 
 def test_a_short_run_does_not_make_the_walk_fast() -> None:
-    assert EfficientState.walk(SimpleNamespace(wander=(2e-4, 1e-4)), 0.1) == pytest.approx(1e-4)  # type: ignore[arg-type]
+    assert Kept(wander=(2e-4, 1e-4)).walk(0.1) == pytest.approx(1e-4)
 
 
-def isolated(inside_: EfficientState, hypothesis: Hypothesis, size: Any) -> EfficientState:
+def isolated(state: EfficientState, hypothesis: Hypothesis, size: Any) -> EfficientState:
     """What a verdict for a hypothesis makes of a state."""
     made = plant("bluerov2")
     trial = SimpleNamespace(
         reported=lambda _: (hypothesis, size),
-        settled=lambda *_: (inside_.filter, inside_.signals.under(hypothesis)),
-        theta=inside_.filter.theta,
+        settled=lambda *_: (state.filter, signals_under(state.supervision.signals, hypothesis)),
+        theta=state.filter.theta,
     )
     law: Any = SimpleNamespace(
-        system=made.system,
+        estimator=SimpleNamespace(system=made.system),
         _noted=lambda *given: Isolation._noted(law, *given),
     )
     log = Log.unchecked(np.array([3.0]), *np.zeros((3, 1, 1)))
-    return Isolation._isolated(law, inside_, Verdict(trial, 1.0), 2.0, log)  # type: ignore[arg-type]
+    return Isolation._isolated(law, state, Verdict(trial, 1.0), 2.0, log)  # type: ignore[arg-type]
 
 
 def test_a_verdict_changes_factors_and_events_as_its_kind_demands() -> None:
@@ -230,28 +260,33 @@ def test_a_verdict_changes_factors_and_events_as_its_kind_demands() -> None:
     what = {h.kind: h for h in reversed(hypotheses_of(system, truth))}
     k = system.space.index(what["stuck"].names[0])
     kalman = filter_at(np.zeros(system.n), np.zeros(system.n), truth, np.eye(system.p))
-    start = EfficientState(
-        kalman, None, 0, 0, 9.0, True, 0, 0,  # type: ignore[arg-type]
-        Signals.sound(system), np.ones(system.p), truth.copy(),
-    )  # fmt: skip
+    guard: Any = None
+    start = EfficientState(kalman, guard, Supervision.none(system), calm=9.0, handed=True)
     size = (0.3, 0.2, 0.4)
     back = isolated(start, what["reversed"], size)
-    assert back.factors[k] == -1 and (back.factors == 1).sum() == system.p - 1
-    assert [event.kind for event in back.events] == ["reversed"]
-    assert back.calm == 0 and back.returns == 1
+    told = back.supervision
+    assert told.factors[k] == -1 and (told.factors == 1).sum() == system.p - 1
+    assert [event.kind for event in told.events] == ["reversed"]
+    assert back.calm == 0 and told.returns == 1
     kalman.theta[k] *= 0.5  # as the filter went on under the reversal
     stuck = isolated(back, what["stuck"], size)
-    assert stuck.factors[k] == 0 and stuck.intact[k] == truth[k]  # from before the first fault
+    intact = kept_of(stuck).intact
+    assert stuck.supervision.factors[k] == 0 and intact is not None
+    assert intact[k] == truth[k]  # from before the first fault
     sound = what["stuck"]._replace(kind="sound")
     well = isolated(stuck, sound, (0.0, 0.0, 0.0))
-    assert (well.factors == 1).all() and well.events == () and well.wander == (0.0, 0.0)
-    assert [e.kind for e in isolated(start, what["loss"], size).events] == ["loss"]
-    none = isolated(start, what["loss"], (0.3, -0.2, 0.8))
+    assert (well.supervision.factors == 1).all() and well.supervision.events == ()
+    assert kept_of(well).wander == (0.0, 0.0)
+    lost = isolated(start, what["loss"], size).supervision
+    assert [event.kind for event in lost.events] == ["loss"]
+    none = isolated(start, what["loss"], (0.3, -0.2, 0.8)).supervision
     assert none.events == () and (none.factors == 1).all()
     off = isolated(start, inexact(system, truth)[2], (0.0, 0.0, 0.0))
-    assert off.events == () and off.wander == (0.02**2, 0.02**2) and off.calm == 0
+    assert off.supervision.events == () and off.calm == 0
+    assert kept_of(off).wander == (0.02**2, 0.02**2)
     same = isolated(start, nothing(system), (0.0, 0.0, 0.0))
-    assert same.calm == start.calm and same.events == ()  # as if it had not been contradicted
+    assert same.calm == start.calm  # as if it had not been contradicted
+    assert same.supervision.events == ()
 
 
 def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -259,21 +294,21 @@ def test_trials_are_repeated_along_logs_of_doubled_length(monkeypatch: pytest.Mo
     window, lengths = 10, []
     tried: Any = SimpleNamespace(evidence=0.0)
     tried.followed = lambda *_: tried
-    monkeypatch.setattr(trying, "_hopeful", lambda each: each)
+    monkeypatch.setattr(trying, "_hopeful", lambda _, each: each)
     monkeypatch.setattr(
-        trying, "_repeated", lambda one, a, b, trials, c: lengths.append(len(trials.log.t)) or one
+        trying, "_repeated", lambda one, _, trials, least: lengths.append(len(trials.log.t)) or one
     )
     log = Log(np.arange(101) * 0.01, *np.zeros((3, 101, 1)))
-    law: Any = SimpleNamespace(window=window)
+    estimator: Any = SimpleNamespace(constants=SimpleNamespace(window=window))
     trials = Trials((tried,), None, None, log.first(2), 1)  # type: ignore[arg-type]
     for end in range(window, 101, window):
         start = len(trials.log.t) - 1
-        trials = trying.follow_trials(law, SimpleNamespace(), trials, log.part(start, end + 1))  # type: ignore[arg-type]
+        trials = trying.follow_trials(estimator, trials, log.part(start, end + 1))
         trials = trials._replace(samples=0)
     assert lengths == [11, 21, 41, 81]
     for later in (0.1, 0.2, 0.3):
         late = log.last(11)._replace(t=log.t[-11:] + later)
-        trials = trying.follow_trials(law, SimpleNamespace(), trials, late)  # type: ignore[arg-type]
+        trials = trying.follow_trials(estimator, trials, late)
         trials = trials._replace(samples=0)
     assert lengths[4:] == [111], "once after a second, whatever the length"
 
@@ -284,14 +319,15 @@ def test_trials_follow_the_same_blocks_however_samples_come(
 ) -> None:
     """Their bits, and a share of their cost, depend on the blocks."""
     followed: list[int] = []
-    monkeypatch.setattr(trying, "_hopeful", lambda each: each)
+    monkeypatch.setattr(trying, "_hopeful", lambda _, each: each)
     one: Any = SimpleNamespace(hypothesis=SimpleNamespace(offset=0.0, kind="loss"), evidence=0.0)
-    one.followed = lambda _law, _system, part: followed.append(len(part.t) - 1) or one
-    log, law = Log(np.arange(51) * 0.002, *np.zeros((3, 51, 1))), SimpleNamespace(window=50)
+    one.followed = lambda _, part: followed.append(len(part.t) - 1) or one
+    log = Log(np.arange(51) * 0.002, *np.zeros((3, 51, 1)))
+    estimator: Any = SimpleNamespace(constants=SimpleNamespace(window=50))
     trials: Any = Trials((one,), None, None, log.first(1), 0)  # type: ignore[arg-type]
     for start in range(0, 50, piece):
         part = log.part(start, min(start + piece, 50) + 1)
-        trials = trying.follow_trials(law, SimpleNamespace(), trials, part)  # type: ignore[arg-type]
+        trials = trying.follow_trials(estimator, trials, part)
     assert followed == [10] * 5 and trials.reached == 50
 
 
@@ -316,10 +352,11 @@ def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fa
     )  # fmt: skip
     log = Log(np.array([0.0, 0.01]), *np.zeros((3, 2, 1)))
     trials = Trials(each, None, None, log, 10)  # type: ignore[arg-type]
-    assert trying.verdict(trials, 0.11) is None
-    late = trying.verdict(trials, 1.2)
+    estimator = KalmanFilter(made.system, 0.01, EfficientConfig())
+    assert trying.verdict(estimator, trials, 0.11) is None
+    late = trying.verdict(estimator, trials, 1.2)
     assert late is not None and late.trial is each[0]
-    left = [trial.hypothesis.kind for trial in trying.narrowed(trials, 0.1).each]
+    left = [trial.hypothesis.kind for trial in trying.narrowed(estimator, trials).each]
     assert left == ["none", "payload", "loss"]
 
 
@@ -329,9 +366,12 @@ def test_hopeless_faults_are_dropped_within_a_window_once_one_explains_the_motio
     free = everything(made.system, made.truth), inexact(made.system, made.truth)[-1]
     best, near, far = tried(what["loss"], 0.0), tried(what["bias"], -999.0), what["payload"]
     each = best, near, tried(far, -1001.0), tried(free[0], -5000.0), tried(free[1], 5000.0)
-    assert trying._hopeful(each) == (*each[:2], *each[3:])
+    estimator = KalmanFilter(made.system, 0.01, EfficientConfig())
+    assert trying._hopeful(estimator, each) == (*each[:2], *each[3:])
     best.squares = 1e6
-    assert trying._hopeful(each) == each, "another one may have yet to learn a large change"
+    assert trying._hopeful(estimator, each) == each, (
+        "another one may have yet to learn a large change"
+    )
 
 
 def test_a_slow_change_that_leaves_no_covariance_is_rounding(
@@ -406,7 +446,7 @@ def test_every_piece_between_faults_is_judged_under_the_signals_that_act() -> No
     scenario = SimpleNamespace(dt=t[1])
     faults = events[0], unknown, events[1]
     run = SimpleNamespace(system=made.system, faults=faults, scenario=scenario)
-    found = list(misfit._pieces(run, log))  # type: ignore[arg-type]
+    found = list(run_misfit._pieces(run, log))  # type: ignore[arg-type]
     rows = [(240, 400), (409, 800), (809, 1201)]  # the last 120 s; none of an unknown change
     assert [(piece.start, piece.stop) for _, piece, _ in found] == rows
     assert [len(part.t) for part, *_ in found] == [end - start for start, end in rows]
@@ -442,23 +482,23 @@ def test_a_shift_is_measured_by_what_was_learned(kept: int) -> None:
     found = misfit._shifts(scale, np.ones(2), P0, learning)
     np.testing.assert_allclose(found, [9 / kept, 9 / 4 / kept, 9 / 16 / kept], rtol=1e-9)
     gains = Block("gain", ("a", "b"), ("1", "1"), scale, "positive", actuator=True)
-    alone: Any = SimpleNamespace(law=SimpleNamespace(scale=scale), space=ParameterSpace((gains,)))
+    space = ParameterSpace((gains,))
     still: Any = SimpleNamespace(contradictions=(), filter=SimpleNamespace(theta=np.ones(2)))
     for energy in (0.0, 24.0):
-        widening = misfit._widening(alone, np.ones(2), P0, learning, still, energy)
+        widening = misfit._widening(space, np.ones(2), P0, learning, still, energy)
         assert widening == pytest.approx(np.sqrt(max(1 + energy, 9 / kept)))
     apart = np.sqrt(0.04 * 2.0**2 + 0.01 * 5.0**2) / 2  # deviation of a gain over the mean of both
     for share in (1.0, 1e-2):  # of P: one gain shifts by 0.2 of the mean, the other by −0.2
         ended.theta = np.array([1.0, 1.5])
         shift = 0.2 / (np.sqrt(share) * apart)
-        assert misfit.shift_of_gains(alone.space, np.ones(2), share * P0, ended.theta) == (
+        assert misfit.shift_of_gains(space, np.ones(2), share * P0, ended.theta) == (
             pytest.approx(shift)
         )
-        widening = misfit._widening(alone, np.ones(2), share * P0, learning, still, 0.0)
+        widening = misfit._widening(space, np.ones(2), share * P0, learning, still, 0.0)
         assert (widening == pytest.approx(shift)) == (share < 1)
     still.filter.theta = np.array([1.0, 1.9])  # by 0.31 of the mean
     for still.contradictions, expected in (((), 0.9 / 2.9 / (0.1 * apart)), ((1.0,), shift)):
-        widening = misfit._widening(alone, np.ones(2), 0.01 * P0, learning, still, 0.0)
+        widening = misfit._widening(space, np.ones(2), 0.01 * P0, learning, still, 0.0)
         assert widening == pytest.approx(expected)
     learning.contradictions = (1.0,)
     assert misfit._shifts(scale, np.ones(2), P0, learning) == []
@@ -467,10 +507,10 @@ def test_a_shift_is_measured_by_what_was_learned(kept: int) -> None:
 def test_two_pieces_contradicted_once_each_contradict_the_structure() -> None:
     one = misfit.Misfit("some", (3.0,), 1.0, 10.0, 0.5, 1.0)
     none = misfit.Misfit("none", (), 2.0, 30.0, 0.01, 4.0)
-    both = misfit._worst([one, none])
+    both = misfit.worst_of([one, none])
     assert (both.level, both.innovations, both.seconds) == ("some", 1.75, 40.0)
     assert (both.chance, both.widening) == (0.01, 4.0)
-    assert misfit._worst([one, one]).level == "contradicts"
+    assert misfit.worst_of([one, one]).level == "contradicts"
 
 
 def test_a_change_is_evident_as_a_whole_even_where_its_parts_trade() -> None:

@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.evaluation.misfit import misfit_of
+from nsaid_mj.evaluation.run_misfit import misfit_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.setup import Setup
+from nsaid_mj.laws import FaultEvent, Signals
 from nsaid_mj.laws.base import Estimates, Identifier, State
-from nsaid_mj.laws.efficient.faults.evidence import (
+from nsaid_mj.laws.efficient.law import EfficientIdentifier
+from nsaid_mj.log import Log
+from nsaid_mj.plants import parse_faults
+from nsaid_mj.watch.faults.evidence import (
     jumped,
     most_evident,
     posterior,
     shift_jumps,
 )
-from nsaid_mj.laws.efficient.faults.hypotheses import hypotheses_of
-from nsaid_mj.laws.efficient.faults.signals import Signals
-from nsaid_mj.laws.efficient.faults.trial import Trial, onset, started
-from nsaid_mj.laws.efficient.faults.trials import begin_trials, follow_trials
-from nsaid_mj.laws.efficient.faults.watch import with_jump
-from nsaid_mj.laws.faults import FaultEvent
-from nsaid_mj.log import Log
-from nsaid_mj.plants import parse_faults
+from nsaid_mj.watch.faults.hypotheses import hypotheses_of
+from nsaid_mj.watch.faults.snapshots import with_jump
+from nsaid_mj.watch.faults.trial import Trial, onset, started
+from nsaid_mj.watch.faults.trials import begin_trials, follow_trials
 
 P = 6
 
@@ -218,21 +218,23 @@ def test_the_signature_of_a_sensors_error_is_that_of_the_filter() -> None:
     setup, log, *_ = followed("bluerov2", 34, "bias 0.05 of velocity 5 at 6 s", 10.0)
     system, identifier = setup.system, setup.identifiers()[""]
     before, _ = identifier.follow(identifier.init(log.at(0)), log.until(5.9))
-    law, kalman, late = identifier._law, before.filter.filter, log.part(570, 640)
-    k = onset(law, kalman, system, late)
+    assert isinstance(identifier, EfficientIdentifier)
+    estimator, kalman, late = identifier.estimator, before.own.filter, log.part(570, 640)
+    scale = estimator.constants.scale
+    k = onset(estimator, kalman, late)
     assert late.t[k] == pytest.approx(6.0)  # the last sample before it
     what = [h for h in hypotheses_of(system, kalman.theta) if h.names == ("velocity 5",)]
     sound = Signals.sound(system)
-    trials = begin_trials(law, kalman, system, sound, what, late.first(k + 2), k)
-    (trial,) = follow_trials(law, system, trials, late.part(k + 1, 70)).each
+    trials = begin_trials(estimator, kalman, sound, what, late.first(k + 2), k)
+    (trial,) = follow_trials(estimator, trials, late.part(k + 1, 70)).each
     _, (size, low, high) = trial.reported(system.space)
     assert low < 0.05 < high
-    start = started(kalman, system, late, k)
-    direct = Trial.begin(start, sound.biased(10, size), what[0], law.scale)
-    squares = direct.followed(law, system, late.part(k, 70), sound).squares
+    start = started(estimator, kalman, late, k)
+    direct = Trial.begin(start, sound.biased(10, size), what[0], scale)
+    squares = direct.followed(estimator, late.part(k, 70), sound).squares
     assert trial.squares == pytest.approx(squares, abs=0.1)  # of about 470: the parabola is one
-    none = Trial.begin(start, sound, what[0], law.scale)
-    assert none.followed(law, system, late.part(k, 70), sound).squares > squares + 100
+    none = Trial.begin(start, sound, what[0], scale)
+    assert none.followed(estimator, late.part(k, 70), sound).squares > squares + 100
 
 
 def test_a_stuck_thruster_is_at_its_last_command_in_spite_of_its_dead_zone() -> None:

@@ -11,27 +11,15 @@ from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.evaluation.confidence import Known, known
-from nsaid_mj.evaluation.misfit import Misfit, misfit_of, whiteness, widened
+from nsaid_mj.evaluation.run_misfit import misfit_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup, with_prior_error
-from nsaid_mj.laws import Confidence
+from nsaid_mj.laws import Confidence, EfficientConfig, FaultEvent, KalmanFilter, Signals
 from nsaid_mj.laws.base import State
 from nsaid_mj.laws.cone.prior import drawn_covariance, drawn_inside
-from nsaid_mj.laws.efficient.faults import trials
-from nsaid_mj.laws.efficient.faults.events import event_of, revoked, without_effect
-from nsaid_mj.laws.efficient.faults.hypotheses import (
-    hypotheses_of,
-    inexact,
-    nothing,
-    penalty,
-    restored,
-)
-from nsaid_mj.laws.efficient.faults.signals import Signals
 from nsaid_mj.laws.efficient.law import EfficientIdentifier
-from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone
 from nsaid_mj.laws.efficient.state import EfficientState
 from nsaid_mj.laws.efficient.steps import carry_scale, margin_of, project_inside
-from nsaid_mj.laws.faults import FaultEvent
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import parts_of, structural
 from nsaid_mj.parameters import Block, ParameterSpace
@@ -39,6 +27,19 @@ from nsaid_mj.plants.world.faults.text import parse_faults
 from nsaid_mj.plants.world.mismatch import Mismatch
 from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.structure.system import SecondOrderSystem, gains_by_command
+from nsaid_mj.watch import Misfit, widened
+from nsaid_mj.watch.faults import trials
+from nsaid_mj.watch.faults.events import event_of, revoked, without_effect
+from nsaid_mj.watch.faults.hypotheses import (
+    hypotheses_of,
+    inexact,
+    nothing,
+    penalty,
+    restored,
+)
+from nsaid_mj.watch.faults.signals import signals_after, signals_under
+from nsaid_mj.watch.misfit import whiteness
+from nsaid_mj.watch.state import Kept
 from tests.support.robot_logs import TWO_LEGS
 
 
@@ -49,8 +50,8 @@ class Ran(SimpleNamespace):
     theta_hat: np.ndarray
 
     @property
-    def inside(self) -> EfficientState:
-        return self.state.filter
+    def own(self) -> EfficientState:
+        return self.state.own
 
 
 def ran(name: str, seed: int, duration: float, change: Any = None, **plant: Any) -> Ran:
@@ -224,7 +225,7 @@ def test_the_scales_information_is_carried_along_exactly(seed: int) -> None:
 def test_nothing_is_learned_of_the_scale(name: str) -> None:
     """Before: its deviation had fallen to a quarter of the prior's, on f1tenth to a twentieth."""
     found = run_once(name, 300, 20.0)
-    system, kalman = found.setup.system, found.inside.filter
+    system, kalman = found.setup.system, found.own.filter
     scale, error = system.space.scale, found.setup.scenario.initial_error
     prior, start = (
         found.setup.prior / scale,
@@ -241,8 +242,8 @@ def test_nothing_is_learned_of_the_scale_of_either_leg(tmp_path) -> None:
     (model := tmp_path / "biped.xml").write_text(TWO_LEGS, encoding="utf-8")
     found = ran("arm", 301, 10.0, robot=str(model))
     system, prior = found.setup.system, found.setup.prior
-    alone, parts = FilterAlone(system, 0.002, EfficientConfig()), parts_of(system)
-    start, now = alone.covariance(prior), found.inside.filter
+    alone, parts = KalmanFilter(system, 0.002, EfficientConfig()), parts_of(system)
+    start, now = alone.covariance(prior), found.own.filter
     assert len(parts) == 2
     for part in parts:
         before, after = (part * theta / system.space.scale for theta in (prior, now.theta))
@@ -255,7 +256,7 @@ def test_nothing_is_learned_of_the_scale_of_either_leg(tmp_path) -> None:
 def test_an_estimate_on_the_cones_boundary_has_no_interval() -> None:
     """It ended `nsaid identify --law efficient` in a traceback."""
     found = run_once("bluerov2", 300, 20.0)
-    guard, identifier = found.inside.guard, found.setup.identifiers()[""]
+    guard, identifier = found.own.guard, found.setup.identifiers()[""]
     assert isinstance(identifier, EfficientIdentifier) and guard.memory is not None
     identifier, scores = identifier.guard, guard.memory.scores
     assert identifier.confidence(guard) is not None and scores.view is not None
@@ -269,7 +270,7 @@ def test_the_estimate_stays_in_the_cone_along_a_run() -> None:
     found = run_once("panda", 300, 6.0)
     cone = cone_of(found.setup.system.space)
     assert all(inside(cone, theta) for theta in found.theta_hat[::50])
-    assert inside(cone, found.inside.filter.theta)
+    assert inside(cone, found.own.filter.theta)
     assert misfit(found).level == "none"
 
 
@@ -277,7 +278,7 @@ def test_what_is_learned_while_the_prior_is_far_off_is_not_believed_too_much() -
     """With γ = 0.3 the truth was 10 deviations off, and still was after 20 s, at one seed in 12."""
     for seed in range(91005, 91011):
         found = run_once("f1tenth", seed, 6.0)
-        kalman, truth, system = found.inside.filter, found.setup.plant.truth, found.setup.system
+        kalman, truth, system = found.own.filter, found.setup.plant.truth, found.setup.system
         space = system.space
         basis = structural(system, truth, np.random.default_rng(0)).P_perp
         size = np.mean(kalman.theta[space.actuators] / truth[space.actuators])
@@ -345,7 +346,7 @@ def test_a_seizure_can_be_taken_back() -> None:
     sound = Signals.sound(system)
     assert restored(system, truth, truth, sound.sign, sound.held) == []
     stuck = next(h for h in hypotheses_of(system, truth) if h.kind == "stuck")
-    signals, effort = sound.under(stuck), truth.copy()
+    signals, effort = signals_under(sound, stuck), truth.copy()
     (k,) = gains_by_command(system)[stuck.command]
     effort[k] *= 0.1
     (back,) = restored(system, effort, truth, signals.sign, signals.held)
@@ -354,7 +355,7 @@ def test_a_seizure_can_be_taken_back() -> None:
     np.testing.assert_allclose(
         (effort / system.space.scale + back.mean)[k] * system.space.scale[k], truth[k]
     )
-    again = signals.under(back)
+    again = signals_under(signals, back)
     assert np.isnan(again.held).all() and (again.sign == 1).all()
     event = event_of(stuck, 1.0, 2.0, (0.3, 0.2, 0.4), 1.0)
     other = event._replace(part="another")
@@ -372,8 +373,9 @@ def test_a_seizure_can_be_taken_back() -> None:
 def test_an_actuator_that_obeys_again_is_no_longer_taken_for_failed(text: str, seed: int) -> None:
     """Its gain had stayed 0 to the end, and its interval had not been a number."""
     found = ran("bluerov2", seed, 13.0, faults=parse_faults(text))
-    assert found.state.faults == () and found.inside.returns == 2
-    assert found.inside.signals.as_recorded and (found.inside.factors == 1).all()
+    assert found.state.faults == () and found.own.supervision.returns == 2
+    told = found.own.supervision
+    assert told.signals.as_recorded and (told.factors == 1).all()
     assert np.abs(standardised(found)).max() < 5
 
 
@@ -389,7 +391,7 @@ def test_a_verdict_waits_while_two_faults_explain_the_motion(monkeypatch) -> Non
             SimpleNamespace(hypothesis=h, evidence=e)
             for h, e in zip(pair, (np.log(odds), 0.0), strict=True)
         ]
-        found = trials.verdict(SimpleNamespace(each=each, begin=0.0), t)  # type: ignore[arg-type]
+        found = trials.verdict(None, SimpleNamespace(each=each, begin=0.0), t)  # type: ignore[arg-type]
         return "" if found is None or found.trial is None else found.trial.hypothesis.kind
 
     assert named(2.0, 1.05) == named(2.0, 4.9) == named(30.0, 0.9) == ""
@@ -438,22 +440,21 @@ def test_what_is_known_after_faults_is_read_from_their_events() -> None:
     what = hypotheses_of(system, truth)
     wanted = [next(h for h in what if h.kind == kind) for kind in ("reversed", "stuck", "bias")]
     events = [event_of(h, 1.0, 2.0, (0.25, 0.2, 0.3), 1.0) for h in wanted]
-    signals = Signals.after(system, events)
+    signals = signals_after(system, events)
     assert signals.sign[wanted[0].command] == -1 and (signals.sign == -1).sum() == 1
     assert signals.held[wanted[1].command] == 0.25 and np.isfinite(signals.held).sum() == 1
     assert signals.bias[wanted[2].channel] == 0.25 and np.count_nonzero(signals.bias) == 1
     loss = FaultEvent(1, 2, "loss", "thrust 1", ("thrust_1",), 0.4, 0.3, 0.5, "1", 1.0)
-    sound = Signals.after(system, [loss])
+    sound = signals_after(system, [loss])
     assert (sound.sign == 1).all() and np.isnan(sound.held).all() and not sound.bias.any()
 
 
 def test_the_walk_matches_what_was_needed_but_for_the_largest_event() -> None:
-    inside_ = SimpleNamespace(wander=(0.0, 0.0))
-    inside_._replace = lambda wander: SimpleNamespace(wander=wander, _replace=inside_._replace)
-    assert EfficientState.walk(inside_, 10.0) == 0  # type: ignore[arg-type]
+    kept = Kept()
+    assert kept.walk(10.0) == 0
     for share in (0.02, 0.002, 0.002):
-        inside_ = EfficientState.wandered(inside_, share)  # type: ignore[arg-type]
-    assert EfficientState.walk(inside_, 10.0) == pytest.approx(2 * 0.002**2 / 10)  # type: ignore[arg-type]
+        kept = kept.wandered(share)
+    assert kept.walk(10.0) == pytest.approx(2 * 0.002**2 / 10)
 
 
 # -- whiteness -------------------------------------------------------------------------------------
@@ -518,6 +519,6 @@ def test_the_filter_is_told_the_scenarios_error_of_the_prior() -> None:
     ):
         given_ = with_prior_error(config, replace(scenario, initial_error=error))
         system, truth = system_of("bluerov2")
-        spread = FilterAlone(system, 0.01, given_.efficient).covariance(truth)  # type: ignore[attr-defined]
+        spread = KalmanFilter(system, 0.01, given_.efficient).covariance(truth)  # type: ignore[attr-defined]
         expected = {0.5: 0.5, 0.0: 0.3}[error] if config is law else 0.1
         np.testing.assert_array_equal(spread, drawn_covariance(system.space, truth, expected))

@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone, with_scales_of
+from nsaid_mj.laws import EfficientConfig, KalmanFilter
 from nsaid_mj.log import Log, extended
 from nsaid_mj.parameters import Array
+from nsaid_mj.watch.replay import learned, replay, with_scales_of
+from nsaid_mj.watch.state import kept_of
 from tests.support.plants import plant
 
 
@@ -30,11 +32,9 @@ def far(name: str, seed: int) -> tuple[Setup, Log]:
         return setup, setup.simulate()
 
 
-def cautious(setup: Setup) -> FilterAlone:
+def cautious(setup: Setup) -> KalmanFilter:
     """The filter with γ of a run's beginning."""
-    alone = FilterAlone(setup.system, setup.scenario.dt, EfficientConfig(prior=1.0))
-    alone.law = alone.law._replace(gamma=EfficientConfig().linearisation)
-    return alone
+    return KalmanFilter(setup.system, setup.scenario.dt, EfficientConfig(prior=1.0)).cautious()
 
 
 def error(setup: Setup, theta: Array) -> float:
@@ -49,18 +49,18 @@ def test_passes_along_a_log_converge_from_where_one_does_not(name: str, seed: in
     setup, log = far(name, seed)
     alone = cautious(setup)
     prior = np.array(setup.prior)
-    assert alone.replay(prior, alone.covariance(prior), log).contradictions
-    found = alone.learned(prior, log)
+    assert replay(alone, prior, alone.covariance(prior), log).contradictions
+    found = learned(alone, prior, log)
     assert found is not None and error(setup, found.theta) < 1e-3
 
 
 def test_rests_change_no_bit_of_a_replay() -> None:
     setup, log = far("bluerov2", 1)
     alone, prior = cautious(setup), np.array(setup.prior)
-    whole = alone.replay(prior, alone.covariance(prior), log)
+    whole = replay(alone, prior, alone.covariance(prior), log)
     rests = list[float]()
-    alone.rest = lambda: rests.append(0.0)
-    pieces = alone.replay(prior, alone.covariance(prior), log)
+    P = alone.covariance(prior)
+    pieces = replay(alone, prior, P, log, lambda: rests.append(0.0))
     assert whole.contradictions and pieces.contradictions == whole.contradictions
     assert len(rests) >= (len(log.t) - 1) / 25
     for one, other in zip(pieces.along, whole.along, strict=True):
@@ -71,8 +71,8 @@ def test_the_law_learns_again_after_a_contradiction() -> None:
     setup, log = far("bluerov2", 1)
     identifier = setup.identifiers()[""]
     state, _ = identifier.follow(identifier.init(log.at(0)), log)
-    inside = state.filter
-    assert inside.learned > 0 and inside.calm == pytest.approx(5.0) and not inside.events
+    own = state.own
+    assert kept_of(own).learned > 0 and own.calm == pytest.approx(5.0) and not state.faults
     assert error(setup, state.theta_hat) < 2e-3
 
 
@@ -80,17 +80,17 @@ def test_what_the_structure_lacks_is_not_learned() -> None:
     setup, log = far("bluerov2", 2)
     alone = cautious(setup)
     late = log._replace(u=np.roll(log.u, 20, axis=0))
-    assert alone.learned(setup.plant.truth, late) is None
+    assert learned(alone, setup.plant.truth, late) is None
 
 
 def test_no_part_changes_its_scale_between_passes() -> None:
     system = plant("ur5").system
-    law = FilterAlone(system, 0.01, EfficientConfig()).law
+    scale = KalmanFilter(system, 0.01, EfficientConfig()).constants.scale
     parts = np.zeros((2, system.p))
     parts[0, : system.p // 2] = parts[1, system.p // 2 :] = 1.0
     theta = plant("ur5").truth
     moved = theta * np.where(parts[0] > 0, 3.0, 0.2)
-    found = with_scales_of(theta, moved, law._replace(parts=parts))
+    found = with_scales_of(theta, moved, parts, scale)
     np.testing.assert_allclose(found, theta)
 
 

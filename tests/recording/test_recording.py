@@ -30,7 +30,7 @@ from nsaid_mj import (
 from nsaid_mj.errors import NotWritten
 from nsaid_mj.evaluation import truth_of
 from nsaid_mj.experiment.loop import FAULTS, SimulatedRun, run
-from nsaid_mj.laws.faults import FaultEvent
+from nsaid_mj.laws import FaultEvent
 from nsaid_mj.log import Log
 from nsaid_mj.recording import forces, inertia, layout, plots, scene, series, torques, viewer
 from nsaid_mj.recording.series import spread

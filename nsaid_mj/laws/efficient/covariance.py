@@ -12,7 +12,7 @@ from ...numerics.linalg import (
     solve_many,
 )
 from ...quotient.cone import CONE
-from .filter import FILTER, MEMORIES
+from .filter import FILTER, WORKSPACES
 from .steps import carry_scale, project_inside
 
 SMALL = 0.1
@@ -65,18 +65,18 @@ def _add_unexplained(density, dt, theta, L, spread, rows):
                 rows[i, 2 * n + j] += columns[i, k] * columns[j, k] * own
 
 
-@kernel(void(vector, vector, vector, f8, f8, FILTER, MEMORIES), inner=True)
-def predict(scale, walk, unexplained, gamma, dt, filter, memory):
+@kernel(void(vector, vector, vector, f8, f8, FILTER, WORKSPACES), inner=True)
+def predict(scale, walk, unexplained, gamma, dt, filter, workspace):
     """Writes P̄, without R, from the derivatives F and B of `transition`.
 
     The first four arguments are `Law`'s: kernels pass every array of a tuple, used or not.
     """
-    Pxx, Pxt, Ptt, F = filter.Pxx, filter.Pxt, filter.Ptt, memory.F
-    with_theta, with_c, both = memory.with_theta, memory.with_c, memory.both
+    Pxx, Pxt, Ptt, F = filter.Pxx, filter.Pxt, filter.Ptt, workspace.F
+    with_theta, with_c, both = workspace.with_theta, workspace.with_c, workspace.both
     size, n = Pxt.shape[0], filter.v.shape[0]
     copy_matrix(Pxt, with_theta)
-    multiply(memory.B, Ptt, with_theta[size:])
-    multiply_transposed(with_theta, memory.B, with_c)
+    multiply(workspace.B, Ptt, with_theta[size:])
+    multiply_transposed(with_theta, workspace.B, with_c)
     for i in range(size + n):
         for j in range(n):
             both[i, size + j] = with_c[i, j]
@@ -86,10 +86,10 @@ def predict(scale, walk, unexplained, gamma, dt, filter, memory):
         for j in range(n):
             both[size + j, i] = with_c[i, j]
     if unexplained.shape[0]:
-        _add_unexplained(unexplained, dt, filter.theta, memory.stage.L, memory.S, both[size:])
+        _add_unexplained(unexplained, dt, filter.theta, workspace.stage.L, workspace.S, both[size:])
     multiply(F, with_theta, Pxt)
-    multiply(F, both, memory.moved)
-    multiply_transposed(memory.moved, F, Pxx)
+    multiply(F, both, workspace.moved)
+    multiply_transposed(workspace.moved, F, Pxx)
     for i in range(size):
         for j in range(n):
             for k in range(n):
@@ -101,16 +101,16 @@ def predict(scale, walk, unexplained, gamma, dt, filter, memory):
             Ptt[k, k] += walk[k] * dt * relative * relative
 
 
-@kernel(f8(vector, matrix, matrix, MEMORIES), inner=True)
-def innovate(scale, Pxx, Pxt, memory):
+@kernel(f8(vector, matrix, matrix, WORKSPACES), inner=True)
+def innovate(scale, Pxx, Pxt, workspace):
     """Factors S and writes the step of θ̂ for the innovation y; returns log det S, NaN if S ⊁ 0."""
-    S, L, inverse = memory.S, memory.L, memory.inverse
-    y, e, step, whitened = memory.y, memory.e, memory.step, memory.whitened
+    S, L, inverse = workspace.S, workspace.L, workspace.inverse
+    y, e, step, whitened = workspace.y, workspace.e, workspace.step, workspace.whitened
     size, p = whitened.shape
     for i in range(size):
         for j in range(size):
             S[i, j] = 0.5 * (Pxx[i, j] + Pxx[j, i])
-        S[i, i] += memory.R[i]
+        S[i, i] += workspace.R[i]
     if not cholesky(S, L) > 0.0:
         return np.nan
     spread = 0.0
@@ -131,16 +131,22 @@ def innovate(scale, Pxx, Pxt, memory):
     return spread
 
 
-@kernel(void(CONE, vector, vector, matrix, FILTER, f8, MEMORIES), inner=True)
-def update(cone, margin, scale, parts, filter, share, memory):
+@kernel(void(CONE, vector, vector, matrix, FILTER, f8, WORKSPACES), inner=True)
+def update(cone, margin, scale, parts, filter, share, workspace):
     """Moves θ̂ by a share of its step, updates P, and overwrites y with the step of the state."""
     theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
-    S, L, inverse, whitened = memory.S, memory.L, memory.inverse, memory.whitened
-    e, y, R, before, trial = memory.e, memory.y, memory.R, memory.before, memory.trial
+    S, L, inverse, whitened = workspace.S, workspace.L, workspace.inverse, workspace.whitened
+    e, y, R, before, trial = (
+        workspace.e,
+        workspace.y,
+        workspace.R,
+        workspace.before,
+        workspace.trial,
+    )
     size, p = whitened.shape
     for k in range(p):
         before[k] = theta[k]
-        theta[k] += share * memory.step[k]
+        theta[k] += share * workspace.step[k]
     for i in range(size):
         for j in range(size):
             L[i, j] = R[i] * inverse[j, i]  # R L⁻ᵀ
@@ -163,7 +169,7 @@ def update(cone, margin, scale, parts, filter, share, memory):
     for i in range(size):
         for j in range(size):
             Pxx[i, j] = 0.5 * (inverse[i, j] + inverse[j, i])
-    work = trial, memory.step, memory.factor
+    work = trial, workspace.step, workspace.factor
     project_inside(cone, margin, before, theta, scale, Ptt, Pxt, y, *work)
     for k in range(parts.shape[0]):
-        carry_scale(parts[k], before, theta, scale, Pxt, Ptt, memory.step, trial)
+        carry_scale(parts[k], before, theta, scale, Pxt, Ptt, workspace.step, trial)

@@ -13,7 +13,7 @@ from ...parameters import Array
 from ...quotient.cone import CONE, Cone
 from ...structure.arrays import Slopes, StructureArrays, Workspace, memory_of
 from ...structure.compiled import SLOPES, STRUCTURE, WORKSPACE
-from .noise import NOISE, Noise
+from .noise import NOISE, Noise, noise_variance
 
 COMPLETED, CONTRADICTED, ROUNDED, BEGINNING = 0, 1, 2, 3
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
@@ -22,7 +22,7 @@ NEAR = 0.3
 """γ near θ: after a filter's first seconds, in trials of faults, rivals, and judging a result."""
 
 
-class Law(NamedTuple):
+class FilterConstants(NamedTuple):
     """Constants of the filter, for compiled loops."""
 
     structure: StructureArrays  # structure of the system
@@ -54,6 +54,11 @@ class Filter(NamedTuple):
     safe: Array  # (2, p) θ̂ at the start of the preceding window, and of the current one
     safe_P: Array  # (2, p, p) P_θθ there
     totals: Array  # (2,) sum of all squared normalised innovations, and their number
+
+    @property
+    def R(self) -> Array:
+        """(2n,) variances of the sensors' noise, bounded below by rounding errors."""
+        return noise_variance(self.noise)
 
     def copied(self) -> Filter:
         """An independent copy."""
@@ -99,7 +104,7 @@ class Along(NamedTuple):
         return Along(*(rows[first:] for rows in self))
 
 
-class Memory(NamedTuple):
+class FilterWorkspace(NamedTuple):
     """Workspace of the filter's functions besides a `Filter`, for n velocities and p parameters."""
 
     stage: Workspace  # workspace of a stage
@@ -127,36 +132,38 @@ class Memory(NamedTuple):
     seen: Array  # (3, n) velocities of joints' columns, see `transition.step`
 
     @staticmethod
-    def of(structure: StructureArrays, n: int, m: int, p: int) -> Memory:
+    def of(structure: StructureArrays, n: int, m: int, p: int) -> FilterWorkspace:
         """For a structure with n velocities, m positions and p parameters."""
         sizes = (
             m, m, n, (2 * n, 3 * n), (n, p), (3 * n, p), (3 * n, n), (3 * n, 3 * n),
             (2 * n, 3 * n), *((2 * n, 2 * n),) * 3, (2 * n, p), 2 * n, 2 * n, 2 * n, p, p, p,
             (p, p), (3, n),
         )  # fmt: skip
-        return Memory(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
+        return FilterWorkspace(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
 
 
 _OWN = threading.local()  # workspace of each thread
 
 
-def memory_for(structure: StructureArrays, *sizes: int) -> Memory:
+def workspace_for(structure: StructureArrays, *sizes: int) -> FilterWorkspace:
     """Workspace for a structure with sizes n, m and p; every call of a thread overwrites it.
 
     It serves this structure only: what one tree leaves zero, such as M between two branches,
     another one of the same sizes overwrites.
     """
     if getattr(_OWN, "structure", None) is not structure:
-        _OWN.structure, _OWN.memory = structure, Memory.of(structure, *sizes)
-    return _OWN.memory
+        _OWN.structure, _OWN.workspace = structure, FilterWorkspace.of(structure, *sizes)
+    return _OWN.workspace
 
 
-LAW = types.NamedTuple((STRUCTURE, CONE, vector, vector, f8, i8, vector, vector, matrix), Law)
+CONSTANTS = types.NamedTuple(
+    (STRUCTURE, CONE, vector, vector, f8, i8, vector, vector, matrix), FilterConstants
+)
 FILTER = types.NamedTuple(
     (vector, vector, vector, matrix, matrix, matrix, NOISE, vector, matrix, cube, vector), Filter
 )
 ALONG = types.NamedTuple((matrix, matrix, vector, matrix), Along)
-MEMORIES = types.NamedTuple(
+WORKSPACES = types.NamedTuple(
     (WORKSPACE, SLOPES, vector, vector, vector, *(matrix,) * 10, *(vector,) * 6, matrix, matrix),
-    Memory,
+    FilterWorkspace,
 )

@@ -41,16 +41,16 @@ from .filter import (
     ALONG,
     BEGINNING,
     COMPLETED,
+    CONSTANTS,
     CONTRADICTED,
     FILTER,
-    LAW,
-    MEMORIES,
     NEAR,
     ROUNDED,
+    WORKSPACES,
     Along,
     Filter,
-    Law,
-    memory_for,
+    FilterConstants,
+    workspace_for,
 )
 from .noise import MEMORY, add_increment, write_variance
 
@@ -92,24 +92,27 @@ def restart_state(filter, q, v, R):
     copy_matrix(filter.Ptt, filter.safe_P[1])
 
 
-@kernel(f8(LAW, vector, vector, vector, FILTER, MEMORIES), inner=True)
-def _linear_share(law, q, v, u, filter, memory):
+@kernel(f8(CONSTANTS, vector, vector, vector, FILTER, WORKSPACES), inner=True)
+def _linear_share(constants, q, v, u, filter, workspace):
     """Largest share 2⁻ᵏ of θ̂'s step that keeps half of M̂ at a state q (m,), v (n,).
 
     Along a longer step M̂⁻¹, and with it the prediction's derivatives, would vary too much.
     """
-    structure, stage, slopes = law.structure, memory.stage, memory.slopes
-    step, trial, share, placed = memory.step, memory.trial, 1.0, False
+    structure, stage, slopes = constants.structure, workspace.stage, workspace.slopes
+    step, trial, share, placed = workspace.step, workspace.trial, 1.0, False
     while share > _SMALLEST:
         for k in range(step.shape[0]):
             trial[k] = 0.5 * filter.theta[k] + share * step[k]
-        if inside(law.cone, trial):  # then M̂ ≻ 0 there
+        if inside(constants.cone, trial):  # then M̂ ≻ 0 there
             return share
         if not placed:
             place(structure, q, v, slopes.state)
             write_forces(structure, slopes.state, q, v, u, ALL, stage.scratch, slopes.F)
             placed = True
-        if accelerate(structure, slopes.state, slopes.F, v, trial, stage, memory.with_c[0]) > 0.0:
+        if (
+            accelerate(structure, slopes.state, slopes.F, v, trial, stage, workspace.with_c[0])
+            > 0.0
+        ):
             return share
         share *= 0.5
     return 0.0
@@ -135,60 +138,71 @@ def _see(before, after, seen):
         seen[0, i], seen[1, i], seen[2, i] = before[i], 0.5 * (before[i] + after[i]), after[i]
 
 
-@kernel(f8(LAW, FILTER, f8, vector, vector, vector, MEMORIES), inner=True)
-def _move(law, filter, dt, q, v, u, memory):
+@kernel(f8(CONSTANTS, FILTER, f8, vector, vector, vector, WORKSPACES), inner=True)
+def _move(constants, filter, dt, q, v, u, workspace):
     """Propagates state and covariance through a step, and writes the step and the innovation y.
 
     Returns M̂'s smallest pivot, > 0 on success.
     """
     pivot = transition(
-        law.structure, q, v, u, dt, filter.theta, law.scale, memory.stage, memory.slopes,
-        memory.at, memory.q1, memory.v1, memory.F, memory.B,
-        memory.seen if law.unexplained.shape[0] > 0 else memory.seen[:0],
+        constants.structure, q, v, u, dt, filter.theta, constants.scale,
+        workspace.stage, workspace.slopes,
+        workspace.at, workspace.q1, workspace.v1, workspace.F, workspace.B,
+        workspace.seen if constants.unexplained.shape[0] > 0 else workspace.seen[:0],
     )  # fmt: skip
     if pivot > 0.0:
-        gamma = law.gamma if filter.noise.seen[0] * dt < _FAR else min(law.gamma, NEAR)
-        predict(law.scale, law.walk, law.unexplained, gamma, dt, filter, memory)
+        gamma = constants.gamma if filter.noise.seen[0] * dt < _FAR else min(constants.gamma, NEAR)
+        predict(
+            constants.scale, constants.walk, constants.unexplained, gamma, dt, filter, workspace
+        )
     return pivot
 
 
-@kernel(i8(LAW, FILTER, i8, vector, matrix, matrix, matrix, ALONG, MEMORIES), inner=True)
-def _follow_row(law, filter, k, t, q, v, u, along, memory):
+@kernel(i8(CONSTANTS, FILTER, i8, vector, matrix, matrix, matrix, ALONG, WORKSPACES), inner=True)
+def _follow_row(constants, filter, k, t, q, v, u, along, workspace):
     """Runs the filter from row k − 1 to k, and returns how it ended."""
-    structure, tally, totals = law.structure, filter.tally, filter.totals
-    n, y, x, v1, out = v.shape[1], memory.y, memory.stage.scratch, memory.v1, along.innovation[k]
+    structure, tally, totals = constants.structure, filter.tally, filter.totals
+    n, y, x, v1, out = (
+        v.shape[1],
+        workspace.y,
+        workspace.stage.scratch,
+        workspace.v1,
+        along.innovation[k],
+    )
     difference(structure.bodies, q[k - 1], q[k], y, x)
     for i in range(n):
         y[n + i] = v[k, i] - v[k - 1, i]
     add_increment(filter.noise, y)
-    write_variance(filter.noise, memory.R)
+    write_variance(filter.noise, workspace.R)
     along.pivot[k] = np.inf
     for i in range(2 * n):
         out[i] = np.nan
     if tally[0] == 0.0:
         if filter.noise.seen[0] >= _WARM_UP + 3:
-            restart_state(filter, q[k], v[k], memory.R)
+            restart_state(filter, q[k], v[k], workspace.R)
         return BEGINNING
-    _see(v[k - 1], v[k], memory.seen)
-    pivot = _move(law, filter, t[k] - t[k - 1], filter.q, filter.v, u[k - 1], memory)
+    _see(v[k - 1], v[k], workspace.seen)
+    pivot = _move(constants, filter, t[k] - t[k - 1], filter.q, filter.v, u[k - 1], workspace)
     if not pivot > 0.0:
         return CONTRADICTED
     along.pivot[k] = pivot
-    difference(structure.bodies, memory.q1, q[k], y, x)
+    difference(structure.bodies, workspace.q1, q[k], y, x)
     for i in range(n):
         y[n + i] = v[k, i] - v1[i]
-    spread, square = innovate(law.scale, filter.Pxx, filter.Pxt, memory), 0.0
+    spread, square = innovate(constants.scale, filter.Pxx, filter.Pxt, workspace), 0.0
     for i in range(2 * n):
-        square += memory.e[i] * memory.e[i]
+        square += workspace.e[i] * workspace.e[i]
     if not (spread < np.inf and square < np.inf):
         return ROUNDED
-    share = _linear_share(law, q[k], v[k], u[k - 1], filter, memory)
-    update(law.cone, law.margin, law.scale, law.parts, filter, share, memory)
-    integrate(structure.bodies, memory.q1, y, filter.q, x)
+    share = _linear_share(constants, q[k], v[k], u[k - 1], filter, workspace)
+    update(
+        constants.cone, constants.margin, constants.scale, constants.parts, filter, share, workspace
+    )
+    integrate(structure.bodies, workspace.q1, y, filter.q, x)
     for i in range(n):
         filter.v[i] = v1[i] + y[n + i]
     for i in range(2 * n):
-        out[i] = memory.e[i]
+        out[i] = workspace.e[i]
     tally[1] += 1
     tally[2] += square
     tally[3] += spread
@@ -197,44 +211,32 @@ def _follow_row(law, filter, k, t, q, v, u, along, memory):
     return COMPLETED
 
 
-@kernel(types.UniTuple(i8, 2)(LAW, FILTER, vector, matrix, matrix, matrix, ALONG, MEMORIES))
-def _follow(law, filter, t, q, v, u, along, memory):
+@kernel(types.UniTuple(i8, 2)(CONSTANTS, FILTER, vector, matrix, matrix, matrix, ALONG, WORKSPACES))
+def _follow(constants, filter, t, q, v, u, along, workspace):
     """Runs the filter along a log, in workspace from `follow_filter`."""
     n, tally = v.shape[1], filter.tally
     for k in range(1, t.shape[0]):
-        end = _follow_row(law, filter, k, t, q, v, u, along, memory)
+        end = _follow_row(constants, filter, k, t, q, v, u, along, workspace)
         for i in range(filter.theta.shape[0]):
             along.theta[k, i] = filter.theta[i]
         for i in range(n):
             along.v[k, i] = filter.v[i] if end == COMPLETED else v[k, i]
         if end == BEGINNING:
             continue
-        if end != COMPLETED or tally[2] > acceptable(law.window, n, filter.noise.seen[0]):
+        if end != COMPLETED or tally[2] > acceptable(constants.window, n, filter.noise.seen[0]):
             return k, end if end != COMPLETED else CONTRADICTED
-        if tally[1] >= law.window:
-            _begin_window(filter, memory.factor)
+        if tally[1] >= constants.window:
+            _begin_window(filter, workspace.factor)
     return t.shape[0] - 1, COMPLETED
 
 
 def follow_filter(
-    law: Law, filter: Filter, t: Array, q: Array, v: Array, u: Array, along: Along
+    constants: FilterConstants, filter: Filter, t: Array, q: Array, v: Array, u: Array, along: Along
 ) -> tuple[int, int]:
     """Runs the filter along a log of N samples, from its state at the first, which it overwrites.
 
     t (N,) is in s, q is (N, m), v (N, n), u (N, n_u); rows of `along` are written. Returns the last
     row processed, and how the loop ended.
     """
-    memory = memory_for(law.structure, v.shape[1], q.shape[1], len(law.scale))
-    return _follow(law, filter, t, q, v, u, along, memory)
-
-
-def carry(law: Law, filter: Filter, t: Array, q: Array, v: Array, u: Array) -> None:
-    """Carries one of several competing filters along a log, without a test of its innovations.
-
-    The arguments are those of `follow_filter`. The sum of squared innovations in its tally is
-    infinite where it has failed.
-    """
-    out = Along.empty(len(t), v.shape[1], len(law.scale))
-    _, end = follow_filter(law._replace(window=10**9), filter, t, q, v, u, out)
-    keep_above_rounding(filter.Ptt, np.empty_like(filter.Ptt))
-    filter.tally[2] += 0.0 if end == COMPLETED else np.inf
+    workspace = workspace_for(constants.structure, v.shape[1], q.shape[1], len(constants.scale))
+    return _follow(constants, filter, t, q, v, u, along, workspace)

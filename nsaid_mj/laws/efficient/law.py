@@ -9,12 +9,10 @@ detect a change by itself, it pauses between two intervals for a share of the ti
 filter has explained the motion.
 
 Significantly large innovations contradict the filter, because of a far prior, a fault, an inexact
-structure, or a filter that has just started, see `replay` and `faults.isolation`. If the
-structure is not exact, θ becomes a random walk, or the gains alone, if that explains the motion
-better, see `drift`; then the law returns the filter's θ̂, as the memory averages over the drift.
-After a restart at the memory's estimate, this estimate is returned until the filter has explained
-`_PROBATION` seconds. If the memory loses M̂ ≻ 0 while the filter's estimate is returned, it
-continues from that.
+structure, or a filter that has just started. What follows is decided by the law's `Supervisor`;
+without one, the filter restarts at the memory's estimate. After such a restart, the memory's
+estimate is returned until the filter has explained `_PROBATION` seconds. If the memory loses M̂ ≻ 0
+while the filter's estimate is returned, it continues from that.
 """
 
 from functools import partial
@@ -22,24 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from ...log import Log, Measurement, extended
+from ...log import Log, Measurement
 from ...numerics.threads import beside
 from ...quotient.cost import Remembered
 from ...structure.system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status
 from ..nullspace_aid import NullspaceIdentifier
-from .drift import LONGEST, Rivals, walks
-from .faults.isolation import Isolation
-from .faults.signals import Signals
-from .faults.trial import LEAD
-from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
-from .kalman import follow_filter, restart_state
-from .noise import noise_variance
-from .replay import EfficientConfig, FilterAlone, repair
+from .estimator import KalmanFilter
+from .filter import Along
 from .state import EfficientState
+from .supervision import Choice, Supervision
+from .supervisor import Supervisor
 
-_BEGINNING = 20.0  # time after which a motion has no beginning to learn from [s]
-_LATER = 1.5  # durations after which learning again is tried once more
 _WORSE = 2.0  # largest ratio of the filter's mean residual to the memory's
 _EXPLAINED = 1e-8  # squared residual over squared effort that counts as none, as of quadrature
 _PROBATION = 2.0  # time without a contradiction after a restart, before θ̂ is returned [s]
@@ -50,255 +42,240 @@ _ROUNDING = 1e-15  # of P_θθ relative to its largest entry
 
 
 class EfficientIdentifier(Identifier):
-    """A Kalman filter of (q, v, θ), for measurements dt [s] apart.
+    """A Kalman filter of (q, v, θ), guarded by a memory.
 
-    `guard` is the law `memory`, whose system and prior are the filter's.
+    Args:
+        guard: the law `memory`, whose system and prior are the filter's.
+        estimator: the filter.
+        supervisor: what watches the filter, and decides where it is contradicted; None for a filter
+            that then restarts at the memory's estimate.
 
-    Raises:
-        InvalidInput: the system has no compiled forward dynamics.
+    Attributes:
+        every: samples in an interval of the memory, at whose end the law decides.
+        interval: such an interval [s].
     """
 
     conserves = False
 
-    def __init__(self, guard: NullspaceIdentifier, dt: float, config: EfficientConfig):
+    def __init__(
+        self,
+        guard: NullspaceIdentifier,
+        estimator: KalmanFilter,
+        supervisor: Supervisor | None = None,
+    ):
         assert guard.memory is not None
-        self.guard, self.system, self._memory = guard, guard.system, guard.memory
-        self.metric = guard.metric
-        self._every, self._interval = guard.memory.every, guard.memory.every * dt
-        alone = FilterAlone(guard.system, dt, config)
-        self._law, self._covariance = alone.law, alone.covariance
-        self._gamma = config.linearisation
-        alone.law = self._law._replace(gamma=self._gamma)
-        self._again = alone
-        self._faults = Isolation(self._law, self.system, self._covariance, dt, self._interval)
+        self.guard, self.system, self.metric = guard, guard.system, guard.metric
+        self.estimator, self.supervisor = estimator, supervisor
+        self._memory = guard.memory
+        self.every = guard.memory.every
+        self.interval = guard.memory.every * estimator.dt
+        self._cautious = estimator.cautious()
+
+    def supervised_by(self, supervisor: Supervisor) -> "EfficientIdentifier":
+        """The same law with a supervisor."""
+        return EfficientIdentifier(self.guard, self.estimator, supervisor)
 
     def init(self, first: Measurement) -> State:
         """The state at the first measurement: θ̂ = prior, no past data."""
         guard = self.guard.init(first)
         theta = guard.theta_hat
         q = np.asarray(first.q, dtype=np.float64)
-        kalman = filter_at(q, guard.v_hat, theta, self._covariance(theta))
-        sound = Signals.sound(self.system), np.ones(self.system.p), theta.copy()
-        inside = EfficientState(kalman, guard, 0, 0, 0.0, False, 0, 0, *sound)
-        return guard._replace(memory=None, filter=inside)
+        kalman = self.estimator.at(q, guard.v_hat, theta, self.estimator.covariance(theta))
+        own = EfficientState(kalman, guard, Supervision.none(self.system))
+        return guard._replace(memory=None, own=own)
 
     def resume(self, state: State, here: Measurement) -> State:
-        """The state at a measurement after a gap; ends any trials and comparisons."""
+        """The state at a measurement after a gap; ends what refers to the motion before."""
         here = checked(self.system, here)
-        inside = state.filter
-        kalman, n = inside.filter.copied(), self.system.n
-        kalman.noise.increments[:, :n] = here.v * self._interval / self._every
+        own: EfficientState = state.own
+        kalman, n = own.filter.copied(), self.system.n
+        kalman.noise.increments[:, :n] = here.v * self.interval / self.every
         if kalman.tally[0]:
-            restart_state(kalman, here.q, here.v, noise_variance(kalman.noise))
-        guard = inside.guard
-        if inside.waiting is not None:
-            guard = self._memory.absorb(guard, inside.waiting)
+            self.estimator.restart(kalman, here)
+        guard = own.guard
+        if own.waiting is not None:
+            guard = self._memory.absorb(guard, own.waiting)
         guard = self.guard.resume(guard, here)
-        inside = inside._replace(filter=kalman, guard=guard, beginning=())
-        inside = inside._replace(trials=None, rivals=None, recent=None, waiting=None)
-        return state._replace(t=here.t, v_hat=here.v.copy(), filter=inside)
+        supervision = own.supervision.after_gap()
+        own = own._replace(filter=kalman, guard=guard, supervision=supervision, waiting=None)
+        return state._replace(t=here.t, v_hat=here.v.copy(), own=own)
 
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """Filter and memory along a log, with a decision at the end of every interval."""
         self.check(log)
-        made, at, inside = [Estimates.of(state)], 0, state.filter
-        state = state._replace(filter=inside._replace(filter=inside.filter.copied()))
+        made, at = [Estimates.of(state)], 0
+        state = state._replace(own=state.own._replace(filter=state.own.filter.copied()))
         while at < len(log.t) - 1 and state.status is Status.completed:
-            steps = self._every - state.filter.step % self._every
-            state, estimates = self._along(state, log.part(at, at + steps + 1))
+            steps = self.every - state.own.step % self.every
+            state, estimates = self._along(state.own, log.part(at, at + steps + 1))
             made.append(estimates.after(1))
             at += len(estimates.pivot) - 1
         return state, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
 
-    def _along(self, state: State, log: Log) -> tuple[State, Estimates]:
+    def _along(self, state: EfficientState, log: Log) -> tuple[State, Estimates]:
         """Filter and memory along a log that ends at an interval's end at the latest.
 
-        `state.filter.filter` is overwritten.
+        `state.filter` is overwritten.
         """
         count = _finite_rows(log)
         status = Status.completed if count == len(log.t) else Status.measurement_not_finite
-        inside, log = state.filter, log.first(count)
+        log = log.first(count)
+        gains = state.guard.theta_hat * state.supervision.factors
         estimates = Estimates(
             log.v.copy(),
-            np.repeat((inside.guard.theta_hat * inside.factors)[None], count, axis=0),
+            np.repeat(gains[None], count, axis=0),
             np.full(count, np.inf),
-            np.full(count, inside.guard.spent),
+            np.full(count, state.guard.spent),
         )
-        steps = 0 if inside.pause else count - 1
-        before, remembered = inside, beside(steps, self._remembered, inside, log)
-        inside = self._filtered(inside, log, estimates)
+        steps = 0 if state.pause else count - 1
+        signals = state.supervision.signals
+        remembered = beside(steps, self._remembered, state, log)
+        state = self._filtered(state, log, estimates)
         if steps:
-            if inside.signals is not before.signals:  # the thread's are not those that act
-                remembered = partial(self._remembered, inside, log)
-            inside = inside._replace(**remembered())
-        if inside.rivals is not None and count > 1:
-            acting = inside.signals.acting(self.system, log)
-            rivals = inside.rivals.followed(self._law, self.system.space, acting)
-            inside = inside._replace(rivals=rivals)
-        inside = inside._replace(step=inside.step + count - 1)
-        if inside.step % self._every == 0 and count > 1:
-            here = inside.here(self.system, log)
-            inside = self._renewed(inside, here) if inside.stale else inside
-            if not (inside.trials or np.isfinite(inside.filter.Ptt).all()):
-                inside = self._faults.started_again(inside, here)
-            inside = self._faults.watched(self._judged(inside, here), here.t)
-            if not inside.trials:
-                inside = self._compared(inside, before, here.t)
-            best = inside.filter.theta if inside.handed else inside.guard.theta_hat
-            best = best * inside.factors
-            estimates.theta_hat[-1], estimates.spent[-1] = best, inside.guard.spent
-        last = estimates.v_hat[-1].copy(), estimates.theta_hat[-1].copy()
-        pivot = float(estimates.pivot[-1])
+            if state.supervision.signals is not signals:  # the thread's are not those that act
+                remembered = partial(self._remembered, state, log)
+            state = state._replace(**remembered())
+        if count > 1:
+            state = self._ended(state._replace(step=state.step + count - 1), log)
+        if count > 1 and state.step % self.every == 0:
+            best = state.filter.theta if state.handed else state.guard.theta_hat
+            estimates.theta_hat[-1] = best * state.supervision.factors
+            estimates.spent[-1] = state.guard.spent
         return (
-            State(float(log.t[-1]), *last, pivot, status, filter=inside, faults=inside.events),
+            State(
+                t=float(log.t[-1]),
+                v_hat=estimates.v_hat[-1].copy(),
+                theta_hat=estimates.theta_hat[-1].copy(),
+                pivot=float(estimates.pivot[-1]),
+                status=status,
+                own=state,
+                faults=state.supervision.events,
+            ),
             estimates,
         )
 
-    def _remembered(self, inside: EfficientState, log: Log) -> dict[str, Any]:
+    def _remembered(self, state: EfficientState, log: Log) -> dict[str, Any]:
         """Passes a log to the memory, once there are `_TOGETHER` steps or the interval ends.
 
         With single samples, the overhead of each call of the memory would equal that of many steps.
-        Returns what changes in `inside`.
+        Returns what changes in the state.
         """
-        acting = inside.signals.acting(self.system, log)
-        if inside.waiting is not None:
-            acting = Log.joined(inside.waiting.first(len(inside.waiting.t) - 1), acting)
-        steps, memory = len(acting.t) - 1, inside.guard.memory
+        acting = state.supervision.signals.acting(self.system, log)
+        if state.waiting is not None:
+            acting = Log.joined(state.waiting.first(len(state.waiting.t) - 1), acting)
+        steps, memory = len(acting.t) - 1, state.guard.memory
         assert memory is not None
-        if steps < _TOGETHER and (memory.step + steps) % self._every:
+        if steps < _TOGETHER and (memory.step + steps) % self.every:
             return {"waiting": acting}
-        return {"guard": self._memory.absorb(inside.guard, acting), "waiting": None}
+        return {"guard": self._memory.absorb(state.guard, acting), "waiting": None}
 
-    def _seconds(self, inside: EfficientState) -> float:
-        """Time since the first sample [s]."""
-        return inside.step * self._interval / self._every
+    def _ended(self, state: EfficientState, log: Log) -> EfficientState:
+        """At a log's end: decides, if that ends an interval, and calls the supervisor."""
+        if state.step % self.every == 0:
+            here = state.here(self.system, log)
+            if state.supervision.stale:
+                state = self._renewed(state, here)
+            if not (state.supervision.trying or np.isfinite(state.filter.Ptt).all()):
+                state = state.restarted(self.estimator, here)
+            state = self._judged(state, here)
+        return state if self.supervisor is None else self.supervisor.watched(state, log)
 
-    def _renewed(self, inside: EfficientState, here: Measurement) -> EfficientState:
+    def _renewed(self, state: EfficientState, here: Measurement) -> EfficientState:
         """Restarts the memory at the filter's estimate, without data from before a fault."""
-        guard = inside.guard._replace(
+        guard = state.guard._replace(
             v_hat=here.v.copy(),
-            theta_hat=inside.filter.theta.copy(),
+            theta_hat=state.filter.theta.copy(),
             memory=self._memory.recorder.begin(here),
         )
-        return inside._replace(guard=guard, pause=0, stale=False)
+        supervision = state.supervision._replace(stale=False)
+        return state._replace(guard=guard, pause=0, supervision=supervision)
 
-    def _judged(self, inside: EfficientState, here: Measurement) -> EfficientState:
+    def _judged(self, state: EfficientState, here: Measurement) -> EfficientState:
         """At an interval's end: chooses the estimate, and how long the memory pauses."""
-        memory = inside.guard.memory
+        memory = state.guard.memory
         assert memory is not None
-        if not inside.pause:
-            inside = inside._replace(handed=self._explains(inside))
-        awake = not memory.sure or not inside.handed
-        longest = 0 if awake else int(_PAUSE * inside.calm / self._interval)
-        pause = min(inside.pause - 1, longest) if inside.pause else longest
-        if inside.pause and not pause:
+        if not state.pause:
+            state = state._replace(handed=self._explains(state))
+        awake = not memory.sure or not state.handed
+        longest = 0 if awake else int(_PAUSE * state.calm / self.interval)
+        pause = min(state.pause - 1, longest) if state.pause else longest
+        if state.pause and not pause:
             resumed = self._memory.recorder.resume(memory, here)
-            inside = inside._replace(guard=inside.guard._replace(memory=resumed))
-        return inside._replace(pause=pause)
+            state = state._replace(guard=state.guard._replace(memory=resumed))
+        return state._replace(pause=pause)
 
-    def _filtered(self, inside: EfficientState, log: Log, estimates: Estimates) -> EfficientState:
+    def _filtered(self, state: EfficientState, log: Log, estimates: Estimates) -> EfficientState:
         """Runs the filter along a log and its contradictions; overwrites estimates."""
-        count, at, space = len(log.t), 0, self.system.space
-        along, past = Along.empty(count, self.system.n, self.system.p), log
-        thetas, v_hats, pivots, _ = along
-        if inside.recent is not None:  # its last sample is the log's first
-            past = Log.joined(inside.recent.first(len(inside.recent.t) - 1), log)
+        count, at = len(log.t), 0
+        along = Along.empty(count, self.system.n, self.system.p)
         while at < count - 1:
-            handed = inside.handed
-            if inside.trials:
-                last = min(count - 1, at + self._law.window - inside.trials.samples)
-                thetas[at + 1 : last + 1] = inside.theta
-                v_hats[at + 1 : last + 1] = log.v[at + 1 : last + 1]
-                inside = self._faults.tried(inside, log.part(at, last + 1))
+            handed = state.handed
+            if state.supervision.trying:
+                state, last = self._tried(state, log, at, along)
             else:
-                begun, kalman = bool(inside.filter.tally[0]), inside.filter
-                piece = inside.signals.acting(self.system, log.part(at, count))
-                walk = walks(space, inside.walk(self._seconds(inside)), inside.drift)
-                law = self._law._replace(walk=walk, gamma=self._gamma)
-                row, end = follow_filter(law, kalman, *piece, along.part(at))
-                last, calm = at + row, inside.calm + float(log.t[at + row] - log.t[at]) * begun
-                thetas[at + 1 : last + 1] *= inside.factors
-                inside = inside._replace(calm=calm)
-                if end == CONTRADICTED:
-                    inside, explained = self._learned_again(inside, log.first(last + 1))
-                if end == CONTRADICTED and not explained:
-                    known = past.first(len(past.t) - count + last + 1)
-                    inside = self._faults.contradicted(inside, known.last(self._law.window + LEAD))
-                elif end == ROUNDED:
-                    repair(kalman, inside.here(self.system, log.first(last + 1)))
-                if end != COMPLETED:
-                    thetas[last], v_hats[last] = inside.theta, inside.filter.v
-            own = slice(at + 1, last + inside.handed)
+                state, last = self._followed(state, log, at, along)
+            rows = slice(at + 1, last + state.handed)
             if handed:
-                estimates.theta_hat[own] = thetas[own]
+                estimates.theta_hat[rows] = along.theta[rows]
             at = last
-        estimates.v_hat[1:], estimates.pivot[1:] = v_hats[1:], pivots[1:]
-        if self._seconds(inside) > _BEGINNING or inside.events:
-            inside = inside._replace(beginning=())
-        elif inside.beginning or not inside.step:
-            beginning = extended(inside.beginning, log.first(count - 1))
-            inside = inside._replace(beginning=beginning)
-        return inside._replace(recent=past.last(self._law.window + LEAD))
+        estimates.v_hat[1:], estimates.pivot[1:] = along.v[1:], along.pivot[1:]
+        return state
 
-    def _learned_again(self, inside: EfficientState, log: Log) -> tuple[EfficientState, bool]:
-        """Learns again from the first sample, after a contradiction at a log's end.
+    def _tried(
+        self, state: EfficientState, log: Log, at: int, along: Along
+    ) -> tuple[EfficientState, int]:
+        """The supervisor's trials from row `at` of a log; also the last row that they used."""
+        assert self.supervisor is not None
+        theta = state.theta
+        state, used = self.supervisor.tried(state, log.part(at, len(log.t)))
+        rows = slice(at + 1, at + used + 1)
+        along.theta[rows] = theta
+        along.v[rows] = log.v[rows]
+        return state, at + used
 
-        Also returns whether the filter then explains the motion.
-        """
-        now = self._seconds(inside) + float(log.t[-1] - log.t[0])
-        if not inside.beginning or now < _LATER * inside.learned:
-            return inside, False
-        whole = Log.joined(*inside.beginning, log)
-        kalman = self._again.learned(inside.guard.theta_hat, whole)
-        inside = inside._replace(learned=now)
-        if kalman is None:
-            return inside, False
-        fresh = {"wander": (0.0, 0.0), "unnamed": 0, "watch": ()}
-        return inside._replace(filter=kalman, calm=now, handed=True, **fresh), True
+    def _followed(
+        self, state: EfficientState, log: Log, at: int, along: Along
+    ) -> tuple[EfficientState, int]:
+        """The filter from row `at` of a log up to a contradiction; also the last row followed."""
+        begun, supervision = bool(state.filter.tally[0]), state.supervision
+        piece = supervision.signals.acting(self.system, log.part(at, len(log.t)))
+        estimator = self._cautious.walking(supervision.walk)
+        stretch = estimator.follow(state.filter, piece, along.part(at))
+        last = at + stretch.last
+        along.theta[at + 1 : last + 1] *= supervision.factors
+        state = state._replace(calm=state.calm + float(log.t[last] - log.t[at]) * begun)
+        if stretch.contradicted:
+            state = self._contradicted(state, log.first(last + 1))
+        elif stretch.rounded:
+            estimator.repair(state.filter, state.here(self.system, log.first(last + 1)))
+        if not stretch.completed:
+            along.theta[last], along.v[last] = state.theta, state.filter.v
+        return state, last
 
-    def _compared(self, inside: EfficientState, before: EfficientState, t: float) -> EfficientState:
-        """At an interval's end: tests for a drift of the gains, unless θ is constant."""
-        rivals, failed = inside.rivals, len(inside.events) > len(before.events)
-        if rivals is None or failed:
-            returned = inside.returns > before.returns or inside.wander != before.wander
-            if rivals is None and (failed or not returned):
-                return inside
-            prior = self._covariance(inside.filter.theta)
-            return inside._replace(rivals=Rivals.at(inside.filter, prior, t))
-        best = rivals.preferred(t, inside.drift)
-        if best is None:
-            over = not inside.drift and t - rivals.begin > LONGEST
-            return inside._replace(rivals=None) if over else inside
-        ended = not best.gains
-        return inside._replace(
-            filter=best.filter.copied().tested_anew(),
-            watch=(),
-            wander=(best.all_of * self._seconds(inside), 0.0),
-            drift=best.gains,
-            since=inside.since if inside.drift else t,
-            rivals=None if ended and not best.all_of else rivals,
-            handed=True,
-            stale=inside.stale or ended,
-        )
+    def _contradicted(self, state: EfficientState, log: Log) -> EfficientState:
+        """After a contradiction at a log's end."""
+        if self.supervisor is None:
+            return state.restarted(self.estimator, state.here(self.system, log))
+        return self.supervisor.contradicted(state, log)
 
-    def _explains(self, inside: EfficientState) -> bool:
+    def _explains(self, state: EfficientState) -> bool:
         """Whether the filter's estimate explains the remembered data as well as the memory's."""
-        kalman, memory, system = inside.filter, inside.guard.memory, self.system
+        kalman, memory, supervision = state.filter, state.guard.memory, state.supervision
         assert memory is not None
         if not kalman.tally[0]:
             return False
-        if inside.drift:
+        if supervision.choice is Choice.filter:
             return True
-        if inside.loose is not None or inside.trials:
-            return inside.handed  # the memory averages over the change
-        remembered = Remembered.of(memory.means, system.space)
-        changed = inside.returns + inside.restarts > 0
-        determined = memory.means.blocks * system.n >= _DETERMINED * system.p
+        if supervision.choice is Choice.unchanged or supervision.trying:
+            return state.handed
+        remembered = Remembered.of(memory.means, self.system.space)
+        changed = supervision.returns + state.restarts > 0
+        determined = memory.means.blocks * self.system.n >= _DETERMINED * self.system.p
         if remembered is None or not determined:
-            return inside.handed or not changed  # an estimate from few data fits them too well
-        if changed and inside.calm < _PROBATION:
-            return inside.handed  # after a change of an actuator the memory holds data from before
-        theirs = np.maximum(remembered.levels(inside.guard.theta_hat), _EXPLAINED)
+            return state.handed or not changed  # an estimate from few data fits them too well
+        if changed and state.calm < _PROBATION:
+            return state.handed  # after a change of an actuator the memory holds data from before
+        theirs = np.maximum(remembered.levels(state.guard.theta_hat), _EXPLAINED)
         return bool(np.mean(remembered.levels(kalman.theta) / theirs) <= _WORSE)
 
     def confidence(self, state: State) -> Confidence | None:
@@ -306,16 +283,17 @@ class EfficientIdentifier(Identifier):
 
         That of the filter is scaled by the mean squared normalised innovation where it exceeds 1.
         """
-        inside: EfficientState = state.filter
-        kalman, prior = inside.filter, self._covariance(self.guard.prior)
-        if not inside.handed:
-            stated = self.guard.confidence(inside.guard)
+        own: EfficientState = state.own
+        kalman, prior = own.filter, self.estimator.covariance(self.guard.prior)
+        if not own.handed:
+            stated = self.guard.confidence(own.guard)
             if stated is not None and np.isfinite(stated.covariance).all():
                 return stated
             kalman = kalman._replace(Ptt=prior)  # too few data: only the prior is known
         squares, number = kalman.totals
         P = kalman.Ptt + _ROUNDING * np.diag(kalman.Ptt).max() * np.eye(self.system.p)
-        unit = np.where(inside.factors < 0, -self._law.scale, self._law.scale)
+        scale = self.estimator.constants.scale
+        unit = np.where(own.supervision.factors < 0, -scale, scale)
         units = np.outer(unit, unit)
         samples = np.full(self.system.n, number / (2 * self.system.n))
         excess = max(1.0, squares / number) if number else 1.0

@@ -19,10 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...log import Log
-from ...parameters import Array, ParameterSpace
-from .filter import Filter, Law
-from .kalman import carry
+from ..laws.efficient.estimator import KalmanFilter
+from ..laws.efficient.filter import Filter
+from ..log import Log
+from ..parameters import Array, ParameterSpace
 
 _WALKS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Relative variances per second of a gain's random walk [1/s]; the last counts as no drift."""
@@ -51,12 +51,13 @@ class Rival(NamedTuple):
         found = float(-0.5 * (self.filter.tally[2] + self.filter.tally[3]))
         return found if np.isfinite(found) else -np.inf
 
-    def followed(self, law: Law, space: ParameterSpace, log: Log) -> Rival:
+    def followed(self, estimator: KalmanFilter, log: Log) -> Rival:
         """The rival after a log, under the signals that act."""
         own = self.filter.copied()
         fade = np.exp(-(log.t[-1] - log.t[0]) / _MEMORY)
         own.tally[2:] *= fade
-        carry(law._replace(walk=walks(space, self.all_of, self.gains)), own, *log)
+        walk = walks(estimator.system.space, self.all_of, self.gains)
+        estimator.walking(walk).carry(own, log)
         return self._replace(filter=own)
 
     def led_by(self, best: Rival) -> Rival:
@@ -87,9 +88,9 @@ class Rivals(NamedTuple):
         models = [(0.0, 0.0), *((w, 0.0) for w in _ALL), *((0.0, w) for w in _WALKS)]
         return Rivals(tuple(Rival(start, *model) for model in models), t)
 
-    def followed(self, law: Law, space: ParameterSpace, log: Log) -> Rivals:
+    def followed(self, estimator: KalmanFilter, log: Log) -> Rivals:
         """The rivals after a log, under the signals that act."""
-        each = tuple(rival.followed(law, space, log) for rival in self.each)
+        each = tuple(rival.followed(estimator, log) for rival in self.each)
         best = max(each, key=lambda rival: rival.evidence)
         least = best.evidence - 2 * _BEHIND
         each = tuple(one if one.evidence >= least else one.led_by(best) for one in each)

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....parameters import Array
-from ....structure.system import SecondOrderSystem
-from ..filter import Filter
+from ...laws.efficient.filter import Filter
+from ...parameters import Array
+from ...structure.system import SecondOrderSystem
 from .evidence import most_evident, posterior, shift_jumps
 from .hypotheses import Hypothesis, most_changed, penalty, slow_changes, together
 
@@ -33,27 +33,27 @@ class Snapshot(NamedTuple):
     noise: Array  # (2n,) variance of the sensors' noise
 
 
-Watch = tuple[Snapshot, ...]
+Snapshots = tuple[Snapshot, ...]
 """Snapshots of a filter, the latest last."""
 
 
-def rewind(watch: Watch, t: float, kalman: Filter) -> None:
+def rewind(snapshots: Snapshots, t: float, kalman: Filter) -> None:
     """Sets θ̂, P_θθ and noise of a filter back to a while before time t [s].
 
     A fault may have begun undetected, and a sensor's jump resembles noise.
     """
-    if not watch:
+    if not snapshots:
         kalman.theta[:], kalman.Ptt[:] = kalman.safe[0], kalman.safe_P[0]
         return
-    old = [one for one in watch if t - one.t >= _BACK]
-    _, theta, P, noise = old[-1] if old else watch[0]
+    old = [one for one in snapshots if t - one.t >= _BACK]
+    _, theta, P, noise = old[-1] if old else snapshots[0]
     kalman.theta[:], kalman.Ptt[:], kalman.noise.variance[:] = theta, P, noise
 
 
-def with_snapshot(watch: Watch, t: float, kalman: Filter) -> Watch:
-    """The watch with the filter's estimate at time t [s], and without snapshots too old."""
+def with_snapshot(snapshots: Snapshots, t: float, kalman: Filter) -> Snapshots:
+    """The snapshots with the filter's estimate at time t [s], and without those too old."""
     now = kalman.theta.copy(), kalman.Ptt.copy(), kalman.noise.variance.copy()
-    return (*watch, Snapshot(t, *now))[-_SPANS[-1] - 1 :]
+    return (*snapshots, Snapshot(t, *now))[-_SPANS[-1] - 1 :]
 
 
 class Found(NamedTuple):
@@ -67,7 +67,7 @@ class Found(NamedTuple):
     evidence: float  # logarithm of the averaged likelihood ratio against no change
 
 
-def slow_change(watch: Watch, kalman: Filter, system: SecondOrderSystem) -> Found | None:
+def slow_change(snapshots: Snapshots, kalman: Filter, system: SecondOrderSystem) -> Found | None:
     """The most evident change since any of the snapshots; None if none is evident.
 
     ½ Δᵀ V⁻¹ Δ bounds the evidence of every jump, see `evidence`, so the hypotheses are compared
@@ -77,9 +77,9 @@ def slow_change(watch: Watch, kalman: Filter, system: SecondOrderSystem) -> Foun
     scale, hypotheses = system.space.scale, list[Hypothesis]()
     tolerance = _TOLERANCE * np.maximum(np.abs(kalman.theta / scale), 0.1)
     for span in _SPANS:
-        if span > len(watch):
+        if span > len(snapshots):
             break
-        _, theta, P, _ = watch[-span]
+        _, theta, P, _ = snapshots[-span]
         shift = (kalman.theta - theta) / scale
         least = max(_SURE, best.evidence if best else 0.0)
         try:

@@ -21,15 +21,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....log import Log
-from ....parameters import Array, ParameterSpace
-from ....structure.system import SecondOrderSystem
-from ..filter import COMPLETED, Along, Filter, Law
-from ..kalman import carry, follow_filter, restart_state
-from ..noise import noise_variance
+from ...laws.efficient.estimator import KalmanFilter
+from ...laws.efficient.filter import Filter
+from ...laws.efficient.signals import Signals
+from ...log import Log
+from ...parameters import Array, ParameterSpace
+from ...structure.system import SecondOrderSystem
 from .evidence import jumped
 from .hypotheses import Hypothesis, command_of, loaded, most_changed
-from .signals import Signals
 
 LEAD = 4
 """Samples before the earliest possible fault: `started` takes increments from them."""
@@ -46,22 +45,21 @@ def increments(system: SecondOrderSystem, log: Log) -> Array:
     return np.hstack([system.moves(log.q), np.diff(log.v, axis=0)])
 
 
-def started(kalman: Filter, system: SecondOrderSystem, log: Log, k: int) -> Filter:
+def started(estimator: KalmanFilter, kalman: Filter, log: Log, k: int) -> Filter:
     """A copy of a filter with its state at sample k ≥ 3 of a log, as measured there."""
     own = kalman.copied()
-    own.noise.increments[:] = increments(system, log.part(k - 3, k + 1))
-    restart_state(own, log.q[k], log.v[k], noise_variance(own.noise))
+    own.noise.increments[:] = increments(estimator.system, log.part(k - 3, k + 1))
+    estimator.restart(own, log.at(k))
     return own
 
 
-def onset(law: Law, kalman: Filter, system: SecondOrderSystem, log: Log) -> int:
+def onset(estimator: KalmanFilter, kalman: Filter, log: Log) -> int:
     """The last sample of a log before a fault, given a filter's θ̂ and P_θθ from before."""
-    own, rest = started(kalman, system, log, LEAD - 1), log.part(LEAD - 1, len(log.t))
-    out = Along.empty(len(rest.t), system.n, system.p)
-    last, end = follow_filter(law._replace(window=10**9), own, *rest, out)
-    level = 2 * system.n + _EXCESS * np.sqrt(4.0 * system.n)
-    excess = np.sum(out.innovation[1:] ** 2, axis=1) - level
-    excess[last if end == COMPLETED else last - 1 :] = np.inf  # where the filter fails
+    n = estimator.system.n
+    own = started(estimator, kalman, log, LEAD - 1)
+    innovations = estimator.innovations(own, log.part(LEAD - 1, len(log.t)))
+    level = 2 * n + _EXCESS * np.sqrt(4.0 * n)
+    excess = np.sum(innovations[1:] ** 2, axis=1) - level
     total, before = 0.0, len(log.t) - 2
     for k, one in enumerate(excess, LEAD):
         if total <= 0.0:
@@ -98,16 +96,16 @@ class Trial(NamedTuple):
         """Logarithm of the likelihood of the innovations."""
         return float(-0.5 * (self.filter.tally[2] + self.filter.tally[3]))
 
-    def followed(
-        self, law: Law, system: SecondOrderSystem, log: Log, before: Signals | None = None
-    ) -> Trial:
+    def followed(self, estimator: KalmanFilter, log: Log, before: Signals | None = None) -> Trial:
         """The trial after a log; `before` are the signals at its first sample, if different."""
         own = self.filter.copied()
-        t, q, v, u = self.signals.acting(system, log)
+        acting = self.signals.acting(estimator.system, log)
         if before is not None:
-            sound = before.acting(system, log.first(1))
-            q, v = np.concatenate([sound.q, q[1:]]), np.concatenate([sound.v, v[1:]])
-        carry(law, own, t, q, v, u)
+            sound = before.acting(estimator.system, log.first(1))
+            q = np.concatenate([sound.q, acting.q[1:]])
+            v = np.concatenate([sound.v, acting.v[1:]])
+            acting = Log.unchecked(acting.t, q, v, acting.u)
+        estimator.carry(own, acting)
         return self._replace(filter=own)
 
     def freed(self, seconds: float) -> None:
@@ -121,13 +119,14 @@ class Trial(NamedTuple):
         self.filter.tally[1:] = 0.0
         return self._replace(earlier=earlier)
 
-    def again(self, start: Filter, law: Law) -> Trial:
+    def again(self, start: Filter, estimator: KalmanFilter) -> Trial:
         """A trial of a load or a seizure from the same start, linearised at this one's estimate.
 
         Raises:
             LinAlgError: θ with the load is not inside the cone, or too close to its boundary.
         """
-        hit = self.hypothesis.D.any(axis=1)
+        hit, cone = self.hypothesis.D.any(axis=1), estimator.constants.cone
+        scale = estimator.constants.scale
         if self.hypothesis.kind == "stuck":
             k = int(np.argmax(hit))
             held, ratio = self.signals.held.copy(), self.filter.theta[k] / start.theta[k]
@@ -135,10 +134,10 @@ class Trial(NamedTuple):
             better = command_of(self.hypothesis, held[command], ratio)
             held[command] = np.copysign(max(abs(better), _LEAST * abs(typical)), typical)
             signals = self.signals._replace(held=held)
-            return Trial.begin(start, signals, self.hypothesis, law.scale)
-        mean = np.where(hit, (self.filter.theta - start.theta) / law.scale, 0.0)
-        hypothesis = loaded(self.hypothesis, law.cone, law.scale, start.theta, mean)
-        return Trial.begin(start, self.signals, hypothesis, law.scale)
+            return Trial.begin(start, signals, self.hypothesis, scale)
+        mean = np.where(hit, (self.filter.theta - start.theta) / scale, 0.0)
+        hypothesis = loaded(self.hypothesis, cone, scale, start.theta, mean)
+        return Trial.begin(start, self.signals, hypothesis, scale)
 
     def reported(self, space: ParameterSpace) -> tuple[Hypothesis, tuple[float, float, float]]:
         """The changed part, and the size of the change with its 95 % interval."""
@@ -158,7 +157,7 @@ class Trial(NamedTuple):
         size, *ends = (command_of(hypothesis, held, 1 + x) for x in change)
         return hypothesis, (size, min(ends), max(ends))
 
-    def settled(self, system: SecondOrderSystem, log: Log) -> tuple[Filter, Signals]:
+    def settled(self, estimator: KalmanFilter, log: Log) -> tuple[Filter, Signals]:
         """The filter that continues after the log that ended the trials, and its signals."""
         return self.filter, self.signals
 
@@ -178,7 +177,7 @@ class BiasTrial(NamedTuple):
     @staticmethod
     def begin(start: Filter, signals: Signals, hypothesis: Hypothesis, jumps: Array) -> BiasTrial:
         """A trial from a filter just before the error; `jumps` (2n,) are those of the sensors."""
-        sigma = float(np.sqrt(noise_variance(start.noise)[hypothesis.channel]))
+        sigma = float(np.sqrt(start.R[hypothesis.channel]))
         middle = float(jumps[hypothesis.channel])
         own = BiasTrial((), middle, _COARSE * sigma, _WIDE * sigma)
         return own._started(start, signals, hypothesis)
@@ -238,10 +237,10 @@ class BiasTrial(NamedTuple):
         return float(-0.5 * (squares + self.filter.tally[3] + own))
 
     def followed(
-        self, law: Law, system: SecondOrderSystem, log: Log, before: Signals | None = None
+        self, estimator: KalmanFilter, log: Log, before: Signals | None = None
     ) -> BiasTrial:
         """The trials after a log; `before` are the signals at its first sample, if different."""
-        trials = (trial.followed(law, system, log, before) for trial in self.trials)
+        trials = (trial.followed(estimator, log, before) for trial in self.trials)
         return self._replace(trials=tuple(trials))
 
     def freed(self, seconds: float) -> None:
@@ -257,16 +256,17 @@ class BiasTrial(NamedTuple):
         b, wide = self.middle + change, 1.96 * precision**-0.5
         return self.hypothesis, (b, b - wide, b + wide)
 
-    def settled(self, system: SecondOrderSystem, log: Log) -> tuple[Filter, Signals]:
+    def settled(self, estimator: KalmanFilter, log: Log) -> tuple[Filter, Signals]:
         """The filter at the estimate of b, its state as measured, and the signals without b."""
         change, precision, _ = self._fit()
         one, two, three = self.trials
-        slope, scale = (three.filter.theta - one.filter.theta) / (2 * self.step), system.space.scale
+        slope = (three.filter.theta - one.filter.theta) / (2 * self.step)
+        scale = estimator.constants.scale
         own, signals = two.filter, two.signals.biased(self.hypothesis.channel, change)
         own.theta[:] += change * slope
         own.Ptt[:] += np.outer(slope / scale, slope / scale) / precision
-        here = signals.acting(system, log.part(len(log.t) - 1, len(log.t))).at(0)
-        restart_state(own, here.q, here.v, noise_variance(own.noise))
+        last = log.part(len(log.t) - 1, len(log.t))
+        estimator.restart(own, signals.acting(estimator.system, last).at(0))
         return own, signals
 
 

@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....parameters import Array, Indices, ParameterSpace
-from ....quotient.barrier import gradient_and_hessian
-from ....quotient.cone import Cone, cone_of
-from ....structure.payload import carrier, point_mass, submerged
-from ....structure.sensing import sensor_labels, sensor_units
-from ....structure.system import SecondOrderSystem, gains_by_command
-from ..covariance import SMALL
+from ...laws.efficient.covariance import SMALL
+from ...parameters import Array, Indices, ParameterSpace
+from ...quotient.barrier import gradient_and_hessian
+from ...quotient.cone import Cone, cone_of
+from ...structure.payload import carrier, point_mass, submerged
+from ...structure.sensing import sensor_labels, sensor_units
+from ...structure.system import SecondOrderSystem, gains_by_command
 from .evidence import Jump
 
 _GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....parameters import Array, Indices, ParameterSpace
-from ...faults import FaultEvent
-from ..filter import Filter
+from ...laws import FaultEvent
+from ...laws.efficient.filter import Filter
+from ...parameters import Array, Indices, ParameterSpace
 from .hypotheses import Hypothesis
 
 _SMALL = 0.1  # share of a gain up to which a loss may be the beginning of a slow one

@@ -10,14 +10,14 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ....log import Log
-from ....parameters import Array
-from ....structure.system import SecondOrderSystem
-from ..filter import Filter, Law
-from ..kalman import acceptable
+from ...laws.efficient.estimator import KalmanFilter
+from ...laws.efficient.filter import Filter
+from ...laws.efficient.signals import Signals
+from ...log import Log
+from ...parameters import Array
 from .evidence import posterior
 from .hypotheses import Hypothesis, penalty, together
-from .signals import Signals
+from .signals import signals_under
 from .trial import BiasTrial, Trial, jumps_at, started
 
 _DROPPED = 1e-9  # probability below which a hypothesis is dropped
@@ -53,9 +53,8 @@ class Trials(NamedTuple):
 
 
 def begin_trials(
-    law: Law,
+    estimator: KalmanFilter,
     kalman: Filter,
-    system: SecondOrderSystem,
     signals: Signals,
     hypotheses: list[Hypothesis],
     log: Log,
@@ -65,20 +64,21 @@ def begin_trials(
 
     `kalman` has θ̂ and P_θθ from before the fault, when `signals` acted.
     """
-    before = signals.acting(system, log)
-    start, rest = started(kalman, system, before, k), log.part(k, len(log.t))
-    jumps = jumps_at(system, before, k)
+    before = signals.acting(estimator.system, log)
+    start, rest = started(estimator, kalman, before, k), log.part(k, len(log.t))
+    jumps = jumps_at(estimator.system, before, k)
+    scale = estimator.constants.scale
     each = tuple(
         BiasTrial.begin(start, signals, h, jumps)
         if h.channel >= 0
-        else Trial.begin(start, signals.under(h), h, law.scale)
+        else Trial.begin(start, signals_under(signals, h), h, scale)
         for h in hypotheses
     )
-    each = tuple(trial.followed(law, system, rest, signals) for trial in each)
+    each = tuple(trial.followed(estimator, rest, signals) for trial in each)
     return Trials(each, start, signals, rest, len(rest.t) - 1, reached=len(rest.t) - 1)
 
 
-def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log) -> Trials:
+def follow_trials(estimator: KalmanFilter, trials: Trials, log: Log) -> Trials:
     """The trials after a log; at a window's end they are repeated where that makes them exact.
 
     They are repeated when the log is twice as long as the last time, and once when a lower
@@ -87,30 +87,32 @@ def follow_trials(law: Law, system: SecondOrderSystem, trials: Trials, log: Log)
     """
     known = Log.joined(trials.log.first(len(trials.log.t) - 1), log)
     each, reached, last = trials.each, trials.reached, len(known.t) - 1
-    samples = trials.samples + len(log.t) - 1
-    while reached < last if samples >= law.window else reached + _TOGETHER <= last:
+    samples, window = trials.samples + len(log.t) - 1, estimator.constants.window
+    while reached < last if samples >= window else reached + _TOGETHER <= last:
         some = known.part(reached, min(reached + _TOGETHER, last) + 1)
-        each = _hopeful(tuple(trial.followed(law, system, some) for trial in each))
+        each = _hopeful(estimator, tuple(trial.followed(estimator, some) for trial in each))
         reached += len(some.t) - 1
     trials = trials._replace(each=each, log=known, samples=samples, reached=reached)
-    if samples < law.window:
+    if samples < window:
         return trials
     over = known.t[-1 - samples] < trials.begin + _LONGEST <= known.t[-1]
     if len(known.t) < trials.due and not over:
         return trials
     least = max(trial.evidence for trial in each) - _NEAR
-    each = tuple(_repeated(trial, law, system, trials, least) for trial in each)
+    each = tuple(_repeated(trial, estimator, trials, least) for trial in each)
     return trials._replace(each=each, due=2 * len(known.t) - 1)
 
 
-def _hopeful(each: tuple[Trial | BiasTrial, ...]) -> tuple[Trial | BiasTrial, ...]:
+def _hopeful(
+    estimator: KalmanFilter, each: tuple[Trial | BiasTrial, ...]
+) -> tuple[Trial | BiasTrial, ...]:
     """The trials without hopeless single faults, most of all after a few samples, if one explains.
 
     Those with much of θ free are excluded from the comparison, as in `narrowed`.
     """
     single = [trial for trial in each if _is_single(trial.hypothesis)]
     best = max(single, key=lambda trial: trial.evidence, default=None)
-    if best is None or not explains(best):
+    if best is None or not explains(estimator, best):
         return each
     least = best.evidence - _HOPELESS
     return tuple(t for t in each if t.evidence >= least or not _is_single(t.hypothesis))
@@ -121,8 +123,8 @@ def _is_single(hypothesis: Hypothesis) -> bool:
     return hypothesis.share == 0 and hypothesis.kind != "several"
 
 
-def narrowed(trials: Trials, window: float) -> Trials:
-    """The trials that continue at the end of a window [s], free to follow a growing fault.
+def narrowed(estimator: KalmanFilter, trials: Trials) -> Trials:
+    """The trials that continue at the end of a window, free to follow a growing fault.
 
     Improbable ones are dropped, single faults only by comparison with one another: with much of θ
     free a filter can explain anything for a while. If not even the best explains its window, or
@@ -130,12 +132,12 @@ def narrowed(trials: Trials, window: float) -> Trials:
     evidence is reset.
     """
     for trial in trials.each:
-        trial.freed(window)
+        trial.freed(estimator.constants.window * estimator.dt)
     share = posterior_of(trials)
     if np.isnan(share).all():
         return trials._replace(samples=0)
     best = trials.each[int(np.argmax(share))]
-    if not explains(best) or best.hypothesis.kind == "several":
+    if not explains(estimator, best) or best.hypothesis.kind == "several":
         each = tuple(trial.forgetting() for trial in trials.each)
         trials = trials._replace(counted=len(trials.log.t) - 1)
     else:
@@ -146,7 +148,7 @@ def narrowed(trials: Trials, window: float) -> Trials:
 
 
 def _repeated(
-    trial: Trial | BiasTrial, law: Law, system: SecondOrderSystem, trials: Trials, least: float
+    trial: Trial | BiasTrial, estimator: KalmanFilter, trials: Trials, least: float
 ) -> Trial | BiasTrial:
     """A trial along the same log, linearised at its own estimate.
 
@@ -156,11 +158,11 @@ def _repeated(
     if isinstance(trial, BiasTrial):
         if trial.evidence < least or not trial.coarse:
             return trial
-        return _along(trial.again(trials.start), law, system, trials)
+        return _along(trial.again(trials.start), estimator, trials)
     far = bool(trial.hypothesis.offset) or trial.hypothesis.kind == "stuck"
     for _ in range(_PASSES if far else 0):
         try:
-            again = _along(trial.again(trials.start, law), law, system, trials)
+            again = _along(trial.again(trials.start, estimator), estimator, trials)
         except np.linalg.LinAlgError:  # it diverged
             break
         better = 1.0 if trial.hypothesis.kind == "stuck" else _BETTER
@@ -173,20 +175,18 @@ def _repeated(
 T = TypeVar("T", Trial, BiasTrial)
 
 
-def _along(trial: T, law: Law, system: SecondOrderSystem, trials: Trials) -> T:
+def _along(trial: T, estimator: KalmanFilter, trials: Trials) -> T:
     """A trial from its start along the trials' log, its evidence counted as theirs."""
     log, split, before = trials.log, trials.counted, trials.before
     if not split:
-        return trial.followed(law, system, log, before)
-    trial = trial.followed(law, system, log.first(split + 1), before).forgetting()
-    return trial.followed(law, system, log.part(split, len(log.t)))
+        return trial.followed(estimator, log, before)
+    trial = trial.followed(estimator, log.first(split + 1), before).forgetting()
+    return trial.followed(estimator, log.part(split, len(log.t)))
 
 
-def explains(trial: Trial | BiasTrial) -> bool:
+def explains(estimator: KalmanFilter, trial: Trial | BiasTrial) -> bool:
     """Whether the innovations of a trial agree with their covariance."""
-    kalman = trial.filter
-    samples, seen = int(kalman.tally[1]), kalman.noise.seen[0]
-    return trial.squares <= acceptable(samples, len(kalman.v), seen)
+    return trial.squares <= estimator.acceptable(trial.filter)
 
 
 def posterior_of(trials: Trials) -> Array:
@@ -202,14 +202,15 @@ class Verdict(NamedTuple):
     confidence: float = 0.0  # its probability, with that of other trials of the same fault
 
 
-def verdict(trials: Trials, t: float) -> Verdict | None:
+def verdict(estimator: KalmanFilter, trials: Trials, t: float) -> Verdict | None:
     """The verdict at time t [s], at the end of a window; None while undecided."""
     share = posterior_of(trials)
     late = t - trials.begin
     if np.isnan(share).all():
         return Verdict(None)
     best = int(np.argmax(share))
-    trial, fits = trials.each[best], explains(trials.each[best])
+    trial = trials.each[best]
+    fits = explains(estimator, trial)
     confidence = together(share, [trial.hypothesis for trial in trials.each], best)
     patient = trial.hypothesis.kind in _PATIENT or trial.hypothesis.share > 0
     sure = fits and confidence >= _CERTAIN and not patient

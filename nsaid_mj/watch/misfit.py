@@ -1,6 +1,6 @@
 """Whether the motion contradicts the structure, judged from measurements alone.
 
-The filter of the law `efficient` runs along the log from a run's estimate and its stated
+The filter of the law `efficient` runs along the log from an estimate and its stated
 covariance, and then again from its result. The innovations of the second run show how well the
 structure explains the motion:
 
@@ -26,28 +26,22 @@ whose mean, or 1 if that is larger, is the level of the others; and so has each 
 motions.
 """
 
-import itertools
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.linalg
 from scipy.special import gammaincc
 
-from ..experiment.loop import Run
-from ..experiment.scenario import Scenario
-from ..experiment.setup import with_prior_error
-from ..experiment.source import LONGEST_STEP
-from ..laws import Confidence, NullspaceAID
+from ..laws import Confidence, KalmanFilter, State, gain_deviations
 from ..laws.cone.prior import drawn_inside
-from ..laws.efficient.drift import walks
-from ..laws.efficient.faults.signals import Signals
-from ..laws.efficient.replay import FilterAlone, Replay
+from ..laws.efficient.state import EfficientState
 from ..log import Log
 from ..parameters import Array, Indices, ParameterSpace
 from ..quotient.cone import cone_of, inside
-from ..structure.system import SecondOrderSystem
-from .confidence import gain_deviations
+from .drift import walks
+from .replay import Replay, replay
+from .state import kept_of
 
 _SHORTEST = 32  # samples that have a spectrum
 
@@ -134,85 +128,40 @@ class Misfit(NamedTuple):
         return {"misfit": self.level} | {f"misfit_{name}": value for name, value in others}
 
 
-def filter_of(scenario: Scenario, system: SecondOrderSystem) -> FilterAlone | None:
-    """The filter that judges a run.
+def running_misfit(state: State) -> str:
+    """The level during a run, from the law's state alone; "" for a law without a filter.
 
-    None for a law that does not use all information in the data, whose own error could be mistaken
-    for the structure's, and where the system has no compiled forward dynamics.
+    It is based on all innovations so far, and on contradictions that no fault explains, unless the
+    filter has since explained two thirds of the motion: a prior far off is contradicted, too.
     """
-    if getattr(scenario.identifier, "law", "") not in {"memory", "efficient"}:
-        return None
-    config = with_prior_error(scenario.identifier, scenario)
-    assert isinstance(config, NullspaceAID)
-    return FilterAlone(system, scenario.dt, config.efficient) if system.forward else None
+    own = state.own
+    if not isinstance(own, EfficientState):
+        return ""
+    squares, number = own.filter.totals
+    late = own.calm < (1 - SETTLED) * state.t
+    if late and own.restarts + kept_of(own).unnamed > REPEATED:
+        return CONTRADICTS
+    return SOME if number and squares > LARGE * number else NONE
 
 
-def misfit_of(run: Run) -> Misfit | None:
-    """The misfit at the end of a run's log; None where `filter_of` is, or rows are missing."""
-    system, record = run.system, run.record
-    alone, found = filter_of(run.scenario, system), list[Misfit]()
-    if alone is None or run.scenario.record_every != 1:
-        return None
-    stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
-    for log, rows, signals in _pieces(run, record.log):
-        last = rows.stop == len(record)
-        drift, acting = _drifting(run, log, rows) if last else None, signals.acting(system, log)
-        if drift is None:
-            theta = np.array(record.rows("theta_hat", rows.stop - 1))
-            own = stated if last else None
-            found.append(judged_estimate(alone, theta, own, run.prior, acting))
-        else:
-            start, variance = drift
-            along = record.rows("theta_hat", rows)[start:]
-            acting = acting.part(start, len(acting.t))
-            found.append(_drifted(alone, along, variance, acting))
-    return _worst(found) if found else None
-
-
-def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
-    """The row of the run's last piece of a log from which the gains were found to drift.
-
-    Also the variance of a gain's random walk per second [1/s]; None if gains are constant.
-    """
-    state = run.states[""].filter if "" in run.states else None
-    if state is None or not state.drift:
-        return None
-    start = int(np.searchsorted(log.t, state.since + 1e-9))
-    return (start, state.drift) if rows.stop - rows.start - start >= FEWEST else None
-
-
-def _drifted(alone: FilterAlone, along: Array, variance: float, log: Log) -> Misfit:
+def judged_drift(estimator: KalmanFilter, along: Array, variance: float, log: Log) -> Misfit:
     """The misfit of a log of N measurements with drifting gains and θ̂ (N, p).
 
-    In one pass, as the gains change along the log.
+    In one pass, as the gains change along the log. `variance` is that of a gain's random walk per
+    second, relative to the gain [1/s].
     """
-    space = alone.space
+    space = estimator.system.space
     k, minutes = space.actuators, float(log.t[-1] - log.t[0]) / 60
-    alone.law = alone.law._replace(walk=walks(space, 0.0, variance))
+    walking = estimator.walking(walks(space, 0.0, variance))
     theta = _sound(space, np.array(along[0]), np.array(along[-1]))
-    replay = alone.replay(theta, _VAGUE**2 * alone.covariance(theta), log)
-    one, energy = _judged_pass(replay, log)
+    own = replay(walking, theta, _VAGUE**2 * estimator.covariance(theta), log)
+    one, energy = _judged_pass(own, log)
     if one.level == NONE:
         one, energy = one._replace(level=SOME), 0.0
     rates = np.abs(along[-1][k] / np.where(along[0][k] == 0, np.inf, along[0][k]) - 1) / minutes
     drift = float(np.where(along[0][k] == 0, 0.0, rates).max())
     widening, chance = float(np.sqrt(1 + energy)), min(1.0, one.chance)
     return one._replace(seconds=60 * minutes, chance=chance, widening=widening, drift=drift)
-
-
-def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
-    """Parts of a log between faults and gaps, their rows in the record, and acting signals."""
-    known = [event for event in run.faults if event.kind != "unknown"]
-    first = int(np.searchsorted(log.t, log.t[-1] - LONGEST))
-    starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
-    ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
-    gaps = np.flatnonzero(np.diff(log.t) > LONGEST_STEP * run.scenario.dt) + 1
-    for i, (begin, end) in enumerate(zip(starts, ends, strict=True)):
-        cuts = [max(first, begin), *gaps[(gaps > max(first, begin)) & (gaps < end)].tolist(), end]
-        for start, stop in itertools.pairwise(cuts):
-            if stop - start >= FEWEST:
-                signals = Signals.after(run.system, known[:i])
-                yield log.part(start, stop), slice(start, stop), signals
 
 
 def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
@@ -224,7 +173,7 @@ def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
     return drawn_inside(space, theta, 0.0, np.random.default_rng(0))
 
 
-def _worst(found: list[Misfit]) -> Misfit:
+def worst_of(found: list[Misfit]) -> Misfit:
     """The misfit of several parts of a log: the worst level, and the widening of the last part."""
     times = tuple(time for one in found for time in one.contradictions)
     level = max((one.level for one in found), key=LEVELS.index)
@@ -241,38 +190,53 @@ def _worst(found: list[Misfit]) -> Misfit:
 
 
 def judged_estimate(
-    alone: FilterAlone, theta: Array, stated: Confidence | None, prior: Array, log: Log
+    estimator: KalmanFilter,
+    theta: Array,
+    stated: Confidence | None,
+    prior: Array,
+    log: Log,
+    rest: Callable[[], None] | None = None,
 ) -> Misfit:
-    """The misfit of a log for an estimate θ̂ (p,), with its covariance if any; prior is θ̂(0)."""
-    theta, scale = _sound(alone.space, theta, prior), alone.space.scale
-    P = alone.covariance(theta)
+    """The misfit of a log for an estimate θ̂ (p,), with its covariance if any; prior is θ̂(0).
+
+    `rest` is that of `replay`.
+    """
+    space = estimator.system.space
+    theta, scale = _sound(space, theta, prior), space.scale
+    P = estimator.covariance(theta)
     if stated is not None:
         P = _no_wider(stated.covariance / np.outer(scale, scale), P)
-    return judged(alone, theta, P, log)
+    return judged(estimator, theta, P, log, rest)
 
 
-def judged(alone: FilterAlone, theta: Array, P: Array, log: Log) -> Misfit:
+def judged(
+    estimator: KalmanFilter,
+    theta: Array,
+    P: Array,
+    log: Log,
+    rest: Callable[[], None] | None = None,
+) -> Misfit:
     """The misfit of a log of N measurements, for a filter starting at θ (p,) with P_θθ (p, p)."""
-    learning = alone.replay(theta, P, log)
-    replay, found = learning, []
+    learning = replay(estimator, theta, P, log, rest)
+    own, found = learning, []
     for _ in range(_PASSES):  # far from its end, a pass is not linear enough to be judged by
-        replay = alone.replay(replay.filter.theta, replay.filter.Ptt, log)
-        found.append(_judged_pass(replay, log))
+        own = replay(estimator, own.filter.theta, own.filter.Ptt, log, rest)
+        found.append(_judged_pass(own, log))
         if found[-1][0].level == NONE:
             break
     best, energy = min(found, key=lambda one: (LEVELS.index(one[0].level), -one[0].chance))
     if best.level == NONE and best.chance >= _DOUBTFUL:
         energy = 0.0
-    anew = alone.replay(theta, alone.covariance(theta), log)
-    widening = _widening(alone, theta, P, learning, anew, energy)
+    anew = replay(estimator, theta, estimator.covariance(theta), log, rest)
+    widening = _widening(estimator.system.space, theta, P, learning, anew, energy)
     return best._replace(chance=min(1.0, best.chance), widening=widening)
 
 
-def _judged_pass(replay: Replay, log: Log) -> tuple[Misfit, float]:
+def _judged_pass(own: Replay, log: Log) -> tuple[Misfit, float]:
     """The misfit of one pass along a log, without widening; also its innovations' energy."""
-    seconds, colour = float(log.t[-1] - log.t[0]), whiteness(replay.along.innovation)
-    squares, number = replay.filter.totals
-    times = replay.contradictions
+    seconds, colour = float(log.t[-1] - log.t[0]), whiteness(own.along.innovation)
+    squares, number = own.filter.totals
+    times = own.contradictions
     innovations = float(squares / max(1.0, number))
     late = tuple(time for time in times if time > log.t[0] + SETTLED * seconds)
     level = NONE
@@ -284,7 +248,7 @@ def _judged_pass(replay: Replay, log: Log) -> tuple[Misfit, float]:
 
 
 def _widening(
-    alone: FilterAlone, theta: Array, P: Array, learning: Replay, anew: Replay, energy: float
+    space: ParameterSpace, theta: Array, P: Array, learning: Replay, anew: Replay, energy: float
 ) -> float:
     """Factor on the standard deviations of a misfit.
 
@@ -296,10 +260,10 @@ def _widening(
     by then of what it learned from a wrong linearisation; it shifts where the log is learned anew,
     from θ̂ with the covariance of a prior.
     """
-    shifts = _shifts(alone.law.scale, theta, P, learning)
-    for replay, most in ((learning, _FAR), (anew, _FRESH)):
-        gains = shift_of_gains(alone.space, theta, P, replay.filter.theta)
-        if gains > most and not replay.contradictions:
+    shifts = _shifts(space.scale, theta, P, learning)
+    for own, most in ((learning, _FAR), (anew, _FRESH)):
+        gains = shift_of_gains(space, theta, P, own.filter.theta)
+        if gains > most and not own.contradictions:
             shifts.append(gains**2)
     largest = max((shift for shift in shifts if shift > _SHIFTED), default=1.0)
     return float(np.sqrt(max(1.0 + energy, largest)))

@@ -1,0 +1,89 @@
+"""The misfit of a finished run: what of its record is judged, and under which signals.
+
+Faults and gaps divide the log. How a piece is judged is in `watch.misfit`.
+"""
+
+import itertools
+from collections.abc import Iterator
+
+import numpy as np
+
+from ..experiment.loop import Run
+from ..experiment.scenario import Scenario
+from ..experiment.setup import with_prior_error
+from ..experiment.source import LONGEST_STEP
+from ..laws import KalmanFilter, NullspaceAID, Signals
+from ..log import Log
+from ..structure.system import SecondOrderSystem
+from ..watch import (
+    FEWEST,
+    LONGEST,
+    Misfit,
+    drift_of,
+    judged_drift,
+    judged_estimate,
+    signals_after,
+    worst_of,
+)
+
+
+def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | None:
+    """The filter that judges a run.
+
+    None for a law that does not use all information in the data, whose own error could be mistaken
+    for the structure's, and where the system has no compiled forward dynamics.
+    """
+    if getattr(scenario.identifier, "law", "") not in {"memory", "efficient"}:
+        return None
+    config = with_prior_error(scenario.identifier, scenario)
+    assert isinstance(config, NullspaceAID)
+    return KalmanFilter(system, scenario.dt, config.efficient) if system.forward else None
+
+
+def misfit_of(run: Run) -> Misfit | None:
+    """The misfit at the end of a run's log; None where `filter_of` is, or rows are missing."""
+    system, record = run.system, run.record
+    estimator, found = filter_of(run.scenario, system), list[Misfit]()
+    if estimator is None or run.scenario.record_every != 1:
+        return None
+    stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
+    for log, rows, signals in _pieces(run, record.log):
+        last = rows.stop == len(record)
+        drift, acting = _drifting(run, log, rows) if last else None, signals.acting(system, log)
+        if drift is None:
+            theta = np.array(record.rows("theta_hat", rows.stop - 1))
+            own = stated if last else None
+            found.append(judged_estimate(estimator, theta, own, run.prior, acting))
+        else:
+            start, variance = drift
+            along = record.rows("theta_hat", rows)[start:]
+            acting = acting.part(start, len(acting.t))
+            found.append(judged_drift(estimator, along, variance, acting))
+    return worst_of(found) if found else None
+
+
+def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
+    """The row of the run's last piece of a log from which the gains were found to drift.
+
+    Also the variance of a gain's random walk per second [1/s]; None if gains are constant.
+    """
+    drift, since = drift_of(run.states[""]) if "" in run.states else (0.0, 0.0)
+    if not drift:
+        return None
+    start = int(np.searchsorted(log.t, since + 1e-9))
+    return (start, drift) if rows.stop - rows.start - start >= FEWEST else None
+
+
+def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
+    """Parts of a log between faults and gaps, their rows in the record, and acting signals."""
+    known = [event for event in run.faults if event.kind != "unknown"]
+    first = int(np.searchsorted(log.t, log.t[-1] - LONGEST))
+    starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
+    ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
+    gaps = np.flatnonzero(np.diff(log.t) > LONGEST_STEP * run.scenario.dt) + 1
+    for i, (begin, end) in enumerate(zip(starts, ends, strict=True)):
+        cuts = [max(first, begin), *gaps[(gaps > max(first, begin)) & (gaps < end)].tolist(), end]
+        for start, stop in itertools.pairwise(cuts):
+            if stop - start >= FEWEST:
+                signals = signals_after(run.system, known[:i])
+                yield log.part(start, stop), slice(start, stop), signals
