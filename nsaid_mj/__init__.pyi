@@ -26,16 +26,25 @@ from .errors import NsaidError as NsaidError
 from .experiment.loop import run as run
 from .experiment.record import Record as Record
 from .experiment.scenario import Scenario as Scenario
+from .laws import ConeMetric as ConeMetric
+from .laws import Confidence as Confidence
+from .laws import ConstantMetric as ConstantMetric
 from .laws import ConventionalAID as ConventionalAID
 from .laws import EfficientConfig as EfficientConfig
+from .laws import EfficientIdentifier as EfficientIdentifier
+from .laws import Estimates as Estimates
+from .laws import Identifier as Identifier
+from .laws import IdentifierConfig as IdentifierConfig
+from .laws import ImplicitMemory as ImplicitMemory
+from .laws import KalmanFilter as KalmanFilter
 from .laws import MemoryConfig as MemoryConfig
 from .laws import NullspaceAID as NullspaceAID
+from .laws import NullspaceIdentifier as NullspaceIdentifier
+from .laws import NumpyIdentifier as NumpyIdentifier
+from .laws import State as State
 from .laws import Status as Status
-from .laws.cone.law import ConeMetric as ConeMetric
-from .laws.efficient.law import EfficientIdentifier as EfficientIdentifier
-from .laws.memory.implicit import ImplicitMemory as ImplicitMemory
-from .laws.nullspace_aid import NullspaceIdentifier as NullspaceIdentifier
-from .laws.nullspace_aid import paper_identifier as paper_identifier
+from .laws import Supervisor as Supervisor
+from .laws import paper_identifier as paper_identifier
 from .log import Log as Log
 from .log import Measurement as Measurement
 from .log import SensorLevels as SensorLevels
@@ -80,5 +89,6 @@ from .structure.multibody import Multibody as Multibody
 from .structure.single_body import Operation as Operation
 from .structure.single_body import SingleBody as SingleBody
 from .structure.system import SecondOrderSystem as SecondOrderSystem
+from .watch import supervised as supervised
 
 __version__: str

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..errors import BadRun, FolderInUse
 from ..experiment.scenario import Scenario
-from ..laws import ConventionalAID
+from ..laws import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..resources import check_own, json_of, locked
 
 RUNS = Path("runs")
@@ -38,9 +38,15 @@ def folder_for(
         BadRun: `out` holds a completed run, and `force` is not set.
         FolderInUse: another run is writing into `out`.
     """
-    conventional = isinstance(scenario.identifier, ConventionalAID)
-    law = getattr(scenario.identifier, "law", "conventional" if conventional else "own")
+    law = _law_of(scenario.identifier)
     return _free(f"{title}-{law}", out, force, holds_completed_run, "a completed run", RUN)
+
+
+def _law_of(identifier: IdentifierConfig) -> str:
+    """The law as given on the command line, or its own name."""
+    if isinstance(identifier, NullspaceAID):
+        return identifier.law
+    return "conventional" if isinstance(identifier, ConventionalAID) else identifier.name
 
 
 def folder_for_results(

@@ -49,7 +49,7 @@ def _over_time(run: Run, summary: dict[str, Any], truth: Truth | None) -> list[P
             error.add(*local_rms(record["t"][later], dv), label, colour=colour)
     gains = _gains(run, summary, rows, None if truth is None else truth.theta_at(t))
     energy = Panel("Lyapunov function", "V [J]", True)
-    if truth is not None:
+    if truth is not None and run.identifiers[""].metric is not None:
         energy.add(t, energy_of(run, truth, rows))
     panels = [distance, gains, error, energy] if truth is not None else [error, gains]
     found = [fault.found for fault in run.faults]

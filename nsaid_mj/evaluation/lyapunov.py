@@ -104,6 +104,7 @@ def lyapunov_rises(V: Array, identifier: Identifier, record: Record) -> tuple[Ar
     conserved = kept(identifier, record)
     defect = np.max(np.abs(np.diff(conserved)), initial=0.0)
     bound = np.maximum(V[1:], conserved[1:])  # in place: there may be millions of rows
+    assert identifier.metric is not None  # as it conserves something
     bound += identifier.metric.cancelling
     bound *= 8 * np.finfo(float).eps
     bound += defect

@@ -33,9 +33,10 @@ def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | N
     None for a law that does not use all information in the data, whose own error could be mistaken
     for the structure's, and where the system has no compiled forward dynamics.
     """
-    if getattr(scenario.identifier, "law", "") not in {"memory", "efficient"}:
+    config = scenario.identifier
+    if not isinstance(config, NullspaceAID) or config.law not in {"memory", "efficient"}:
         return None
-    config = with_prior_error(scenario.identifier, scenario)
+    config = with_prior_error(config, scenario)
     assert isinstance(config, NullspaceAID)
     return KalmanFilter(system, scenario.dt, config.efficient) if system.forward else None
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..bounds import without_nonfinite
 from ..experiment.loop import Run
-from ..laws import ConventionalAID, IdentifierConfig
+from ..laws import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..nullspace import directions
 from ..numerics.threads import single_threaded
 from ..parameters import ParameterSpace, rounded
@@ -84,9 +84,9 @@ def _summary(run: Run, truth: Truth | None) -> dict[str, Any]:
         "rank_tolerance": nullspace.tolerance,
         "rank_gap": [float(s) for s in nullspace.gap],
         **found,
-        "law": law_of(scenario.identifier),
+        "law": scenario.identifier.name,
         "gains_held": isinstance(scenario.identifier, ConventionalAID),
-        "gamma": getattr(scenario.identifier, "gamma", "scale"),
+        "gamma": gamma_of(scenario.identifier),
         "sensors": scenario.sensors,
         "sensor_noise": sensor_noise(run),
         **({"mismatch": list(truth.mismatches), "fault": truth.fault} if truth else {}),
@@ -178,10 +178,11 @@ def sensor_noise(run: Run) -> str:
     return words
 
 
-def law_of(identifier: IdentifierConfig) -> str:
-    """`paper`, `cone` or `memory`; `cone` without a barrier counts as `paper`."""
-    law = getattr(identifier, "law", "paper")
-    return law if law != "cone" or identifier.in_cone else "paper"
+def gamma_of(identifier: IdentifierConfig) -> str:
+    """How Γ was chosen: `scale` or `simulated`; `own` by a law from outside the package."""
+    if isinstance(identifier, NullspaceAID):
+        return identifier.gamma
+    return "scale" if isinstance(identifier, ConventionalAID) else "own"
 
 
 def confidence(run: Run, truth: Truth | None, widening: float = 1.0) -> dict[str, Any] | None:

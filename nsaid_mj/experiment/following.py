@@ -50,7 +50,8 @@ class Following:
         self.identifier, self.state = identifier, identifier.init(log.at(0))
         self.ended: float | None = None
         self.drift = 0.0
-        self._start = float(identifier.conserved(self.state.theta_hat))
+        conserved = identifier.conserves
+        self._start = float(identifier.conserved(self.state.theta_hat)) if conserved else np.nan
 
     @property
     def signal(self) -> str:

@@ -120,8 +120,8 @@ class Identifier(ABC):
     """An adaptive identifier of a system's θ: pure, bitwise reproducible functions of a state."""
 
     system: SecondOrderSystem  # the structure it knows
-    metric: Metric  # maps Wᵀ Δv to θ̂̇ (45)
-    conserves: bool  # whether the law has a conserved quantity
+    metric: Metric | None = None  # maps Wᵀ Δv to θ̂̇ (45); None for a law without one
+    conserves: bool = False  # whether the law has a conserved quantity; that of its metric
 
     @abstractmethod
     def init(self, first: Measurement) -> State:
@@ -181,11 +181,16 @@ class Identifier(ABC):
         """
 
     def conserved(self, theta_hat: Array) -> Array:
-        """(...,) the metric's conserved quantity for estimates (..., p); constant along a run."""
+        """(...,) the metric's conserved quantity for estimates (..., p); constant along a run.
+
+        Only a law with a metric has it.
+        """
+        assert self.metric is not None
         return self.metric.conserved(theta_hat)
 
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
         """(...,) the second term of V (66) at θ (p,) and estimates (..., p)."""
+        assert self.metric is not None
         return self.metric.divergence(theta, theta_hat)
 
     @abstractmethod
@@ -201,6 +206,11 @@ class IdentifierConfig(Config, ABC):
     """The configuration of an identifier; `build` makes the identifier."""
 
     _path = "identifier"
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What the law is called in the summary and on the page of a run."""
 
     @property
     @abstractmethod

@@ -94,6 +94,11 @@ class NullspaceAID(IdentifierConfig):
         return EfficientIdentifier(guard, KalmanFilter(system, dt, self.efficient))
 
     @property
+    def name(self) -> str:
+        """The `law`; `cone` without a barrier is the paper's."""
+        return self.law if self.law != "cone" or self.in_cone else "paper"
+
+    @property
     def in_cone(self) -> bool:
         """Whether θ̂ must start inside the cone of physical parameters, and stays there."""
         return self.law != "paper" and self.barrier > 0

@@ -33,6 +33,11 @@ class ConventionalAID(IdentifierConfig):
     known: tuple[Name, ...] = ("actuators",)
 
     @property
+    def name(self) -> str:
+        """`paper`: (44, 45) with Γ = 0 on what is held."""
+        return "paper"
+
+    @property
     def in_cone(self) -> bool:
         """Whether θ̂ must start inside the cone of physical parameters: no."""
         return False

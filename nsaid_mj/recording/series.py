@@ -11,7 +11,6 @@ from ..evaluation import OWN, Truth, common_factor, energy, force_units, velocit
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.figures import midpoints
 from ..evaluation.panels import LAWS, local_rms
-from ..evaluation.summary import law_of
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
 from ..parameters import Array, Indices, ParameterSpace
@@ -209,7 +208,7 @@ def intervals(run: Run, summary: dict[str, Any], rows: Indices) -> list[Curves]:
 
 def _colour(run: Run, name: str, k: int) -> int:
     """Place of the colour of the run's law, whose name is empty, or of its k-th rival."""
-    return LAWS.get(name or law_of(run.scenario.identifier), k)
+    return LAWS.get(name or run.scenario.identifier.name, k)
 
 
 def _conserved(run: Run, rows: Indices) -> list[Curves]:
@@ -255,10 +254,9 @@ def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list
     record, space, t = run.record, run.system.space, run.record["t"][rows]
     theta_hat, true = record.rows("theta_hat", rows), truth.theta_at(t)
     components = [f"direction {i} [–]" for i in range(1, nullspace.P_perp.shape[1] + 1)]
-    found = [
-        Curves("theta_perp", components, theta_hat / space.scale @ nullspace.P_perp),
-        Curves("lyapunov", ["V of (66) [J]"], energy(run, truth, rows)[:, None]),
-    ]
+    found = [Curves("theta_perp", components, theta_hat / space.scale @ nullspace.P_perp)]
+    if run.identifiers[""].metric is not None:
+        found.append(Curves("lyapunov", ["V of (66) [J]"], energy(run, truth, rows)[:, None]))
     chosen = shared(space, nullspace.r, truth.theta)
     if len(chosen):
         names = [f"{space.labels[i]} [–]" for i in chosen]

@@ -27,6 +27,8 @@ from nsaid_mj.laws.conventional import known_mask
 from nsaid_mj.laws.metric import ConstantMetric
 from nsaid_mj.laws.nullspace_aid import paper_identifier
 from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
+from nsaid_mj.watch import supervised
+from tests.support.own_law import OwnConfig
 from tests.support.plants import drive
 
 FEW = settings(deadline=None, max_examples=15)
@@ -55,13 +57,15 @@ LAWS = {
     "memory": lambda K, gain: NullspaceAID(K, gain, law="memory", memory=OFTEN),
     "efficient": lambda K, gain: NullspaceAID(K, gain, law="efficient", memory=OFTEN),
     "ConventionalAID": lambda K, gain: ConventionalAID(K, gain, ("actuators",)),
+    "own": OwnConfig,
 }
 FILTERED = ["scalar", "continuous", "bluerov2"]
 """Systems on which the law `efficient` is tried: each takes a minute to compile."""
 ALL = [(s, law) for s in SCENARIOS for law in LAWS if law != "efficient" or s in FILTERED]
 contract = pytest.mark.parametrize("name,law", ALL)
+of_the_package = pytest.mark.parametrize("name,law", [x for x in ALL if x[1] != "own"])
 constant = pytest.mark.parametrize(
-    "name,law", [x for x in ALL if x[1] not in ("cone", "memory", "efficient")]
+    "name,law", [x for x in ALL if x[1] not in ("cone", "memory", "efficient", "own")]
 )
 systems = pytest.mark.parametrize("name", SCENARIOS)
 runs = pytest.mark.parametrize("name", ["scalar", "double_pendulum", "continuous", *VEHICLES])
@@ -81,7 +85,7 @@ def motion(name: str):
 def build(name: str, law: str):
     system, prior, _ = motion(name)
     config = SCENARIOS[name].identifier
-    return LAWS[law](config.K, config.gain).build(system, prior, 1e-3)
+    return supervised(LAWS[law](config.K, config.gain).build(system, prior, 1e-3))
 
 
 def identify(identifier, seen) -> list[State]:
@@ -229,7 +233,7 @@ def test_a_prior_is_one_number_for_each_parameter(name, change):
     assert caught.value.name == "prior"
 
 
-@contract
+@of_the_package
 def test_K_is_within_what_rk4_can_follow(name, law):
     system, prior, _ = motion(name)
     LAWS[law](2.49e3, 1.0).build(system, prior, 1e-3)
