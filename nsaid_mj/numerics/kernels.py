@@ -8,6 +8,7 @@ import inspect
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
+from types import FunctionType
 from typing import Any, cast
 
 from llvmlite import binding, ir
@@ -39,6 +40,17 @@ def routine(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], An
 def kernel(signature: Any = None, **options: Any) -> Any:
     """Marks a function that Python calls, or several compiled ones; see `Kernel`."""
     return lambda f: f if config.DISABLE_JIT else Kernel(f, signature, **options)
+
+
+def composed(text: Callable[..., Any], name: str, **meanings: Any) -> Callable[..., Any]:
+    """A function with another's text, in which some of the global names have other meanings.
+
+    What differs must show in the types of its arguments, by which numba's cache tells the
+    compositions of one text apart; `name` distinguishes them in messages.
+    """
+    made = FunctionType(text.__code__, text.__globals__ | meanings, f"{text.__name__}_{name}")
+    made.__qualname__, made.__doc__ = made.__name__, text.__doc__
+    return made
 
 
 def inlined(kernel: Any) -> Any:
