@@ -53,11 +53,6 @@ def composed(text: Callable[..., Any], name: str, **meanings: Any) -> Callable[.
     return made
 
 
-def inlined(kernel: Any) -> Any:
-    """A kernel with a signature as a part of its callers: a call passes every array's size, too."""
-    return kernel if config.DISABLE_JIT else Part(kernel.py_func, kernel.signature, INLINE)
-
-
 class Kernel(Compiled):
     """A function that Python calls, and that compiled functions call by its address.
 
