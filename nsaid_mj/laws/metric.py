@@ -1,46 +1,43 @@
-"""Metrics, which map Wᵀ Δv to θ̂̇ (45), in Python and for compiled loops.
+"""Metrics, which map Wᵀ Δv to θ̂̇ (45): the interface, and the paper's constant Γ.
 
-A `Metric` is the Python side: the gain, the conserved quantity, the metric's term of V. Compiled
-loops get a `Law` with a chart, the coordinates η in which θ̂ is integrated: in the paper's law η = θ̂
-and θ̂̇ = Γ Wᵀ Δv; the cone's chart cannot leave the cone.
+A metric is one file with two sides: the gain, the conserved quantity and the metric's term of V in
+Python, and compiled functions for the loops that integrate θ̂. These know θ̂ by coordinates η, in
+which a step is taken: in the paper's law η = θ̂ and θ̂̇ = Γ Wᵀ Δv; those of the cone cannot leave it.
+A loop is compiled for a metric when an identifier with that metric first needs it.
 """
 
 from abc import ABC, abstractmethod
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import types
 
 from ..errors import InvalidInput
-from ..numerics.kernels import boolean, f8, matrix, routine, vector, void
+from ..numerics.kernels import boolean, matrix, routine, vector, void
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
-from ..quotient.cone import CONE, NO_CONE, Cone
-from .cone.chart import (
-    CHART,
-    confine,
-    dense_rate_into,
-    from_chart_into,
-    height,
-    natural_rate_into,
-    to_chart_into,
-)
-
-ACCURACY = 1e-7
-"""Largest change of the conserved quantity in one step of the cone's law, relative to μν."""
 
 
-class Law(NamedTuple):
-    """(44) and (45) for compiled loops, in the paper's metric or the cone's."""
+class CompiledMetric(NamedTuple):
+    """The compiled side of a metric, for loops in its coordinates η.
 
-    K: Array  # (n, n) gain of the identification plant, or its diagonal (1, n) [1/s]
-    gain: Array  # (p, p), or a diagonal (1, p): Γ of the paper's law, Γ⁻¹ of the cone's
-    cone: Cone = NO_CONE
-    pairing: Array = np.empty(0)  # (e,) `coordinates` of the cone
-    mu: float = 0.0  # weight μ of the barrier [J]; 0 for the paper's law
+    Every function's arguments begin with the metric's numbers and end with its workspace. In
+    another metric, write them with `numerics.kernels.routine`, as below.
+    """
 
-
-LAW = types.NamedTuple((matrix, matrix, CONE, vector, f8), Law)
+    numbers: Any  # numba's type of `Metric.numbers`
+    workspace: Any  # numba's type of `Metric.workspace()`
+    enter: Callable[..., None]  # (numbers, θ̂, η, work): writes η (p,) of θ̂ (p,)
+    leave: Callable[..., None]  # (numbers, η, θ̂, work): writes θ̂ (p,) of η (p,)
+    # (numbers, η, θ̂, gradient, rate, work): writes η̇ (p,) of (45) from Wᵀ Δv (p,)
+    adapt: Callable[..., None]
+    # (numbers, start, η, work): shortens the step from `start` (p,) to η (p,), in place, where θ̂
+    # would leave its domain
+    hold: Callable[..., None]
+    # (numbers, start, η, before, θ̂, work): whether a step from `start` (p,), θ̂ `before` (p,), to
+    # η (p,) and θ̂ (p,) is accurate; where it is not, it is divided
+    accurate: Callable[..., bool]
 
 
 class Metric(ABC):
@@ -48,11 +45,14 @@ class Metric(ABC):
 
     Gamma: Array  # (p,) or (p, p) adaptation gain of (45), or of the metric's quadratic part
     conserves: bool  # whether there is a conserved quantity
+    divides: ClassVar[bool] = False  # whether a step that is not accurate is divided
     cancelling: float  # size of the terms that cancel in `divergence`, besides its value [J]
+    compiled: ClassVar[CompiledMetric]  # its functions for compiled loops
+    numbers: Any  # its numbers for them, a NamedTuple of arrays and numbers
 
     @abstractmethod
-    def law(self, K: Array) -> Law:
-        """The metric and the gain K, (n,) or (n, n), of (44) for compiled loops."""
+    def workspace(self) -> Any:
+        """New workspace of the compiled functions."""
 
     @abstractmethod
     def conserved(self, theta_hat: Array) -> Array:
@@ -61,6 +61,44 @@ class Metric(ABC):
     @abstractmethod
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
         """(...,) the second term of V at θ (p,) and estimates (..., p)."""
+
+
+# -- the paper's metric ---------------------------------------------------------------------------
+
+
+class ConstantNumbers(NamedTuple):
+    """A constant Γ for compiled loops."""
+
+    gain: Array  # (p, p) Γ, or its diagonal (1, p)
+
+
+_CONSTANT = types.NamedUniTuple(matrix, 1, ConstantNumbers)
+
+
+@routine(void(_CONSTANT, vector, vector, vector))
+def _copy(constant, one, other, work):
+    """Writes η (p,) of θ̂ (p,), or θ̂ of η: they are the same."""
+    copy_into(one, other)
+
+
+@routine(void(_CONSTANT, vector, vector, vector, vector, vector))
+def _adapt(constant, eta, theta, gradient, rate, work):
+    """Writes Γ Wᵀ Δv (p,)."""
+    times_into(constant.gain, gradient, rate)
+
+
+@routine(void(_CONSTANT, vector, vector, vector))
+def _hold(constant, start, eta, work):
+    """Does nothing: no θ̂ is excluded."""
+
+
+@routine(boolean(_CONSTANT, vector, vector, vector, vector, vector))
+def _accurate(constant, start, eta, before, theta, work):
+    """True: the loop's caller watches the conserved quantity."""
+    return True
+
+
+COMPILED = CompiledMetric(_CONSTANT, vector, _copy, _copy, _adapt, _hold, _accurate)
 
 
 class ConstantMetric(Metric):
@@ -74,16 +112,18 @@ class ConstantMetric(Metric):
     """
 
     cancelling = 0.0
+    compiled = COMPILED
 
     def __init__(self, Gamma: Array, held: np.ndarray | None = None, size: int | None = None):
         size = len(Gamma) if size is None else size
         self.moving = np.ones(size, dtype=bool) if held is None else ~np.asarray(held)
         self.Gamma = positive_gain("Gamma", Gamma, size, self.moving)
         self.conserves = bool(self.moving.all())
+        self.numbers = ConstantNumbers(np.atleast_2d(self.Gamma))
 
-    def law(self, K: Array) -> Law:
-        """K and Γ for compiled loops."""
-        return Law(np.atleast_2d(K), np.atleast_2d(self.Gamma))
+    def workspace(self) -> Array:
+        """Nothing."""
+        return np.empty(0)
 
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) θ̂ᵀ Γ⁻¹ θ̂ over the parameters that are not held.
@@ -100,71 +140,6 @@ class ConstantMetric(Metric):
     def divergence(self, theta: Array, theta_hat: Array) -> Array:
         """(...,) ½ Δθᵀ Γ⁻¹ Δθ of (66)."""
         return 0.5 * self.conserved(theta_hat - theta)
-
-
-# -- compiled functions ----------------------------------------------------------------------------
-
-
-@routine(void(LAW, vector, vector, CHART))
-def enter(law, theta, eta, chart):
-    """Writes η (p,) of θ̂ (p,)."""
-    if law.mu > 0.0:
-        to_chart_into(law.cone, theta, eta, chart)
-    else:
-        copy_into(theta, eta)
-
-
-@routine(void(LAW, vector, vector, CHART))
-def leave(law, eta, theta, chart):
-    """Writes θ̂ (p,) of η (p,)."""
-    if law.mu > 0.0:
-        from_chart_into(law.cone, eta, law.pairing, theta, chart)
-    else:
-        copy_into(eta, theta)
-
-
-@routine(void(LAW, vector, vector, vector, vector, CHART))
-def adapt(law, eta, theta, gradient, rate, chart):
-    """Writes η̇ (p,) of (45) from Wᵀ Δv (p,), at η and θ̂ (p,)."""
-    if law.mu == 0.0:
-        times_into(law.gain, gradient, rate)
-    elif law.gain.shape[0] == 1:
-        natural_rate_into(law.cone, eta, theta, law.gain[0], law.mu, gradient, rate, chart)
-    else:
-        dense_rate_into(law.cone, eta, theta, law.gain, law.mu, gradient, rate)
-
-
-@routine(void(LAW, vector, vector))
-def hold(law, start, eta):
-    """Shortens the step from `start` (p,) to η (p,), in place, where θ̂ would leave its domain."""
-    if law.mu > 0.0:
-        confine(law.cone, start, eta)
-
-
-@routine(f8(matrix, vector))
-def stored(stiffness, theta):
-    """θᵀ Γ⁻¹ θ at θ (p,), for Γ⁻¹ (p, p) or its diagonal (1, p)."""
-    total = 0.0
-    for i in range(theta.shape[0]):
-        if stiffness.shape[0] == 1:
-            total += stiffness[0, i] * theta[i] * theta[i]
-            continue
-        for j in range(theta.shape[0]):
-            total += theta[i] * stiffness[i, j] * theta[j]
-    return total
-
-
-@routine(boolean(LAW, vector, vector, vector, vector, CHART))
-def accurate(law, start, eta, before, theta, chart):
-    """Whether a step from `start` (p,), θ̂ `before` (p,), to η (p,) and θ̂ (p,) is accurate.
-
-    In the cone's metric it is not where θ̂ is outside the cone, as only rounding could bring about.
-    """
-    if law.mu == 0.0:
-        return True
-    change = stored(law.gain, theta) - stored(law.gain, before)
-    b = height(law.cone, eta, theta, chart) - height(law.cone, start, before, chart)
-    return abs(change - 2 * law.mu * b) <= ACCURACY * law.mu * law.cone.degree
 
 
 # -- gains ----------------------------------------------------------------------------------------

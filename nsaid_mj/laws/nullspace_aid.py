@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from ..structure.system import SecondOrderSystem, checked
 from .base import Confidence, Estimates, Identifier, State, Status
 from .memory.implicit import ImplicitMemory
 from .metric import ConstantMetric, Metric, positive_gain
-from .rk4 import follow
+from .rk4 import Step, flow_in
 
 RK4_LIMIT = 2.5  # bound of |λ| dt, below RK4's stability limit of 2.785 on the negative real axis
 _DIVISIONS = 3  # times, at most, that a step is divided by four
@@ -72,7 +73,8 @@ class NullspaceIdentifier(Identifier):
         self.system, self.metric, self.memory = system, metric, memory
         self.prior, self.hermite = system.space.check(prior, "prior"), hermite
         self.K = positive_gain("K", K, system.n)
-        self.conserves, self.law = metric.conserves, metric.law(self.K)
+        self.conserves = metric.conserves
+        self._spare: list[tuple[Step, Any]] = []  # workspaces that no call uses at the moment
         fastest = np.abs(self.K).max() if self.K.ndim == 1 else np.linalg.eigvalsh(self.K)[-1]
         if not fastest * dt <= RK4_LIMIT:
             raise InvalidInput(
@@ -166,6 +168,23 @@ class NullspaceIdentifier(Identifier):
                 return at + failed
         return len(log.t)
 
+    def _flow(
+        self, motion: Motion, v_hats: Array, theta_hats: Array, pivots: Array, first: int
+    ) -> int:
+        """Calls `rk4.follow` in the identifier's metric."""
+        follow = flow_in(self.metric.compiled)
+        numbers = self.metric.numbers
+        K = np.atleast_2d(self.K)
+        step, own = self._spare.pop() if self._spare else self._workspace()
+        row = follow(K, numbers, motion, v_hats, theta_hats, pivots, first, step, own)
+        self._spare.append((step, own))
+        return row
+
+    def _workspace(self) -> tuple[Step, Any]:
+        """New workspace of `rk4.follow`."""
+        bodies, n = len(self.system.structure.bodies), self.system.n
+        return Step.of(bodies, n, self.system.p), self.metric.workspace()
+
     def _integrate(self, log: Log, motion: Motion, rows: list[Array], divided: int = 0) -> int:
         """RK4 steps along a log with its motion; in the cone's metric inaccurate ones are divided.
 
@@ -173,8 +192,8 @@ class NullspaceIdentifier(Identifier):
         earlier divisions of this log's steps. Returns the row that failed, or N.
         """
         v_hats, theta_hats, pivots = rows
-        row = follow(self.law, motion, v_hats, theta_hats, pivots, 1)
-        while row < len(log.t) and divided < _DIVISIONS and self.law.mu > 0:
+        row = self._flow(motion, *rows, 1)
+        while row < len(log.t) and divided < _DIVISIONS and self.metric.divides:
             step = log.part(row - 1, row + 1)
             if not all(np.isfinite(part).all() for part in step):
                 break
@@ -186,7 +205,7 @@ class NullspaceIdentifier(Identifier):
                 break
             v_hats[row], theta_hats[row] = inner[0][-1], inner[1][-1]
             pivots[row] = inner[2][1:].min()
-            row = follow(self.law, motion, v_hats, theta_hats, pivots, row + 1)
+            row = self._flow(motion, *rows, row + 1)
         return row
 
     def _halved(self, log: Log) -> Log:

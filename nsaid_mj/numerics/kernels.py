@@ -2,26 +2,36 @@
 
 A function called from Python is a `kernel`. Those called only from compiled code are either a
 kernel, called by its address, or a `helper` or `routine`, compiled into its callers.
+
+Only numba's documented interface is used: `njit` and its options, and `numba.extending`. The types
+of a call follow from the called function's signature alone, so numba infers no types through it,
+and calls of kernels are calls of an address, so that no kernel is compiled into another.
 """
 
 import inspect
 import warnings
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
+from types import FunctionType
 from typing import Any, cast
 
 from llvmlite import binding, ir
 from numba import NumbaError, config, njit, typeof, types
-from numba.extending import typeof_impl
+from numba.extending import lower_builtin, type_callable, typeof_impl
 
 from ..errors import DamagedKernelCache, NoKernelCache
 from .cache import FOLDER, one_process
-from .compiler import INLINE, Compiled, FastCompiler, Part
 from .stopwatch import timed
 
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
 vector, matrix, cube, table = f8[::1], f8[:, ::1], f8[:, :, ::1], i8[:, ::1]
 strided = f8[:, :]
+
+FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "nogil": True}
+"""Division by 0 gives inf or NaN, as in numpy, and numba compiles no error messages. Without `_nrt`
+it counts no references to the arrays of a call, half of a stage's time; nothing is allocated."""
+INLINE: Any = {"forceinline": True}
 
 _njit = cast("Any", njit)  # whose type has no dict of options
 
@@ -41,9 +51,66 @@ def kernel(signature: Any = None, **options: Any) -> Any:
     return lambda f: f if config.DISABLE_JIT else Kernel(f, signature, **options)
 
 
-def inlined(kernel: Any) -> Any:
-    """A kernel with a signature as a part of its callers: a call passes every array's size, too."""
-    return kernel if config.DISABLE_JIT else Part(kernel.py_func, kernel.signature, INLINE)
+def composed(text: Callable[..., Any], name: str, **meanings: Any) -> Callable[..., Any]:
+    """A function with another's text, in which some of the global names have other meanings.
+
+    What differs must show in the types of its arguments, by which numba's cache tells the
+    compositions of one text apart; `name` distinguishes them in messages.
+    """
+    made = FunctionType(text.__code__, text.__globals__ | meanings, f"{text.__name__}_{name}")
+    made.__qualname__, made.__doc__ = made.__name__, text.__doc__
+    return made
+
+
+class Compiled(ABC):
+    """A function that compiled functions call.
+
+    The types of its calls follow from its signature alone: numba infers no types through it.
+    Without a signature, compiled functions cannot call it before it is compiled. `options` are
+    those of `numba.njit`, with a signature on top of `FAST`.
+    """
+
+    def __init__(self, function: Callable[..., Any], signature: Any, options: Any):
+        self.py_func, self.signature = function, signature
+        self._options = options if signature is None else FAST | options
+        if signature is not None:
+
+            def typed(*_: Any) -> Any:
+                return signature
+
+            typed.pysig = inspect.signature(function)  # type: ignore[attr-defined]
+            type_callable(self)(lambda _: typed)
+            lower_builtin(self, *signature.args)(self._call)
+
+    @abstractmethod
+    def __call__(self, *arguments: Any) -> Any:
+        """Calls it from Python."""
+
+    @abstractmethod
+    def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Code that calls it."""
+
+
+class Part(Compiled):
+    """A helper or routine, which is compiled when the first function that calls it is."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Its text, run by Python."""
+        return self.py_func(*arguments)
+
+    @cached_property
+    def _made(self) -> Any:
+        """What numba makes of it."""
+        function = _njit(no_cpython_wrapper=True, **self._options)(self.py_func)
+        function.compile(self.signature)
+        (made,) = function.overloads.values()
+        return made
+
+    def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        """Code that calls it."""
+        context.add_linking_libs([self._made.library])
+        made = self._made.fndesc
+        return context.call_internal_no_propagate(builder, made, signature, arguments)[1]
 
 
 class Kernel(Compiled):
@@ -63,7 +130,7 @@ class Kernel(Compiled):
         **options: Any,
     ):
         super().__init__(function, signature, {"nogil": True} | options)
-        own = {"cache": True, "no_cpython_wrapper": inner, "pipeline_class": FastCompiler}
+        own = {"cache": True, "no_cpython_wrapper": inner}
         own |= self._options
         self.function = self._called = _njit(**own)(function)
         self._loaded = False
@@ -109,8 +176,7 @@ class Kernel(Compiled):
     @cached_property
     def part(self) -> Any:
         """The part of a kernel without a signature that is compiled into its callers."""
-        own = {"no_cpython_wrapper": True, "pipeline_class": FastCompiler} | self._options
-        return _njit(**own)(self.py_func)
+        return _njit(no_cpython_wrapper=True, **self._options)(self.py_func)
 
     @cached_property
     def address(self) -> int:

@@ -301,7 +301,7 @@ def test_the_scale_of_theta_is_a_symmetry(name, law):
         other = copy.copy(one)
         held = None if one.conserves else one.metric.Gamma == 0
         other.metric = ConstantMetric(alpha * one.metric.Gamma, held)
-        other.prior, other.law = alpha * one.prior, other.metric.law(one.K)
+        other.prior = alpha * one.prior
         return identify(other, seen)
 
     states = identify(one, seen)

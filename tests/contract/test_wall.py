@@ -16,6 +16,7 @@ from nsaid_mj.experiment.record import FILE
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.laws import Identifier, NullspaceAID
+from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.parameters import Array, ParameterSpace
 from nsaid_mj.plants import Plant
 from nsaid_mj.resources import scenarios
@@ -80,8 +81,8 @@ def test_poisoning_the_truth_before_the_prior_is_made_leaves_the_record_as_it_is
 
 def design(identifier: Identifier) -> list[Any]:
     """K, Γ or its inverse, μ and whatever else the law's compiled code is given."""
-    law: Any = identifier.law  # pyright: ignore[reportAttributeAccessIssue]
-    flat = [*law._asdict().values()]
+    assert isinstance(identifier, NullspaceIdentifier)
+    flat = [identifier.K, *identifier.metric.numbers]
     parts = [*(part for part in flat if not isinstance(part, tuple))]
     return parts + [item for part in flat if isinstance(part, tuple) for item in part]
 

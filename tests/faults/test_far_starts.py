@@ -10,7 +10,7 @@ from nsaid_mj.experiment.following import Following
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.laws import Status
-from nsaid_mj.laws.metric import ACCURACY
+from nsaid_mj.laws.cone.law import ACCURACY
 from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.quotient.cone import cone_of, inside
 

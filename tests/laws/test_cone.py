@@ -11,9 +11,8 @@ from nsaid_mj.errors import InvalidInput
 from nsaid_mj.experiment.setup import Seeds
 from nsaid_mj.laws import NullspaceAID, Status
 from nsaid_mj.laws.cone import chart
-from nsaid_mj.laws.cone.law import ConeMetric
+from nsaid_mj.laws.cone.law import ACCURACY, ConeMetric
 from nsaid_mj.laws.cone.prior import drawn_inside
-from nsaid_mj.laws.metric import ACCURACY
 from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.quotient import barrier

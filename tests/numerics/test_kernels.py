@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 
 import nsaid_mj
-from nsaid_mj.laws.rk4 import _follow
+from nsaid_mj.laws.cone.law import ConeMetric
+from nsaid_mj.laws.metric import ConstantMetric
+from nsaid_mj.laws.rk4 import flow_in
 from nsaid_mj.numerics import cache
 from nsaid_mj.numerics.kernels import callees, named
 
@@ -254,6 +256,9 @@ print(stopwatch.compile_seconds(), len(calls), *times)
 
 def test_code_from_the_cache_finds_every_kernel_that_it_calls():
     """A process that compiles nothing must know all addresses, of parts' kernels too."""
-    kernels = {kernel.symbol.rpartition(".")[2] for kernel in callees(named(_follow.py_func))}
     chart = {"confine", "from_chart_into", "height", "to_chart_into"}
-    assert kernels == {"stage", "natural_rate_into", "dense_rate_into"} | chart
+    cone = {"natural_rate_into", "dense_rate_into"} | chart
+    for metric, expected in ((ConeMetric, cone), (ConstantMetric, set())):
+        names = named(flow_in(metric.compiled).py_func)
+        kernels = {kernel.symbol.rpartition(".")[2] for kernel in callees(names)}
+        assert kernels == {"stage"} | expected

@@ -4,16 +4,17 @@ The adaptive ones solve W(t, x, v_r, v̇_r, u) θ̂ = K_d s: Slotine and Li (IJR
 cone's metric and with constant Γ, and certainty equivalence with an identifier's estimate.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 
-from ...laws.cone.chart import CHART, Chart, chart_of
 from ...laws.cone.law import ConeMetric
-from ...laws.metric import LAW, ConstantMetric, Metric, adapt, enter, hold, leave
-from ...numerics.kernels import boolean, f8, kernel, vector, void
+from ...laws.metric import CompiledMetric, ConstantMetric, Metric
+from ...numerics.kernels import boolean, composed, f8, kernel, vector, void
 from ...numerics.linalg import copy_into
 from ...parameters import Array, ParameterSpace
 from .reference import PriorMotion, loop_frequency
@@ -33,9 +34,9 @@ class Estimate:
     def __init__(self, prior: Array, metric: Metric | None = None):
         self.metric, self._prior = metric, np.array(prior, dtype=np.float64)
         if metric is not None:
-            self._law = metric.law(np.zeros(1))
+            self._begin, self._descend = adaptation_in(metric.compiled)
             first, second, ahead, guess = np.empty((4, len(prior)))
-            self._work = Descent(first, second, ahead, guess, chart_of(self._law.cone))
+            self._work = Descent(first, second, ahead, guess), metric.workspace()
         self.reset()
 
     def reset(self) -> None:
@@ -43,7 +44,7 @@ class Estimate:
         self.theta = self._prior.copy()
         if self.metric is not None:
             self._eta = np.empty(len(self.theta))
-            begin(self._law, self._work, self.theta, self._eta)
+            self._begin(self.metric.numbers, self._work[1], self.theta, self._eta)
 
     def learn(self, slope: Array, step: float) -> None:
         """Integrates the adaptation from sample to sample, `step` [s], with −Wᵀ s (p,) half-way.
@@ -52,7 +53,8 @@ class Estimate:
         """
         if self.metric is not None:
             theta = np.empty(len(self.theta))
-            if descend(self._law, self._work, slope, step, self._eta, self.theta, theta):
+            numbers, eta = self.metric.numbers, self._eta
+            if self._descend(numbers, *self._work, slope, step, eta, self.theta, theta):
                 self.theta = theta
 
 
@@ -63,42 +65,58 @@ class Descent(NamedTuple):
     second: Array  # (p,) rate after a first step
     ahead: Array  # (p,) η after it
     guess: Array  # (p,) θ̂ after it
-    chart: Chart
 
 
-DESCENT = types.NamedTuple((vector, vector, vector, vector, CHART), Descent)
+_DESCENT = types.NamedUniTuple(vector, 4, Descent)
+
+# names of a metric's compiled functions in the text below, to which `adaptation_in` gives a meaning
+enter: Any = None
+leave: Any = None
+adapt: Any = None
+hold: Any = None
 
 
-@kernel(void(LAW, DESCENT, vector, vector))
-def begin(law, work, theta, eta):
-    """Writes the chart's η (p,) of θ̂ (p,)."""
-    enter(law, theta, eta, work.chart)
+def begin(numbers, own, theta, eta):
+    """Writes the metric's coordinates η (p,) of θ̂ (p,)."""
+    enter(numbers, theta, eta, own)
 
 
-@kernel(boolean(LAW, DESCENT, vector, f8, vector, vector, vector))
-def descend(law, work, slope, step, eta, theta, moved):
-    """A step of Heun's method in the chart, which θ̂ cannot leave; returns whether it is finite.
+def descend(numbers, work, own, slope, step, eta, theta, moved):
+    """A step of Heun's method in a metric's coordinates; returns whether it is finite.
 
-    `slope` (p,) is −Wᵀ s and `step` a time [s]. η of θ̂ (p,) is moved in place, unless the step
-    fails; `moved` receives θ̂ (p,) at its end.
+    `own` is the metric's workspace, `slope` (p,) is −Wᵀ s and `step` a time [s]. η of θ̂ (p,) is
+    moved in place, unless the step fails; `moved` receives θ̂ (p,) at its end.
     """
-    first, second, ahead, guess, scratch = work
+    first, second, ahead, guess = work
     p = eta.shape[0]
-    adapt(law, eta, theta, slope, first, scratch)
+    adapt(numbers, eta, theta, slope, first, own)
     for i in range(p):
         ahead[i] = eta[i] + step * first[i]
-    hold(law, eta, ahead)
-    leave(law, ahead, guess, scratch)
-    adapt(law, ahead, guess, slope, second, scratch)
+    hold(numbers, eta, ahead, own)
+    leave(numbers, ahead, guess, own)
+    adapt(numbers, ahead, guess, slope, second, own)
     for i in range(p):
         ahead[i] = eta[i] + 0.5 * step * (first[i] + second[i])
-    hold(law, eta, ahead)
-    leave(law, ahead, moved, scratch)
+    hold(numbers, eta, ahead, own)
+    leave(numbers, ahead, moved, own)
     for i in range(p):
         if not np.isfinite(moved[i]):
             return False
     copy_into(ahead, eta)
     return True
+
+
+@cache
+def adaptation_in(metric: CompiledMetric) -> tuple[Callable[..., None], Callable[..., bool]]:
+    """`begin` and `descend` in a metric."""
+    numbers, own = metric.numbers, metric.workspace
+    name = numbers.instance_class.__name__
+    first = composed(begin, name, enter=metric.enter)
+    step = composed(descend, name, leave=metric.leave, adapt=metric.adapt, hold=metric.hold)
+    return (
+        kernel(void(numbers, own, vector, vector))(first),
+        kernel(boolean(numbers, _DESCENT, own, vector, f8, vector, vector, vector))(step),
+    )
 
 
 class Demand(NamedTuple):

@@ -14,12 +14,13 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from ...numerics.kernels import cube, f8, kernel, routine, vector, void
+from ...numerics.kernels import cube, f8, kernel, vector, void
 from ...numerics.small_matrices import LANES, over_lanes
 from ...parameters import Array, Block, ParameterSpace
 from ...quotient.barrier import hessian_into, metric_solve
 from ...quotient.cone import (
     CONE,
+    Cone,
     compiled,
     cone_of,
     coordinates,
@@ -47,13 +48,11 @@ class Chart(NamedTuple):
 CHART = types.NamedTuple((cube, f8[:, ::1], vector, vector), Chart)
 
 
-@routine(CHART(CONE), _nrt=True)
-def chart_of(cone):
-    """Allocates the workspace of the functions below."""
+def chart_of(cone: Cone) -> Chart:
+    """New workspace of the functions below."""
     k, c = 1, 1
-    for block in cone.others:
-        k = max(k, cone.blocks[block, 2])
-        c = max(c, cone.blocks[block, 1] - cone.blocks[block, 0])
+    for start, end, size in cone.blocks[cone.others, :3]:
+        k, c = max(k, size), max(c, end - start)
     rows = np.ones(31 * LANES)
     first = (-rows.ctypes.data % (8 * LANES)) // 8  # lanes that straddle cache lines take a sixth
     rows = rows[first : first + 30 * LANES]  # of the law's time

@@ -7,13 +7,96 @@ logarithmically homogeneous, ∇²b θ = −∇b, and by (30) ½ θ̂ᵀ Γ⁻¹
 in docs/theory.md.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numba import types
 
 from ...errors import InvalidInput
+from ...numerics.kernels import boolean, f8, matrix, routine, vector, void
 from ...parameters import Array, ParameterSpace
 from ...quotient.barrier import barrier, barriers, gaps, gradient_and_hessian
-from ...quotient.cone import cone_of, coordinates, inside
-from ..metric import ConstantMetric, Law, Metric
+from ...quotient.cone import CONE, Cone, cone_of, coordinates, inside
+from ..metric import CompiledMetric, ConstantMetric, Metric
+from .chart import (
+    CHART,
+    Chart,
+    chart_of,
+    confine,
+    dense_rate_into,
+    from_chart_into,
+    height,
+    natural_rate_into,
+    to_chart_into,
+)
+
+ACCURACY = 1e-7
+"""Largest change of the conserved quantity in one step, relative to μν."""
+
+
+class ConeNumbers(NamedTuple):
+    """The cone's metric for compiled loops."""
+
+    stiffness: Array  # (p, p) Γ⁻¹, or its diagonal (1, p)
+    cone: Cone
+    pairing: Array  # (e,) `coordinates` of the cone
+    mu: float  # weight μ of the barrier [J]
+
+
+_NUMBERS = types.NamedTuple((matrix, CONE, vector, f8), ConeNumbers)
+
+
+@routine(void(_NUMBERS, vector, vector, CHART))
+def _enter(numbers, theta, eta, chart):
+    """Writes η (p,) of θ̂ (p,)."""
+    to_chart_into(numbers.cone, theta, eta, chart)
+
+
+@routine(void(_NUMBERS, vector, vector, CHART))
+def _leave(numbers, eta, theta, chart):
+    """Writes θ̂ (p,) of η (p,)."""
+    from_chart_into(numbers.cone, eta, numbers.pairing, theta, chart)
+
+
+@routine(void(_NUMBERS, vector, vector, vector, vector, CHART))
+def _adapt(numbers, eta, theta, gradient, rate, chart):
+    """Writes η̇ (p,) for θ̂̇ = (Γ⁻¹ + μ ∇²b)⁻¹ Wᵀ Δv, at η and θ̂ (p,)."""
+    cone, stiffness, mu = numbers.cone, numbers.stiffness, numbers.mu
+    if stiffness.shape[0] == 1:
+        natural_rate_into(cone, eta, theta, stiffness[0], mu, gradient, rate, chart)
+    else:
+        dense_rate_into(cone, eta, theta, stiffness, mu, gradient, rate)
+
+
+@routine(void(_NUMBERS, vector, vector, CHART))
+def _hold(numbers, start, eta, chart):
+    """Shortens the step from `start` (p,) to η (p,), in place, where θ̂ would leave the cone."""
+    confine(numbers.cone, start, eta)
+
+
+@routine(f8(matrix, vector))
+def _stored(stiffness, theta):
+    """θᵀ Γ⁻¹ θ at θ (p,), for Γ⁻¹ (p, p) or its diagonal (1, p)."""
+    total = 0.0
+    for i in range(theta.shape[0]):
+        if stiffness.shape[0] == 1:
+            total += stiffness[0, i] * theta[i] * theta[i]
+            continue
+        for j in range(theta.shape[0]):
+            total += theta[i] * stiffness[i, j] * theta[j]
+    return total
+
+
+@routine(boolean(_NUMBERS, vector, vector, vector, vector, CHART))
+def _accurate(numbers, start, eta, before, theta, chart):
+    """Whether the conserved quantity's change in a step is at most `ACCURACY`.
+
+    It is not where θ̂ is outside the cone, as only rounding could bring about.
+    """
+    cone = numbers.cone
+    change = _stored(numbers.stiffness, theta) - _stored(numbers.stiffness, before)
+    b = height(cone, eta, theta, chart) - height(cone, start, before, chart)
+    return abs(change - 2 * numbers.mu * b) <= ACCURACY * numbers.mu * cone.degree
 
 
 class ConeMetric(Metric):
@@ -35,6 +118,8 @@ class ConeMetric(Metric):
     """
 
     conserves = True
+    divides = True
+    compiled = CompiledMetric(_NUMBERS, CHART, _enter, _leave, _adapt, _hold, _accurate)
 
     def __init__(self, space: ParameterSpace, Gamma: Array, prior: Array, mu: float):
         self._flat = ConstantMetric(Gamma, size=len(space))
@@ -44,7 +129,8 @@ class ConeMetric(Metric):
         self.mu, self.cone = float(mu), cone_of(space)
         whole = self.Gamma.ndim == 2
         stiffness = np.asarray(np.linalg.inv(self.Gamma) if whole else 1 / self.Gamma, np.float64)
-        self._pairing, self._inverse_gain = coordinates(self.cone), stiffness
+        pairing = coordinates(self.cone)
+        self.numbers = ConeNumbers(np.atleast_2d(stiffness), self.cone, pairing, self.mu)
         prior = space.check(prior, "prior")
         if not inside(self.cone, prior):
             raise InvalidInput(
@@ -57,10 +143,9 @@ class ConeMetric(Metric):
         self.cancelling = self.mu * (2 * abs(self._offset) + self.cone.degree)
         self.stiffness = (stiffness if whole else np.diag(stiffness)) / self.mu
 
-    def law(self, K: Array) -> Law:
-        """K (n,) or (n, n) and the metric, for compiled loops."""
-        gains = np.atleast_2d(K), np.atleast_2d(self._inverse_gain)
-        return Law(*gains, self.cone, self._pairing, self.mu)
+    def workspace(self) -> Chart:
+        """New workspace of the compiled functions."""
+        return chart_of(self.cone)
 
     def conserved(self, theta_hat: Array) -> Array:
         """(...,) θ̂ᵀ Γ⁻¹ θ̂ − 2 μ (b(θ̂) − b(θ̂₀)) of estimates (..., p)."""

@@ -23,24 +23,17 @@ from numba import types
 from ...numerics.kernels import f8, helper, i8, kernel, matrix, routine, table, vector, void
 from ...numerics.linalg import solve_positive
 from ...parameters import Array
-from ...structure.arrays import (
-    AT,
-    AT_V,
-    CONSTANTS,
-    INPUT,
-    PARAMETER,
-    RIGID,
-    SORT,
-    TEN,
-    StructureArrays,
-    Workspace,
-)  # fmt: skip
-from ...structure.columns import KINDS, joint
-from ...structure.columns.joint import force_alone
+from ...structure.acting import (
+    act,
+    act_on_joints,
+    acting_arrays,
+    acts_on_bodies,
+    gains_of_commands,
+    has_added_inertia,
+)
+from ...structure.arrays import StructureArrays, Workspace
 from ...structure.compiled import STRUCTURE, WORKSPACE
-from ...structure.forces import ALL, ROLLING, write_forces
-from ...structure.kinematics import place, write_rotation
-from ...structure.stage import write_equations
+from ...structure.kinematics import write_rotation
 from ...structure.structure import Structure
 from .callbacks import (
     NUMBERS,
@@ -89,9 +82,16 @@ class Forces:
         parts = self._parts(np.array([*base, *joints], dtype=np.int64))
         places = _HEADER + np.cumsum([0, *(part.size for part in parts)])
         layout = [(at, *(*part.shape, 1)[:2]) for at, part in zip(places, parts, strict=False)]
-        commands, flow = self.structure.n_u, self.flow
-        head = [places[-1], lagged, commands, self.added, *flow, reading.group, reading.free[0]]
-        head.append(self.placed)
+        head = [
+            places[-1],
+            lagged,
+            self.structure.n_u,
+            has_added_inertia(self.structure, self.theta),
+            *self.flow,
+            reading.group,
+            reading.free[0],
+            acts_on_bodies(self.structure, self.theta),
+        ]
         flat = [np.ascontiguousarray(part).ravel().view(np.float64) for part in parts]
         return np.concatenate([head, np.ravel(layout), *flat], dtype=np.float64)
 
@@ -100,25 +100,15 @@ class Forces:
         n, (work, slopes) = self.structure.n, self.structure.memory()
         own = [np.zeros(size) for size in (self.structure.m, n, n, 9, n, n, (n, n), (n, n))]
         theta = np.array(self.theta, dtype=np.float64)
-        return [*self._arrays, dofs, theta, *own, slopes.state, slopes.F, *work]
-
-    @property
-    def _arrays(self) -> StructureArrays:
-        """The structure's, without rigid bodies if MuJoCo has them all."""
-        arrays = self.structure.arrays
-        tens = [i.start for i in self.structure.inertias if i.tensor is None]
-        if any(self.theta[k : k + 10].any() for k in tens):
-            return arrays
-        bodies = arrays.bodies.copy()
-        bodies[:, TEN], bodies[:, RIGID] = -1, 0
-        return arrays._replace(bodies=bodies)
-
-    @property
-    def placed(self) -> bool:
-        """Whether any force depends on the bodies' poses."""
-        near = {kind.name for kind in joint.KINDS if kind.name != "load"}
-        acting = (c for c in self.structure.columns if self.theta[c.parameter])
-        return self.added or any(c.kind not in near for c in acting)
+        return [
+            *acting_arrays(self.structure, theta),
+            dofs,
+            theta,
+            *own,
+            slopes.state,
+            slopes.F,
+            *work,
+        ]
 
     @property
     def size(self) -> int:
@@ -127,23 +117,10 @@ class Forces:
         return _HEADER + sum(part.size for part in parts)
 
     @property
-    def added(self) -> bool:
-        """Whether there is inertia beyond MuJoCo's."""
-        return any(
-            self.theta[i.start : i.start + i.tensor.shape[2]].any()
-            for i in self.structure.inertias
-            if i.tensor is not None
-        )
-
-    @property
     def gain_places(self) -> list[list[int]]:
         """For every command, the indices in `numbers` of its actuator's parameters."""
         start = _HEADER + sum(part.size for part in self.structure.arrays) + 4 * self.structure.n
-        acting = [c for c in self.structure.columns if KINDS[c.kind].actuator]
-        return [
-            sorted({start + c.parameter for c in acting if c.input == k})
-            for k in range(self.structure.n_u)
-        ]
+        return [[start + k for k in own] for own in gains_of_commands(self.structure)]
 
 
 class _Memory(NamedTuple):
@@ -245,25 +222,6 @@ def _push(d, dofs, work, own):
         force[i] = L[0, i]
 
 
-@helper(void(vector, STRUCTURE, WORKSPACE, _MEMORY, table, vector, vector, vector, vector))
-def _begin(d, structure, work, own, dofs, theta, qpos, qvel, u):
-    """Writes F θ in the world's axes, or with added inertias F θ − C_A v_r in the body's."""
-    _read(d, dofs, qpos, qvel, own)
-    place(structure, own.q, own.v, own.state)
-    if d[_ADDED] > 0:
-        write_equations(structure, own.state, own.v, theta, work, own.force)
-    else:
-        for i in range(own.force.shape[0]):
-            own.force[i] = 0.0
-    q, v, F, x, nonzeros = own.q, own.v, own.F, work.scratch, structure.nonzeros
-    write_forces(structure, own.state, q, v, u, ALL, x, F)
-    if d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0:
-        place(structure, q, own.ground, own.state)
-        write_forces(structure, own.state, q, v, u, ROLLING, x, F)
-    for z in range(nonzeros.shape[0]):
-        own.force[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
-
-
 _VIEWS = types.UniTuple(vector, 5)  # of userdata, commands, qpos, qvel and qfrc_passive
 
 
@@ -279,32 +237,36 @@ def _views(data, at_user, at_ctrl, at_act, at_q, at_v, at_force):
     return d, u, qpos, qvel, array_at(pointer(arrays[at_force], NUMBERS), WORDS)
 
 
-@routine(void(types.uintp, vector, vector, vector, vector), _nrt=True)
-def _act_on_joints(user, u, qpos, qvel, passive):
-    """Adds the forces on joints, where none depends on the bodies' poses."""
-    bodies, columns = table_of(user, _LAYOUT, 0), table_of(user, _LAYOUT, 7)
-    constants, theta = vector_of(user, _LAYOUT, 8), vector_of(user, _LAYOUT, _THETA)
-    dofs = table_of(user, _LAYOUT, _DOFS)
-    for k in range(columns.shape[0]):
-        gain = theta[columns[k, PARAMETER]]
-        if gain == 0.0:
-            continue
-        i, own = bodies[columns[k, AT], AT_V], columns[k, CONSTANTS]
-        angle, rate = qpos[dofs[i, 1]], qvel[dofs[i, 0]]
-        command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
-        force = force_alone(columns[k, SORT], constants, own, angle, rate, command)
-        passive[dofs[i, 0]] += gain * force
-
-
-@routine(void(types.uintp, types.uintp, types.uintp, *(vector,) * 5), _nrt=True)
-def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
-    """Adds all forces, from arrays in userdata."""
-    structure = StructureArrays(
+@routine(STRUCTURE(types.uintp), _nrt=True)
+def _structure(user):
+    """The structure, in userdata at an address."""
+    return StructureArrays(
         table_of(user, _LAYOUT, 0), vector_of(user, _LAYOUT, 1), vector_of(user, _LAYOUT, 2),
         table_of(user, _LAYOUT, 3), table_of(user, _LAYOUT, 4), vector_of(user, _LAYOUT, 5),
         table_of(user, _LAYOUT, 6), table_of(user, _LAYOUT, 7), vector_of(user, _LAYOUT, 8),
         table_of(user, _LAYOUT, 9),
     )  # fmt: skip
+
+
+@routine(void(types.uintp, vector, vector, vector, vector), _nrt=True)
+def _act_on_joints(user, u, qpos, qvel, passive):
+    """Adds the forces on joints, where none depends on the bodies' poses."""
+    structure = _structure(user)
+    theta, dofs = vector_of(user, _LAYOUT, _THETA), table_of(user, _LAYOUT, _DOFS)
+    angles, rates = vector_of(user, _LAYOUT, _OWN + 1), vector_of(user, _LAYOUT, _OWN + 2)
+    force = vector_of(user, _LAYOUT, _OWN + 4)
+    for i in range(force.shape[0]):
+        angles[i], rates[i] = qpos[dofs[i, 1]], qvel[dofs[i, 0]]
+        force[i] = passive[dofs[i, 0]]
+    act_on_joints(structure, theta, angles, rates, u, force)
+    for i in range(force.shape[0]):
+        passive[dofs[i, 0]] = force[i]
+
+
+@routine(void(types.uintp, types.uintp, types.uintp, *(vector,) * 5), _nrt=True)
+def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
+    """Adds all forces, from arrays in userdata."""
+    structure = _structure(user)
     work = Workspace(
         vector_of(user, _LAYOUT, _WORK),
         vector_of(user, _LAYOUT, _WORK + 1),
@@ -326,8 +288,14 @@ def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
         vector_of(user, _LAYOUT, _OWN + 9),
     )
     dofs, theta = table_of(user, _LAYOUT, _DOFS), vector_of(user, _LAYOUT, _THETA)
-    _begin(d, structure, work, own, dofs, theta, qpos, qvel, u)
-    if d[_ADDED] > 0:
+    added = d[_ADDED] > 0
+    flowing = d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0
+    _read(d, dofs, qpos, qvel, own)
+    act(
+        structure, theta, own.q, own.v, own.ground, u, added, flowing, work, own.state, own.F,
+        own.force,
+    )  # fmt: skip
+    if added:
         _full_m(model, data, user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 6)]))
         _rne(model, data, np.int32(0), user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 5)]))
         _push(d, dofs, work, own)
