@@ -14,12 +14,11 @@ from ..numerics.threads import single_threaded
 from ..resources import asset
 from ..robot.model import RobotModel
 from .calibrate import calibrate
-from .joints import BASIC, COLUMNS
+from .choose.columns import BASIC, COLUMNS, EXTRA
 from .law import LAWS, with_law
 from .links import Load, load_of
 from .models import load_robot_model
 from .result import Identification, Options
-from .vehicles import EXTRA
 
 PathLike = str | Path
 
@@ -58,7 +57,7 @@ def identify(
         lock: joints that do not move.
         joints: the joints that move; all others are locked.
         columns: columns of all joints besides rotor inertia, viscous and Coulomb friction, names of
-            `calibration.joints.COLUMNS`; None to choose them for every joint inside the log.
+            `COLUMNS` of `calibration.choose`; None to choose them for every joint inside the log.
         delay: delay of the commands [s], one or one per command; None to search within ±0.2 s.
         cutoff: cut-off frequency of the low-pass filter [Hz]; None for the motion's bandwidth.
         law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` also
@@ -158,13 +157,13 @@ def _options(
         InvalidInput: delays are not 1 or k numbers within ±1 s, the cut-off is out of range, a load
             is stated in another form, or the robot that carries it is not a tree of joints.
     """
-    k, arm, names, delays = len(robot.joints), robot.system is None, None, None
+    k, names, delays = len(robot.joints), None, None
     if columns is not None:
-        choices = COLUMNS if arm else EXTRA
+        choices = COLUMNS if robot.jointed else EXTRA
         for name in columns:
             if name not in choices:
                 raise UnknownName("column", name, choices)
-        names = frozenset(columns) | (BASIC if arm else frozenset())
+        names = frozenset(columns) | (BASIC if robot.jointed else frozenset())
     if delay is not None:
         given = np.atleast_1d(np.asarray(delay, dtype=np.float64))
         if given.shape not in ((1,), (k,)) or not (np.abs(given) <= 1.0).all():
@@ -173,7 +172,7 @@ def _options(
         delays = np.broadcast_to(given, (k,)).copy()
     if cutoff is not None and not 0.1 <= cutoff <= 1000.0:
         raise InvalidInput("cutoff", "0.1 to 1000 Hz", cutoff, "Leave it out to have it chosen.")
-    if loads and not arm:
+    if loads and not robot.jointed:
         raise InvalidInput("--load", "a robot of joints", "a vehicle", "Give --known.")
     carried = tuple(load_of(load) if isinstance(load, str) else load for load in loads)
     return Options(names, coupled, delays, cutoff, carried)

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from nsaid_mj.calibration.choose.columns import BASIC
 from nsaid_mj.calibration.export import write_models
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import BASIC
 from nsaid_mj.calibration.models import load_robot_model
 from tests.support.gears import GAIN, RIGID, Gear, log, mjcf, written
 from tests.support.robot_logs import write_csv

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.links import file_links, sizes_of_links, torque_rows, weight_columns
+from nsaid_mj.calibration.links import file_links, sizes_of_links, weight_columns
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.result import Identification
 from tests.support.robot_logs import TWO_LEGS, write_csv
@@ -84,10 +84,11 @@ def test_the_gain_of_a_head_that_stands_still_is_a_wide_guess(biped, tmp_path):
 def test_a_limb_that_stands_still_on_a_vertical_axis_has_its_mass_as_size(biped):
     """Neither weight nor inertia acts on its joint."""
     path = with_head(biped[0].parent)
-    model, rng = load_robot_model(str(path)).model, np.random.default_rng(0)
+    robot, rng = load_robot_model(str(path)), np.random.default_rng(0)
+    model, system = robot.model, robot.system
     q, v, a = rng.uniform(-1, 1, (3, 50, 7)) * np.append(np.ones(6), 0.0)
-    moving = torque_rows(model, q, v, a).reshape(-1, 70)
-    sizes = sizes_of_links(model, moving, weight_columns(model, q))
+    moving = system.regressor(0.0, np.hstack([q, v]), v, a, np.zeros(7)).reshape(-1, 70)
+    sizes = sizes_of_links(model, moving, weight_columns(system, q))
     np.testing.assert_allclose(sizes @ file_links(model), 1.0, rtol=1e-9)
     assert sizes[2].nonzero()[0].tolist() == [60] and sizes[2, 60] == pytest.approx(0.5)
 

@@ -10,9 +10,10 @@ import pinocchio as pin
 import pytest
 from scipy.ndimage import uniform_filter1d
 
+from nsaid_mj.calibration.choose.columns import BASIC, SPEEDS, Choice
 from nsaid_mj.calibration.fit import minimise, precision
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import BASIC, SPEEDS, Choice, JointRows
+from nsaid_mj.calibration.joints import JointRows
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.problem import Problem
 from nsaid_mj.calibration.residuals import (

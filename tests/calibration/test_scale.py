@@ -10,10 +10,11 @@ import pytest
 from nsaid_mj.calibration import calibrate as calibration
 from nsaid_mj.calibration.arms import expected_gains, structured_arm
 from nsaid_mj.calibration.calibrate import _held_out
+from nsaid_mj.calibration.choose.columns import BASIC, Choice
 from nsaid_mj.calibration.export import identified
 from nsaid_mj.calibration.fit import Prior, minimise
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import BASIC, Choice, JointRows
+from nsaid_mj.calibration.joints import JointRows
 from nsaid_mj.calibration.links import file_links, link_blocks, sizes_of_links
 from nsaid_mj.calibration.problem import Problem, Size
 from nsaid_mj.calibration.result import Identification, JointFit, Options
