@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.links import file_links, sizes_of_links, weight_columns
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.result import Identification
@@ -49,7 +49,7 @@ def biped(tmp_path_factory) -> tuple[Path, Path, np.ndarray]:
 @pytest.fixture(scope="module")
 def identified(biped) -> tuple[Identification, np.ndarray]:
     model, log, gain = biped
-    return identify(str(model), [log]), gain
+    return identify_forces(str(model), [log]), gain
 
 
 def test_gains_of_both_legs_are_covered(identified):
@@ -76,7 +76,7 @@ def test_the_gain_of_a_head_that_stands_still_is_a_wide_guess(biped, tmp_path):
     still = rng.normal(size=(len(values), 3)) * [1e-4, 2e-3, 1e-3]
     columns = [*names.split(","), "pan_pos", "pan_vel", "pan_effort"]
     table = dict(zip(columns, np.hstack([values, still]).T, strict=True))
-    found = identify(str(with_head(tmp_path)), [write_csv(tmp_path / "log.csv", table)])
+    found = identify_forces(str(with_head(tmp_path)), [write_csv(tmp_path / "log.csv", table)])
     gain = found.of("motor gain")[-1]
     assert gain.low < 1.0 < gain.high and gain.status != "identified"
 
@@ -95,6 +95,6 @@ def test_a_limb_that_stands_still_on_a_vertical_axis_has_its_mass_as_size(biped)
 
 def test_a_known_gain_says_nothing_of_the_other_leg(biped):
     model, log, gain = biped
-    result = identify(str(model), [log], known={"gain_1": float(gain[0])})
+    result = identify_forces(str(model), [log], known={"gain_1": float(gain[0])})
     (told,) = (f for f in result.findings if f.code == "known_in_combination")
     assert "not at all to those of other limbs" in told.text and "of each limb" in told.remedy

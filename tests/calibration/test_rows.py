@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.calibration.choose.columns import COLUMNS, SPEEDS, STRIBECK, Choice
-from nsaid_mj.calibration.identify import files_of, identify, recordings_of
+from nsaid_mj.calibration.identify import files_of, identify_forces, recordings_of
 from nsaid_mj.calibration.joints import JointRows
 from nsaid_mj.calibration.links import file_links
 from nsaid_mj.calibration.measured import log_robot
@@ -147,7 +147,7 @@ def test_friction_follows_the_weight_of_the_links_that_load_it():
 
 def test_a_law_follows_the_system_whose_rows_were_fitted():
     """Positions of continuous joints are (cos, sin) to a law, and angles in the rows."""
-    found = identify("tx40", columns=["load", "stribeck", "offset"], delay=0.0)
+    found = identify_forces("tx40", columns=["load", "stribeck", "offset"], delay=0.0)
     system, problem = log_robot(found).robot_of(found.robot).system, found.fitted.problem
     recordings = refined(found.recordings)
     rows = JointRows(found.robot, recordings, filter_for(recordings, found.cutoff), np.ones(6))
