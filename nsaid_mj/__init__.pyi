@@ -6,6 +6,7 @@ from .calibration.measured import LiveRobot as LiveRobot
 from .calibration.measured import LogRobot as LogRobot
 from .calibration.models import load_robot_model as load_robot_model
 from .calibration.result import Identification as Identification
+from .calibration.servos.words import ServoIdentification as ServoIdentification
 from .cli import main as main
 from .control import DriverConfig as DriverConfig
 from .control import Phase as Phase

@@ -34,7 +34,7 @@ import numpy as np
 
 from nsaid_mj.calibration.arms import structured_arm
 from nsaid_mj.calibration.fit import minimise, tempered, tempered_fit
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.links import Load
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.problem import least_squares
@@ -57,7 +57,7 @@ def arms(robots: list[str], seeds: range, duration: float, rate: float) -> None:
         with tempfile.TemporaryDirectory() as folder:
             path = simulated.write(Path(folder) / "log.csv")
             known = {"gain_1": float(simulated.gain[0])}
-            found = identify(nominal_model(simulated, seed), path, known=known)
+            found = identify_forces(nominal_model(simulated, seed), path, known=known)
         gains = found.of("motor gain")
         ratio = np.array([p.value for p in gains]) / simulated.gain
         inside = [p.low <= k <= p.high for p, k in zip(gains, simulated.gain, strict=True)]
@@ -80,7 +80,7 @@ def scale(robots: list[str], seeds: range, duration: float) -> None:
     for name, seed in ((name, seed) for name in robots for seed in seeds):
         log = HeavyWrist(name, seed, duration)
         with tempfile.TemporaryDirectory() as folder:
-            found = identify(log.robot, log.write(Path(folder) / "log.csv"))
+            found = identify_forces(log.robot, log.write(Path(folder) / "log.csv"))
         gains, true = found.of("motor gain"), log.gain
         off = np.log([p.value for p in gains] / true)
         half = np.array([np.inf if p.relative is None else p.relative for p in gains])
@@ -125,7 +125,7 @@ def loaded_arm(seed: int, folder: Path) -> np.ndarray:
     free = HeavyWrist("ur5", seed, 15.0)
     loaded = free.loaded(seed, 2.0, np.array([0.04, -0.02, 0.12]))
     logs = [free.write(folder / "free.csv"), loaded.write(folder / "loaded.csv")]
-    gains = identify(free.robot, logs, loads=["loaded.csv:2kg"]).of("motor gain")[:3]
+    gains = identify_forces(free.robot, logs, loads=["loaded.csv:2kg"]).of("motor gain")[:3]
     ratios = np.array([[g.value, g.low, g.high] for g in gains]) / free.gain[:3, None]
     return np.exp(np.log(ratios).mean(axis=0))
 
@@ -160,7 +160,7 @@ def essential() -> dict[str, tuple[float, float, bool]]:
     within three published deviations or 10 %, whichever is larger.
     """
     known = {f"gain_{i}": 1.0 for i in range(1, 7)}
-    found = identify("tx40", known=known, columns=["viscous"], delay=0.0)
+    found = identify_forces("tx40", known=known, columns=["viscous"], delay=0.0)
     values = {p.name: p.value for p in found.parameters}
 
     def combination(words: str) -> float:
@@ -203,7 +203,7 @@ def tx40() -> None:
         mark = "" if agrees else "off"
         print(f"{words[:40]:40} published {published:8.4f} ours {own:8.4f} {mark}")
     print(f"{sum(agrees for *_, agrees in table.values())} of {len(table)} agree")
-    for gain in identify("tx40").of("motor gain"):
+    for gain in identify_forces("tx40").of("motor gain"):
         print(f"{gain.label}: {gain.value:.3f} [{gain.low:.2f}, {gain.high:.2f}] {gain.status}")
 
 
@@ -215,7 +215,7 @@ def laws() -> None:
         logs = {"TX40": ("tx40", ()), "`ur5`, simulated": ("ur5", folder / "ur5" / "record.arrow")}
         for name, (model, log) in logs.items():
             for law in ("efficient", "memory", "cone", "paper"):
-                found = identify(model, log, law=law).law
+                found = identify_forces(model, log, law=law).law
                 assert found is not None
                 print(f"| {name} | {law} | {' | '.join(_row(found))} |", flush=True)
 

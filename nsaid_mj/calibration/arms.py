@@ -14,8 +14,9 @@ from ..parameters import Array
 from ..robot.findings import Finding, refused
 from ..robot.identified import with_inertias
 from ..robot.model import RobotModel
+from .choose.columns import BASIC, BROAD, SPEEDS, Choice
 from .fit import minimise
-from .joints import BASIC, BROAD, SPEEDS, Choice, JointRows
+from .joints import JointRows
 from .links import file_links
 from .problem import Problem, mean_squares
 from .residuals import Suspect
@@ -57,7 +58,9 @@ def structured_arm(
     report("filtering")
     slow, measured, recordings = rate_checks(recordings.rate), recordings, finer(recordings)
     chosen, unknown = filter_for(recordings, options.cutoff), np.ones(len(robot.joints))
-    rows = JointRows(robot, recordings, chosen, unknown, loads=options.loads)
+    rows = JointRows(
+        robot, recordings, chosen, unknown, loads=options.loads, coupled=options.coupled
+    )
     if robot.weightless:
         rows.robot = robot = _weighed(rows)
         rows.loading = file_links(robot.model)
@@ -84,6 +87,7 @@ def structured_arm(
         again = other.problem(choice)
         return again, arm_suspects(other, choice, again, theta)
 
+    columns, rotors = rows.terms(problem.space, choice)
     parts = zip(robot.joints, choice.columns, choice.speed, choice.delay.tolist(), strict=True)
     return Structured(
         problem,
@@ -95,11 +99,12 @@ def structured_arm(
         ),
         (*notes, *slow, *faults),
         chosen.cutoff,
-        rows.loading,
         choice.delay,
         lambda theta: arm_suspects(rows, choice, problem, theta),
         noisier,
         coupled=options.coupled,
+        columns=columns,
+        rotors=rotors,
     )
 
 

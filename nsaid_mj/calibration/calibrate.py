@@ -62,7 +62,7 @@ def calibrate(
         UnknownName: a known parameter does not exist.
         InvalidInput: a known value is not physical.
     """
-    begin, arm, known = time.perf_counter(), robot.system is None, dict(options.known)
+    begin, known = time.perf_counter(), dict(options.known)
     check_loads(options.loads, [segment.source for segment in recordings.segments])
     for payload in payloads(robot.model, options.loads):
         known |= payload.known
@@ -70,7 +70,7 @@ def calibrate(
     if validation is not None:
         found += [f for f in validation.findings if f not in found]
     _refuse(found)
-    build = structured_arm if arm else structured_vehicle
+    build = structured_arm if robot.jointed else structured_vehicle
     made = build(robot, recordings, validation, options, report)
     found += made.findings
     _refuse(found)
@@ -81,7 +81,7 @@ def calibrate(
     left = followed(fitted.problem, theta, covariance, fitted.share, tried, made.noisier)
     report("predicting held-out parts")
     joints = _joints(fitted, robot)
-    doubted, exact = _judged(fitted, left, joints, arm)
+    doubted, exact = _judged(fitted, left, joints, robot.jointed)
     logs, found, fitted = (recordings, validation), [*found, *doubted], fitted._replace(exact=exact)
     result = _identification(robot, logs, fitted, joints, found, known, begin)
     # elastic gears may cause an apparent offset in the held-out parts of one log, not in another
@@ -156,7 +156,7 @@ def _identification(
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
     found = [*found, *idle_values(problem, scale, known)]
-    judged = verdict(joints, robot.system is None)
+    judged = verdict(joints, robot.jointed)
     explains, sentence = scale.judged(*with_doubts(*judged, found))
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
     parameters, checked = parameters_in_words(problem, fit, exact, gain_spread, common), None
@@ -194,7 +194,7 @@ def _joints(fitted: Fitted, robot: RobotModel) -> tuple[JointFit, ...]:
     """
     made, problem, theta = fitted.made, fitted.problem, fitted.fit.theta
     held_out, plain = _held_out(problem, fitted.share, theta)
-    if robot.system is not None:
+    if not robot.jointed:
         held_out[problem.hardly_moved(theta, robot.system.velocity_units)] = np.nan
     errors = {"fit": problem.nrmse(theta), "held_out": held_out, "least_squares": plain}
     if made.checked is not None:

@@ -24,8 +24,8 @@ from ..structure.joints import JointScales, positions
 from ..structure.multibody import CompiledMultibody
 from .arms import structured_arm
 from .calibrate import calibrate
+from .choose.columns import BASIC
 from .export import departures, identified
-from .joints import BASIC
 from .models import load_robot_model
 from .result import Options
 from .servos.export import rollout, write_by_toolbox, write_servo_mjcf

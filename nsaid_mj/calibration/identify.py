@@ -14,12 +14,20 @@ from ..numerics.threads import single_threaded
 from ..resources import asset
 from ..robot.model import RobotModel
 from .calibrate import calibrate
-from .joints import BASIC, COLUMNS
+from .choose.columns import BASIC, COLUMNS, EXTRA
 from .law import LAWS, with_law
 from .links import Load, load_of
 from .models import load_robot_model
 from .result import Identification, Options
-from .vehicles import EXTRA
+from .servos.export import with_replay
+from .servos.identify import (
+    check_servo_options,
+    identify_servos,
+    read_servos,
+    servo_logs,
+)
+from .servos.logs import ServoLogs
+from .servos.words import ServoIdentification
 
 PathLike = str | Path
 
@@ -42,13 +50,17 @@ def identify(
     law: str = "batch",
     folder: PathLike | None = None,
     report: Callable[[str], None] = lambda _: None,
-) -> Identification:
+) -> Identification | ServoIdentification:
     """Identifies plant and actuator parameters of a robot from logs of its motion.
+
+    Of an MJCF whose joints have position servos, and logs of their targets, these are the servos';
+    `known`, `columns`, `delay`, `cutoff` and laws then have no meaning.
 
     Args:
         model: path of a URDF, MJCF or vehicle's TOML file; the name of a robot or vehicle, packed
             or of example-robot-data; or a model already loaded.
-        logs: files of position, velocity (if any) and command; none for the packed log of `tx40`.
+        logs: files of position, velocity (if any) and command; none for the packed logs of `tx40`
+            and `so101`.
         validate: files excluded from the fit, on which the estimate is validated.
         mapping: the meaning of the logs' columns: the path of a map.toml, or None to match columns
             with the model's joints by name.
@@ -58,7 +70,7 @@ def identify(
         lock: joints that do not move.
         joints: the joints that move; all others are locked.
         columns: columns of all joints besides rotor inertia, viscous and Coulomb friction, names of
-            `calibration.joints.COLUMNS`; None to choose them for every joint inside the log.
+            `COLUMNS` of `calibration.choose`; None to choose them for every joint inside the log.
         delay: delay of the commands [s], one or one per command; None to search within ±0.2 s.
         cutoff: cut-off frequency of the low-pass filter [Hz]; None for the motion's bandwidth.
         law: `batch`, the fit to all rows at once; `efficient`, `memory`, `cone` and `paper` also
@@ -67,12 +79,53 @@ def identify(
         report: called with the name of every stage, for progress.
 
     Returns:
-        The result, whose `explains` and `verdict` say whether the model explains the log at all.
+        The result, whose `explains` and `verdict` say whether the model explains the log at all;
+        that of servos is a `ServoIdentification`.
 
     Raises:
         UnusableLog: a fault of the log, such as a reversed or dead channel, with all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
+    if law not in LAWS:
+        raise UnknownName("law", law, LAWS)
+    lists, carried = (_listed(logs), _listed(validate)), tuple(map(_load, loads))
+    own, other = _read_map(mapping), _read_map(validate_mapping)
+    servos = servos_of(model, lists[0], own, lock, joints, carried)
+    if servos is not None:
+        check_servo_options(law, known=known, columns=columns, delay=delay, cutoff=cutoff)
+        found = identify_servos(servos, report)
+        if not lists[1]:
+            return found
+        unseen = servos_of(model, lists[1], other or own, lock, joints)
+        report("simulating the validation logs with the identified servos")
+        return with_replay(found, servos, unseen)
+    return identify_forces(
+        model, lists[0], validate=lists[1], mapping=own, validate_mapping=other, known=known,
+        loads=carried, lock=lock, joints=joints, columns=columns, delay=delay, cutoff=cutoff,
+        law=law, folder=folder, report=report,
+    )  # fmt: skip
+
+
+@single_threaded
+def identify_forces(
+    model: str | RobotModel,
+    logs: PathLike | Sequence[PathLike] = (),
+    *,
+    validate: PathLike | Sequence[PathLike] = (),
+    mapping: PathLike | Map | None = None,
+    validate_mapping: PathLike | Map | None = None,
+    known: Mapping[str, float] | None = None,
+    loads: Sequence[str | Load] = (),
+    lock: Sequence[str] = (),
+    joints: Sequence[str] | None = None,
+    columns: Sequence[str] | None = None,
+    delay: float | Sequence[float] | None = None,
+    cutoff: float | None = None,
+    law: str = "batch",
+    folder: PathLike | None = None,
+    report: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Identifies a robot from logs whose commands are forces, in any unit; see `identify`."""
     if law not in LAWS:
         raise UnknownName("law", law, LAWS)
     report("reading the model")
@@ -85,6 +138,26 @@ def identify(
     options = _options(robot, columns, coupled(chosen), delay, cutoff, loads)
     found = calibrate(robot, recordings, validation, replace(options, known=known or {}), report)
     return found if law == "batch" else with_law(found, law, folder, report)
+
+
+def servos_of(
+    model: str | Path | RobotModel,
+    logs: Sequence[Path],
+    mapping: Map | None = None,
+    lock: Sequence[str] = (),
+    joints: Sequence[str] | None = None,
+    loads: Sequence[Load] = (),
+) -> ServoLogs | None:
+    """An arm of position servos and its logs of targets; None of any other robot or logs."""
+    if isinstance(model, RobotModel):
+        if model.servos is None or not logs:
+            return None
+        return read_servos(model, read_tables(logs, mapping), mapping, loads)
+    return servo_logs(model, logs, mapping, lock, joints, loads)
+
+
+def _load(load: str | Load) -> Load:
+    return load_of(load) if isinstance(load, str) else load
 
 
 def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:
@@ -158,13 +231,13 @@ def _options(
         InvalidInput: delays are not 1 or k numbers within ±1 s, the cut-off is out of range, a load
             is stated in another form, or the robot that carries it is not a tree of joints.
     """
-    k, arm, names, delays = len(robot.joints), robot.system is None, None, None
+    k, names, delays = len(robot.joints), None, None
     if columns is not None:
-        choices = COLUMNS if arm else EXTRA
+        choices = COLUMNS if robot.jointed else EXTRA
         for name in columns:
             if name not in choices:
                 raise UnknownName("column", name, choices)
-        names = frozenset(columns) | (BASIC if arm else frozenset())
+        names = frozenset(columns) | (BASIC if robot.jointed else frozenset())
     if delay is not None:
         given = np.atleast_1d(np.asarray(delay, dtype=np.float64))
         if given.shape not in ((1,), (k,)) or not (np.abs(given) <= 1.0).all():
@@ -173,7 +246,6 @@ def _options(
         delays = np.broadcast_to(given, (k,)).copy()
     if cutoff is not None and not 0.1 <= cutoff <= 1000.0:
         raise InvalidInput("cutoff", "0.1 to 1000 Hz", cutoff, "Leave it out to have it chosen.")
-    if loads and not arm:
+    if loads and not robot.jointed:
         raise InvalidInput("--load", "a robot of joints", "a vehicle", "Give --known.")
-    carried = tuple(load_of(load) if isinstance(load, str) else load for load in loads)
-    return Options(names, coupled, delays, cutoff, carried)
+    return Options(names, coupled, delays, cutoff, tuple(map(_load, loads)))

@@ -155,10 +155,10 @@ def signal_names(robot: RobotModel) -> dict[str, list[tuple[str, str]]]:
     """Name and unit of every position q, velocity v and command u; "" for an unknown unit."""
     system, rates = robot.system, [f"{unit}/s" for unit in robot.units]
     q, v, units = robot.joints, robot.joints, list(robot.units)
-    if system is not None:
+    if not robot.jointed:
         q, v = position_labels(system), velocity_labels(system)
-        if system.group == 6:  # its attitude is a quaternion
-            units[3:6] = [""] * 4
+    if system.group == 6:  # its attitude is a quaternion
+        units[3:6] = [""] * 4
     return {
         "q": list(zip(q, units, strict=False)),
         "v": list(zip(v, rates, strict=False)),

@@ -4,23 +4,34 @@ The balance of joint j, in the notation of docs/theory.md:
 
     inertia and weight of the links + rotor + friction + offset + coupling − k_j u_j(t − δ_j) = 0
 
-with the columns of friction chosen by name for each joint.
+with the columns of friction chosen by name for each joint. All candidates are columns of one
+system, whose regressor is computed and filtered once; a choice takes some of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import scipy
 
 from ..logs.recordings import Recordings
-from ..parameters import Array, Block, ParameterSpace
-from ..robot.identified import with_inertias
+from ..parameters import Array, Block, Indices, ParameterSpace
 from ..robot.model import RobotModel
-from ..structure.columns import KINDS, Kind
 from ..structure.joints import slides
+from ..structure.parts import Column, Rotor
+from .choose.columns import (
+    COLUMNS,
+    COUPLINGS,
+    FASTENED,
+    SPEEDS,
+    Choice,
+    coupling_columns,
+    coupling_names,
+    joint_column,
+    motors,
+)
 from .links import (
     Load,
     file_links,
@@ -29,80 +40,41 @@ from .links import (
     own_inertia,
     payloads,
     sizes_of_links,
-    torque_rows,
     weight_columns,
-    weight_of,
 )
 from .problem import Problem, Size, mean_squares
-from .smoothing import Filter, Smooth, delayed, smooth, smooth_commands
-
-SPEEDS = (0.005, 0.02, 0.05, 0.1, 0.2)
-"""Candidate speeds s [rad/s or m/s] at which tanh(v/s) of Coulomb friction saturates."""
-BROAD = 1  # index of the first that is tried
-
-
-_ROTOR = Kind(-1, "rotor", "rotor inertia", "rotor", ("kg·m²", "kg"))  # a column of M
-_NAMES = ("viscous", "coulomb", "stribeck", "load", "quadratic", "cubic", "spring", "offset")
-COLUMNS = {"rotor": _ROTOR} | {name: KINDS[name] for name in _NAMES}
-COLUMNS["spring"] = replace(KINDS["spring"], geometry="free", share=0.3)  # or a counterweight
-"""Columns of a joint by name: rotor v̇, viscous v, Coulomb tanh(v/s), Stribeck tanh(v/s)
-exp(−(v/0.1)²), load tanh(v/s)·|weight's torque|, quadratic v|v|, cubic v³, spring q, offset 1."""
-
-STRIBECK = 0.1  # speed at which Stribeck friction has fallen to 1/e [rad/s or m/s]
-
-COUPLINGS = ("inertia", "viscous", "coulomb")
-"""Columns of coupled joints i, j: the motor of one turns by v_i ± v_j. Rows i and j have v̇_j and
-v̇_i, v_j and v_i, tanh((v_i ± v_j)/s) and ± the same."""
+from .rows import Rows, unrolled, with_columns
+from .smoothing import Filter, delayed, smooth, smooth_commands
 
 TRUSTED = 0.3  # standard deviation of log k below which commands state their forces
 FILE, WEIGHTLESS = 0.25, 3.0
 """Standard deviations of the logarithm of the links' weight: of a model file, whose masses omit
 cables, covers and oil, or come from CAD with a single density; and of a guess."""
 
-_BLOCK = 2000  # rows whose regressors are computed at once
-
-BASIC = frozenset({"rotor", "viscous", "coulomb"})
-
 _WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
 _FREE = 10.0  # of what may have either sign, over its scale: the rows asked for it
 
-Part = tuple[Block, Array, Array, Array]
-"""A block of θ of c parameters: its columns (N, n, c), its prior (c,), and the prior's spread."""
+Part = tuple[Block, Array, Array]
+"""A block of θ of c parameters, its prior (c,), and the prior's spread."""
+
+Key = tuple[str, int, float | None, int | None]
+"""An entry of a candidate: kind, row, speed s if it has one, and the other joint if it has two."""
 
 
-@dataclass(frozen=True)
-class Choice:
-    """The structure of a robot's joints."""
-
-    columns: tuple[frozenset[str], ...]  # for each joint, names of `COLUMNS`
-    speed: tuple[int, ...]  # for each joint, index of its s in `SPEEDS`
-    delay: Array  # (k,) delay of each command [s]
-    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): the motor turns by v_i ± v_j
-
-    def at(self, joint: int, *names: str, speed: int | None = None) -> Choice:
-        """A copy with further columns, or another speed, at one joint."""
-        columns, speeds = list(self.columns), list(self.speed)
-        columns[joint] = columns[joint] | set(names)
-        speeds[joint] = speeds[joint] if speed is None else speed
-        return replace(self, columns=tuple(columns), speed=tuple(speeds))
-
-
-class JointRows:
+class JointRows(Rows):
     """All candidate columns of a robot's segments, filtered once.
 
     gain (k,) are expected gains [N·m or N per unit of command], spread (k,) the standard deviations
-    of their logarithms, 0 until they are known; `loads` are carried in some of the segments.
+    of their logarithms, 0 until they are known; `loads` are carried in some of the segments;
+    `coupled` are pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
 
     Attributes:
-        motions: the smoothed motion of every segment.
+        system: the robot's, with an angle as the position of every joint.
         links: (N, n, 10 b) columns of the links.
-        diagonal: name of a column → (N, n) entries on the joints' own rows; "coulomb", "stribeck"
-            and "load" have a further leading axis for `SPEEDS`.
+        diagonal: name of a column → (N, n) entries on the joints' own rows; of those of `FASTENED`
+            with a further leading axis for `SPEEDS`.
         loading: (10 b,) parameters of the links whose weight loads the friction.
         driven: numbers of the d joints with a motor, from 0.
-        usable: (N, n) whether a row may be used.
-        t: (N,) times of the rows [s].
-        segment: (N,) number of the segment of each row.
     """
 
     def __init__(
@@ -113,68 +85,62 @@ class JointRows:
         gain: Array,
         spread: Array | float = 0.0,
         loads: tuple[Load, ...] = (),
+        coupled: tuple[tuple[int, int, int], ...] = (),
     ):
-        self.robot, self.recordings, self.chosen, self.loads = robot, recordings, chosen, loads
-        self.gain, self.spread, parts = gain, spread + np.zeros(len(gain)), []
+        super().__init__(recordings, chosen, smooth)
+        self.robot, self.loads, self.coupled = robot, loads, coupled
+        self.gain, self.spread = gain, spread + np.zeros(len(gain))
         self.driven = recordings.driven(robot)
-        for number, segment in enumerate(recordings.segments):
-            motion = smooth(segment, chosen)
-            centres = chosen.centres(len(motion.t))
-            if len(centres):
-                parts.append((number, segment, centres, motion))
-        self._commands = [(s, smooth_commands(s, chosen)) for _, s, _, _ in parts]
-        self.motions = [motion for *_, motion in parts]
-        self.links = np.concatenate([self._links(motion) for motion in self.motions])
-        self.diagonal = {
-            "rotor": self.joined(lambda m: m.a),
-            "viscous": self.joined(lambda m: m.v),
-            "quadratic": self.joined(lambda m: m.v * np.abs(m.v)),
-            "cubic": self.joined(lambda m: m.v**3),
-            "spring": self.joined(lambda m: m.q),
-            "offset": self.joined(lambda m: np.ones_like(m.v)),
-            "coulomb": self._at_speeds(lambda _, slip: slip),
-            "stribeck": self._at_speeds(lambda m, slip: slip * np.exp(-((m.v / STRIBECK) ** 2))),
-        }
+        self.system = unrolled(robot.system)
+        self._commands = [(s, smooth_commands(s, chosen)) for s in self.segments]
+        self._entries: dict[Key, Array] = {}
+        self.links, self.diagonal = self._evaluated()
         self._moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self.motions])
-        self._weight = weight_columns(robot.model, self._moving)
+        self._weight = weight_columns(self.system, self._moving)
         self.reweigh(file_links(robot.model))
-        self.usable = np.concatenate([m.usable[c] for _, _, c, m in parts])
-        self.t = np.concatenate([m.t[c] for _, _, c, m in parts])
-        self.segment = np.concatenate([np.full(len(c), number) for number, _, c, _ in parts])
 
     def like(self, recordings: Recordings, chosen: Filter) -> JointRows:
         """Rows of other recordings or through other filters, with the same motors and loading."""
-        other = JointRows(self.robot, recordings, chosen, self.gain, self.spread, self.loads)
+        other = JointRows(
+            self.robot, recordings, chosen, self.gain, self.spread, self.loads, self.coupled
+        )
         other.reweigh(self.loading)
         other.driven = self.driven
         return other
 
-    def joined(self, function: Callable[[Smooth], Array]) -> Array:
-        """(N, ...) rows of a function of the smoothed motion."""
-        return np.concatenate([self.chosen.rows(function(m)) for m in self.motions])
+    def _evaluated(self) -> tuple[Array, dict[str, Array]]:
+        """Columns of the links, and `diagonal` but load; keeps the entries of all candidates."""
+        own = [name for name in COLUMNS if name != "load"]
+        n, links = self.system.n, self.system.p
+        columns, rotors = _on_every_joint(own, n, links)
+        end = links + len(columns) + len(rotors)
+        for i, j, sign in self.coupled:
+            rotors.append(Rotor(i, end, j))
+            speeds = list(enumerate(SPEEDS, start=end + 2))
+            columns += coupling_columns((i, j, sign), end + 1, speeds)
+            end += 2 + len(SPEEDS)
+        places, keys = _places(columns, rotors)
+        rows, parameters = places.T
 
-    def _links(self, motion: Smooth) -> Array:
-        """(N, n, 10 b) rows of the links' columns, in blocks: an hour of them would fill memory."""
-        half, found = len(self.chosen.kernel) // 2, []
-        centres = self.chosen.centres(len(motion.t))
-        for first in range(0, len(centres), _BLOCK):
-            some = centres[first : first + _BLOCK]
-            q, v, a = (x[some[0] - half : some[-1] + half + 1] for x in motion[1:4])
-            found.append(self.chosen.rows(torque_rows(self.robot.model, q, v, a)))
-        return np.concatenate(found)
+        def pick(W: Array) -> Array:
+            own_rows = W[:, :, :links].reshape(len(W), -1)
+            return np.hstack([own_rows, W[:, rows, parameters]])
 
-    def _at_speeds(self, function: Callable[[Smooth, Array], Array]) -> Array:
-        """(speeds, N, n) rows of a function of the motion and of tanh(v/s), s in `SPEEDS`."""
-        return np.stack([self.joined(lambda m, s=s: function(m, np.tanh(m.v / s))) for s in SPEEDS])
+        found = self.regressor(with_columns(self.system, columns, rotors, end), pick)
+        self._entries = dict(zip(keys, np.ascontiguousarray(found[:, n * links :].T), strict=True))
+        diagonal = {name: _stacked(self._entries, name, n) for name in own}
+        return np.ascontiguousarray(found[:, : n * links]).reshape(-1, n, links), diagonal
 
     def reweigh(self, links: Array) -> None:
         """Computes load-dependent friction from the weight of links with parameters (10 b,)."""
-        model, self.loading = self.robot.model, links
-        heavy, s = with_inertias(model, links, np.zeros(model.nv)), np.array(SPEEDS)[:, None]
-        of_speeds = self.joined(
-            lambda m: np.tanh(m.v[:, None] / s) * np.abs(weight_of(heavy, m.q))[:, None]
-        )
-        self.diagonal["load"] = np.ascontiguousarray(np.moveaxis(of_speeds, 1, 0))
+        self.loading = links
+        columns, _ = _on_every_joint(["load"], self.system.n, self.system.p, links)
+        places, keys = _places(columns, [])
+        rows, parameters = places.T
+        system = with_columns(self.system, columns, [], self.system.p + len(columns))
+        found = self.regressor(system, lambda W: W[:, rows, parameters])
+        self._entries |= dict(zip(keys, np.ascontiguousarray(found.T), strict=True))
+        self.diagonal["load"] = _stacked(self._entries, "load", self.system.n)
 
     def commands(self, delay: Array) -> Array:
         """(N, k) filtered commands, delayed by (k,) seconds.
@@ -189,10 +155,9 @@ class JointRows:
         found = self.diagonal[name]
         return (found[choice.speed[joint]] if found.ndim == 3 else found)[:, joint]
 
-    def slip(self, i: int, j: int, sign: int, speed: int) -> Array:
+    def slip(self, i: int, j: int, speed: int) -> Array:
         """(N,) tanh((v_i ± v_j)/s) of two coupled joints, s by its index in `SPEEDS`."""
-        s = SPEEDS[speed]
-        return self.joined(lambda m: np.tanh((m.v[:, [i]] + sign * m.v[:, [j]]) / s))[:, 0]
+        return self._entries["shared_coulomb", i, SPEEDS[speed], j]
 
     def problem(self, choice: Choice) -> Problem:
         """The fit of a structure, with columns and delays of `choice`."""
@@ -201,21 +166,22 @@ class JointRows:
         passive = np.delete(np.arange(u.shape[1]), driven)
         effort[:, passive] = self.links[:, passive] @ own
         force = np.maximum(np.sqrt(mean_squares(effort, self.usable)), 1e-9)  # typical
-        commands = -u[:, :, None] * np.eye(u.shape[1])[:, driven]
+        carried = payloads(model, self.loads)
         parts = [
-            *self._on_joints(choice, force), *self._couplings(choice, force), *self._payloads(),
-            (self._gains(), commands, self.gain[driven], self.spread[driven]),
-        ]  # fmt: skip
-        blocks, columns, prior, spread = zip(*parts, strict=True)
+            *self._on_joints(choice, force),
+            *self._couplings(choice, force),
+            *((load.block, load.prior, np.full(10, np.inf)) for load in carried),
+            (self._gains(), self.gain[driven], self.spread[driven]),
+        ]
+        blocks, prior, spread = zip(*parts, strict=True)
         space = ParameterSpace((*link_blocks(model), *blocks))
         sizes = sizes_of_links(model, self.links[self.usable], self._weight)
-        carried = payloads(model, self.loads)
         loaded = {name: load.place.start // 10 for load in carried for name in load.block.names}
         stated = np.zeros(len(space), dtype=bool)
         stated[space.actuators] = self.spread[driven] < TRUSTED
         return Problem(
             space,
-            np.concatenate([self.links, *columns], axis=2),
+            self._rows(space, choice, u),
             self.usable,
             self.t,
             self.segment,
@@ -231,10 +197,31 @@ class JointRows:
             self._inertia(space) if len(passive) else None,
         )
 
+    def terms(self, space: ParameterSpace, choice: Choice) -> tuple[list[Column], list[Rotor]]:
+        """The columns and rotors that a choice adds to the robot's links, motors included."""
+        columns, rotors = choice.terms(space, self.loading)
+        return [*columns, *motors(space, self.driven)], rotors
+
+    def _rows(self, space: ParameterSpace, choice: Choice, u: Array) -> Array:
+        """(N, n, p) W of the robot with the columns of a choice, for filtered commands u (N, k)."""
+        Y = np.zeros((*self.usable.shape, len(space)))
+        Y[:, :, : self.links.shape[2]] = self.links
+        for (row, parameter), key in zip(*_places(*choice.terms(space, self.loading)), strict=True):
+            Y[:, row, parameter] = self._entries[key]
+        for load in payloads(self.robot.model, self.loads):  # columns of its link, in some logs
+            carried = [s.source in load.sources for s in self.recordings.segments]
+            own = self.links[:, :, load.place] * np.array(carried)[self.segment, None, None]
+            Y[:, :, space[load.block.name]] = own
+        # motors are linear in their commands: the rows of their columns are those of the commands'
+        driving = with_columns(self.system, motors(space, self.driven), [], len(space))
+        at, still = space.actuators, np.zeros((len(u), 2 * self.system.n))
+        Y[:, :, at] = -driving.F(0.0, still, u)[:, :, at]
+        return Y
+
     def _inertia(self, space: ParameterSpace) -> Array:
         """(n, p) forces of inertia of each joint at its rms acceleration, see `Problem.inertia`."""
         found, moving = np.zeros((len(self.gain), len(space))), self.diagonal["rotor"]
-        found[:, : self.links.shape[2]] = own_inertia(self.robot.model, self._moving)
+        found[:, : self.links.shape[2]] = own_inertia(self.system, self._moving)
         for parameter in space.names:
             if parameter.startswith("rotor"):
                 found[joint_of(parameter), space.index(parameter)] = 1.0
@@ -252,8 +239,6 @@ class JointRows:
             if not joints:
                 continue
             own = [self.column(name, j, choice) for j in joints]
-            entries = np.zeros((len(self.t), n, len(joints)))
-            entries[:, joints, np.arange(len(joints))] = np.column_stack(own)
             size = [mean_squares(x, self.usable[:, j]) for x, j in zip(own, joints, strict=True)]
             guess = column.share * force[joints] / np.maximum(np.sqrt(size), 1e-9)
             if column.geometry == "free":
@@ -270,37 +255,25 @@ class JointRows:
                 column.geometry,
                 labels=tuple(f"{column.block} of {robot.joints[j]}" for j in joints),
             )
-            yield block, entries, prior, spread
+            yield block, prior, spread
 
     def _couplings(self, choice: Choice, force: Array) -> Iterator[Part]:
-        """Columns of coupled joints; force (k,) is typical of the actuators."""
-        for i, j, sign in choice.coupled:
-            slip = self.slip(i, j, sign, choice.speed[j])
-            entries = np.zeros((*self.usable.shape, 3))
-            for one, other, side in ((i, j, 1), (j, i, sign)):
-                entries[:, one, 0] = self.diagonal["rotor"][:, other]
-                entries[:, one, 1] = self.diagonal["viscous"][:, other]
-                entries[:, one, 2] = side * slip
-            size = np.sqrt(np.mean(entries**2, axis=(0, 1)))
+        """Parameters of coupled joints; force (k,) is typical of the actuators."""
+        for i, j, _ in choice.coupled:
+            both = [self.diagonal[name][:, [i, j]] for name in ("rotor", "viscous")]
+            both.append(np.tile(self.slip(i, j, choice.speed[j])[:, None], 2))
+            size = np.sqrt([np.sum(entries**2) / self.usable.size for entries in both])
             guess = 0.1 * np.sqrt(force[i] * force[j]) / np.maximum(size, 1e-9)
             pair = f"{self.robot.joints[i]} and {self.robot.joints[j]}"
             block = Block(
                 f"coupling of {pair}",
-                tuple(f"coupling_{kind}_{i + 1}_{j + 1}" for kind in COUPLINGS),
+                tuple(coupling_names(i, j)),
                 ("kg·m²", "N·m·s/rad", "N·m"),
                 guess,
                 "free",
                 labels=tuple(f"coupling's {kind} of {pair}" for kind in COUPLINGS),
             )
-            yield block, entries, np.zeros(3), _FREE * guess
-
-    def _payloads(self) -> Iterator[Part]:
-        """Known payloads: the columns of the links that carry them, in the loaded logs."""
-        for payload in payloads(self.robot.model, self.loads):
-            carried = [s.source in payload.sources for s in self.recordings.segments]
-            columns = self.links[:, :, payload.place]
-            columns = columns * np.array(carried)[self.segment, None, None]
-            yield payload.block, columns, payload.prior, np.full(10, np.inf)
+            yield block, np.zeros(3), _FREE * guess
 
     def _gains(self) -> Block:
         units, driven = self.recordings.command_units, self.driven
@@ -313,6 +286,54 @@ class JointRows:
             True,
             labels=tuple(f"gain of {self.robot.joints[j]}" for j in driven),
         )
+
+
+# -- entries of candidates in W --------------------------------------------------------------------
+
+
+def _places(columns: Sequence[Column], rotors: Sequence[Rotor]) -> tuple[Indices, list[Key]]:
+    """(z, 2) rows and parameters of the entries of joints' columns and rotors, and their keys."""
+    places: list[tuple[int, int]] = []
+    keys: list[Key] = []
+    for column in columns:
+        constants: dict[str, Any] = dict(column.constants)
+        places.append((column.dof, column.parameter))
+        keys.append((column.kind, column.dof, constants.get("speed"), constants.get("other")))
+    for rotor in rotors:
+        if rotor.other < 0:
+            places.append((rotor.dof, rotor.parameter))
+            keys.append(("rotor", rotor.dof, None, None))
+        else:
+            pair = rotor.dof, rotor.other
+            places += [(row, rotor.parameter) for row in pair]
+            keys += [("rotor", one, None, other) for one, other in (pair, pair[::-1])]
+    return np.array(places, dtype=np.intp).reshape(-1, 2), keys
+
+
+def _on_every_joint(
+    names: Sequence[str], n: int, first: int, links: Array | None = None
+) -> tuple[list[Column], list[Rotor]]:
+    """Columns of `COLUMNS` and rotors on n joints, at every speed, with parameters from `first`."""
+    loading = np.zeros(0) if links is None else links
+    columns, rotors, at = [], [], first
+    for name in names:
+        for speed in SPEEDS if name in FASTENED else SPEEDS[:1]:
+            for joint in range(n):
+                if name == "rotor":
+                    rotors.append(Rotor(joint, at))
+                else:
+                    columns.append(joint_column(name, at, joint, speed, loading))
+                at += 1
+    return columns, rotors
+
+
+def _stacked(entries: dict[Key, Array], name: str, n: int) -> Array:
+    """(N, n) entries of a column on all joints; (speeds, N, n) of those of `FASTENED`."""
+
+    def of(speed: float | None) -> Array:
+        return np.column_stack([entries[name, joint, speed, None] for joint in range(n)])
+
+    return np.stack([of(speed) for speed in SPEEDS]) if name in FASTENED else of(None)
 
 
 def joint_of(parameter: str) -> int:

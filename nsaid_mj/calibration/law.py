@@ -30,13 +30,12 @@ from ..logs.recordings import Recordings
 from ..parameters import Array
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
-from ..structure.joints import positions
 from .fit import minimise, tempered
 from .measured import identifiers_of, log_robot, measured_scenario
 from .problem import mean_squares
 from .result import AlongLog, Fitted, Gain, Identification, Structured, recording_shifts
 from .smoothing import delayed, filter_for, noise_levels, refined, smooth, smooth_commands
-from .vehicles import motion_of
+from .vehicles import smooth_pose
 
 LAWS = ("batch", "efficient", "memory", "cone", "paper")
 """Laws of `nsaid identify`; `batch` estimates at the end of the log."""
@@ -89,12 +88,12 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     """Runs a law along the prepared logs of a batch fit, recording in `folder`; see `with_law`."""
     begin, fitted, robot = time.perf_counter(), found.fitted, found.robot
     logs, start, rate = law_logs(robot, found.recordings, fitted.made)
-    steps, arm = sum(len(log.t) for log in logs) - 1, robot.system is None
+    steps = sum(len(log.t) for log in logs) - 1
     known = log_robot(found)
     levels = noise_levels(max(logs, key=lambda log: len(log.t)))
     scenario = measured_scenario(known, law, rate, levels, _ERROR, steps)
     unexplained: list[float] = []
-    if arm:  # the density of its unexplained forces, over the last gain [units², times s]
+    if robot.jointed:  # the density of its unexplained forces, over the last gain [units², times s]
         # residuals of variance σ² at intervals h, of which one in `share` is effectively
         # independent, act on the motion like a white force of density σ² h share
         problem, own = fitted.problem, fitted.fit.theta
@@ -138,7 +137,7 @@ def law_logs(
     the fit found, and reversed where the model file has a negative gear: gains are positive. Also
     returns the time of their start on the common axis [s], and samples per second.
     """
-    recordings = recordings if robot.model is None else refined(recordings)
+    recordings = refined(recordings) if robot.jointed else recordings
     chosen = filter_for(recordings, made.cutoff)
     rate, found, shift = chosen.rate / chosen.every, [], recording_shifts(recordings)
     start = float(recordings.segments[0].log.t[0] + shift[0])
@@ -147,13 +146,13 @@ def law_logs(
         segment = given._replace(log=given.log._replace(u=acting))
         curve = smooth_commands(segment, chosen)
         held = delayed(segment, chosen, curve, made.delays - 0.5 / rate)
-        if robot.model is None:
-            t, q, v = motion_of(robot.system, segment, chosen)[:3]
-        else:
+        if robot.jointed:
             motion, held = smooth(segment, chosen), held * np.sign(robot.gain)
-            t, q, v = motion.t, positions(robot.model, motion.q), motion.v
-        if len(t) > 1:
-            found.append(Log(t + (own - start), q, v, held))
+            motion = motion._replace(q=robot.system.position(motion.q))
+        else:
+            motion = smooth_pose(robot.system, segment, chosen)
+        if len(motion.t) > 1:
+            found.append(Log(motion.t + (own - start), motion.q, motion.v, held))
     return found, start, rate
 
 

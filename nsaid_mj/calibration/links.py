@@ -21,39 +21,33 @@ from ..plants.arm import extent
 from ..structure.blocks import link_block
 from ..structure.joints import body_names, positions
 from ..structure.optional import pin
+from ..structure.system import SecondOrderSystem
 from .problem import size_weights
 
 _POSES = 300  # at which weight is computed
+_NOTHING = 1e-9  # torque per mass [N·m/kg] that is rounding
 _LIGHT = 0.1  # share of weight in the links' torques below which inertia reveals their size
 
 
-def torque_rows(model: pin.Model, coordinates: Array, v: Array, a: Array) -> Array:
-    """(N, n, 10 b) Pinocchio's joint torque regressor at coordinates, v and a (N, n)."""
-    data = model.createData()
-    found = np.empty((len(v), model.nv, 10 * (model.njoints - 1)))
-    for k, q in enumerate(positions(model, coordinates)):
-        found[k] = pin.computeJointTorqueRegressor(model, data, q, v[k], a[k])
-    return found
+def own_inertia(system: SecondOrderSystem, coordinates: Array) -> Array:
+    """(n, 10 b) mean columns of M_jj of every joint j at up to 300 of the coordinates (N, n).
 
-
-def own_inertia(model: pin.Model, coordinates: Array) -> Array:
-    """(n, 10 b) mean columns of M_jj of every joint j at up to 300 of the coordinates (N, n)."""
+    They are the positions of the system, which is one of links alone.
+    """
     some = coordinates[:: -(-len(coordinates) // _POSES) or 1]
-    weightless, ones = pin.Model(model), np.ones((len(some), 1))
-    weightless.gravity = pin.Motion.Zero()
-    return np.array(
-        [
-            torque_rows(weightless, some, 0.0 * ones * unit, ones * unit)[:, j].mean(axis=0)
-            for j, unit in enumerate(np.eye(model.nv))
-        ]
-    )
+    x = np.hstack([some, np.zeros(some.shape)])
+    return np.array([system.W_M(x, e)[:, j].mean(axis=0) for j, e in enumerate(np.eye(system.n))])
 
 
-def weight_columns(model: pin.Model, coordinates: Array) -> Array:
-    """(K n, 10 b) columns of the links' weight at up to 300 of the coordinates (N, n)."""
+def weight_columns(system: SecondOrderSystem, coordinates: Array) -> Array:
+    """(K n, 10 b) columns of the links' weight at up to 300 of the coordinates (N, n).
+
+    They are the positions of the system, which is one of links alone.
+    """
     some = coordinates[:: -(-len(coordinates) // _POSES) or 1]
-    rest = np.zeros((len(some), model.nv))
-    return torque_rows(model, some, rest, rest).reshape(-1, 10 * (model.njoints - 1))
+    still = np.zeros(some.shape)
+    x, u = np.hstack([some, still]), np.zeros(system.n_u)
+    return system.regressor(0.0, x, still, still, u).reshape(-1, system.p)
 
 
 def limbs_of(model: pin.Model) -> Indices:
@@ -77,10 +71,10 @@ def sizes_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:
     for limb in range(limbs.max() + 1):
         own = np.where(limbs == limb, file_links(model), 0.0)
         still, whole = (np.linalg.norm(c @ own) / max(len(c), 1) ** 0.5 for c in (weight, moving))
-        if max(still, whole) > 0:
+        masses = 1.0 * ((limbs == limb) & (np.arange(len(limbs)) % 10 == 0))
+        if max(still, whole) > _NOTHING * (masses @ own):
             found.append(size_weights(moving if still < _LIGHT * whole else weight, own))
         else:
-            masses = 1.0 * ((limbs == limb) & (np.arange(len(limbs)) % 10 == 0))
             found.append(masses / (masses @ own))
     return np.array(found)
 

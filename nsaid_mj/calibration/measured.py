@@ -6,11 +6,9 @@ A robot is known from its model file alone, or with the columns chosen from its 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from copy import copy
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -26,13 +24,10 @@ from ..laws.cone.prior import drawn_inside
 from ..parameters import Block, Geometry, ParameterSpace
 from ..plants import PlantConfig, SensorNoise
 from ..plants.arm import ArmPlant, nominal_scales
-from ..robot.model import RobotModel
-from ..structure.joints import JointScales, JointTree
-from ..structure.multibody import CompiledMultibody, check_consistency
+from ..robot.model import RobotModel, links_of
+from ..structure.multibody import CompiledMultibody
 from ..structure.parts import Column, Rotor
-from ..structure.single_body import LEVEL
-from ..structure.system import SecondOrderSystem
-from .joints import COLUMNS, STRIBECK, joint_of
+from ..structure.system import rebuilt
 from .links import file_links
 from .models import load_robot_model
 from .result import Identification
@@ -87,7 +82,7 @@ class LiveRobot(MeasuredRobot):
             UnknownName: there is no such robot or joint.
         """
         model = load_robot_model(self.robot, self.lock, self.joints or None)
-        if model.system is not None:
+        if not model.jointed:
             assert model.prior is not None
             return Robot(model.system, model.prior, model.visuals)
         return _arm(model, self.gain)
@@ -163,7 +158,6 @@ def identifiers_of(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
     return {"": identifier_of(config, scenario, robot.system, robot.prior, levels)}
 
 
-_System = TypeVar("_System", bound=SecondOrderSystem)
 _OPERATION = 2.0  # largest speeds and commands, relative to their rms
 
 
@@ -196,6 +190,37 @@ class Parameters:
 
 
 @config
+class FittedColumn:
+    """A column of F, see `structure.parts.Column`."""
+
+    kind: Name
+    parameter: int
+    body: int
+    dof: int
+    input: int
+    constants: tuple[tuple[Name, tuple[Number, ...]], ...]
+
+    @staticmethod
+    def of(column: Column) -> FittedColumn:
+        """That of a column."""
+        constants = tuple(
+            (name, tuple(np.ravel(np.asarray(value, dtype=np.float64)).tolist()))
+            for name, value in column.constants.items()
+        )
+        return FittedColumn(
+            column.kind, column.parameter, column.body, column.dof, column.input, constants
+        )
+
+    @property
+    def column(self) -> Column:
+        """The column."""
+        constants = {name: np.squeeze(np.array(values)) for name, values in self.constants}
+        return Column(
+            self.kind, self.parameter, body=self.body, dof=self.dof, input=self.input, **constants
+        )
+
+
+@config
 class LogRobot(MeasuredRobot):
     """A robot as `nsaid identify` fits it to a log: θ is that of the batch fit."""
 
@@ -205,10 +230,8 @@ class LogRobot(MeasuredRobot):
     joints: tuple[Name, ...]  # the joints that move; none of a vehicle
     blocks: tuple[Parameters, ...]  # blocks of θ
     prior: tuple[Number, ...]  # (p,) θ̂(0)
-    columns: tuple[tuple[Name, ...], ...]  # for every velocity, the names of its columns
-    speeds: tuple[Positive, ...] = ()  # of every joint, s of tanh(v/s) [rad/s or m/s]
-    coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): the motor turns by v_i ± v_j
-    weight: tuple[Number, ...] = ()  # (10 k,) of the links whose weight loads the friction
+    columns: tuple[FittedColumn, ...]  # that the fit adds to the robot's own
+    rotors: tuple[tuple[int, int, int], ...]  # `dof`, `parameter` and `other` of its rotors
     speed: tuple[Number, ...] = ()  # (n,) largest velocities, for probes of the structure
     command: tuple[Number, ...] = ()  # (n_u,) largest commands
 
@@ -218,89 +241,16 @@ class LogRobot(MeasuredRobot):
 
     def robot_of(self, model: RobotModel) -> Robot:
         """Structure, prior and looks of a robot with a loaded model."""
-        system = self._vehicle(model) if model.system is not None else self._arm(model)
-        prior = drawn_inside(system.space, np.array(self.prior), 0.0, np.random.default_rng(0))
-        return Robot(system, prior, model.visuals)
-
-    @property
-    def _space(self) -> ParameterSpace:
-        return ParameterSpace(tuple(block.block() for block in self.blocks))
-
-    def _arm(self, model: RobotModel) -> SecondOrderSystem:
-        """A tree of joints with the columns chosen for it."""
-        space, rotors = self._space, []
-        speed, command = np.array(self.speed), np.array(self.command)
-        unit = np.ones(len(speed))
-        scales = JointScales(unit, unit, unit, unit, unit, speed, command)
-        tree = JointTree(model.model, scales, unit)
-        for j, names in enumerate(self.columns):
-            if "rotor" in names:
-                rotors.append(Rotor(j, space.index(f"rotor_{j + 1}")))
-        for i, j, _ in self.coupled:
-            rotors.append(Rotor(i, space.index(f"coupling_inertia_{i + 1}_{j + 1}"), j))
-        system = _with(tree, space, self._columns(space), rotors)
-        check_consistency(system)
-        return system
-
-    def _vehicle(self, model: RobotModel) -> SecondOrderSystem:
-        """The vehicle's own system, with damping and offsets of its velocities where chosen.
-
-        Raises:
-            InvalidInput: there is a constant force on the vehicle's body.
-        """
-        own, space, more = model.system, self._space, []
-        for i, names in enumerate(self.columns):
-            for name in names:
-                at = space.index(f"{name}_{i + 1}")
-                if i >= own.group:
-                    more.append(Column("viscous" if name == "damping" else name, at, dof=i))
-                    continue
-                if name != "damping":
-                    raise InvalidInput(
-                        "law", "batch, for a vehicle with constant forces on its body", "another",
-                        "Use --law batch, or leave the forces out: --columns damping, or "
-                        '--columns "".',
-                    )  # fmt: skip
-                axes = np.eye(6)[i if own.group == 6 else LEVEL[i]]
-                more.append(Column("linear_drag", at, body=0, axes=axes))
-        return _with(own, space, [*own.structure.columns, *more]) if more else own
-
-    def _columns(self, space: ParameterSpace) -> list[Column]:
-        """Friction, offsets and motors of an arm; those of couplings act on both joints."""
-        found, links = [], np.array(self.weight).reshape(-1, 10)[:, :4]
-        loads = np.column_stack([np.arange(len(links)), links])
-        for j, names in enumerate(self.columns):
-            constants = {
-                "coulomb": {"speed": self.speeds[j]},
-                "stribeck": {"speed": self.speeds[j], "stribeck": STRIBECK},
-                "load": {"speed": self.speeds[j], "bodies": loads},
-                "offset": {"force": -1.0},
-            }
-            for name in sorted(set(names) - {"rotor"}):
-                at = space.index(f"{COLUMNS[name].letter}_{j + 1}")
-                found.append(Column(name, at, dof=j, **constants.get(name, {})))
-        for i, j, sign in self.coupled:
-            speed, pair = self.speeds[j], f"{i + 1}_{j + 1}"
-            for one, other in ((i, j), (j, i)):
-                at = space.index(f"coupling_viscous_{pair}")
-                found.append(Column("shared_viscous", at, dof=one, other=other))
-                slip = {"other": other, "sign": sign, "speed": speed}
-                at = space.index(f"coupling_coulomb_{pair}")
-                found.append(Column("shared_coulomb", at, dof=one, **slip))
-        for at in space.actuators:
-            j = joint_of(space.names[at])
-            found.append(Column("motor", int(at), dof=j, input=j))
-        return found
-
-
-def _with(
-    system: _System, space: ParameterSpace, columns: list[Column], rotors: Sequence[Rotor] = ()
-) -> _System:
-    """A copy of a system with other columns, and rotors, of other parameters."""
-    made, own = copy(system), system.structure
-    structure = replace(own, columns=columns, p=len(space), rotors=rotors or own.rotors)
-    SecondOrderSystem.__init__(made, structure, space, system.mounts)
-    return made
+        own = model.system
+        if model.jointed:
+            own = links_of(model.model, np.array(self.speed), np.array(self.command))
+        structure = own.structure
+        space = ParameterSpace(tuple(block.block() for block in self.blocks))
+        columns = [*structure.columns, *(each.column for each in self.columns)]
+        rotors = [*structure.rotors, *(Rotor(*each) for each in self.rotors)]
+        structure = replace(structure, columns=columns, rotors=rotors, p=len(space))
+        prior = drawn_inside(space, np.array(self.prior), 0.0, np.random.default_rng(0))
+        return Robot(rebuilt(own, structure, space), prior, model.visuals)
 
 
 def log_robot(found: Identification) -> LogRobot:
@@ -308,16 +258,13 @@ def log_robot(found: Identification) -> LogRobot:
     robot, (made, problem, *_) = found.robot, found.fitted
     v, u = (np.concatenate([getattr(s.log, x) for s in found.recordings.segments]) for x in "vu")
     speed, command = (_OPERATION * np.sqrt(np.mean(x**2, axis=0)) for x in (v, u))
-    arm = robot.system is None
     return LogRobot(
         robot=str(robot.source or robot.name),
-        joints=robot.joints if arm else (),
+        joints=robot.joints if robot.jointed else (),
         blocks=tuple(Parameters.of(block) for block in problem.space.blocks),
         prior=tuple(problem.prior.tolist()),
-        columns=tuple(velocity.columns for velocity in made.velocities),
-        speeds=tuple(velocity.friction_speed for velocity in made.velocities) if arm else (),
-        coupled=made.coupled,
-        weight=tuple(made.links.tolist()) if arm else (),
+        columns=tuple(FittedColumn.of(column) for column in made.columns),
+        rotors=tuple((rotor.dof, rotor.parameter, rotor.other) for rotor in made.rotors),
         speed=tuple(speed.tolist()),
         command=tuple(command.tolist()),
     )

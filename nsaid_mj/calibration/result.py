@@ -13,6 +13,7 @@ from ..logs.recordings import Recordings
 from ..parameters import Array, Indices
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
+from ..structure.parts import Column, Rotor
 from .fit import Fit, Precision
 from .links import Load
 from .problem import Mask, Problem
@@ -23,7 +24,7 @@ from .residuals import Suspect
 class Options:
     """How the structure is chosen."""
 
-    # friction columns of all joints, names of `joints.COLUMNS`; None to choose them by
+    # friction columns of all joints, names of `choose.columns.COLUMNS`; None to choose them by
     # cross-validation inside the log
     columns: frozenset[str] | None = None
     coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1): a motor turns by v_i ± v_j
@@ -66,7 +67,6 @@ class Structured(NamedTuple):
     velocities: tuple[JointFit, ...]  # the choice for every velocity, before its prediction
     findings: tuple[Finding, ...]  # how the structure was chosen, and other findings
     cutoff: float  # cut-off frequency of the rows' filter [Hz]
-    links: Array  # (10 k,) parameters of the links whose weight loads an arm's friction
     delays: Array  # (k,) delays of the commands [s]
     # maps θ̂ (p,) to unmodelled effects against which residuals are tested
     suspects: Callable[[Array], Iterable[Suspect]] = lambda _: ()
@@ -76,6 +76,8 @@ class Structured(NamedTuple):
     # commands (N, k) as they act, apart from `delays`, from those at a rate [Hz]
     acting: Callable[[Array, float], Array] = lambda u, _: u
     coupled: tuple[tuple[int, int, int], ...] = ()  # pairs (i, j, ±1) of joints with a common motor
+    columns: Sequence[Column] = ()  # that the choice adds to the robot's own system
+    rotors: Sequence[Rotor] = ()  # the same of rotors
 
 
 _BETWEEN = 1.0  # time between two logs on the common axis [s]

@@ -13,8 +13,9 @@ import scipy.linalg
 
 from ..parameters import Array, Indices
 from ..robot.findings import Finding
+from .choose.columns import BASIC, SPEEDS, Choice
 from .fit import cost_of, gramians, minimise
-from .joints import BASIC, SPEEDS, Choice, JointRows
+from .joints import JointRows
 from .problem import Problem, folds
 
 _FOLDS = 5
@@ -103,13 +104,13 @@ def joint_columns(rows: JointRows, choice: Choice, joint: int) -> Array:
     """(N, c) all columns of a joint's own row, each over its rms."""
     columns = [rows.links[:, joint]]
     columns += [rows.column(name, joint, choice)[:, None] for name in sorted(choice.columns[joint])]
-    for i, j, sign in choice.coupled:
+    for i, j, _ in choice.coupled:
         if joint in (i, j):
             other = i if joint == j else j
             columns += [
                 rows.diagonal["rotor"][:, other, None],
                 rows.diagonal["viscous"][:, other, None],
-                rows.slip(i, j, sign, choice.speed[j])[:, None],
+                rows.slip(i, j, choice.speed[j])[:, None],
             ]
     X = np.hstack(columns)
     size = np.sqrt(np.mean(X**2, axis=0))

@@ -118,7 +118,9 @@ def _relative_gains(
 
 def in_words(expression: dict[int, float], space: ParameterSpace) -> str:
     """A combination such as "Izz of link_1 + rotor inertia of joint_1 − 0.05 · mass of link_3"."""
-    terms = sorted(expression.items(), key=lambda item: -abs(item[1]) * space.scale[item[0]])
+    # rounded, so that terms of one size keep their order whatever the last bits are
+    size = {index: float(f"{abs(w) * space.scale[index]:.9g}") for index, w in expression.items()}
+    terms = sorted(expression.items(), key=lambda item: -size[item[0]])
     words = ""
     for number, (index, weight) in enumerate(terms[:_TERMS]):
         sign = "−" if weight < 0 else "+"

@@ -17,7 +17,8 @@ from ..parameters import Array
 from ..robot.identified import with_inertias
 from ..structure.joints import positions
 from ..structure.optional import pin
-from .joints import SPEEDS, Choice, JointRows
+from .choose.columns import SPEEDS, Choice
+from .joints import JointRows
 from .links import weight_of
 from .problem import Problem
 from .residuals import Suspect

@@ -7,6 +7,7 @@ are therefore chosen by the cost of the fit: first a common one, then one per ac
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,18 +18,19 @@ from ..parameters import Array, Block, ParameterSpace
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
 from ..structure.columns import fluid, thrust
+from ..structure.parts import Column
 from ..structure.sensing import rate_labels
+from ..structure.system import SecondOrderSystem, rebuilt
+from .choose.columns import EXTRA, further_columns, further_names
 from .fit import inflation, minimise, tempered, tempered_fit
 from .joints import FILE
 from .problem import Problem, Size, size_weights
 from .residuals import Suspect
 from .result import JointFit, Options, Structured
-from .smoothing import Filter, filter_for
+from .rows import Rows, with_columns
+from .smoothing import Filter, Smooth, filter_for
 from .suspects import command_suspects
 from .timing import WORTH, Timing, search
-
-EXTRA = {"damping": "free", "offset": "free"}
-"""Further columns of a vehicle, one per velocity: damping −d v, and a constant force."""
 
 _CUTOFFS = (0.7, 0.5, 0.35, 0.25, 0.17, 0.12)  # trial cut-offs, over that of the bandwidth
 _ROUNDS = 3  # of choosing timing and cut-off in turn
@@ -39,46 +41,43 @@ _FLOW = 0.05  # of a current, for differences [m/s]
 _SPREAD = 0.3  # prior spread of positive parameters
 
 
-class VehicleRows:
+class VehicleRows(Rows):
     """Rows of a vehicle's segments, through the chosen filters, at any delay of the commands."""
 
     def __init__(self, robot: RobotModel, recordings: Recordings, chosen: Filter):
-        self.robot, self.system, self.filter = robot, robot.system, chosen
-        self.recordings = recordings
-        self._parts = []
-        for number, segment in enumerate(recordings.segments):
-            motion = motion_of(self.system, segment, chosen)
-            centres = chosen.centres(len(motion[0]))
-            if len(centres):
-                self._parts.append((number, segment, motion, centres))
-        structure = getattr(robot.system, "structure", None)
-        columns = () if structure is None else structure.columns
-        rotors = {column.input for column in columns if column.kind == "rotor"}
+        self.robot, self.system = robot, robot.system
+        super().__init__(recordings, chosen, lambda *each: smooth_pose(robot.system, *each))
+        rotors = {column.input for column in self.system.columns("rotor")}
         measured = [unit == "rad/s" for unit in recordings.command_units]  # speeds of rotors
         self.rotors = [k for k in sorted(rotors) if not measured[k]]
         self.others = [k for k in range(len(measured)) if k not in rotors]
-        self.t = np.concatenate([m[0][c] for _, _, m, c in self._parts])
-        self.segment = np.concatenate([np.full(len(c), number) for number, _, _, c in self._parts])
-        self.usable = np.concatenate([s.usable[:: chosen.every][c] for _, s, _, c in self._parts])
         assert robot.prior is not None  # every vehicle has one
         self._prior: Array = robot.prior
+        own = self.system.structure
+        self._commanded = sorted({c.parameter for c in own.columns if c.input >= 0})
+        acting = [c for c in own.columns if c.parameter in self._commanded]
+        only = replace(own, inertias=(), rotors=(), columns=acting)
+        self._acting = rebuilt(self.system, only, self.system.space)
+        self._without_commands: dict[frozenset[str], Array] = {}
 
     def with_cutoff(self, share: float) -> VehicleRows:
         """The rows of the filter whose cut-off is `share` of this one's."""
-        narrower = filter_for(self.recordings, share * self.filter.cutoff)
+        narrower = filter_for(self.recordings, share * self.chosen.cutoff)
         return VehicleRows(self.robot, self.recordings, narrower)
 
     def delays(self, timing: Timing) -> Array:
         """(k,) delays of the actuators [s]."""
         return np.broadcast_to(timing.delay, len(self.robot.joints))
 
-    def _motions(self, timing: Timing) -> Iterator[tuple[Array, Array, Array, Array, Array]]:
-        """Times, q, v, v̇ and the commands that act as a timing says, of every segment."""
-        for _, segment, (t, q, v, a), _ in self._parts:
-            u = self.acting(segment.log.u, self.filter.rate, timing)
-            delayed = zip(self.delays(timing), self.filter.low_pass(u).T, strict=True)
-            held = [np.interp(t - d, segment.log.t, own) for d, own in delayed]
-            yield t, q, v, a, np.column_stack(held)
+    def _held(self, timing: Timing) -> list[Array]:
+        """(M, k) commands of every motion that act as a timing says, at its times."""
+        found = []
+        for segment, motion in zip(self.segments, self.motions, strict=True):
+            u = self.acting(segment.log.u, self.chosen.rate, timing)
+            delayed = zip(self.delays(timing), self.chosen.low_pass(u).T, strict=True)
+            held = [np.interp(motion.t - d, segment.log.t, own) for d, own in delayed]
+            found.append(np.column_stack(held))
+        return found
 
     def acting(self, u: Array, rate: float, timing: Timing) -> Array:
         """Commands (N, k) at a rate [Hz] as they act, apart from the delay."""
@@ -98,7 +97,8 @@ class VehicleRows:
         if not acting.any() or (system.m, system.n) not in ((7, 6), (3, 3)):
             return np.zeros((len(self.t), system.n, 0))
         count, found = (3, []) if system.m == 7 else (2, [])
-        for t, q, v, a, held in self._motions(timing):
+        for motion, held in zip(self.motions, self._held(timing), strict=True):
+            t, q, v, a, _ = motion
             heading = q[:, 2:3] * [0.0, 0.0, 1.0]
             turns = Rotation.from_quat(q[:, 3:]) if count == 3 else Rotation.from_rotvec(heading)
             own, forces = turns.inv().as_matrix(), []
@@ -110,19 +110,28 @@ class VehicleRows:
                     for side in (-1, 1)
                 )
                 forces.append((slower - faster) / (2 * _FLOW))
-            found.append(self.filter.rows(np.stack(forces, axis=2)))
+            found.append(self.chosen.rows(np.stack(forces, axis=2)))
         return np.concatenate(found)
+
+    def further(self, columns: frozenset[str]) -> list[Column]:
+        """The further columns, whose parameters follow the vehicle's own."""
+        names = [name for each in sorted(columns) for name in further_names(self.system, each)]
+        places = {name: self.system.p + k for k, name in enumerate(names)}
+        return list(further_columns(self.system, columns, places))
+
+    def _fixed(self, columns: frozenset[str]) -> Array:
+        """(N, n, p) rows with further columns, of commands of 0: computed once for all timings."""
+        if columns not in self._without_commands:
+            further = self.further(columns)
+            whole = with_columns(self.system, further, [], self.system.p + len(further))
+            self._without_commands[columns] = self.regressor(whole, lambda W: W)
+        return self._without_commands[columns]
 
     def problem(self, columns: frozenset[str], timing: Timing) -> Problem:
         """The fit with further columns and commands that act as a timing says."""
-        system, Y = self.system, []
-        for t, q, v, a, held in self._motions(timing):
-            W = [system.regressor(t, np.hstack([q, v]), v, a, held)]
-            for name in sorted(columns):
-                own = v if name == "damping" else -np.ones_like(v)
-                W.append(np.einsum("nk,kl->nkl", own, np.eye(v.shape[1])))
-            Y.append(self.filter.rows(np.concatenate(W, axis=2)))
-        rows = np.concatenate(Y)
+        system = self.system
+        rows, at = self._fixed(columns).copy(), self._commanded
+        rows[:, :, at] = self.regressor(self._acting, lambda W: W[:, :, at], self._held(timing))
         more = [self._extra(name, rows) for name in sorted(columns)]
         space = ParameterSpace((*system.space.blocks, *more))
         none = np.zeros(len(space), dtype=bool)
@@ -140,19 +149,19 @@ class VehicleRows:
         """A block of one further parameter per velocity."""
         units = self.system.velocity_units
         force = ["N" if unit == "m/s" else "N·m" for unit in units]
-        names = rate_labels(self.system)
+        labels = rate_labels(self.system)
         at = self.system.space.actuators
         size = np.sqrt(np.mean((rows[:, :, at] @ self._prior[at]) ** 2, axis=0))
         size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-9))
         return Block(
             f"further {name}",
-            tuple(f"{name}_{i + 1}" for i in range(len(units))),
+            tuple(further_names(self.system, name)),
             tuple(
                 f"{f}/({u})" if name == "damping" else f for f, u in zip(force, units, strict=True)
             ),
             0.3 * size,
             "free",
-            labels=tuple(f"further {name} of {n}" for n in names),
+            labels=tuple(f"further {name} of {label}" for label in labels),
         )
 
 
@@ -168,12 +177,12 @@ def _size(space: ParameterSpace, columns: Array, prior: Array) -> Array:
     return np.where(positive, 1 / np.where(positive, prior, 1.0), 0.0) / positive.sum()
 
 
-def motion_of(system, segment: Segment, chosen: Filter) -> tuple[Array, Array, Array, Array]:
-    """Times, q, v, v̇ of the smoothed motion at the regressors' rate."""
+def smooth_pose(system: SecondOrderSystem, segment: Segment, chosen: Filter) -> Smooth:
+    """The smoothed motion of a segment, whose positions may be poses."""
     log = smoothed(system, segment.log, chosen.smoothing)
     a = np.gradient(log.v, 1 / chosen.rate, axis=0)
     pick = slice(None, None, chosen.every)
-    return log.t[pick], log.q[pick], log.v[pick], a[pick]
+    return Smooth(log.t[pick], log.q[pick], log.v[pick], a[pick], segment.usable[pick])
 
 
 def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Finding]]:
@@ -221,7 +230,7 @@ def structured_vehicle(
     problem = rows.problem(columns, timing)
     checked = None
     if validation is not None:
-        filters = filter_for(validation, rows.filter.cutoff)
+        filters = filter_for(validation, rows.chosen.cutoff)
         checked = VehicleRows(robot, validation, filters).problem(columns, timing)
     at = problem.space.actuators
     labels = [problem.space.labels[i] for i in at]
@@ -240,11 +249,11 @@ def structured_vehicle(
         checked,
         tuple(JointFit(name, columns=own, delay=late) for name in rate_labels(rows.system)),
         tuple(findings),
-        rows.filter.cutoff,
-        np.zeros(0),
+        rows.chosen.cutoff,
         rows.delays(timing),
         suspects,
         acting=lambda u, rate: rows.acting(u, rate, timing),
+        columns=rows.further(columns),
     )
 
 

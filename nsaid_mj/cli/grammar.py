@@ -44,7 +44,7 @@ class Identify:
         delay: auto, or comma-separated delays of the commands [s], one or one per command.
         cutoff: cut-off frequency of the low-pass filter [Hz]; by default from the motion.
         law: batch, the fit to all rows at once; or efficient, memory, cone, paper, which also
-            follow the log, sample by sample, and are compared with it; servos: batch or efficient.
+            follow the log, sample by sample, and are compared with it; servos: batch.
         limit: largest size of an unpacked log file [GB].
         out: folder of the results; by default runs/ROBOT-identify.
         force: overwrite results in the folder.

@@ -7,9 +7,7 @@ from collections.abc import Callable
 from dataclasses import asdict, fields, replace
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from ..bounds import without_nonfinite
 from ..errors import InvalidInput, printable
@@ -21,10 +19,9 @@ from .process import EXPLAINED, UNUSABLE, code_of
 if TYPE_CHECKING:
     from ..calibration.inspection import Inspection
     from ..calibration.result import Identification
-    from ..calibration.servos import Replayed, ServoIdentification, ServoLogs
+    from ..calibration.servos import ServoLogs
     from ..pages.page import Page
     from ..pages.progress import Progress
-    from ..robot.findings import Finding
 
 RESULT = "identification.json"
 
@@ -78,25 +75,21 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
 
 def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) -> Identification:
     """The result of logs with commands that are forces."""
-    from ..calibration.identify import identify
+    from ..calibration.identify import identify_forces
 
-    delay = chosen.delay
-    return identify(
+    return identify_forces(
         model,
         chosen.log,
         validate=chosen.validate,
         mapping=chosen.map,
         validate_mapping=chosen.validate_map,
-        known=dict(_known(text) for text in chosen.known),
         loads=chosen.load,
         lock=names_in(chosen.lock),
         joints=names_in(chosen.joints) or None,
-        columns=None if chosen.columns == "auto" else names_in(chosen.columns),
-        delay=None if delay == "auto" else numbers_in("--delay", delay, "Such as 0.01."),
-        cutoff=chosen.cutoff,
         law=chosen.law,
         folder=folder / chosen.law,
         report=progress.say,
+        **_options(chosen),
     )
 
 
@@ -161,20 +154,27 @@ def _known(text: str) -> tuple[str, float]:
         raise InvalidInput("--known", "NAME=VALUE", text, "Such as gain_1=0.11.") from error
 
 
-_NO_TORQUE = (
-    "The other laws identify a motion from forces; a servo's log has none, and its velocity is too "
-    "coarse between two rows."
-)
+def _options(chosen: Identify) -> dict[str, Any]:
+    """The options of a fit to forces that differ from their defaults."""
+    delay = chosen.delay
+    return {
+        "known": dict(_known(text) for text in chosen.known),
+        "columns": None if chosen.columns == "auto" else names_in(chosen.columns),
+        "delay": None if delay == "auto" else numbers_in("--delay", delay, "Such as 0.01."),
+        "cutoff": chosen.cutoff,
+    }
 
 
 def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
     """The arm and its logs if they hold targets and positions, else None."""
+    from ..calibration.identify import servos_of as given
     from ..calibration.links import load_of
-    from ..calibration.servos import servo_logs
+    from ..logs import read_map
 
-    lock, joints = names_in(chosen.lock), names_in(chosen.joints)
+    mapping = None if chosen.map is None else read_map(chosen.map)
+    lock, joints = names_in(chosen.lock), names_in(chosen.joints) or None
     loads = [load_of(text) for text in chosen.load] if logs == chosen.log else []
-    return servo_logs(model, logs, chosen.map, lock, joints or None, loads)
+    return given(model, logs, mapping, lock, joints, loads)
 
 
 def identify_given(
@@ -185,24 +185,18 @@ def identify_given(
     Raises:
         InvalidInput: an option has no meaning for logs of targets.
     """
-    from ..calibration.servos import identify_servos, write_servo_mjcf
+    from ..calibration.servos import identify_servos, replayed, write_servo_mjcf
+    from ..calibration.servos.identify import check_servo_options
 
-    plain = Identify()
-    for name in ("known", "columns", "delay", "cutoff"):
-        if getattr(chosen, name) != getattr(plain, name):
-            expected = "no such option with logs of targets and positions"
-            raise InvalidInput(f"--{name}", expected, getattr(chosen, name), "Leave it out.")
-    if chosen.law not in ("batch", "efficient"):
-        expected = "batch or efficient with logs of targets and positions"
-        raise InvalidInput("--law", expected, chosen.law, _NO_TORQUE)
+    check_servo_options(chosen.law, **_options(chosen))
     own = replace(chosen, map=chosen.validate_map or chosen.map)
     others = servos_of(model, chosen.validate, own) if chosen.validate else None
-    result = identify_servos(given, progress.say, chosen.law)
+    result = identify_servos(given, progress.say)
     progress.say("writing and trying the calibrated model")
     path.parent.mkdir(parents=True, exist_ok=True)
     model_file = path.with_name(f"{result.robot.name}.xml")
     write_servo_mjcf(result, model_file)
-    followed, replay = _followed(others, given, result, model_file)
+    followed, replay = replayed(result, model_file, given, others)
     result = replace(result, findings=(*result.findings, followed))
     write_json(path, without_nonfinite(result.summary()))
     from .. import recording
@@ -218,38 +212,6 @@ def identify_given(
         file = folder / recording.FILE
         files.append(recording.record_servos(result, replay, file, markdown(page)))
     return page, [*files, write_html(page, folder)]
-
-
-def _followed(
-    others: ServoLogs | None, given: ServoLogs, result: ServoIdentification, path: Path
-) -> tuple[Finding, Replayed]:
-    """Deviation of MuJoCo from logs with the exported file at a path, and with the user's own.
-
-    The logs are `others`, which took no part in the fit, or else those of the fit.
-    """
-    from ..calibration.servos import Replayed, rollout
-    from ..robot.findings import Finding
-
-    source, joints = result.robot.source, result.robot.joints
-    logs = [log for log in (others or given).logs if not log.loaded]  # of the file's own links
-    assert source is not None  # a model with servos comes from a file
-    simulated, nominal = ([rollout(file, joints, log) for log in logs] for file in (path, source))
-    own, before = (
-        1e3 * np.mean([np.abs(q - log.position).mean(axis=0) for q, log in pairs], axis=0)
-        for pairs in (zip(simulated, logs, strict=True), zip(nominal, logs, strict=True))
-    )
-    what, unit = ", ".join(dict.fromkeys(log.source for log in logs)), result.robot.small_unit
-    text = (
-        f"driven by the targets of {what} alone, MuJoCo's mean absolute error is {own.mean():.1f} "
-        f"{unit} with the exported file and its delays, and {before.mean():.1f} {unit} with yours"
-    )
-    data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
-    level = "note" if own.mean() < before.mean() else "warning"
-    rows = sum(len(log.t) for log in logs)
-    used = result.used[:rows] if others is None else np.ones(rows)  # logs with a load are the last
-    return Finding(level, "replay", "", text, "", data), Replayed(
-        tuple(logs), tuple(simulated), used
-    )
 
 
 MAP, PICTURE = "map.toml", "inspection.png"

@@ -235,7 +235,7 @@ def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Scor
         if given is not None:
             return given.robot, compare_servos(given, chosen.models, progress.say)
         robot = load_robot_model(first)
-        if robot.system is not None:
+        if not robot.jointed:
             remedy = "Vehicles are judged by `nsaid identify --validate`."
             raise InvalidInput("--models", "models of an arm", first, remedy)
         mapping = None if chosen.map is None else read_map(chosen.map)

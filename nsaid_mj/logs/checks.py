@@ -59,7 +59,7 @@ def checks(recordings: Recordings, robot: RobotModel) -> tuple[Finding, ...]:
         remedy = "Record at least 10 s of all joints moving at once, fast and slow."
         level = "refusal" if seconds < TOO_SHORT else "warning"
         found.append(Finding(level, "short_log", "", text, remedy, {"seconds": seconds}))
-    if robot.system is not None:
+    if not robot.jointed:
         return tuple(found)
     remedy = "Map the column of its position, or leave the joint out with --lock."
     still = _dead("position", motion.q, 1e-9, robot, remedy)

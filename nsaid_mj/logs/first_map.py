@@ -88,7 +88,7 @@ def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
     for table in tables if len(tables) > 1 else ():
         parts.append(f"# [files.{_quoted(table.source)}]\n")
         parts.append("# offset = 0.0  # added to its times [s]\n")
-    if robot.system is not None:
+    if not robot.jointed:
         parts.append(_vehicle(tables, robot))
     else:
         found = candidates(names, robot.joints, robot.passive)

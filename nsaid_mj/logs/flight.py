@@ -78,7 +78,7 @@ def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | 
     report them often enough. None if topics are missing, or the vehicle does not have one rotor in
     each quadrant.
     """
-    order = _order(robot) if robot.system is not None and robot.system.m == 7 else None
+    order = _order(robot) if robot.system.m == 7 else None
     names = set(channel_names(tables))
     for controller in _CONTROLLERS if order is not None else ():
         for pattern, first, ratio, offset in controller.motors:
@@ -144,7 +144,7 @@ def _unusable(speeds: Sequence[str], robot: RobotModel, tables: Sequence[Table])
 
 def _order(robot: RobotModel) -> list[int] | None:
     """The controller's number of each rotor, from 0; None if not every quadrant has one."""
-    structure = getattr(robot.system, "structure", None)
+    structure = robot.system.structure
     rotors = [c for c in structure.columns if c.kind == "rotor"] if structure is not None else []
     sides: dict[int, Array] = {
         c.input: np.sign(np.asarray(c.constants["point"])[:2]) for c in rotors

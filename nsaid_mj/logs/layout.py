@@ -111,7 +111,7 @@ def layout(
         InvalidInput: the map names a joint or column that does not exist, or lacks one.
     """
     mapping, channels = mapping or Map(), channel_names(tables)
-    if robot.system is not None:
+    if not robot.jointed:
         return _of_vehicle(mapping, robot, tables, channels)
     if not mapping.joints:
         matched = matching.match(channels, robot.joints, robot.passive)
@@ -148,7 +148,7 @@ def with_angles(table: Table, robot: RobotModel) -> Table:
 
     Other tables are returned as they are. Angles are continued across whole turns.
     """
-    if robot.system is not None:
+    if not robot.jointed:
         return table
     joints = [robot.model.joints[robot.model.getJointId(name)] for name in robot.joints]
     count = sum(joint.nq for joint in joints)

@@ -64,7 +64,7 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
         findings.append(Finding("note", "standard_map", "", made.assumed, remedy))
     recordings, said = join(tables, mapping, [s.column.column for s in made.sources])
     findings += said
-    if robot.system is None:
+    if robot.jointed:
         made, said = _without_dead_velocities(made, recordings)
         findings += said
     del tables  # a log may be large, and what was read is not needed besides what was cleaned
@@ -172,7 +172,7 @@ def _segments(
 ) -> list[Segment]:
     """The segments of a log on the grid."""
     made, source, reference = log.made, log.source, log.reference
-    drop_rest = robot.system is None and mapping.drop_rest
+    drop_rest = robot.jointed and mapping.drop_rest
     saturated = _saturated(log, robot, findings)
     if any(velocity is None for velocity in made.velocities):
         text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"

@@ -17,8 +17,7 @@ from ..pages.page import Text, panels
 from ..pages.parameters import folds, table
 from ..parameters import Array, Indices
 from ..robot.model import RobotModel
-from ..structure.joints import JointScales, moving_joints, positions, slides
-from ..structure.multibody import Multibody
+from ..structure.joints import moving_joints, slides
 from .layout import RIGHT, beside, result, robot, whole
 from .plots import Plots
 from .scene import Camera, Scene
@@ -70,11 +69,7 @@ def moving_robot(
         The camera, None if the robot's shape is unknown, and a function of a recording.
     """
     system = robot.system
-    if system is None and robot.model is not None and robot.model.njoints > 1:
-        unit = np.ones(max(len(robot.joints), robot.model.nv))  # scales do not matter here
-        scales = JointScales(unit, unit, unit, unit, unit, unit, unit)
-        system = Multibody(robot.model, scales, unit)
-    scene = None if system is None else Scene(system, robot.visuals)
+    scene = Scene(system, robot.visuals)
     total = sum(float(t[-1] - t[0]) for t, _, _ in motion)
     rate, parts = min(_RATE, _FRAMES / max(total, 1e-9)), []
     for t, q, v in motion:
@@ -82,10 +77,10 @@ def moving_robot(
         rows = np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))
         parts.append((t[rows], q[rows], v[rows]))
     t, q, v = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if robot.model is not None:
-        q = positions(robot.model, q)
+    if robot.jointed:
+        q = system.position(q)
     t[:1] = np.minimum(t[:1], 0.0)  # where the plots begin, the robot is there already
-    if scene is None or scene.empty:
+    if scene.empty:
         return None, lambda _: None
     some = np.unique(np.linspace(0, len(t) - 1, min(len(t), 500)).astype(int))
     camera = scene.camera(q[some], v[some])

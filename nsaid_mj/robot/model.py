@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from ..errors import BadRobot, InvalidInput, UnknownName
-from ..parameters import Array
-from ..structure.joints import moving_joints, slides
+from ..parameters import Array, ParameterSpace
+from ..structure.joints import JointScales, JointTree, floats
 from ..structure.optional import pin
+from ..structure.system import rebuilt
 from .findings import Finding
 
 
@@ -41,7 +42,8 @@ class RobotModel:
         rotor: (n_u,) nominal reflected rotor inertia [kg·m² or kg]; 0 where the file has none.
         gain: (n_u,) nominal force per unit of command [N·m or N]; 1 where the file has none.
         limits: (n_u,) largest absolute command; inf where the file has none.
-        system: the structure of a vehicle (a `SecondOrderSystem`); None for a tree of joints.
+        system: the structure (a `SecondOrderSystem`): of a vehicle its sheet's, of a tree of joints
+            its links alone, to which friction and motors are added; see `links_of`.
         prior: (p,) θ̂(0) of a vehicle, its published values; None for a tree of joints.
         findings: about the file, such as inertias moved inside the cone or meshes not found.
         visuals: data for drawing the robot, for `recording`.
@@ -71,6 +73,15 @@ class RobotModel:
     servos: Servos | None = None
     top_speed: float = np.inf
 
+    def __post_init__(self) -> None:
+        if self.system is None and self.jointed:
+            object.__setattr__(self, "system", links_of(self.model))
+
+    @property
+    def jointed(self) -> bool:
+        """Whether it is a tree of joints from a model file, and no vehicle from a sheet."""
+        return self.model is not None
+
     @property
     def weightless(self) -> bool:
         """Whether the model file has no masses, so that all inertias are guesses."""
@@ -84,10 +95,26 @@ class RobotModel:
     @property
     def units(self) -> tuple[str, ...]:
         """Unit of the position along each velocity, rad or m."""
-        if self.system is not None:
-            return tuple(unit.removesuffix("/s") for unit in self.system.velocity_units)
-        joints = [] if self.model is None else moving_joints(self.model)
-        return tuple("m" if slides(joint) else "rad" for joint in joints)
+        return tuple(unit.removesuffix("/s") for unit in self.system.velocity_units)
+
+
+def links_of(
+    model: pin.Model, speed: Array | None = None, command: Array | None = None
+) -> JointTree:
+    """The links of a tree of joints, with one command for each joint, but no force on any.
+
+    speed (k,) and command (k,) are the largest in probes of the structure, 1 by default.
+    """
+    bodies, joints = model.njoints - 1, model.nv - (6 if floats(model) else 0)
+    per_body, per_joint = np.ones(bodies), np.ones(joints)  # guesses, on which nothing depends
+    speed = per_joint if speed is None else speed
+    command = per_joint if command is None else command
+    scales = JointScales(per_body, per_body, per_joint, per_joint, per_joint, speed, command)
+    tree = JointTree(model, scales, per_joint)
+    blocks = tree.space.blocks[:bodies]
+    space = ParameterSpace(blocks)
+    structure = replace(tree.structure, columns=(), rotors=(), p=len(space))
+    return rebuilt(tree, structure, space)
 
 
 LOCK = "Lock it, if it stood still in the log: `--lock {}`."

@@ -12,8 +12,9 @@ acceleration, u command, θ (p,) parameters. F is always evaluated at the measur
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from copy import copy
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -308,6 +309,17 @@ def _batched(
     samples = [np.broadcast_to(array, batch + end).reshape(-1, *end) for array, end in pairs]
     found = function(*samples)
     return found.reshape(batch + found.shape[1:])
+
+
+_System = TypeVar("_System", bound=SecondOrderSystem)
+
+
+def rebuilt(system: _System, structure: Structure, space: ParameterSpace) -> _System:
+    """A copy of a system with another structure of the same joints, and with its parameters."""
+    made = copy(system)
+    vars(made).pop("p", None)  # it is cached, and another structure has other parameters
+    SecondOrderSystem.__init__(made, structure, space, system.mounts)
+    return made
 
 
 def gains_by_command(system: SecondOrderSystem) -> list[Indices]:

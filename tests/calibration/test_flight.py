@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.timing import Timing
 from nsaid_mj.cli.commands import command
@@ -95,7 +95,7 @@ def test_measured_speeds_replace_commands_their_curve_and_lag(flight, tmp_path, 
     found = []
     for name, esc in (("plain", columns), ("turned", turned)):
         log = write_ulog(tmp_path / f"{name}.ulg", logged | {"esc_status": (esc, t)})
-        found.append(identify("hummingbird", log, known={"m": float(flight.truth[0])}))
+        found.append(identify_forces("hummingbird", log, known={"m": float(flight.truth[0])}))
     own, codes = found[0].parameters, {f.code: f for f in found[0].findings}
     assert "measured speeds are used" in codes["standard_map"].text
     assert not {"curve", "lag"} & set(codes) and abs(found[0].joints[0].delay) < 2e-3
@@ -148,7 +148,7 @@ def test_a_law_follows_the_commands_as_they_act(flight, tmp_path):
     """Without curve and lag its gains were 25 % off and the last fifth was predicted to .28."""
     log = write_ulog(tmp_path / "flight.ulg", topics(flight.log, 0.6))
     known = {"m": float(flight.truth[0])}
-    law = identify("hummingbird", log, known=known, law="efficient").law
+    law = identify_forces("hummingbird", log, known=known, law="efficient").law
     assert law is not None and law.completed and law.last.max() < 0.2
     for gain in law.gains:
         assert gain.law == pytest.approx(gain.batch, rel=0.1)
@@ -167,7 +167,7 @@ def test_intervals_hold_where_noise_exceeds_fast_accelerations(tmp_path, style, 
     """The noise passed for drag and inertia: −70 % and +5 %, in intervals of ± 30 % and ± 1 %."""
     flight = flown(20.0, seed, **style)
     log = write_ulog(tmp_path / "flight.ulg", topics(flight.log, 0.6))
-    found = identify("hummingbird", log, known={"m": float(flight.truth[0])})
+    found = identify_forces("hummingbird", log, known={"m": float(flight.truth[0])})
     own = found.parameters[: len(flight.truth)]
     stated = [(p, true) for p, true in zip(own, flight.truth, strict=True) if p.low < p.high]
     covered = [p.low <= true <= p.high for p, true in stated if p.status == "identified"]

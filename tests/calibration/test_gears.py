@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from nsaid_mj.calibration.choose.columns import BASIC
 from nsaid_mj.calibration.export import write_models
-from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import BASIC
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.models import load_robot_model
 from tests.support.gears import GAIN, RIGID, Gear, log, mjcf, written
 from tests.support.robot_logs import write_csv
@@ -26,7 +26,7 @@ def identified(folder: Path, seed: int = 0, gears=RIGID, drag=None, spring=0.0, 
     """The result of a log; and whose residuals follow what, by joint."""
     text = mjcf(gears, spring, rest)
     file = write_csv(folder / "log.csv", log(text, gears, seed, drag))
-    found = identify(load_robot_model(str(written(folder))), file, known=KNOWN, **more)
+    found = identify_forces(load_robot_model(str(written(folder))), file, known=KNOWN, **more)
     told = [f for f in found.findings if f.code == "residuals"]
     return found, {(f.where, words): f.text for f in told for words in OTHERS if words in f.text}
 
@@ -95,7 +95,7 @@ def test_a_spring_in_a_file_whose_angles_are_degrees_rests_where_it_does(tmp_pat
     text = mjcf(spring=20.0, rest=0.3)
     file = write_csv(tmp_path / "log.csv", log(text, RIGID, 0))
     (tmp_path / "arm.xml").write_text(degrees, encoding="utf-8")
-    found = identify(load_robot_model(str(tmp_path / "arm.xml")), file, known=KNOWN)
+    found = identify_forces(load_robot_model(str(tmp_path / "arm.xml")), file, known=KNOWN)
     files, _ = write_models(found, tmp_path)
     model = mujoco.MjModel.from_xml_path(str(next(f for f in files if f.suffix == ".xml")))
     assert model.joint("shoulder").qpos_spring[0] == pytest.approx(0.3, abs=0.02)

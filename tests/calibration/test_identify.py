@@ -10,7 +10,7 @@ import pytest
 import nsaid_mj as ns
 from nsaid_mj.calibration.calibrate import calibrate
 from nsaid_mj.calibration.fit import minimise, tempered, tempered_fit
-from nsaid_mj.calibration.identify import coupled, identify
+from nsaid_mj.calibration.identify import coupled, identify_forces
 from nsaid_mj.calibration.problem import Problem, least_squares
 from nsaid_mj.calibration.result import Identification, Options
 from nsaid_mj.cli.commands import command
@@ -24,7 +24,7 @@ from tests.support.simulated_logs import Simulated, nominal_model
 
 @pytest.fixture(scope="module")
 def tx40() -> Identification:
-    return identify("tx40")
+    return identify_forces("tx40")
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def again() -> tuple[Identification, Problem]:
             "nsaid_mj.calibration.calibrate.tempered_fit",
             lambda p: (problems.append(p), tempered_fit(p))[1],
         )
-        return identify("tx40"), problems[0]
+        return identify_forces("tx40"), problems[0]
 
 
 def test_the_structure_explains_the_real_log(tx40):
@@ -89,7 +89,7 @@ def simulated() -> Simulated:
 
 
 def outcome(simulated: Simulated, path: Path, **options):
-    return identify(nominal_model(simulated, 0), path, **options)
+    return identify_forces(nominal_model(simulated, 0), path, **options)
 
 
 def test_gains_of_a_simulated_arm_are_found_and_covered(simulated, tmp_path):
@@ -160,17 +160,17 @@ def massless(folder: Path) -> tuple[str, dict[str, np.ndarray]]:
 def test_a_model_without_masses_gives_ratios_only_until_a_gain_is_known(tmp_path):
     model, values = massless(tmp_path)
     log = write_csv(tmp_path / "log.csv", values)
-    free = identify(model, log)
+    free = identify_forces(model, log)
     assert "no_masses" in {f.code for f in free.findings} and "only ratios" in free.anchor
     assert all(gain.high > 100 * gain.low for gain in free.of("motor gain"))
-    one, other = identify(model, log, known={"gain_1": 1.0}).of("motor gain")
+    one, other = identify_forces(model, log, known={"gain_1": 1.0}).of("motor gain")
     assert one.value == 1.0 and other.low < 2.0 < other.high and other.high < 4.0
 
 
 def test_commands_in_newton_metres_fix_the_scale_of_a_model_without_masses(tmp_path):
     model, values = massless(tmp_path)
     values["tau1 [Nm]"], values["tau2 [Nm]"] = values.pop("tau1"), 2 * values.pop("tau2")
-    found = identify(model, write_csv(tmp_path / "log.csv", values))
+    found = identify_forces(model, write_csv(tmp_path / "log.csv", values))
     assert all(gain.low < 1.0 < gain.high and gain.high < 2.0 for gain in found.of("motor gain"))
 
 
@@ -179,7 +179,7 @@ def test_a_joint_at_rest_throughout_is_told_and_the_others_are_identified(tmp_pa
     values = columns(duration=20)
     values["q2"] = 1e-5 * np.random.default_rng(0).standard_normal(len(values["t"]))
     del values["dq1"], values["dq2"]
-    found = identify(two_joints(), write_csv(tmp_path / "log.csv", values))
+    found = identify_forces(two_joints(), write_csv(tmp_path / "log.csv", values))
     assert ("at_rest", "elbow") in [(f.code, f.where) for f in found.findings]
     assert np.isfinite(found.deviation).all()
 
@@ -191,7 +191,7 @@ def test_an_arm_with_one_joint_is_identified(tmp_path):
     rows = zip(q, v, a, strict=True)
     force = np.array([pin.rnea(robot.model, data, *row) for row in rows]) + v
     values["tau1"] = force[:, 0] / 2
-    found = identify(robot, write_csv(tmp_path / "log.csv", values))
+    found = identify_forces(robot, write_csv(tmp_path / "log.csv", values))
     (gain,), (viscous,) = found.of("motor gain"), found.of("viscous friction")
     assert found.explains != "no"
     assert gain.low < 2 < gain.high and viscous.low < 1 < viscous.high
@@ -201,7 +201,7 @@ def test_noise_is_no_reversed_command(tmp_path):
     values = columns(duration=20)
     rng = np.random.default_rng(7)
     values |= {f"tau{k}": rng.standard_normal(len(values["t"])) for k in (1, 2)}
-    found = identify(two_joints(), write_csv(tmp_path / "log.csv", values))
+    found = identify_forces(two_joints(), write_csv(tmp_path / "log.csv", values))
     assert found.explains == "no"
 
 
@@ -230,7 +230,7 @@ def test_milliamperes_are_named(simulated, tmp_path):
 
 def test_a_model_without_a_log_is_refused():
     with pytest.raises(InvalidInput, match="--log"):
-        identify("ur5")
+        identify_forces("ur5")
 
 
 @pytest.mark.parametrize("words", [("identify", "tx40"), ("inspect", "log.csv")])
@@ -243,7 +243,7 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path, words, out
 
 def test_a_mistyped_robot_is_told_before_a_missing_log():
     with pytest.raises(UnknownName, match="tx40"):
-        identify("tx4")
+        identify_forces("tx4")
 
 
 @pytest.mark.parametrize("column,sign", [(1, 1.0), (4, -1.0)])
@@ -279,13 +279,13 @@ def test_friction_of_a_coupled_motor_is_found(simulated, tmp_path, i, j, sign):
 
 def test_an_unknown_column_is_refused_with_the_known_ones():
     with pytest.raises(UnknownName, match="viscous"):
-        identify("tx40", columns=["viscose"])
+        identify_forces("tx40", columns=["viscose"])
 
 
 @pytest.mark.parametrize("delay", [[0.1, 0.2], float("nan"), 3.0])
 def test_delays_that_cannot_be_are_refused(delay):
     with pytest.raises(InvalidInput, match="delay"):
-        identify("tx40", delay=delay)
+        identify_forces("tx40", delay=delay)
 
 
 def test_parameters_of_a_joint_that_is_not_explained_have_wide_intervals(simulated, tmp_path):

@@ -232,12 +232,12 @@ def test_slopes_are_right_up_to_a_third_of_nyquist():
 
 def test_what_an_alternative_changes_reaches_the_intervals(monkeypatch, tmp_path):
     """Every other plausible structure is asked, and its change is in the interval."""
-    from nsaid_mj.calibration.identify import identify
+    from nsaid_mj.calibration.identify import identify_forces
     from tests.support.robot_logs import arm_log, two_joints, write_csv
 
     log = write_csv(tmp_path / "log.csv", arm_log(two_joints(), 0, duration=10.0)[0])
-    plain = identify(two_joints(), log, known={"gain_1": 1.0})
+    plain = identify_forces(two_joints(), log, known={"gain_1": 1.0})
     monkeypatch.setattr(calibrate, "_change", lambda problem, *_: 0.5 * problem.prior)
-    wide = identify(two_joints(), log, known={"gain_1": 1.0})
+    wide = identify_forces(two_joints(), log, known={"gain_1": 1.0})
     assert wide.of("motor gain")[1].high > 1.5 * plain.of("motor gain")[1].high
     assert len(Filter(5.0, 50.0, 1).kernel) % 2 == 1 and refined(plain.recordings).rate >= 200

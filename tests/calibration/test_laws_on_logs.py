@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.law import law_findings, law_logs
 from nsaid_mj.calibration.result import AlongLog, Gain, Identification
 from nsaid_mj.calibration.session import Session
@@ -46,7 +46,7 @@ def arm(tmp_path_factory) -> tuple[str, Path, dict[str, float]]:
 
 def identified(arm, law: str, folder: Path | None = None) -> Identification:
     model, log, _ = arm
-    return identify(model, log, law=law, folder=folder, columns=[], delay=0.0)
+    return identify_forces(model, log, law=law, folder=folder, columns=[], delay=0.0)
 
 
 @pytest.mark.parametrize("law,near", [("efficient", 0.1), ("memory", 0.1), ("cone", 0.4)])
@@ -66,7 +66,7 @@ def test_a_law_finds_the_gains_of_a_log(arm, law, near):
 
 def test_no_fault_is_named_where_the_structure_is_not_exact():
     """A real arm's unmodelled effects; a payload was named in them, and the estimate lost by it."""
-    along = identify("tx40", law="efficient").law
+    along = identify_forces("tx40", law="efficient").law
     assert along is not None and not along.run.faults
     assert np.median(along.last / along.batch_last) < 2
 
@@ -147,7 +147,7 @@ def test_a_law_without_intervals_is_never_told_apart():
 
 def test_an_unknown_law_is_refused_before_the_log_is_read():
     with pytest.raises(UnknownName, match="efficient"):
-        identify("tx40", "none.csv", law="kalman")
+        identify_forces("tx40", "none.csv", law="kalman")
 
 
 def test_logs_without_forces_take_no_law_but_batch(tmp_path):

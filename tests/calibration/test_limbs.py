@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.links import file_links, sizes_of_links, torque_rows, weight_columns
+from nsaid_mj.calibration.identify import identify_forces
+from nsaid_mj.calibration.links import file_links, sizes_of_links, weight_columns
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.result import Identification
 from tests.support.robot_logs import TWO_LEGS, write_csv
@@ -49,7 +49,7 @@ def biped(tmp_path_factory) -> tuple[Path, Path, np.ndarray]:
 @pytest.fixture(scope="module")
 def identified(biped) -> tuple[Identification, np.ndarray]:
     model, log, gain = biped
-    return identify(str(model), [log]), gain
+    return identify_forces(str(model), [log]), gain
 
 
 def test_gains_of_both_legs_are_covered(identified):
@@ -76,7 +76,7 @@ def test_the_gain_of_a_head_that_stands_still_is_a_wide_guess(biped, tmp_path):
     still = rng.normal(size=(len(values), 3)) * [1e-4, 2e-3, 1e-3]
     columns = [*names.split(","), "pan_pos", "pan_vel", "pan_effort"]
     table = dict(zip(columns, np.hstack([values, still]).T, strict=True))
-    found = identify(str(with_head(tmp_path)), [write_csv(tmp_path / "log.csv", table)])
+    found = identify_forces(str(with_head(tmp_path)), [write_csv(tmp_path / "log.csv", table)])
     gain = found.of("motor gain")[-1]
     assert gain.low < 1.0 < gain.high and gain.status != "identified"
 
@@ -84,16 +84,17 @@ def test_the_gain_of_a_head_that_stands_still_is_a_wide_guess(biped, tmp_path):
 def test_a_limb_that_stands_still_on_a_vertical_axis_has_its_mass_as_size(biped):
     """Neither weight nor inertia acts on its joint."""
     path = with_head(biped[0].parent)
-    model, rng = load_robot_model(str(path)).model, np.random.default_rng(0)
+    robot, rng = load_robot_model(str(path)), np.random.default_rng(0)
+    model, system = robot.model, robot.system
     q, v, a = rng.uniform(-1, 1, (3, 50, 7)) * np.append(np.ones(6), 0.0)
-    moving = torque_rows(model, q, v, a).reshape(-1, 70)
-    sizes = sizes_of_links(model, moving, weight_columns(model, q))
+    moving = system.regressor(0.0, np.hstack([q, v]), v, a, np.zeros(7)).reshape(-1, 70)
+    sizes = sizes_of_links(model, moving, weight_columns(system, q))
     np.testing.assert_allclose(sizes @ file_links(model), 1.0, rtol=1e-9)
     assert sizes[2].nonzero()[0].tolist() == [60] and sizes[2, 60] == pytest.approx(0.5)
 
 
 def test_a_known_gain_says_nothing_of_the_other_leg(biped):
     model, log, gain = biped
-    result = identify(str(model), [log], known={"gain_1": float(gain[0])})
+    result = identify_forces(str(model), [log], known={"gain_1": float(gain[0])})
     (told,) = (f for f in result.findings if f.code == "known_in_combination")
     assert "not at all to those of other limbs" in told.text and "of each limb" in told.remedy

@@ -9,7 +9,7 @@ import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, NullspaceAID, Scenario
 from nsaid_mj.calibration.export import write_models
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.measured import LiveRobot
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.result import Identification
@@ -67,7 +67,7 @@ def logged(name: str, folder: Path) -> tuple[Path, Path, dict[str, float]]:
 @pytest.fixture(scope="module", params=list(ROBOTS))
 def identified(request, tmp_path_factory) -> tuple[Identification, dict[str, float], int]:
     model, log, truth = logged(request.param, tmp_path_factory.mktemp("passive"))
-    return identify(str(model), [log]), truth, ROBOTS[request.param][1]
+    return identify_forces(str(model), [log]), truth, ROBOTS[request.param][1]
 
 
 def test_parameters_are_covered(identified):
@@ -96,7 +96,7 @@ def test_actuators_elsewhere_do_not_disturb_the_replay(tmp_path):
     text = ACROBOT.replace("</body></body>", '<site name="a"/><site name="b"/></body></body>')
     pull = '<actuator><general site="b"/><general site="a" gear="1 0 0 0 0 0"/>'
     model.write_text(text.replace("<actuator>", pull), encoding="utf-8")
-    (followed,) = write_models(identify(str(model), [log]), tmp_path)[1]
+    (followed,) = write_models(identify_forces(str(model), [log]), tmp_path)[1]
     exported = followed.data["exported"]
     assert isinstance(exported, list) and max(exported) < 5e-3
 
@@ -113,7 +113,7 @@ def test_a_gain_that_contradicts_the_masses_of_its_file_has_a_wide_interval(tmp_
     model, log, truth = logged("cartpole", tmp_path)
     text = CARTPOLE.replace('joint="rail"/>', 'joint="rail" gear="10"/>')
     model.write_text(text, encoding="utf-8")
-    result = identify(str(model), [log])
+    result = identify_forces(str(model), [log])
     (gain,) = (p for p in result.parameters if p.is_gain)
     assert gain.low < truth["gain_1"] < 0.5 * gain.value and gain.status != "identified"
     said = re.search(r"only to a factor of ([\d.]+)\.$", result.verdict)
@@ -144,7 +144,7 @@ def test_a_motor_without_a_command_is_still_a_mistake(tmp_path):
     (tmp_path / "a.xml").write_text(ACROBOT, encoding="utf-8")
     write_csv(tmp_path / "log.csv", {"t": np.arange(9.0), "q_1": np.ones(9), "q_2": np.ones(9)})
     with pytest.raises(UnmatchedChannels, match=r"No channels name a torque .* each of elbow"):
-        identify(str(tmp_path / "a.xml"), [tmp_path / "log.csv"])
+        identify_forces(str(tmp_path / "a.xml"), [tmp_path / "log.csv"])
 
 
 def test_a_map_must_name_the_command_of_a_motor(tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.links import Load, carrier, check_loads, load_of, payloads, with_mass
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import InvalidInput, UnknownName
@@ -30,7 +30,7 @@ def logs(arm, tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 def test_a_load_fixes_the_gains_of_an_arm(arm, logs):
-    found = identify(arm.robot, logs, loads=[f"loaded.csv:{MASS}kg"], **OPTIONS)
+    found = identify_forces(arm.robot, logs, loads=[f"loaded.csv:{MASS}kg"], **OPTIONS)
     assert found.explains == "yes" and "mass of payload = 2" in found.anchor
     gains, true = found.of("motor gain")[:3], arm.gain
     for gain, k in zip(gains, true, strict=False):
@@ -41,7 +41,7 @@ def test_a_load_fixes_the_gains_of_an_arm(arm, logs):
     assert own["mass of payload"].value == MASS and own["mass of payload"].status == "known"
     for axis, c in zip("xyz", CENTRE, strict=True):
         assert own[f"m·c{axis} of payload"].value == pytest.approx(MASS * c, abs=0.02)
-    free = identify(arm.robot, logs[:1], **OPTIONS)
+    free = identify_forces(arm.robot, logs[:1], **OPTIONS)
     gain, other = found.of("motor gain")[0], free.of("motor gain")[0]
     assert gain.high / gain.low < 1.15
     assert other.high / other.low > 2
@@ -50,7 +50,7 @@ def test_a_load_fixes_the_gains_of_an_arm(arm, logs):
 def test_a_load_whose_place_is_known_has_no_parameter_left(arm, logs):
     place = ",".join(str(x) for x in CENTRE)
     text = f"loaded.csv:2000g@{arm.robot.joints[-1]}:{place}"
-    found = identify(arm.robot, logs, loads=[text], **OPTIONS)
+    found = identify_forces(arm.robot, logs, loads=[text], **OPTIONS)
     own = [p for p in found.parameters if p.block == "payload"]
     assert [p.status for p in own[:4]] == ["known"] * 4
     assert own[1].value == pytest.approx(MASS * CENTRE[0])
@@ -60,7 +60,7 @@ def test_a_load_whose_place_is_known_has_no_parameter_left(arm, logs):
 
 def test_a_wrong_mass_moves_the_scale_by_its_own_factor(arm, logs):
     right, wrong = (
-        identify(arm.robot, logs, loads=[f"loaded.csv:{m}kg"], **OPTIONS) for m in (2.0, 3.0)
+        identify_forces(arm.robot, logs, loads=[f"loaded.csv:{m}kg"], **OPTIONS) for m in (2.0, 3.0)
     )
     ratio = [b.value / a.value for a, b in zip(*(
         r.of("motor gain")[:3] for r in (right, wrong)), strict=True)]  # fmt: skip

@@ -10,9 +10,10 @@ import pinocchio as pin
 import pytest
 from scipy.ndimage import uniform_filter1d
 
+from nsaid_mj.calibration.choose.columns import BASIC, SPEEDS, Choice
 from nsaid_mj.calibration.fit import minimise, precision
-from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import BASIC, SPEEDS, Choice, JointRows
+from nsaid_mj.calibration.identify import identify_forces
+from nsaid_mj.calibration.joints import JointRows
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.problem import Problem
 from nsaid_mj.calibration.residuals import (
@@ -222,7 +223,7 @@ def outcome(robot, folder, seed: int = 0, flaw: Flaw | None = None, **options):
     """What a log is identified as, and identified parameters off by 3 half-widths and by 5 %."""
     values, true = arm_log(robot, seed, flaw, **options)
     log = write_csv(folder / "log.csv", values)
-    found = identify(robot, log, known={"gain_1": true["gain_1"]})
+    found = identify_forces(robot, log, known={"gain_1": true["gain_1"]})
     off = []
     for p in found.parameters:
         if p.name not in true or p.status != "identified":
@@ -285,7 +286,7 @@ def test_a_wrong_ratio_ends_a_yes_and_a_lag_widens_the_intervals(ur5, flawed, tm
     assert found.explains == "partly" and "a scale error of its position" in found.verdict
     values, true = arm_log(ur5, 1, Flaw(lag=0.03))
     log = write_csv(tmp_path / "log.csv", values)
-    gains = identify(ur5, log, known={"gain_1": true["gain_1"]}).of("motor gain")
+    gains = identify_forces(ur5, log, known={"gain_1": true["gain_1"]}).of("motor gain")
     assert max(abs(gain.value / true[gain.name] - 1) for gain in gains[:5]) > 0.02
     assert all(gain.low <= true[gain.name] <= gain.high for gain in gains)
 
@@ -303,7 +304,7 @@ def test_a_drive_that_is_no_multiple_of_its_command_is_told(tmp_path, words, cha
     values, true = arm_log(robot, 3)
     values["elbow_current"] = change(values["elbow_current"])
     log = write_csv(tmp_path / "log.csv", values)
-    found = identify(robot, log, known={"gain_1": true["gain_1"]})
+    found = identify_forces(robot, log, known={"gain_1": true["gain_1"]})
     told = [f for f in found.findings if f.code == "residuals" and f.where == "elbow"]
     assert any(words in f.text for f in told), told
     gain = found.parameters[[p.name for p in found.parameters].index("gain_2")]
@@ -316,7 +317,7 @@ def test_gains_that_all_fade_are_told(tmp_path):
     values, true = arm_log(robot, 4)
     for name in robot.joints:
         values[f"{name}_current"] *= np.linspace(1.0, 1.1, len(values["time"]))
-    found = identify(
+    found = identify_forces(
         robot, write_csv(tmp_path / "log.csv", values), known={"gain_1": true["gain_1"]}
     )
     told = [f for f in found.findings if f.code == "residuals" and not f.where]

@@ -10,10 +10,11 @@ import pytest
 from nsaid_mj.calibration import calibrate as calibration
 from nsaid_mj.calibration.arms import expected_gains, structured_arm
 from nsaid_mj.calibration.calibrate import _held_out
+from nsaid_mj.calibration.choose.columns import BASIC, Choice
 from nsaid_mj.calibration.export import identified
 from nsaid_mj.calibration.fit import Prior, minimise
-from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.joints import BASIC, Choice, JointRows
+from nsaid_mj.calibration.identify import identify_forces
+from nsaid_mj.calibration.joints import JointRows
 from nsaid_mj.calibration.links import file_links, link_blocks, sizes_of_links
 from nsaid_mj.calibration.problem import Problem, Size
 from nsaid_mj.calibration.result import Identification, JointFit, Options
@@ -136,7 +137,7 @@ def path(log, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def free(log, path) -> Identification:
-    return identify(log.robot, path, columns=["viscous"], delay=0.012)
+    return identify_forces(log.robot, path, columns=["viscous"], delay=0.012)
 
 
 def test_gains_are_guessed_from_torque_and_friction_together(log, path):
@@ -178,7 +179,7 @@ def test_the_exported_model_carries_the_files_weight(log, free):
 
 def test_a_known_gain_fixes_the_scale(log, path):
     known = {"gain_1": float(log.gain[0])}
-    found = identify(log.robot, path, known=known, columns=["viscous"], delay=0.012)
+    found = identify_forces(log.robot, path, known=known, columns=["viscous"], delay=0.012)
     assert found.explains == "yes" and "known gain_1" in found.anchor
     gain = found.of("motor gain")[1]
     assert gain.status == "identified" and gain.high / gain.low < 1.2
@@ -189,7 +190,7 @@ def test_a_known_mass_settles_its_share_of_the_weight(log, path, free):
     """Seen in combination only, it does not fix the scale, and that is said."""
     name = "mass of upper_arm_link"
     known = {name: float(log.true.inertias[2].mass)}
-    found = identify(log.robot, path, known=known, columns=["viscous"], delay=0.012)
+    found = identify_forces(log.robot, path, known=known, columns=["viscous"], delay=0.012)
     gains = [result.of("motor gain")[1] for result in (free, found)]
     assert gains[1].high / gains[1].low < 0.8 * gains[0].high / gains[0].low
     assert abs(np.log(gains[1].value / log.gain[1])) < abs(np.log(gains[0].value / log.gain[1]))
@@ -204,7 +205,7 @@ def test_known_masses_of_all_links_fix_the_scale(log, path):
         for i, link in enumerate(("shoulder_link", "upper_arm_link", "forearm_link",
                                   "wrist_1_link", "wrist_2_link", "wrist_3_link"), 1)
     }  # fmt: skip
-    found = identify(log.robot, path, known=known, columns=["viscous"], delay=0.012)
+    found = identify_forces(log.robot, path, known=known, columns=["viscous"], delay=0.012)
     assert found.explains == "yes"
     gain = found.of("motor gain")[1]
     assert gain.value == pytest.approx(log.gain[1], rel=0.08)
@@ -213,7 +214,7 @@ def test_known_masses_of_all_links_fix_the_scale(log, path):
 
 def test_a_known_mass_that_no_joint_feels_changes_nothing_and_is_told(log, path, free):
     known = {"mass of shoulder_link": 2 * float(log.true.inertias[1].mass)}
-    found = identify(log.robot, path, known=known, columns=["viscous"], delay=0.012)
+    found = identify_forces(log.robot, path, known=known, columns=["viscous"], delay=0.012)
     told = next(f for f in found.findings if f.code == "known_in_combination")
     assert "it has no effect in the log; it changes no other parameter" in told.text
     gains = [[g.value for g in result.of("motor gain")] for result in (free, found)]
@@ -247,7 +248,7 @@ def test_a_validation_log_that_is_not_predicted_widens_its_joint(log, path, tmp_
     other = HeavyWrist("ur5", 0, 15.0)
     other.u[:, 3] = rng.standard_normal(len(other.u)) * other.u[:, 3].std()
     bad = other.write(tmp_path / "other.csv")
-    found = identify(log.robot, path, validate=bad, columns=["viscous"], delay=0.012)
+    found = identify_forces(log.robot, path, validate=bad, columns=["viscous"], delay=0.012)
     assert found.joints[3].held_out < 0.2 and "wrist_1_joint" in found.verdict
     gain = found.of("motor gain")[3]
     assert gain.high / gain.low > 10
@@ -292,7 +293,7 @@ def test_a_doubted_structure_leaves_masses_positive_and_no_parameter_identified(
 
     monkeypatch.setattr(calibration, "structure_checks", doubted)
     monkeypatch.setattr(calibration, "_doubted", lambda problem, *_: np.ones(len(problem.space)))
-    found = identify(log.robot, path, columns=["viscous"], delay=0.012)
+    found = identify_forces(log.robot, path, columns=["viscous"], delay=0.012)
     masses = [p for p in found.parameters if p.unit == "kg"]
     assert masses and all(0 < p.low < p.value < p.high for p in masses)
     assert "identified" not in {p.status for p in found.parameters}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration import identify as module
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.logs.unusable import UnusableLog
 from tests.support.robot_logs import columns, two_joints
 
@@ -42,7 +42,7 @@ def test_a_validation_log_has_its_own_map(tmp_path, monkeypatch):
     log = write(tmp_path / "log.csv", OWN)
     other = write(tmp_path / "other.csv", OTHER, 180 / np.pi)
     (tmp_path / "map.toml").write_text(MAP, encoding="utf-8")
-    identify(two_joints(), log, validate=other, validate_mapping=tmp_path / "map.toml")
+    identify_forces(two_joints(), log, validate=other, validate_mapping=tmp_path / "map.toml")
     (fitted,), (judged,) = given[1].segments, given[2].segments
     np.testing.assert_allclose(judged.log.q, fitted.log.q, atol=1e-6)
 
@@ -51,7 +51,7 @@ def test_faults_of_a_validation_log_are_of_its_file(tmp_path):
     log = write(tmp_path / "log.csv", OWN)
     other = write(tmp_path / "other.csv", OWN, 180 / np.pi)
     with pytest.raises(UnusableLog, match=r"validation log other\.csv, shoulder"):
-        identify(two_joints(), log, validate=other)
+        identify_forces(two_joints(), log, validate=other)
     with pytest.raises(UnusableLog) as raised:
-        identify(two_joints(), other, validate=log)
+        identify_forces(two_joints(), other, validate=log)
     assert "validation" not in str(raised.value)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
 
@@ -42,7 +42,7 @@ angular = {list(AXES[10:])}
 
 def test_a_quadrotors_delay_and_parameters_are_found(flight):
     folder, truth = flight
-    found = identify("hummingbird", folder / "flight.csv", mapping=folder / "map.toml")
+    found = identify_forces("hummingbird", folder / "flight.csv", mapping=folder / "map.toml")
     assert found.explains == "partly" and "rests on the masses" in found.verdict
     assert not [p.name for p in found.parameters if p.status == "identified"]
     assert found.joints[0].delay == pytest.approx(DELAY, abs=0.005)
@@ -58,7 +58,7 @@ def test_a_quadrotors_delay_and_parameters_are_found(flight):
 
 def test_a_weighed_quadrotor_has_a_scale(flight):
     folder, truth = flight
-    found = identify("hummingbird", folder / "flight.csv", mapping=folder / "map.toml",
+    found = identify_forces("hummingbird", folder / "flight.csv", mapping=folder / "map.toml",
                      known={"m": float(truth[0])})  # fmt: skip
     assert found.explains == "yes"
     for thrust, true in zip(found.parameters[16:20], truth[16:20],
@@ -77,6 +77,6 @@ def test_a_thruster_with_a_dead_zone_is_told(tmp_path):
     table = np.column_stack([log.t, log.q, log.v, u])
     header = ",".join(["t", *names])
     np.savetxt(tmp_path / "log.csv", table, delimiter=",", header=header, comments="")
-    found = identify("bluerov2", tmp_path / "log.csv")
+    found = identify_forces("bluerov2", tmp_path / "log.csv")
     told = [f.text for f in found.findings if f.code == "residuals" and "thruster" in f.where]
     assert any("of its force" in text for text in told)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.calibration.identify import identify
+from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.calibration.statements import verdict
 from nsaid_mj.logs.unusable import UnusableLog
@@ -36,7 +36,9 @@ def judged_offline(case: Case) -> Judgement:
     with tempfile.TemporaryDirectory() as folder:
         model, log, constants, known = _files(found, Path(folder), rng)
         try:
-            result = identify(model, log, known=known, lock=_fingers(found)[:1])  # others mimic it
+            result = identify_forces(
+                model, log, known=known, lock=_fingers(found)[:1]
+            )  # others mimic it
         except UnusableLog as error:
             codes = [finding.code for finding in error.findings if finding.level == "refusal"]
             return Judgement(flagged=[f"the log is refused: {', '.join(codes)}"])

@@ -5,7 +5,9 @@ result = identify_servos(given)
 write_servo_mjcf(result, Path("identified.xml"))
 """
 
+from .export import replayed as replayed
 from .export import rollout as rollout
+from .export import with_replay as with_replay
 from .export import write_servo_mjcf as write_servo_mjcf
 from .identify import identify_servos as identify_servos
 from .identify import read_servos as read_servos

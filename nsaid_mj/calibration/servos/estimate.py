@@ -16,7 +16,6 @@ from .effects import effects_of
 from .fit import (
     DAMPING,
     DELAY,
-    EFFECTIVE,
     FRICTION,
     GRAVITY,
     OFFSET,
@@ -24,7 +23,6 @@ from .fit import (
     Prior,
     clusters,
     covariance_of,
-    effective_rate,
     minimise,
     zeros,
 )
@@ -65,7 +63,6 @@ class JointEstimate(NamedTuple):
     limit: float = np.inf  # at which the servo saturated [N·m or N]; inf if it did not
     slides: bool = False  # whether the joint is a slide, whose f is in m and whose g is in m/N
     travel: float = np.inf  # between its extreme positions [rad or m]
-    effective: float = EFFECTIVE  # independent samples of the residual per second
 
     @property
     def judged(self) -> bool:
@@ -260,10 +257,8 @@ def _judged(
 ) -> JointEstimate:
     """An estimate x (5,) with its `own` figures, and the error of predictions without a model."""
     error, simple, travel = _errors(logs, residual, used)
-    rate, limit = effective_rate(logs, residual), logs[0].limit
-    return JointEstimate(
-        name, x, error=error, simple=simple, limit=limit, travel=travel, effective=rate, **own
-    )
+    limit = logs[0].limit
+    return JointEstimate(name, x, error=error, simple=simple, limit=limit, travel=travel, **own)
 
 
 def _errors(logs: Sequence[JointLog], residual: Array, used: Array) -> tuple[float, float, float]:

@@ -15,7 +15,9 @@ import io
 import math
 from collections.abc import Sequence
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import mujoco
@@ -30,6 +32,7 @@ from ...parameters import Array
 from ...plants.world.coordinates import JointMap
 from ...plants.world.quiet import quiet
 from ...resources import write_text
+from ...robot.findings import Finding
 from ...robot.mjcf_file import actuators_of_file, compile_file, joints_of_file, own_file, relocate
 from ...robot.target_profile import followed
 from ...robot.tree import (
@@ -42,7 +45,7 @@ from ...robot.tree import (
 )
 from ...robot.xml import numbers, write_xml
 from .logs import ServoLog, ServoLogs
-from .words import Servo, ServoIdentification
+from .words import Replayed, Servo, ServoIdentification
 
 HARD = "0.9999 0.9999 0.001 0.5 2"
 """solimpfriction: MuJoCo's default is so soft that a joint creeps under its load."""
@@ -185,6 +188,45 @@ def rollout(
             mujoco.mj_step(mj, data, steps)
             out[k + 1] = where.read(data)[0]
     return out
+
+
+def replayed(
+    result: ServoIdentification, path: Path, given: ServoLogs, others: ServoLogs | None = None
+) -> tuple[Finding, Replayed]:
+    """Deviation of MuJoCo from logs with the exported file at a path, and with the user's own.
+
+    The logs are `others`, which took no part in the fit, or else those of the fit, `given`.
+    """
+    source, joints = result.robot.source, result.robot.joints
+    logs = [log for log in (others or given).logs if not log.loaded]  # of the file's own links
+    assert source is not None  # a model with servos comes from a file
+    simulated, nominal = ([rollout(file, joints, log) for log in logs] for file in (path, source))
+    own, before = (
+        1e3 * np.mean([np.abs(q - log.position).mean(axis=0) for q, log in pairs], axis=0)
+        for pairs in (zip(simulated, logs, strict=True), zip(nominal, logs, strict=True))
+    )
+    what, unit = ", ".join(dict.fromkeys(log.source for log in logs)), result.robot.small_unit
+    text = (
+        f"driven by the targets of {what} alone, MuJoCo's mean absolute error is {own.mean():.1f} "
+        f"{unit} with the exported file and its delays, and {before.mean():.1f} {unit} with yours"
+    )
+    data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
+    level = "note" if own.mean() < before.mean() else "warning"
+    rows = sum(len(log.t) for log in logs)
+    used = result.used[:rows] if others is None else np.ones(rows)  # logs with a load are the last
+    finding = Finding(level, "replay", "", text, "", data)
+    return finding, Replayed(tuple(logs), tuple(simulated), used)
+
+
+def with_replay(
+    result: ServoIdentification, given: ServoLogs, others: ServoLogs | None
+) -> ServoIdentification:
+    """The result with the deviation of its exported file from logs, see `replayed`."""
+    with TemporaryDirectory(prefix="nsaid-mj-") as folder:
+        path = Path(folder, f"{result.robot.name}.xml")
+        write_servo_mjcf(result, path)
+        finding, _ = replayed(result, path, given, others)
+    return replace(result, findings=(*result.findings, finding))
 
 
 def hold_others(mj: Any, data: Any, where: JointMap) -> None:

@@ -186,15 +186,6 @@ def _blocks(logs: Sequence[JointLog | ServoLog], length: float) -> Indices:
     return np.concatenate(found)
 
 
-def effective_rate(logs: Sequence[JointLog], residual: Array) -> float:
-    """Independent samples per second of a residual (N,), from the variance of windows' means."""
-    window = _blocks(logs, _WINDOW)
-    mean = np.bincount(window, residual) / np.maximum(np.bincount(window), 1)
-    correlated = _WINDOW * float(np.var(mean)) + 1e-300
-    most = 1 / float(np.median(np.diff(logs[0].t)))
-    return float(np.clip(np.var(residual) / correlated, EFFECTIVE / 3, most))
-
-
 def undisturbed(logs: Sequence[JointLog], residual: Array, sigma: float) -> Array:
     """(N,) 1, or 0 in windows whose residual is far above that of others with motion.
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import InvalidInput
-from ...evaluation.result import Parameter
 from ...logs import Map, Table, read_map, read_tables
 from ...numerics.threads import single_threaded
 from ...parameters import Array
@@ -19,14 +18,11 @@ from ...robot.target_profile import followed
 from ..links import Load, carrier, check_loads
 from ..models import load_robot_model
 from .effects import hidden_profile
-from .estimate import Estimate, estimate
+from .estimate import estimate
 from .fit import DELAY
-from .follow import follow
-from .logs import ServoLog, ServoLogs, coupled, read_servo_logs, servo_map
+from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map
 from .words import (
     ServoIdentification,
-    apart,
-    by_filter,
     gravity_notes,
     masses,
     parameters,
@@ -110,12 +106,11 @@ def read_servos(
 
 @single_threaded
 def identify_servos(
-    given: ServoLogs, report: Callable[[str], None] = lambda _: None, law: str = "batch"
+    given: ServoLogs, report: Callable[[str], None] = lambda _: None
 ) -> ServoIdentification:
     """Identifies stiffness, damping, friction, armature and delay of every servo by output error.
 
-    `given` is from `servo_logs`; the law `efficient`, instead of `batch`, also runs a filter along
-    the logs; `report` is called with the name of every stage, for progress.
+    `given` is from `servo_logs`; `report` is called with the name of every stage, for progress.
 
     Raises:
         InvalidInput: the logs without a load are shorter than ten seconds together.
@@ -137,16 +132,10 @@ def identify_servos(
     if given.load is not None and found.scale is not None:
         carrying = joints[carrier(given.robot.model, given.load)[0] - 1].name
         notes.append(weighed(given.load, carrying, found.scale))
-    along: tuple[Parameter, ...] = ()
-    if law == "efficient":
-        report("following the logs by law efficient")
-        along = _along(given, found)
-        notes += apart(along, own)
     return ServoIdentification(
         explains=explains,
         verdict=sentence,
         parameters=own,
-        law=along,
         findings=(*doubts, *profile, *found.findings, *notes, *given.findings),
         robot=given.robot,
         servos=tuple(servo(joint, found.scale) for joint in joints),
@@ -154,6 +143,28 @@ def identify_servos(
         used=used,
         seconds=time.perf_counter() - begin,
     )
+
+
+_NO_TORQUE = (
+    "Laws identify a motion from forces; a servo's log has none, and its velocity is too coarse "
+    "between two rows."
+)
+
+
+def check_servo_options(law: str, **others: object) -> None:
+    """Checks that no option of logs of forces was given with logs of targets.
+
+    Those of `others`, by name, must be empty.
+
+    Raises:
+        InvalidInput: one was.
+    """
+    logs = "with logs of targets and positions"
+    for name, value in others.items():
+        if value is not None and value != {}:
+            raise InvalidInput(f"--{name}", f"no such option {logs}", value, "Leave it out.")
+    if law != "batch":
+        raise InvalidInput("--law", f"batch {logs}", law, _NO_TORQUE)
 
 
 def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
@@ -167,17 +178,6 @@ def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
     logs = tuple(log._replace(target=followed(log.t, log.issued, every)) for log in given.logs)
     robot = replace(given.robot, servos=servos._replace(profile=every))
     return given._replace(robot=robot, logs=logs) if said else given, said
-
-
-def _along(given: ServoLogs, found: Estimate) -> tuple[Parameter, ...]:
-    """T, f/kp and kp of every joint by the filter, at the end of the free logs."""
-    free = [log for log in given.logs if not log.loaded]
-    used = found.used[: sum(len(log.t) for log in free)]
-    theta = np.array([joint.theta for joint in found.joints])
-    apart = [coupled(log, theta)[1] for log in free]
-    own = [[log.joint(j) for log in apart] for j in range(len(theta))]
-    pairs = zip(found.joints, follow(own, found.joints, used), strict=True)
-    return tuple(p for k, pair in enumerate(pairs, 1) for p in by_filter(k, *pair, found.scale))
 
 
 def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...evaluation.confidence import INTERVAL
 from ...evaluation.result import Explains, Parameter, Result, Status
 from ...parameters import Array
 from ...robot.findings import Finding
@@ -14,7 +13,6 @@ from ...robot.model import RobotModel
 from ..links import Load
 from .estimate import JointEstimate, MassScale
 from .fit import ARMATURE, GRAVITY
-from .follow import Followed
 from .logs import TRAVEL, ServoLog
 
 
@@ -45,8 +43,6 @@ class ServoIdentification(Result):
 
     robot: RobotModel
     servos: tuple[Servo, ...]  # servos of every joint, in the order of `robot.joints`
-    # T, f/kp and kp of every joint by the filter at the end of the logs; empty without it
-    law: tuple[Parameter, ...] = ()
     # the true masses over those of the model file, if a load was weighed; kp, kv, armature and
     # friction are those under the true masses
     scale: tuple[Parameter, ...]
@@ -69,7 +65,6 @@ class ServoIdentification(Result):
             "verdict": self.verdict,
             "servos": [asdict(servo) for servo in self.servos],
             "parameters": [parameter.document() for parameter in (*self.parameters, *self.scale)],
-            "efficient": [parameter.document() for parameter in self.law],
             "masked": self.masked,
             "findings": [asdict(finding) for finding in self.findings],
             "seconds": self.seconds,
@@ -127,28 +122,6 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
         about = f"{short}_{k}", f"{label} of {joint.name}", "servo", units[joint.slides]
         found.append(Parameter(*about, value, low, high, np.nan, status, combination))
     return tuple(found)
-
-
-def by_filter(
-    k: int, fit: JointEstimate, filtered: Followed, scale: MassScale | None
-) -> tuple[Parameter, ...]:
-    """T, f/kp and kp of a joint, numbered k, at a filter's end, under the true masses."""
-    x, variance = fit.x.copy(), np.zeros(len(fit.x))
-    x[:3], variance[:3] = filtered.x, filtered.deviation**2
-    variance[GRAVITY] += fit.offset**2 + (0.0 if scale is None else scale.deviation**2)
-    own = fit._replace(x=x, covariance=np.diag(variance), quantile=np.full(6, INTERVAL))
-    return tuple(p for p in parameters(k, own, scale) if p.name[:1] in "Tfk")
-
-
-def apart(along: Sequence[Parameter], fitted: Sequence[Parameter]) -> list[Finding]:
-    """Reports where a filter and the batch fit differ by more than both intervals."""
-    own = {p.name: p for p in fitted}
-    names = [p.label for p in along if p.low > own[p.name].high or p.high < own[p.name].low]
-    if not names:
-        return []
-    text = "it differs from the batch fit by more than both intervals in " + ", ".join(names)
-    remedy = "Trust neither interval there; the batch fit uses all rows at once."
-    return [Finding("warning", "law", "law efficient", text, remedy)]
 
 
 def _lag(joint: JointEstimate) -> str:

@@ -59,7 +59,7 @@ def _replay(result: ServoIdentification, replay: Replayed) -> Section:
 
 
 def _servos(result: ServoIdentification) -> list[Panel]:
-    """Every servo with its 95 % intervals, by output error and by the filter."""
+    """Every servo with its 95 % intervals."""
     lines: list[list[Cell]] = []
     for k, servo in enumerate(result.servos):
         own = result.parameters[_PER_SERVO * k : _PER_SERVO * (k + 1)]
@@ -71,11 +71,6 @@ def _servos(result: ServoIdentification) -> list[Panel]:
     panels: list[Panel] = [Table(heads, lines, spare=(7,))]
     if any(parameter.combination for parameter in result.parameters):
         panels.append(Text("~ only in combination with others; identification.json says which."))
-    if result.law:
-        found = [[s.name, *(_cell(p) for p in result.law[3 * k : 3 * k + 3])]
-                 for k, s in enumerate(result.servos)]  # fmt: skip
-        panels += [Text("Law efficient, a filter from positions alone, at the end of the logs:"),
-                   Table(heads[:4], found)]  # fmt: skip
     panels.append(Text("± in %; error: of the open-loop simulation; simple: of the delayed target "
                        "or a constant."))  # fmt: skip
     return panels

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+import nsaid_mj
 from nsaid_mj.calibration.inspection import inspect
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.servos import identify_servos, servo_logs
@@ -115,3 +116,14 @@ def test_inspecting_says_that_commands_are_targets(motion, tmp_path):
     assert "targets" in codes() and "unmatched" not in codes()
     path.write_text(path.read_text().replace("target_", "nothing_"))
     assert "targets" not in codes() and "unmatched" in codes()
+
+
+def test_a_packed_servo_arm_is_identified_from_python_too(monkeypatch):
+    monkeypatch.setattr("nsaid_mj.calibration.identify.identify_servos", lambda given, _: given)
+    given = nsaid_mj.identify("so101")
+    assert [log.source for log in given.logs] == ["log.csv.gz"]
+    assert given.robot.joints[0] == "shoulder_pan"
+    with pytest.raises(InvalidInput, match="cutoff"):
+        nsaid_mj.identify("so101", cutoff=5.0)
+    with pytest.raises(InvalidInput, match="from forces"):
+        nsaid_mj.identify("so101", law="efficient")

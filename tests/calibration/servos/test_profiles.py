@@ -112,12 +112,11 @@ def test_logs_with_other_stiffness_registers_are_fitted_together(tmp_path):
     told = {file.name: {"p": p} for file, p in zip(files, (16, 32), strict=True)}
     given = servo_logs(MODEL, files, map_of({"files": told}))
     assert given is not None and [one.stiffer for one in given.logs] == [1, 2]
-    result = identify_servos(given, law="efficient")
+    result = identify_servos(given)
     for k, servo in enumerate(result.servos):
         assert servo.error < 0.6e-3
         assert servo.kv / servo.kp == pytest.approx(T[k], rel=0.05)
         assert servo.kp == pytest.approx(KP[k], rel=0.05) or not servo.gravity
-    assert not any(f.code == "law" for f in result.findings)
     write_servo_mjcf(result, tmp_path / "identified.xml")
     own, *_ = compare_servos(given, [tmp_path / "identified.xml"])
     assert np.mean(own.errors[-1]) < 1.5e-3

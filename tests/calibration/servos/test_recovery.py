@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 
 from nsaid_mj.calibration.servos import identify_servos, rollout, servo_logs, write_servo_mjcf
-from nsaid_mj.calibration.servos.estimate import estimate
-from nsaid_mj.calibration.servos.follow import follow
 
 from .simulated import ARMATURE, DELAY, JOINTS, KP, MODEL, SKEW, F, T, log, write
 
@@ -29,7 +27,7 @@ def given(files):
 
 @pytest.fixture(scope="module")
 def result(given):
-    return identify_servos(given, law="efficient")
+    return identify_servos(given)
 
 
 def truth(name, k):
@@ -64,32 +62,6 @@ def test_intervals_hold(result):
             if short not in {"kp", "armature"} or result.servos[k].gravity:
                 held.append(p.low <= truth(short, k) <= p.high)
     assert np.mean(held) >= 0.9
-
-
-def test_a_filter_finds_them_from_positions_alone(result):
-    held = []
-    for p in result.law:
-        short, _, k = p.name.partition("_")
-        true = truth(short, int(k) - 1)
-        if short == "kp" and not result.servos[int(k) - 1].gravity:
-            assert p.status == "only in combination"
-            continue
-        assert p.value == pytest.approx(true, rel={"T": 0.05, "f": 0.1, "kp": 0.1}[short])
-        held.append(p.low <= true <= p.high)
-        assert p.high / p.low < {"T": 1.1, "f": 1.3, "kp": 2.5}[short]
-    assert len(held) >= 15 and np.mean(held) >= 0.9
-    assert not any(f.code == "law" for f in result.findings)
-
-
-def test_a_filter_leaves_out_what_the_fit_does(given):
-    found, joint = estimate(given), 1
-    logs = [[log.joint(joint) for log in given.logs]]
-    own, pushed = (
-        follow(logs, found.joints[joint : joint + 1], used)[0].x[2]
-        for used in (found.used, np.ones(len(found.used)))
-    )
-    true = -np.log(KP[joint])
-    assert abs(own - true) < 0.1 < abs(pushed - true)
 
 
 def test_a_joint_without_gravity_has_a_conventional_kp_and_says_so(result):

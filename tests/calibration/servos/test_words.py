@@ -8,10 +8,7 @@ from nsaid_mj.calibration.links import Load
 from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo_mjcf
 from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale, _moderated
 from nsaid_mj.calibration.servos.fit import Spread
-from nsaid_mj.calibration.servos.follow import Followed
 from nsaid_mj.calibration.servos.words import (
-    apart,
-    by_filter,
     gravity_notes,
     masses,
     parameters,
@@ -39,16 +36,6 @@ def joint(
 def status(joint, name, scale=None):
     (found,) = [p for p in parameters(1, joint, scale) if p.name == f"{name}_1"]
     return found.status
-
-
-def test_a_filter_that_excludes_the_fit_is_told_and_no_other():
-    fitted = parameters(1, joint(), None)
-    for change, told in ((0.05, False), (0.5, True)):
-        at = Followed(np.log(THETA[:3]) + change, np.full(3, 0.05))
-        along = by_filter(1, joint(), at, None)
-        assert [p.name for p in along] == ["T_1", "f_1", "kp_1"]
-        assert along[2].value == pytest.approx(np.exp(-change) / THETA[2])
-        assert [f.code for f in apart(along, fitted)] == ["law"] * told
 
 
 def test_a_slide_has_units_of_force_and_length():
