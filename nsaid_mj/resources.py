@@ -17,11 +17,6 @@ from typing import Any, NamedTuple
 
 from .errors import BadRun, FolderInUse, InvalidInput, NotWritten, UnknownName
 
-try:
-    import fcntl
-except ImportError:  # on Windows folders are not locked
-    fcntl = None
-
 RECORDING = "run.rrd"
 """File of a run's recording."""
 
@@ -266,18 +261,21 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _flock(folder: Path) -> int | None:
-    """A descriptor that holds the lock of a folder; None on file systems that have no locks."""
-    if fcntl is None:
+    """A descriptor that holds the lock of a folder; None where folders cannot be locked."""
+    from filelock import lock_descriptor  # imported late: most commands answer without a lock
+
+    if os.name == "nt":  # it has no descriptors of folders
         return None
     with writing(folder):
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
+        free = lock_descriptor(descriptor, blocking=False)
+    except OSError:  # a file system without locks
         os.close(descriptor)
-        if error.errno in (errno.EWOULDBLOCK, errno.EACCES):
-            raise FolderInUse(folder) from None
         return None
+    if not free:
+        os.close(descriptor)
+        raise FolderInUse(folder)
     return descriptor
 
 

@@ -189,7 +189,7 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
         ),
         ("matplotlib", {"pages"}),
         ("pyarrow", {"experiment", "recording", "studies", "logs"}),
-        ("joblib", {"studies"}),
+        ("pebble", {"studies"}),
     ],
 )
 def test_heavy_packages_are_named_only_in_their_own_folders(package, homes):
@@ -213,12 +213,6 @@ def test_pinocchio_is_imported_lazily_wherever_it_is_used():
         and {"pinocchio", "coal"} & set(named(node))
     }
     assert users == set()
-
-
-def test_a_sweep_worker_loads_no_heavy_package():
-    """An engine's worker makes no run: its child does."""
-    modules = imported("import nsaid_mj.studies.sweep_worker")
-    assert not modules & (HEAVY | {"numpy", "scipy", "numba"})
 
 
 def test_mujoco_coordinates_are_converted_only_in_plants():
@@ -354,7 +348,7 @@ def test_a_truth_object_is_made_only_after_a_run():
         "recording.postprocessing",
         "studies.compare",
         "studies.montecarlo",
-        "studies.sweep_worker",
+        "studies.one_run",
         "studies.tracking",
     }
 

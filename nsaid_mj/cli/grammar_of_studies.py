@@ -60,7 +60,7 @@ class Sweep:
         seeds: number of seeds drawn from the master seed.
         jobs: number of parallel runs; by default the number of processors.
         timeout: wall time after which a run counts as lost [s].
-        engine: loky (this machine) or dask.
+        engine: local (processes on this machine) or dask.
         address: address of the cluster's scheduler.
         retry: repeat lost runs.
         out: folder of the results; by default runs/NAME-sweep.
@@ -72,7 +72,7 @@ class Sweep:
     seeds: int = 10
     jobs: int | None = None
     timeout: float | None = None
-    engine: str = "loky"
+    engine: str = "local"
     address: str | None = None
     retry: bool = False
     out: Path | None = None

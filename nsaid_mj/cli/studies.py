@@ -86,12 +86,13 @@ def _given(
 def sweep(script: str, arguments: Sequence[str]) -> int:
     """Runs a scenario with varied fields and seeds."""
     given, chosen, folder = _given("sweep", script, arguments, Sweep)
+    from ..studies import engine as engines
     from ..studies import sweep as study
-    from ..studies import sweep_engine, sweep_results
+    from ..studies import sweep_results
 
     vary = study.varied(chosen.vary, given["scenario"])
     plan = study.Plan(**given, vary=vary, seeds=chosen.seeds)
-    engine = sweep_engine.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
+    engine = engines.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
     found = study.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
     if chosen.json:
         print_json(sweep_results.document(found))

@@ -1,15 +1,14 @@
 """A seeded evolution strategy: minimises a function of many numbers without its gradient.
 
 The separable CMA-ES (R. Ros, N. Hansen, A simple modification in CMA-ES achieving linear time and
-space complexity, PPSN X, 2008): candidates are drawn from a normal distribution with a diagonal
-covariance, whose mean moves to the better half of them, whose step length grows while successive
-moves agree, and whose variances follow the successful moves.
+space complexity, PPSN X, 2008) of the package `cmaes`.
 """
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from cmaes import SepCMA
 
 from ..parameters import Array
 
@@ -34,7 +33,7 @@ def minimise(
     """Searches from a start.
 
     Args:
-        costs: costs of several candidates (d,); inf for one that cannot be evaluated.
+        costs: costs of several candidates (d,), d ≥ 2; inf for one that cannot be evaluated.
         start: (d,) mean of the first candidates, itself a candidate.
         step: standard deviation of the first candidates about it.
         evaluations: least number of candidates to try.
@@ -42,38 +41,19 @@ def minimise(
         report: called with the completed share of the search.
         population: candidates in a generation.
     """
-    d, half = len(start), population // 2
-    weights = np.log(half + 0.5) - np.log(np.arange(1, half + 1))
-    weights /= weights.sum()
-    mass = 1 / np.sum(weights**2)  # effective number of parents
-    c_step, c_path = (mass + 2) / (d + mass + 5), 4 / (d + 4)
-    separable = (d + 1.5) / 3  # a diagonal has fewer entries to learn
-    c_one = min(1.0, separable * 2 / ((d + 1.3) ** 2 + mass))
-    c_rank = min(1 - c_one, separable * 2 * (mass - 2 + 1 / mass) / ((d + 2) ** 2 + mass))
-    expected = np.sqrt(d) * (1 - 1 / (4 * d) + 1 / (21 * d**2))
-    mean, variance = start.copy(), np.ones(d)
-    step_path, path = np.zeros(d), np.zeros(d)
+    seed = int(rng.integers(2**32))
+    strategy = SepCMA(start.copy(), step, seed=seed, population_size=population)
     best = Found(start, float(costs([start])[0]), 1)
     for tried in range(1, evaluations, population):
-        moves = rng.standard_normal((population, d)) * np.sqrt(variance)
-        candidates = [mean + step * move for move in moves]
-        cost = np.array(costs(candidates), dtype=np.float64)
-        order = np.argsort(cost, kind="stable")
-        if cost[order[0]] < best.cost:
-            best = Found(candidates[order[0]], float(cost[order[0]]), 0)
+        candidates = [strategy.ask() for _ in range(population)]
+        cost = [float(each) for each in costs(candidates)]
+        least = int(np.argmin(cost))
+        if cost[least] < best.cost:
+            best = Found(candidates[least], cost[least], 0)
         best = best._replace(evaluations=tried + population)
         report(min(1.0, (tried + population) / evaluations))
-        if not np.isfinite(cost[order[0]]):
-            continue
-        parents = moves[order[:half]]
-        move = weights @ parents
-        mean = mean + step * move
-        step_path += c_step * -step_path
-        step_path += np.sqrt(c_step * (2 - c_step) * mass) * move / np.sqrt(variance)
-        path += -c_path * path + np.sqrt(c_path * (2 - c_path) * mass) * move
-        variance = (1 - c_one - c_rank) * variance + c_one * path**2
-        variance += c_rank * (weights @ parents**2)
-        drift = c_step / (1 + c_step) * (np.linalg.norm(step_path) / expected - 1)
-        step *= float(np.exp(min(1.0, drift)))
+        if np.isfinite(cost[least]):  # a generation without a feasible candidate teaches nothing
+            strategy.tell(list(zip(candidates, cost, strict=True)))
+    mean = strategy.mean.copy()
     last = float(costs([mean])[0])  # the mean of good candidates is often better than each
     return best if best.cost <= last else Found(mean, last, best.evaluations)

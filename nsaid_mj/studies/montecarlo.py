@@ -7,7 +7,6 @@ are computed once for a group of identifiers.
 The result of a run depends only on its number, not on how many runs there are or run in parallel.
 """
 
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -33,7 +32,7 @@ from ..log import Log
 from ..numerics.stopwatch import compile_seconds
 from ..parameters import Array
 from ..structure.system import Motion
-from .study import MOST_JOBS, Study, check_count
+from .study import MOST_JOBS, Study, check_count, processors
 from .sweep import seed_of
 from .sweep_results import Row
 
@@ -256,7 +255,7 @@ def rows_of(
 
     If the caller stops iterating, the threads stop at their next report of progress.
     """
-    jobs = (os.cpu_count() or 1) if jobs is None else jobs
+    jobs = processors() if jobs is None else jobs
     check_count("jobs", jobs, JOBS, MOST_JOBS)
     draws = [(k, replace(scenario, seed=seed_of(scenario.seed, k))) for k in todo]
     pool, stopped = ThreadPoolExecutor(jobs), threading.Event()

@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import os
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -35,6 +36,13 @@ def check_count(name: str, number: int, remedy: str, most: int = MOST_RUNS) -> N
     """Raises `InvalidInput` unless a number of runs, in all or at a time, is from 1 to `most`."""
     if not 1 <= number <= most:
         raise InvalidInput(name, f"a number from 1 to {most}", shown(number), remedy)
+
+
+def processors() -> int:
+    """The number of processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """`nsaid sweep`: many runs of one scenario, with varied fields and drawn seeds.
 
-joblib distributes the runs over local processes or a cluster. The result of a run depends only on
-its number, not on the number of workers or on the order in which they finish. A row is appended to
+The runs are executed by processes here or on a cluster. The result of a run depends only on its
+number, not on the number of workers or on the order in which they finish. A row is appended to
 `rows.jsonl` as soon as its run is finished, so a killed sweep can be resumed.
 """
 
@@ -25,10 +25,10 @@ from ..errors import BadRun, InvalidInput, NotWritten
 from ..experiment.scenario import Scenario, field_path, field_value, with_fields
 from ..pages.progress import counted
 from ..resources import atomic_write, check_own, locked, write_json, writing
+from .engine import Engine
+from .one_run import Job
 from .study import Study, check_count
-from .sweep_engine import Engine
 from .sweep_results import MANIFEST, ROWS, Row, Sweep, read, write_table
-from .sweep_worker import Job
 
 
 def seed_of(master: int, draw: int) -> int:
@@ -137,7 +137,6 @@ def run(
         BadRun: the folder holds another sweep.
     """
     engine = engine or Engine()
-    longest = max(engine.time(scenario) for scenario in plan.scenarios)
     of = "{task.completed}/{task.total} {task.fields[lost]} without result"
 
     def job(number: int) -> Job:
@@ -149,7 +148,7 @@ def run(
         lost = sum(row["failure"] is not None for row in known.values())
         task = bar.add_task(folder.name, total=len(plan), completed=len(known), lost=lost)
         todo = [number for number in range(len(plan)) if number not in known]
-        for figures in engine.make(todo, job, longest):
+        for figures in engine.make(todo, job):
             row = plan.what(figures["run"]) | figures
             append(row)
             lost += row["failure"] is not None

@@ -37,7 +37,7 @@ HEADS = (*(f"{name} [{unit}]" for name, unit in FIGURES.values()), "converged", 
 _TYPES = {"failure": pa.string(), "time_to_converge": pa.float64()}  # columns that may be all null
 
 Row = dict[str, Any]
-"""`run`, `draw`, `seed`, the varied fields, and the figures from `sweep_worker.supervised`."""
+"""`run`, `draw`, `seed`, the varied fields, and the figures from `one_run.attempt`."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from nsaid_mj.experiment.loop import FAULTS
 from nsaid_mj.laws import FaultEvent
 from nsaid_mj.recording import postprocessing
 from nsaid_mj.studies import sweep, sweep_report, sweep_results
-from nsaid_mj.studies.sweep_engine import Engine
+from nsaid_mj.studies.engine import Engine
 from tests.support import damaged
 
 from .tries import Draw, Kind

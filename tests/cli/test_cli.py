@@ -34,7 +34,7 @@ HEAVY = (
     "rerun",
     "matplotlib",
     "example_robot_data",
-    "joblib",
+    "pebble",
 )
 SCRIPTS = sorted((Path(__file__).parents[2] / "scenarios").glob("*.py"))
 

@@ -22,7 +22,7 @@ def modules_after(code: str) -> set[str]:
 def test_a_run_and_its_report_import_only_what_they_use():
     modules = modules_after("import nsaid_mj.recording.postprocessing, nsaid_mj.experiment.loop")
     assert "nsaid_mj.pages.report" in modules
-    assert not modules & {"rerun", "matplotlib", "jinja2", "pyarrow.compute", "joblib", "dask"}
+    assert not modules & {"rerun", "matplotlib", "jinja2", "pyarrow.compute", "pebble", "dask"}
     assert not modules & {"scipy.signal", "scipy.optimize", "scipy.interpolate", "scipy.stats"}
 
 

@@ -20,9 +20,9 @@ from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.record import FILE, Record
 from nsaid_mj.recording import postprocessing
 from nsaid_mj.resources import atomic_write, locked, write_text
+from nsaid_mj.studies.engine import Engine
 from nsaid_mj.studies.sweep import Plan
 from nsaid_mj.studies.sweep import run as sweep
-from nsaid_mj.studies.sweep_engine import Engine
 from nsaid_mj.studies.sweep_results import ROWS
 from tests.support.faulty import CHECKOUT, FILES, ROV, script, shell, strict
 

@@ -1,28 +1,26 @@
-"""Sweeps whose children are killed, whose files are damaged, or that two processes want."""
+"""Sweeps whose processes are killed, whose files are damaged, or that two processes want."""
 
 from __future__ import annotations
 
 import itertools
 import os
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import Future
 from pathlib import Path
+from types import SimpleNamespace
 
+import pebble.pool.process
 import pytest
 
 from nsaid_mj.cli.process import NOT_EXPLAINED
 from nsaid_mj.errors import BadRun, InvalidInput
-from nsaid_mj.experiment.library import digest_of
-from nsaid_mj.studies import sweep_report, sweep_worker
+from nsaid_mj.studies import engine, sweep_report
+from nsaid_mj.studies.engine import Engine
 from nsaid_mj.studies.sweep import Plan, run
-from nsaid_mj.studies.sweep_engine import Engine
 from nsaid_mj.studies.sweep_results import MANIFEST, ROWS, TABLE, Row, Sweep, read
-from nsaid_mj.studies.sweep_worker import Job, supervised
-from tests.support.faulty import CHECKOUT, ROV, shell
+from tests.support.faulty import ROV, shell
 
 PLAN = Plan("scalar_rov", ROV, {"identifier.gain": (0.1, 1.0)}, seeds=2)
 
@@ -38,7 +36,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The numbers of the runs that are made, by an engine that takes no time."""
     numbers: list[int] = []
 
-    def make(self, todo, job, longest):
+    def make(self, todo, job):
         for number in todo:
             numbers.append(number)
             yield {key: value for key, value in row(number).items() if key not in PLAN.what(0)} | {
@@ -53,67 +51,75 @@ def sweep(folder: Path, **more: bool) -> Sweep:
     return run(PLAN, folder, Engine(jobs=1), quiet=True, **more)
 
 
-# -- children that die -----------------------------------------------------------------------------
-
-
-def job() -> Job:
-    scenario = PLAN.run(0).to_json()
-    return Job(0, "scalar_rov", digest_of("scalar_rov"), scenario, 300.0)
+# -- processes that die ----------------------------------------------------------------------------
 
 
 def kill_at_once(monkeypatch: pytest.MonkeyPatch, first: int) -> None:
-    """Kills the first children before they have imported anything."""
-    started, count = sweep_worker.subprocess.Popen, itertools.count()
+    """Kills the first processes of a pool before they have imported anything."""
+    launch, count = pebble.pool.process.launch_process, itertools.count()
 
-    def popen(*arguments, **more):
-        process = started(*arguments, **more)
+    def launched(*arguments):
+        process = launch(*arguments)
         if next(count) < first:
             os.kill(process.pid, signal.SIGKILL)
         return process
 
-    monkeypatch.setattr(sweep_worker.subprocess, "Popen", popen)
-    monkeypatch.setattr(sweep_worker, "_mine", sweep_worker.threading.local())
+    monkeypatch.setattr(pebble.pool.process, "launch_process", launched)
 
 
-def test_a_child_killed_while_it_starts_is_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_killed_while_it_starts_is_started_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     kill_at_once(monkeypatch, 2)
-    found = supervised(job())
-    sweep_worker._mine.child.stop()
-    assert found["failure"] is None and found["status"] == "completed"
+    found = sweep(tmp_path)
+    assert len(found.rows) == len(PLAN) and not found.lost
 
 
-def test_a_child_killed_at_every_start_loses_only_its_run(
-    monkeypatch: pytest.MonkeyPatch,
+def test_processes_killed_at_every_start_end_the_sweep(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     kill_at_once(monkeypatch, 10**6)
-    assert supervised(job()) == {"run": 0, "failure": "its process died: Killed"}
+    before = dict(os.environ)
+    with pytest.raises(InvalidInput, match="processes that start"):
+        sweep(tmp_path)
+    assert read(tmp_path).rows == [] and os.environ == before
 
 
-def test_a_worker_whose_engine_is_gone_before_it_starts_ends_at_once() -> None:
-    code = "import time; from nsaid_mj.studies import sweep_worker as worker; worker._end_with(1)"
-    words = [sys.executable, "-c", f"{code}; time.sleep(60); raise SystemExit(0)"]
-    done = subprocess.run(words, cwd=CHECKOUT, check=False, timeout=120)
-    assert done.returncode == 1
+class Broken(Future):
+    """What Dask gives for a run that no worker could begin."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.set_exception(ModuleNotFoundError("No module named 'nsaid_mj'"))
 
 
 def test_workers_that_cannot_import_the_package_end_the_sweep(tmp_path: Path) -> None:
-    unfit = {"run": 0, "failure": "its process died: exit code 1", "unfit": True}
     with pytest.MonkeyPatch.context() as patch, pytest.raises(InvalidInput, match="can import"):
-        patch.setattr("nsaid_mj.studies.sweep_engine.supervised", lambda *_: unfit)
-        run(PLAN, tmp_path, Engine(jobs=1), quiet=True)
+        patch.setattr(engine._Cluster, "__init__", cluster_of(Broken))
+        patch.setattr(engine._Cluster, "close", lambda _: None)
+        run(PLAN, tmp_path, Engine("dask", "tcp://nowhere:1"), quiet=True)
     assert read(tmp_path).rows == []
 
 
-def test_every_row_of_a_worker_that_died_has_a_failure() -> None:
-    def broken(self, job, patience, numbers, begun):
-        begun += numbers
-        if len(numbers) > 1:
-            raise BrokenExecutor
-        yield {"run": numbers[0], "failure": "its process died: exit code 1", "unfit": True}
+def test_a_lost_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(engine._Cluster, "__init__", cluster_of(Future, "connecting"))
+    monkeypatch.setattr(engine._Cluster, "close", lambda _: None)
+    monkeypatch.setattr(engine, "_SILENCE", 0.1)
+    with pytest.raises(InvalidInput, match="scheduler that keeps running"):
+        run(PLAN, tmp_path, Engine("dask", "tcp://nowhere:1"), quiet=True)
+    assert read(tmp_path).rows == []
 
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(InvalidInput, match="can import"):
-        patch.setattr(Engine, "_parallel", broken)
-        list(Engine(jobs=2).make([0, 1], lambda number: job(), 1.0))
+
+def cluster_of(future: type[Future], status: str = "running"):
+    """The constructor of a cluster in memory, whose runs all end as such a future."""
+
+    def made(self, distributed, address, jobs) -> None:
+        self._killed, self._address, self._jobs = distributed.KilledWorker, address, jobs
+        self._client = SimpleNamespace(status=status, nthreads=lambda: {"worker": 2})
+        self._executor = SimpleNamespace(submit=lambda *_: future())
+        self._seen, self._threads = time.monotonic(), 1
+
+    return made
 
 
 # -- files that are damaged --------------------------------------------------------------------

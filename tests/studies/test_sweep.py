@@ -8,7 +8,6 @@ import shlex
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -16,7 +15,6 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from joblib.externals.loky import get_reusable_executor
 
 from nsaid_mj import evaluation as metrics
 from nsaid_mj.cli.process import NOT_EXPLAINED, UNUSABLE
@@ -25,11 +23,11 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run as run_alone
 from nsaid_mj.experiment.scenario import Scenario, field_at
 from nsaid_mj.laws import Status
+from nsaid_mj.studies.engine import Engine
+from nsaid_mj.studies.one_run import time_to_converge
 from nsaid_mj.studies.sweep import Plan, run, seed_of, varied
-from nsaid_mj.studies.sweep_engine import Engine
 from nsaid_mj.studies.sweep_report import write
 from nsaid_mj.studies.sweep_results import ROWS, TABLE, Sweep, _column, read
-from nsaid_mj.studies.sweep_worker import time_to_converge
 from tests.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict
 from tests.support.studies import COSTS
@@ -39,7 +37,7 @@ FIELDS = {"identifier.gain": (0.1, 1.0), "sensors": ("ideal", "noisy")}
 PLAN = Plan("scalar_rov", ROV, FIELDS, seeds=2)
 SHORT = ("--duration", "2", "--pe-window", "0.5", "--held-out", "0.5")
 
-# A driver that may do away with its process, its process's parent, or everybody's time.
+# A driver that may do away with its process or with everybody's time.
 FATES = """
 import os, signal, time
 from dataclasses import dataclass
@@ -53,8 +51,8 @@ class Fated(MultisineCommand):
         print("what a scenario prints is no answer", flush=True)
         if self.fate == "dies":
             os._exit(3)
-        if self.fate == "kills":
-            os.kill(os.getppid(), signal.SIGKILL)
+        if self.fate == "is_killed":
+            os.kill(os.getpid(), signal.SIGKILL)
         if self.fate == "hangs":
             time.sleep(3600)
         if self.fate == "errs" and not os.path.exists(__file__ + ".mended"):
@@ -66,12 +64,6 @@ scenario = Scenario(
     identifier=NullspaceAID(K=10.0, gain=0.3), dt=0.01, duration=2.0, held_out=0.5, pe_window=0.5,
 )
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def no_workers_left() -> Iterator[None]:
-    yield
-    get_reusable_executor().shutdown(wait=True, kill_workers=True)
 
 
 @pytest.fixture(scope="module")
@@ -260,8 +252,8 @@ def test_an_impossible_plan_is_refused() -> None:
 def test_an_impossible_engine_is_refused(settings: dict) -> None:
     with pytest.raises(InvalidInput):
         Engine(**settings)
-    with pytest.raises(UnknownName, match="loky"):
-        Engine("lokey")
+    with pytest.raises(UnknownName, match="local"):
+        Engine("locale")
 
 
 def test_the_time_after_which_a_run_hangs_is_the_one_given_or_grows_with_the_run() -> None:
@@ -444,7 +436,7 @@ def test_a_failed_run_is_listed_with_its_command_and_exits_with_1(
 def test_a_run_that_dies_or_hangs_does_not_affect_the_others(
     fates: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    named = ("dies", "hangs", "kills", "lives")
+    named = ("dies", "hangs", "is_killed", "lives")
 
     def timeout(engine: Engine, scenario: Scenario) -> float:
         return 1.0 if scenario.excitation.fate == "hangs" else PATIENCE
@@ -455,7 +447,7 @@ def test_a_run_that_dies_or_hangs_does_not_affect_the_others(
     why = {
         "lives": None,
         "dies": "its process died: exit code 3",
-        "kills": "its worker died",
+        "is_killed": "its process died: Killed",
         "hangs": "not finished within 1 s",
     }
     assert [row["run"] for row in found.rows] == list(range(len(plan)))
@@ -463,7 +455,7 @@ def test_a_run_that_dies_or_hangs_does_not_affect_the_others(
         why[row["excitation.fate"]] for row in found.rows
     ]
     assert found.rows[-1]["theta_perp_ratio"] > 0
-    assert "kills" in found.command(found.rows[2])
+    assert "is_killed" in found.command(found.rows[2])
     assert str(found.rows[2]["seed"]) in found.command(found.rows[2])
     page = write(found)[0].read_text()
     assert all(words in page for words in why.values() if words)
