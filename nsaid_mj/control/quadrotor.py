@@ -9,11 +9,11 @@ rotors have little authority about z.
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from numba import types
+from numba import f8, types, u4, void
 from pydantic import Field
 
 from ..bounds import Positive, config
-from ..numerics.kernels import f8, index, kernel, matrix, routine, vector, void
+from ..numerics.kernels import kernel, routine
 from ..parameters import Array
 from ..structure.blocks import GRAVITY
 from ..structure.configuration import plain
@@ -176,10 +176,12 @@ def _body_model(system: SingleBody, theta: Array) -> tuple[float, Array, Array, 
     return mass, inertia, np.linalg.inv(wrench).astype(np.float64), trim, yaw
 
 
-CONTROL = types.NamedTuple((f8, matrix, matrix, vector, f8, f8, vector, f8, f8, f8), _Control)
+CONTROL = types.NamedTuple(
+    (f8, f8[:, ::1], f8[:, ::1], f8[::1], f8, f8, f8[::1], f8, f8, f8), _Control
+)
 
 
-@routine(void(vector, index, vector, index, vector, index))
+@routine(void(f8[::1], u4, f8[::1], u4, f8[::1], u4))
 def _cross(a, i, b, j, c, k):
     """Writes a × b, 3-vectors that begin at a[i] and b[j], into c[k :]."""
     c[k] = a[i + 1] * b[j + 2] - a[i + 2] * b[j + 1]
@@ -187,7 +189,7 @@ def _cross(a, i, b, j, c, k):
     c[k + 2] = a[i] * b[j + 1] - a[i + 1] * b[j]
 
 
-@kernel(f8(vector, vector, matrix, f8, vector, CONTROL, vector, vector), inner=True)
+@kernel(f8(f8[::1], f8[::1], f8[:, ::1], f8, f8[::1], CONTROL, f8[::1], f8[::1]), inner=True)
 def _aim(q, v, path, dt, sums, own, R, x):
     """Writes the desired specific force a (3,) into x[9:12], its axes y and z into x[12:18].
 
@@ -214,7 +216,7 @@ def _aim(q, v, path, dt, sums, own, R, x):
     return size
 
 
-@kernel(void(vector, vector, matrix, f8, vector, CONTROL, vector, vector, vector))
+@kernel(void(f8[::1], f8[::1], f8[:, ::1], f8, f8[::1], CONTROL, f8[::1], f8[::1], f8[::1]))
 def _mix(q, v, path, dt, sums, own, R, x, squares):
     """Writes the squared rotor speeds (4,) that track the path.
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
+from numba import f8, types, void
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
-from ..numerics.kernels import f8, kernel, matrix, vector, void
+from ..numerics.kernels import kernel
 from ..parameters import Array
 from ..structure.joints import JointTree
 from ..structure.system import SecondOrderSystem
@@ -23,10 +23,10 @@ class Series(NamedTuple):
     centre: Array  # (n,) centre of the motion [rad or m]
 
 
-SERIES = types.NamedTuple((vector, matrix, vector), Series)
+SERIES = types.NamedTuple((f8[::1], f8[:, ::1], f8[::1]), Series)
 
 
-@kernel(void(SERIES, f8, matrix))
+@kernel(void(SERIES, f8, f8[:, ::1]))
 def fourier(series, t, motion):
     """Writes position, velocity and acceleration at time t [s] into motion (n, 3)."""
     omega, coefficients, centre = series
@@ -152,7 +152,7 @@ class Multisine:
         return signal.reshape(*times.shape, -1)
 
 
-@kernel(void(vector, matrix, matrix, f8, f8, matrix))
+@kernel(void(f8[::1], f8[:, ::1], f8[:, ::1], f8, f8, f8[:, ::1]))
 def _sines(t, omega, phase, amplitude, bound, signal):
     """Writes sums of sines at times t (k,), clipped, into signal (k, channels)."""
     channels, tones = omega.shape

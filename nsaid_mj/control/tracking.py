@@ -17,6 +17,7 @@ from ..bounds import Number, Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array, Indices
 from ..structure.configuration import plain
+from ..structure.inverse_dynamics import InverseDynamics
 from ..structure.joints import JointTree
 from ..structure.system import SecondOrderSystem
 from .driver import (
@@ -130,8 +131,8 @@ class ComputedTorque(Follower):
 
     def __init__(self, system: JointTree, prior: Array, series: Series, omega: float, limit: Array):
         super().__init__(series)
-        arm, model = (system.structure.arrays, system.driven), np.array(prior)
-        self._tracking = Tracking(*arm, model, series, omega, limit)
+        arm = InverseDynamics.of(system.structure.arrays, system.n)
+        self._tracking = Tracking(arm, system.driven, np.array(prior), series, omega, limit)
         self._workspace = tracking_workspace(self._tracking)
 
     def command(self, t: float, q: Array, v: Array) -> Array:

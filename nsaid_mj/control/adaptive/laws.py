@@ -10,11 +10,11 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
+from numba import boolean, f8, types, void
 
 from ...laws.cone.law import ConeMetric
 from ...laws.metric import CompiledMetric, ConstantMetric, Metric
-from ...numerics.kernels import boolean, composed, f8, kernel, vector, void
+from ...numerics.kernels import composed, kernel
 from ...numerics.linalg import copy_into
 from ...parameters import Array, ParameterSpace
 from .reference import PriorMotion, loop_frequency
@@ -67,7 +67,7 @@ class Descent(NamedTuple):
     guess: Array  # (p,) θ̂ after it
 
 
-_DESCENT = types.NamedUniTuple(vector, 4, Descent)
+_DESCENT = types.NamedUniTuple(f8[::1], 4, Descent)
 
 # names of a metric's compiled functions in the text below, to which `adaptation_in` gives a meaning
 enter: Any = None
@@ -114,8 +114,8 @@ def adaptation_in(metric: CompiledMetric) -> tuple[Callable[..., None], Callable
     first = composed(begin, name, enter=metric.enter)
     step = composed(descend, name, leave=metric.leave, adapt=metric.adapt, hold=metric.hold)
     return (
-        kernel(void(numbers, own, vector, vector))(first),
-        kernel(boolean(numbers, _DESCENT, own, vector, f8, vector, vector, vector))(step),
+        kernel(void(numbers, own, f8[::1], f8[::1]))(first),
+        kernel(boolean(numbers, _DESCENT, own, f8[::1], f8, f8[::1], f8[::1], f8[::1]))(step),
     )
 
 

@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import types
+from numba import f8, i8, types, void
 
-from ...numerics.kernels import i8, kernel, table, vector, void
+from ...numerics.kernels import kernel
 from ...numerics.spatial import cross, quaternion_of, rotate, rotation
 from ...parameters import Array, Indices
 
@@ -23,11 +23,11 @@ class Reading(NamedTuple):
     joints: Indices
 
 
-READING = types.NamedTuple((i8, i8[::1], table), Reading)
+READING = types.NamedTuple((i8, i8[::1], i8[:, ::1]), Reading)
 _SMALL = 1e-2  # angle below which three terms of the series are exact in double precision [rad]
 
 
-@kernel(void(READING, vector, vector, vector, vector))
+@kernel(void(READING, f8[::1], f8[::1], f8[::1], f8[::1]))
 def read_coordinates(reading, qpos, qvel, numbers, velocity):
     """Writes position numbers (n,) and velocities (n,) from MuJoCo's qpos and qvel."""
     first = 0
@@ -58,7 +58,7 @@ def read_coordinates(reading, qpos, qvel, numbers, velocity):
         velocity[0], velocity[1] = c * x + s * y, c * y - s * x
 
 
-@kernel(void(READING, vector, vector), inner=True)
+@kernel(void(READING, f8[::1], f8[::1]), inner=True)
 def write_position(reading, numbers, q):
     """Writes q (m,) from position numbers (n,), as `StructuredKinematics` defines it."""
     first = 0

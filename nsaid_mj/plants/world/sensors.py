@@ -3,11 +3,11 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import types
+from numba import f8, i8, types, void
 
 from ...bounds import Config, NonNegative, config
 from ...log import SensorLevels
-from ...numerics.kernels import cube, f8, i8, kernel, vector, void
+from ...numerics.kernels import kernel
 from ...parameters import Array
 
 
@@ -56,10 +56,10 @@ class Errors(NamedTuple):
     normal: Array
 
 
-ERRORS = types.NamedTuple((f8, f8, f8, cube), Errors)
+ERRORS = types.NamedTuple((f8, f8, f8, f8[:, :, ::1]), Errors)
 
 
-@kernel(void(ERRORS, i8, vector, vector), inner=True)
+@kernel(void(ERRORS, i8, f8[::1], f8[::1]), inner=True)
 def add_errors(errors, k, position, velocity):
     """Adds the k-th errors to a true position (n,) and velocity (n,) in place.
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numba import types
+from numba import boolean, f8, i8, types, void
 
 from ...control.driver import (
     TRACKING,
@@ -19,7 +19,7 @@ from ...control.driver import (
     tracking_workspace,
 )
 from ...log import Log
-from ...numerics.kernels import boolean, i8, kernel, matrix, vector, void
+from ...numerics.kernels import kernel
 from ...parameters import Array
 from .callbacks import c_function
 from .coordinates import READING, Reading, read_coordinates, write_position
@@ -70,11 +70,11 @@ def drive(law: Array | Tracking, world: World, reading: Reading, errors: Errors,
 
 
 WARNINGS = types.Array(types.int32, 1, "A")
-WORLD = types.NamedTuple((types.uintp, types.uintp, vector, vector, vector, WARNINGS, i8), World)
-LOG = types.NamedTuple((vector, matrix, matrix, matrix), Log)
+WORLD = types.NamedTuple((types.uintp, types.uintp, f8[::1], f8[::1], f8[::1], WARNINGS, i8), World)
+LOG = types.NamedTuple((f8[::1], f8[:, ::1], f8[:, ::1], f8[:, ::1]), Log)
 
 
-@kernel(boolean(WARNINGS, vector, vector, vector))
+@kernel(boolean(WARNINGS, f8[::1], f8[::1], f8[::1]))
 def sound(warnings, q, v, u):
     """Whether all counts in `warnings` are 0 and q, v and u are finite."""
     total = 0.0
@@ -90,7 +90,7 @@ def sound(warnings, q, v, u):
     return np.isfinite(total)
 
 
-@kernel(void(WORLD, READING, ERRORS, LOG, i8, vector), inner=True)
+@kernel(void(WORLD, READING, ERRORS, LOG, i8, f8[::1]), inner=True)
 def _advance(world, reading, errors, log, k, numbers):
     """Advances to row k under the previous command, and writes a measurement with errors k.
 
@@ -106,7 +106,7 @@ def _advance(world, reading, errors, log, k, numbers):
     write_position(reading, numbers, q)
 
 
-@kernel(i8(WORLD, READING, ERRORS, LOG, vector))
+@kernel(i8(WORLD, READING, ERRORS, LOG, f8[::1]))
 def play(world, reading, errors, log, numbers):
     """Simulates open loop with the commands in the log; returns the number of rows written."""
     for k in range(1, log.t.shape[0]):
@@ -116,7 +116,7 @@ def play(world, reading, errors, log, numbers):
     return log.t.shape[0]
 
 
-@kernel(i8(TRACKING, WORLD, READING, ERRORS, LOG, vector, TRACKING_MEMORY))
+@kernel(i8(TRACKING, WORLD, READING, ERRORS, LOG, f8[::1], TRACKING_MEMORY))
 def track(tracking, world, reading, errors, log, numbers, workspace):
     """Simulates in closed loop with `computed_torque`; returns the number of rows written."""
     for k in range(1, log.t.shape[0]):

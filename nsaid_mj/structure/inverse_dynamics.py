@@ -1,0 +1,53 @@
+"""Inverse dynamics of an arm on a fixed base, for compiled controllers."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import f8, i8, types, void
+
+from ..numerics.kernels import helper, kernel, vector
+from ..parameters import Array
+from .arrays import AT_Q, CIRCLE, KIND, Slopes, StructureArrays, Workspace, memory_of
+from .compiled import SLOPES, STRUCTURE, WORKSPACE
+from .forces import ALL, write_forces
+from .kinematics import place
+from .stage import require
+
+
+class InverseDynamics(NamedTuple):
+    """An arm's structure and the workspace of `write_required_force`, which calls overwrite."""
+
+    structure: StructureArrays
+    still: Array  # (n,) commands of zero
+    work: Workspace  # workspace of a stage
+    slopes: Slopes  # workspace of derivatives
+
+    @staticmethod
+    def of(structure: StructureArrays, n: int) -> "InverseDynamics":
+        """For a structure with n joints."""
+        return InverseDynamics(structure, np.zeros(n), *memory_of(structure, n))
+
+
+INVERSE_DYNAMICS = types.NamedTuple((STRUCTURE, vector, WORKSPACE, SLOPES), InverseDynamics)
+"""The type of `InverseDynamics` in signatures of compiled functions."""
+
+
+@helper(f8(STRUCTURE, i8, vector, f8))
+def position_error(structure, i, q, desired):
+    """Angle or travel from joint i's position in q (m,) to a desired one, along the shorter arc."""
+    at = structure.bodies[i, AT_Q]
+    if structure.bodies[i, KIND] != CIRCLE:
+        return desired - q[at]
+    c = np.cos(desired)
+    s = np.sin(desired)
+    return np.arctan2(s * q[at] - c * q[at + 1], c * q[at] + s * q[at + 1])
+
+
+@kernel(void(INVERSE_DYNAMICS, vector, vector, vector, vector, vector), inner=True)
+def write_required_force(model, q, v, a, theta, force):
+    """Writes M a + C v − F(u = 0) (n,) at θ (p,), position q (m,), velocity v and acceleration a."""
+    structure = model.structure
+    slopes = model.slopes
+    place(structure, q, v, slopes.state)
+    write_forces(structure, slopes.state, q, v, model.still, ALL, model.work.scratch, slopes.F)
+    require(structure, slopes.state, slopes.F, v, a, theta, model.work, force)
