@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..laws.efficient.estimator import KalmanFilter
-from ..laws.efficient.filter import Filter
+from ..laws.efficient.filter import FilterState
 from ..log import Log
 from ..parameters import Array, ParameterSpace
 
@@ -41,7 +41,7 @@ _BETTER = 3.0  # at which another variance is
 class Rival(NamedTuple):
     """A filter with one model of θ(t); its tally holds the evidence."""
 
-    filter: Filter  # at the last sample
+    filter: FilterState  # at the last sample
     all_of: float  # variance per second of all of θ, relative to itself [1/s]
     gains: float  # that of the gains, in addition [1/s]
 
@@ -77,7 +77,7 @@ class Rivals(NamedTuple):
     begin: float  # when they began [s]
 
     @staticmethod
-    def at(kalman: Filter, prior: Array, t: float) -> Rivals:
+    def at(kalman: FilterState, prior: Array, t: float) -> Rivals:
         """Rivals that begin at time t [s] with the filter's estimate, but less certain of it.
 
         With a share of the prior's covariance (p, p), no parameter can leave the cone.

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..laws.efficient.estimator import KalmanFilter
-from ..laws.efficient.filter import Along, Filter
+from ..laws.efficient.filter import Along, FilterState
 from ..log import Log
 from ..parameters import Array
 
@@ -25,7 +25,7 @@ class Replay(NamedTuple):
 
     contradictions: tuple[float, ...]  # times of significantly large innovations [s]
     along: Along  # the filter's outputs
-    filter: Filter  # at the end
+    filter: FilterState  # at the end
 
 
 def replay(
@@ -60,7 +60,7 @@ def replay(
     return Replay(tuple(times), along, kalman)
 
 
-def learned(estimator: KalmanFilter, theta: Array, log: Log) -> Filter | None:
+def learned(estimator: KalmanFilter, theta: Array, log: Log) -> FilterState | None:
     """The filter at the end of a log, from a θ̂ with which no innovation contradicts it.
 
     It begins with theta (p,); None if all passes are contradicted.

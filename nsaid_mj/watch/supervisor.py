@@ -11,7 +11,7 @@ from __future__ import annotations
 from ..laws import Identifier
 from ..laws.efficient.law import EfficientIdentifier
 from ..laws.efficient.state import EfficientState
-from ..laws.efficient.supervision import Choice
+from ..laws.efficient.supervision import ChosenBy
 from ..log import Log, extended
 from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
@@ -75,10 +75,11 @@ class FilterSupervisor:
         """The state with what follows for the law from what the supervisor keeps."""
         kept = kept_of(state)
         walk = walks(self._estimator.system.space, kept.walk(self._seconds(state)), kept.drift)
-        choice = Choice.residuals if kept.loose is None else Choice.unchanged
-        choice = Choice.filter if kept.drift else choice
+        chosen_by = ChosenBy.residuals if kept.loose is None else ChosenBy.unchanged
+        if kept.drift:
+            chosen_by = ChosenBy.filter
         trying = moving_of(state).trials is not None
-        return saying(state, walk=walk, choice=choice, trying=trying)
+        return saying(state, walk=walk, chosen_by=chosen_by, trying=trying)
 
     def _seconds(self, state: EfficientState) -> float:
         """Time since the first sample [s]."""

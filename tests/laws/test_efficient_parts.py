@@ -14,7 +14,7 @@ from nsaid_mj.evaluation import run_misfit
 from nsaid_mj.laws import EfficientConfig, KalmanFilter
 from nsaid_mj.laws.cone.prior import drawn_inside
 from nsaid_mj.laws.efficient.covariance import innovate, predict, update
-from nsaid_mj.laws.efficient.filter import Filter, FilterConstants, FilterWorkspace, filter_at
+from nsaid_mj.laws.efficient.filter import FilterConstants, FilterState, FilterWorkspace, filter_at
 from nsaid_mj.laws.efficient.kalman import _linear_share
 from nsaid_mj.laws.efficient.state import EfficientState
 from nsaid_mj.laws.efficient.steps import margin_of, project_inside
@@ -39,7 +39,7 @@ from nsaid_mj.watch.faults.hypotheses import (
 from nsaid_mj.watch.faults.isolation import Isolation
 from nsaid_mj.watch.faults.signals import signals_after, signals_under
 from nsaid_mj.watch.faults.snapshots import Snapshot
-from nsaid_mj.watch.faults.trials import Trials, Verdict
+from nsaid_mj.watch.faults.trials import Decision, Trials
 from nsaid_mj.watch.misfit import whiteness
 from nsaid_mj.watch.state import Kept, kept_of
 from tests.support.plants import plant
@@ -56,7 +56,7 @@ NO_STRUCTURE = StructureArrays(*NOTHING)
 
 def filter_and_constants(
     seed: int, gamma: float = 0.0, walk: float = 0.0
-) -> tuple[Filter, FilterConstants]:
+) -> tuple[FilterState, FilterConstants]:
     """A filter of three positive numbers and a free one, in the middle of a run."""
     rng, scale = np.random.default_rng(seed), np.array([0.5, 2.0, 10.0, 0.1])
     names, units = ("a", "b", "c"), ("1", "1", "1")
@@ -251,7 +251,7 @@ def isolated(state: EfficientState, hypothesis: Hypothesis, size: Any) -> Effici
         _noted=lambda *given: Isolation._noted(law, *given),
     )
     log = Log.unchecked(np.array([3.0]), *np.zeros((3, 1, 1)))
-    return Isolation._isolated(law, state, Verdict(trial, 1.0), 2.0, log)  # type: ignore[arg-type]
+    return Isolation._isolated(law, state, Decision(trial, 1.0), 2.0, log)  # type: ignore[arg-type]
 
 
 def test_a_verdict_changes_factors_and_events_as_its_kind_demands() -> None:

@@ -26,7 +26,7 @@ from nsaid_mj.watch.faults.evidence import (
 )
 from nsaid_mj.watch.faults.hypotheses import hypotheses_of
 from nsaid_mj.watch.faults.snapshots import with_jump
-from nsaid_mj.watch.faults.trial import Trial, onset, started
+from nsaid_mj.watch.faults.trial import FaultTrial, onset, started
 from nsaid_mj.watch.faults.trials import begin_trials, follow_trials
 
 P = 6
@@ -230,10 +230,10 @@ def test_the_signature_of_a_sensors_error_is_that_of_the_filter() -> None:
     _, (size, low, high) = trial.reported(system.space)
     assert low < 0.05 < high
     start = started(estimator, kalman, late, k)
-    direct = Trial.begin(start, sound.biased(10, size), what[0], scale)
+    direct = FaultTrial.begin(start, sound.biased(10, size), what[0], scale)
     squares = direct.followed(estimator, late.part(k, 70), sound).squares
     assert trial.squares == pytest.approx(squares, abs=0.1)  # of about 470: the parabola is one
-    none = Trial.begin(start, sound, what[0], scale)
+    none = FaultTrial.begin(start, sound, what[0], scale)
     assert none.followed(estimator, late.part(k, 70), sound).squares > squares + 100
 
 

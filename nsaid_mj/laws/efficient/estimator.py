@@ -23,8 +23,8 @@ from .filter import (
     NEAR,
     ROUNDED,
     Along,
-    Filter,
     FilterConstants,
+    FilterState,
     filter_at,
 )
 from .kalman import acceptable, follow_filter, restart_state
@@ -149,11 +149,11 @@ class KalmanFilter:
             spread += spread_of_numbers(one, one, self._prior_error) * own.T @ own
         return spread
 
-    def at(self, q: Array, v: Array, theta: Array, P: Array) -> Filter:
+    def at(self, q: Array, v: Array, theta: Array, P: Array) -> FilterState:
         """The state at the first measurement q (m,), v (n,), with P_θθ (p, p) of θ̂/scale."""
         return filter_at(q, v, theta, P)
 
-    def follow(self, state: Filter, log: Log, along: Along | None = None) -> Stretch:
+    def follow(self, state: FilterState, log: Log, along: Along | None = None) -> Stretch:
         """Follows a log from a state at its first sample, up to a contradiction at most.
 
         Rows of `along`, one for every sample of the log, are written if it is given.
@@ -163,7 +163,7 @@ class KalmanFilter:
         last, end = follow_filter(self.constants, state, *log, along)
         return Stretch(last, end == COMPLETED, end == CONTRADICTED, end == ROUNDED)
 
-    def innovations(self, state: Filter, log: Log) -> Array:
+    def innovations(self, state: FilterState, log: Log) -> Array:
         """(N, 2n) normalised innovations along a log of N samples, without a test of them.
 
         They are infinite from the sample at which the filter fails.
@@ -173,7 +173,7 @@ class KalmanFilter:
         along.innovation[stretch.last + stretch.completed :] = np.inf
         return along.innovation
 
-    def carry(self, state: Filter, log: Log) -> None:
+    def carry(self, state: FilterState, log: Log) -> None:
         """Carries one of several competing filters along a log, without a test of its innovations.
 
         The sum of squared innovations in its tally is infinite where it has failed.
@@ -182,17 +182,17 @@ class KalmanFilter:
         keep_above_rounding(state.Ptt, np.empty_like(state.Ptt))
         state.tally[2] += 0.0 if stretch.completed else np.inf
 
-    def restart(self, state: Filter, here: Measurement) -> None:
+    def restart(self, state: FilterState, here: Measurement) -> None:
         """Restarts position and velocity at a measurement, uncorrelated with θ̂."""
         restart_state(state, here.q, here.v, state.R)
 
-    def repair(self, state: Filter, here: Measurement) -> None:
+    def repair(self, state: FilterState, here: Measurement) -> None:
         """Makes P_θθ positive definite after rounding errors, and restarts the state."""
         values, vectors = scipy.linalg.eigh(state.Ptt)
         state.Ptt[:] = (vectors * np.maximum(values, _INDEFINITE * values[-1])) @ vectors.T
         self.restart(state, here)
 
-    def acceptable(self, state: Filter) -> float:
+    def acceptable(self, state: FilterState) -> float:
         """Largest sum of squared innovations in the current window that may be due to chance."""
         samples = int(state.tally[1])
         return float(acceptable(samples, self.system.n, state.noise.seen[0]))

@@ -38,7 +38,7 @@ class FilterConstants(NamedTuple):
     parts: Array  # (s, p) of `nullspace.parts_of`
 
 
-class Filter(NamedTuple):
+class FilterState(NamedTuple):
     """State of the filter at a sample. All arrays are overwritten by `follow_filter`."""
 
     q: Array  # (m,) estimated position
@@ -60,26 +60,26 @@ class Filter(NamedTuple):
         """(2n,) variances of the sensors' noise, bounded below by rounding errors."""
         return noise_variance(self.noise)
 
-    def copied(self) -> Filter:
+    def copied(self) -> FilterState:
         """An independent copy."""
         parts = self._asdict()
         noise = Noise(*(part.copy() for part in parts.pop("noise")))
-        return Filter(noise=noise, **{name: part.copy() for name, part in parts.items()})
+        return FilterState(noise=noise, **{name: part.copy() for name, part in parts.items()})
 
-    def tested_anew(self) -> Filter:
+    def tested_anew(self) -> FilterState:
         """Resets the test of innovations, keeping state and covariance; returns the filter."""
         self.tally[1:] = 0.0
         self.safe[:], self.safe_P[:] = self.theta, self.Ptt
         return self
 
 
-def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> Filter:
+def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> FilterState:
     """The filter at its first measurement q (m,), v (n,), with P_θθ (p, p) of θ̂/scale."""
     n, p = len(v), len(theta)
     noise = Noise(np.zeros((3, 2 * n)), np.zeros(2 * n), np.zeros(2 * n), np.zeros(1))
     safe, safe_P = np.array([theta, theta]), np.array([Ptt, Ptt])
     Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
-    return Filter(
+    return FilterState(
         q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
         np.zeros(2),
     )  # fmt: skip
@@ -160,7 +160,8 @@ CONSTANTS = types.NamedTuple(
     (STRUCTURE, CONE, vector, vector, f8, i8, vector, vector, matrix), FilterConstants
 )
 FILTER = types.NamedTuple(
-    (vector, vector, vector, matrix, matrix, matrix, NOISE, vector, matrix, cube, vector), Filter
+    (vector, vector, vector, matrix, matrix, matrix, NOISE, vector, matrix, cube, vector),
+    FilterState,
 )
 ALONG = types.NamedTuple((matrix, matrix, vector, matrix), Along)
 WORKSPACES = types.NamedTuple(

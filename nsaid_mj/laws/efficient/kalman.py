@@ -48,8 +48,8 @@ from .filter import (
     ROUNDED,
     WORKSPACES,
     Along,
-    Filter,
     FilterConstants,
+    FilterState,
     workspace_for,
 )
 from .noise import MEMORY, add_increment, write_variance
@@ -231,7 +231,13 @@ def _follow(constants, filter, t, q, v, u, along, workspace):
 
 
 def follow_filter(
-    constants: FilterConstants, filter: Filter, t: Array, q: Array, v: Array, u: Array, along: Along
+    constants: FilterConstants,
+    filter: FilterState,
+    t: Array,
+    q: Array,
+    v: Array,
+    u: Array,
+    along: Along,
 ) -> tuple[int, int]:
     """Runs the filter along a log of N samples, from its state at the first, which it overwrites.
 

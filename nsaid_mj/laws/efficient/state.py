@@ -9,14 +9,14 @@ from ...parameters import Array
 from ...structure.system import SecondOrderSystem
 from ..base import State
 from .estimator import KalmanFilter
-from .filter import Filter
+from .filter import FilterState
 from .supervision import Supervision
 
 
 class EfficientState(NamedTuple):
     """State of the efficient law: the filter, the memory that guards it, and their supervision."""
 
-    filter: Filter
+    filter: FilterState
     guard: State  # the memory and its estimate
     supervision: Supervision
     step: int = 0  # index of the sample

@@ -13,7 +13,7 @@ from ..faults import FaultEvent
 from .signals import Signals
 
 
-class Choice(Enum):
+class ChosenBy(Enum):
     """What decides whether the law returns the filter's θ̂ or the memory's."""
 
     residuals = "their mean residuals on the remembered data"
@@ -29,7 +29,7 @@ class Supervision(NamedTuple):
     # reversed, 0 if it is stuck
     factors: Array
     walk: Array  # (p,) variance that θ, relative to itself, gains per second [1/s]; 0 if constant
-    choice: Choice = Choice.residuals
+    chosen_by: ChosenBy = ChosenBy.residuals
     trying: bool = False  # whether the filter rests while explanations of a contradiction are tried
     stale: bool = False  # whether the memory's data precede a change; the law then begins it anew
     returns: int = 0  # how often the filter went on from an earlier estimate, a part of it free

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...laws import FaultEvent
-from ...laws.efficient.filter import Filter
+from ...laws.efficient.filter import FilterState
 from ...parameters import Array, Indices, ParameterSpace
 from .hypotheses import Hypothesis
 
@@ -34,13 +34,13 @@ class Loose(NamedTuple):
     before: Array  # (p,) θ̂ before the loss
     until: float  # when it counts as constant again [s]
 
-    def walked(self, kalman: Filter, scale: Array, seconds: float) -> None:
+    def walked(self, kalman: FilterState, scale: Array, seconds: float) -> None:
         """Adds the random walk of some seconds to the filter's P_θθ."""
         D = np.zeros(len(scale))
         D[self.gains] = _WALK * kalman.theta[self.gains] / scale[self.gains]
         kalman.Ptt[:] += seconds * np.outer(D, D)
 
-    def lost(self, kalman: Filter) -> float:
+    def lost(self, kalman: FilterState) -> float:
         """The share of its gain, relative to the others, that it has lost so far."""
         ratio = kalman.theta / np.where(self.before == 0, 1.0, self.before)
         common = np.median(ratio[self.others]) if len(self.others) else 1.0
@@ -88,7 +88,7 @@ def event_of(
 
 
 def grown(
-    events: tuple[FaultEvent, ...], loose: Loose, kalman: Filter, t: float
+    events: tuple[FaultEvent, ...], loose: Loose, kalman: FilterState, t: float
 ) -> tuple[tuple[FaultEvent, ...], Loose]:
     """The events, updated with a loose gain's loss since."""
     place = [i for i, e in enumerate(events) if (e.kind, e.part) == ("loss", loose.part)]

@@ -28,7 +28,7 @@ from .hypotheses import (
 )
 from .snapshots import PERIOD, rewind, slow_change, with_snapshot
 from .trial import LEAD, onset
-from .trials import Verdict, begin_trials, follow_trials, narrowed, verdict
+from .trials import Decision, begin_trials, follow_trials, narrowed, verdict
 
 _MATURE = 2.0  # time without a contradiction after which one counts as a fault [s]
 _DOUBLINGS = 30  # of that time after trials in vain, at most: to 70 years
@@ -96,7 +96,7 @@ class Isolation(NamedTuple):
         return self._started_again(state, state.here(self.estimator.system, log))
 
     def _isolated(
-        self, state: EfficientState, decision: Verdict, begin: float, log: Log
+        self, state: EfficientState, decision: Decision, begin: float, log: Log
     ) -> EfficientState:
         """Continues with the filter of a trial, and records the fault if there was one."""
         trial, told, kept = decision.trial, state.supervision, kept_of(state)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...laws.efficient.filter import Filter
+from ...laws.efficient.filter import FilterState
 from ...parameters import Array
 from ...structure.system import SecondOrderSystem
 from .evidence import most_evident, posterior, shift_jumps
@@ -37,7 +37,7 @@ Snapshots = tuple[Snapshot, ...]
 """Snapshots of a filter, the latest last."""
 
 
-def rewind(snapshots: Snapshots, t: float, kalman: Filter) -> None:
+def rewind(snapshots: Snapshots, t: float, kalman: FilterState) -> None:
     """Sets θ̂, P_θθ and noise of a filter back to a while before time t [s].
 
     A fault may have begun undetected, and a sensor's jump resembles noise.
@@ -50,13 +50,13 @@ def rewind(snapshots: Snapshots, t: float, kalman: Filter) -> None:
     kalman.theta[:], kalman.Ptt[:], kalman.noise.variance[:] = theta, P, noise
 
 
-def with_snapshot(snapshots: Snapshots, t: float, kalman: Filter) -> Snapshots:
+def with_snapshot(snapshots: Snapshots, t: float, kalman: FilterState) -> Snapshots:
     """The snapshots with the filter's estimate at time t [s], and without those too old."""
     now = kalman.theta.copy(), kalman.Ptt.copy(), kalman.noise.variance.copy()
     return (*snapshots, Snapshot(t, *now))[-_SPANS[-1] - 1 :]
 
 
-class Found(NamedTuple):
+class SlowChange(NamedTuple):
     """A slow change."""
 
     hypothesis: Hypothesis  # what changed
@@ -67,13 +67,15 @@ class Found(NamedTuple):
     evidence: float  # logarithm of the averaged likelihood ratio against no change
 
 
-def slow_change(snapshots: Snapshots, kalman: Filter, system: SecondOrderSystem) -> Found | None:
+def slow_change(
+    snapshots: Snapshots, kalman: FilterState, system: SecondOrderSystem
+) -> SlowChange | None:
     """The most evident change since any of the snapshots; None if none is evident.
 
     ½ Δᵀ V⁻¹ Δ bounds the evidence of every jump, see `evidence`, so the hypotheses are compared
     only where that is enough.
     """
-    best: Found | None = None
+    best: SlowChange | None = None
     scale, hypotheses = system.space.scale, list[Hypothesis]()
     tolerance = _TOLERANCE * np.maximum(np.abs(kalman.theta / scale), 0.1)
     for span in _SPANS:
@@ -98,7 +100,7 @@ def slow_change(snapshots: Snapshots, kalman: Filter, system: SecondOrderSystem)
             if not np.linalg.eigvalsh(new_P)[0] > 0.0:
                 continue  # P_s is singular to rounding, and so is all that was computed from it
             hypothesis = most_changed(system.space, hypothesis, jump)
-            best = Found(
+            best = SlowChange(
                 hypothesis,
                 together(posterior(evidence), hypotheses, k),
                 jump.interval(hypothesis.size),

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...laws.efficient.estimator import KalmanFilter
-from ...laws.efficient.filter import Filter
+from ...laws.efficient.filter import FilterState
 from ...laws.efficient.signals import Signals
 from ...log import Log
 from ...parameters import Array, ParameterSpace
@@ -45,7 +45,7 @@ def increments(system: SecondOrderSystem, log: Log) -> Array:
     return np.hstack([system.moves(log.q), np.diff(log.v, axis=0)])
 
 
-def started(estimator: KalmanFilter, kalman: Filter, log: Log, k: int) -> Filter:
+def started(estimator: KalmanFilter, kalman: FilterState, log: Log, k: int) -> FilterState:
     """A copy of a filter with its state at sample k ≥ 3 of a log, as measured there."""
     own = kalman.copied()
     own.noise.increments[:] = increments(estimator.system, log.part(k - 3, k + 1))
@@ -53,7 +53,7 @@ def started(estimator: KalmanFilter, kalman: Filter, log: Log, k: int) -> Filter
     return own
 
 
-def onset(estimator: KalmanFilter, kalman: Filter, log: Log) -> int:
+def onset(estimator: KalmanFilter, kalman: FilterState, log: Log) -> int:
     """The last sample of a log before a fault, given a filter's θ̂ and P_θθ from before."""
     n = estimator.system.n
     own = started(estimator, kalman, log, LEAD - 1)
@@ -68,23 +68,25 @@ def onset(estimator: KalmanFilter, kalman: Filter, log: Log) -> int:
     return before if total > 0.0 else len(log.t) - 2
 
 
-class Trial(NamedTuple):
+class FaultTrial(NamedTuple):
     """A filter under one hypothesis; its tally counts from the start of the trial."""
 
     hypothesis: Hypothesis  # under trial
-    filter: Filter  # at the last sample
+    filter: FilterState  # at the last sample
     signals: Signals  # that act under the hypothesis
     theta: Array  # (p,) θ̂ at the start
     P: Array  # (p, p) P_θθ at the start, with the hypothesis's D Dᵀ
     earlier: float = 0.0  # sum of squared normalised innovations that no longer count as evidence
 
     @staticmethod
-    def begin(start: Filter, signals: Signals, hypothesis: Hypothesis, scale: Array) -> Trial:
+    def begin(
+        start: FilterState, signals: Signals, hypothesis: Hypothesis, scale: Array
+    ) -> FaultTrial:
         """A trial from a filter just before the fault."""
         own = start.copied()
         own.theta[:] += scale * hypothesis.mean
         own.Ptt[:] += hypothesis.D @ hypothesis.D.T
-        return Trial(hypothesis, own, signals, own.theta.copy(), own.Ptt.copy())
+        return FaultTrial(hypothesis, own, signals, own.theta.copy(), own.Ptt.copy())
 
     @property
     def squares(self) -> float:
@@ -96,7 +98,9 @@ class Trial(NamedTuple):
         """Logarithm of the likelihood of the innovations."""
         return float(-0.5 * (self.filter.tally[2] + self.filter.tally[3]))
 
-    def followed(self, estimator: KalmanFilter, log: Log, before: Signals | None = None) -> Trial:
+    def followed(
+        self, estimator: KalmanFilter, log: Log, before: Signals | None = None
+    ) -> FaultTrial:
         """The trial after a log; `before` are the signals at its first sample, if different."""
         own = self.filter.copied()
         acting = self.signals.acting(estimator.system, log)
@@ -113,13 +117,13 @@ class Trial(NamedTuple):
         D = self.hypothesis.D
         self.filter.Ptt[:] += _WALK**2 * seconds * (D @ D.T)
 
-    def forgetting(self) -> Trial:
+    def forgetting(self) -> FaultTrial:
         """The trial, its evidence counted from here."""
         earlier = self.earlier + self.squares
         self.filter.tally[1:] = 0.0
         return self._replace(earlier=earlier)
 
-    def again(self, start: Filter, estimator: KalmanFilter) -> Trial:
+    def again(self, start: FilterState, estimator: KalmanFilter) -> FaultTrial:
         """A trial of a load or a seizure from the same start, linearised at this one's estimate.
 
         Raises:
@@ -134,10 +138,10 @@ class Trial(NamedTuple):
             better = command_of(self.hypothesis, held[command], ratio)
             held[command] = np.copysign(max(abs(better), _LEAST * abs(typical)), typical)
             signals = self.signals._replace(held=held)
-            return Trial.begin(start, signals, self.hypothesis, scale)
+            return FaultTrial.begin(start, signals, self.hypothesis, scale)
         mean = np.where(hit, (self.filter.theta - start.theta) / scale, 0.0)
         hypothesis = loaded(self.hypothesis, cone, scale, start.theta, mean)
-        return Trial.begin(start, self.signals, hypothesis, scale)
+        return FaultTrial.begin(start, self.signals, hypothesis, scale)
 
     def reported(self, space: ParameterSpace) -> tuple[Hypothesis, tuple[float, float, float]]:
         """The changed part, and the size of the change with its 95 % interval."""
@@ -157,7 +161,7 @@ class Trial(NamedTuple):
         size, *ends = (command_of(hypothesis, held, 1 + x) for x in change)
         return hypothesis, (size, min(ends), max(ends))
 
-    def settled(self, estimator: KalmanFilter, log: Log) -> tuple[Filter, Signals]:
+    def settled(self, estimator: KalmanFilter, log: Log) -> tuple[FilterState, Signals]:
         """The filter that continues after the log that ended the trials, and its signals."""
         return self.filter, self.signals
 
@@ -168,33 +172,35 @@ class Trial(NamedTuple):
 class BiasTrial(NamedTuple):
     """Three filters under evenly spaced errors of one sensor."""
 
-    trials: tuple[Trial, ...]  # under each of the three errors
+    trials: tuple[FaultTrial, ...]  # under each of the three errors
     middle: float  # error of the second one
     step: float  # between two
     prior: float  # standard deviation of the error
     coarse: bool = True  # whether this is the first trial, in which the filter is not quite linear
 
     @staticmethod
-    def begin(start: Filter, signals: Signals, hypothesis: Hypothesis, jumps: Array) -> BiasTrial:
+    def begin(
+        start: FilterState, signals: Signals, hypothesis: Hypothesis, jumps: Array
+    ) -> BiasTrial:
         """A trial from a filter just before the error; `jumps` (2n,) are those of the sensors."""
         sigma = float(np.sqrt(start.R[hypothesis.channel]))
         middle = float(jumps[hypothesis.channel])
         own = BiasTrial((), middle, _COARSE * sigma, _WIDE * sigma)
         return own._started(start, signals, hypothesis)
 
-    def again(self, start: Filter) -> BiasTrial:
+    def again(self, start: FilterState) -> BiasTrial:
         """A trial from the same start, close to this one's estimate."""
         middle, step = self.middle + self._fit()[0], self.step * _FINE / _COARSE
         signals = self.trials[1].signals.biased(self.hypothesis.channel, -self.middle)
         own = self._replace(middle=middle, step=step, coarse=False)
         return own._started(start, signals, self.hypothesis)
 
-    def _started(self, start: Filter, signals: Signals, hypothesis: Hypothesis) -> BiasTrial:
+    def _started(self, start: FilterState, signals: Signals, hypothesis: Hypothesis) -> BiasTrial:
         """The trials at the three errors, from a filter and the signals before."""
         errors = (self.middle + i * self.step for i in (-1, 0, 1))
         each = (signals.biased(hypothesis.channel, error) for error in errors)
         scale = np.ones(len(start.theta))  # θ does not jump
-        trials = (Trial.begin(start, biased, hypothesis, scale) for biased in each)
+        trials = (FaultTrial.begin(start, biased, hypothesis, scale) for biased in each)
         return self._replace(trials=tuple(trials))
 
     @property
@@ -203,7 +209,7 @@ class BiasTrial(NamedTuple):
         return self.trials[1].hypothesis
 
     @property
-    def filter(self) -> Filter:
+    def filter(self) -> FilterState:
         """The filter in the middle."""
         return self.trials[1].filter
 
@@ -256,7 +262,7 @@ class BiasTrial(NamedTuple):
         b, wide = self.middle + change, 1.96 * precision**-0.5
         return self.hypothesis, (b, b - wide, b + wide)
 
-    def settled(self, estimator: KalmanFilter, log: Log) -> tuple[Filter, Signals]:
+    def settled(self, estimator: KalmanFilter, log: Log) -> tuple[FilterState, Signals]:
         """The filter at the estimate of b, its state as measured, and the signals without b."""
         change, precision, _ = self._fit()
         one, two, three = self.trials

@@ -11,14 +11,14 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from ...laws.efficient.estimator import KalmanFilter
-from ...laws.efficient.filter import Filter
+from ...laws.efficient.filter import FilterState
 from ...laws.efficient.signals import Signals
 from ...log import Log
 from ...parameters import Array
 from .evidence import posterior
 from .hypotheses import Hypothesis, penalty, together
 from .signals import signals_under
-from .trial import BiasTrial, Trial, jumps_at, started
+from .trial import BiasTrial, FaultTrial, jumps_at, started
 
 _DROPPED = 1e-9  # probability below which a hypothesis is dropped
 _HOPELESS = 1000.0  # evidence below that of the best single fault at which another one is dropped
@@ -37,8 +37,8 @@ estimated."""
 class Trials(NamedTuple):
     """Trials of several hypotheses."""
 
-    each: tuple[Trial | BiasTrial, ...]  # those still running
-    start: Filter  # the filter at the last sample before the fault
+    each: tuple[FaultTrial | BiasTrial, ...]  # those still running
+    start: FilterState  # the filter at the last sample before the fault
     before: Signals  # the signals known to act until then
     log: Log  # from that sample on, as recorded
     samples: int  # in the current window
@@ -54,7 +54,7 @@ class Trials(NamedTuple):
 
 def begin_trials(
     estimator: KalmanFilter,
-    kalman: Filter,
+    kalman: FilterState,
     signals: Signals,
     hypotheses: list[Hypothesis],
     log: Log,
@@ -71,7 +71,7 @@ def begin_trials(
     each = tuple(
         BiasTrial.begin(start, signals, h, jumps)
         if h.channel >= 0
-        else Trial.begin(start, signals_under(signals, h), h, scale)
+        else FaultTrial.begin(start, signals_under(signals, h), h, scale)
         for h in hypotheses
     )
     each = tuple(trial.followed(estimator, rest, signals) for trial in each)
@@ -104,8 +104,8 @@ def follow_trials(estimator: KalmanFilter, trials: Trials, log: Log) -> Trials:
 
 
 def _hopeful(
-    estimator: KalmanFilter, each: tuple[Trial | BiasTrial, ...]
-) -> tuple[Trial | BiasTrial, ...]:
+    estimator: KalmanFilter, each: tuple[FaultTrial | BiasTrial, ...]
+) -> tuple[FaultTrial | BiasTrial, ...]:
     """The trials without hopeless single faults, most of all after a few samples, if one explains.
 
     Those with much of θ free are excluded from the comparison, as in `narrowed`.
@@ -148,8 +148,8 @@ def narrowed(estimator: KalmanFilter, trials: Trials) -> Trials:
 
 
 def _repeated(
-    trial: Trial | BiasTrial, estimator: KalmanFilter, trials: Trials, least: float
-) -> Trial | BiasTrial:
+    trial: FaultTrial | BiasTrial, estimator: KalmanFilter, trials: Trials, least: float
+) -> FaultTrial | BiasTrial:
     """A trial along the same log, linearised at its own estimate.
 
     A trial of a sensor's error is repeated once, if its evidence is at least `least`; one of a load
@@ -172,7 +172,7 @@ def _repeated(
     return trial
 
 
-T = TypeVar("T", Trial, BiasTrial)
+T = TypeVar("T", FaultTrial, BiasTrial)
 
 
 def _along(trial: T, estimator: KalmanFilter, trials: Trials) -> T:
@@ -184,7 +184,7 @@ def _along(trial: T, estimator: KalmanFilter, trials: Trials) -> T:
     return trial.followed(estimator, log.part(split, len(log.t)))
 
 
-def explains(estimator: KalmanFilter, trial: Trial | BiasTrial) -> bool:
+def explains(estimator: KalmanFilter, trial: FaultTrial | BiasTrial) -> bool:
     """Whether the innovations of a trial agree with their covariance."""
     return trial.squares <= estimator.acceptable(trial.filter)
 
@@ -195,19 +195,20 @@ def posterior_of(trials: Trials) -> Array:
     return posterior(evidence) if np.isfinite(evidence).any() else np.full(len(evidence), np.nan)
 
 
-class Verdict(NamedTuple):
+class Decision(NamedTuple):
     """The outcome of trials."""
 
-    trial: Trial | BiasTrial | None  # the most probable; None if not even that explains the data
+    # the most probable; None if not even that explains the data
+    trial: FaultTrial | BiasTrial | None
     confidence: float = 0.0  # its probability, with that of other trials of the same fault
 
 
-def verdict(estimator: KalmanFilter, trials: Trials, t: float) -> Verdict | None:
+def verdict(estimator: KalmanFilter, trials: Trials, t: float) -> Decision | None:
     """The verdict at time t [s], at the end of a window; None while undecided."""
     share = posterior_of(trials)
     late = t - trials.begin
     if np.isnan(share).all():
-        return Verdict(None)
+        return Decision(None)
     best = int(np.argmax(share))
     trial = trials.each[best]
     fits = explains(estimator, trial)
@@ -215,8 +216,8 @@ def verdict(estimator: KalmanFilter, trials: Trials, t: float) -> Verdict | None
     patient = trial.hypothesis.kind in _PATIENT or trial.hypothesis.share > 0
     sure = fits and confidence >= _CERTAIN and not patient
     if late >= _LONGEST and not fits:
-        return Verdict(None)
+        return Decision(None)
     likely = confidence >= _LIKELY or late >= _PATIENCE
     if not sure and not (late >= _LONGEST and likely):
         return None
-    return Verdict(trial, confidence)
+    return Decision(trial, confidence)
