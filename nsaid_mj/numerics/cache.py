@@ -54,6 +54,13 @@ def digest(package: Path = PACKAGE) -> str:
     found = hashlib.sha256(f"{platform.python_version()} {sys.implementation.cache_tag}".encode())
     for part in (np, numba, llvmlite):
         found.update(f" {part.__name__} {part.__version__}".encode())
+    found.update(f" {sources_digest(package)}".encode())
+    return found.hexdigest()[:16]
+
+
+def sources_digest(package: Path = PACKAGE) -> str:
+    """Sixteen hexadecimal digits that identify the sources of kernels."""
+    found = hashlib.sha256()
     for name, text in sorted(kernel_sources(package).items()):
         found.update(f" {name} {hashlib.sha256(text).hexdigest()}".encode())
     return found.hexdigest()[:16]

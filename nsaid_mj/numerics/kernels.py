@@ -21,6 +21,7 @@ from numba import NumbaError, config, njit, typeof, types
 from numba.extending import lower_builtin, type_callable, typeof_impl
 
 from ..errors import DamagedKernelCache, NoKernelCache
+from . import shipped
 from .cache import FOLDER, one_process
 from .stopwatch import timed
 
@@ -130,18 +131,17 @@ class Kernel(Compiled):
         **options: Any,
     ):
         super().__init__(function, signature, {"nogil": True} | options)
-        own = {"cache": True, "no_cpython_wrapper": inner}
-        own |= self._options
-        self.function = self._called = _njit(**own)(function)
-        self._loaded = False
-        if inner:
-            self._called = njit(lambda *x: self(*x))  # noqa: PLW0108
         self.symbol = f"{function.__module__}.{function.__name__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
+        self.inner = inner
+        self.function = _njit(cache=True, no_cpython_wrapper=inner, **self._options)(function)
+        self._called: Any = None  # once it is loaded, what Python calls
+        if signature is not None:
+            KERNELS[self.symbol] = self
 
     def __call__(self, *arguments: Any) -> Any:
         """Calls it from Python; raises TypeError if its signature has other types."""
-        if self._loaded:
+        if self._called is not None:
             try:
                 return self._called(*arguments)
             except TypeError:
@@ -151,27 +151,31 @@ class Kernel(Compiled):
         return self._called(*arguments)
 
     def load(self, *given: Any) -> None:
-        """Compiles it after all that it calls, or loads it from the cache.
+        """Makes it ready for calls from Python.
 
         If it has no signature, the types of the arguments are given.
         """
+        if self.inner or (self.signature is not None and self._shipped is not None):
+            self._called = self._caller()
+            _compile(self._called, self.signature, f"{self.symbol} from Python")
+        else:
+            self._compile(*given)
+            self._called = self.function
+
+    def _compile(self, *given: Any) -> None:
+        """Has numba compile it after all that it calls, or loads it from numba's cache."""
         for callee in callees(named(self.py_func)):
             assert callee.address  # by its name it is found from code that comes from the cache
-        function, signature = self.function, self.signature or given
-        with one_process(self.symbol):
-            function.disable_compile(False)
-            try:
-                timed(function, signature)
-            except (NumbaError, AssertionError):  # a mistake in a text
-                raise
-            except Exception as error:  # unpickling damaged bytes may raise anything
-                kind = NoKernelCache if isinstance(error, OSError) else DamagedKernelCache
-                warnings.warn(kind(f"{type(error).__name__}: {error}"), stacklevel=3)
-                for path in FOLDER.rglob(f"*.{self.__name__}-*.nb?"):
-                    path.unlink(missing_ok=True)  # compiled already if it only could not be saved
-                timed(function, signature)
-            function.disable_compile()
-        self._loaded = True
+        _compile(self.function, self.signature or given, self.symbol)
+
+    def _caller(self) -> Any:
+        """A function for Python that calls it by its address."""
+        assert self.address
+        names = ", ".join(inspect.signature(self.py_func).parameters)
+        name = self.symbol.replace(".", "_")
+        made: dict[str, Any] = {"kernel": self, "__name__": __name__}
+        exec(compile(f"def {name}({names}): return kernel({names})", __file__, "exec"), made)
+        return _njit(cache=True, **self._options)(made[name])
 
     @cached_property
     def part(self) -> Any:
@@ -179,11 +183,20 @@ class Kernel(Compiled):
         return _njit(no_cpython_wrapper=True, **self._options)(self.py_func)
 
     @cached_property
+    def _shipped(self) -> tuple[int, int] | None:
+        """Its addresses in code that the package brings, for compiled code and for C."""
+        for callee in callees(named(self.py_func)):
+            assert callee.address
+        return shipped.load(self.symbol)
+
+    @cached_property
     def address(self) -> int:
         """Address by which compiled functions call it."""
-        if not self._loaded:
-            self.load()
-        address = self._address("llvm_func_name")
+        if self._shipped is not None:
+            address = self._shipped[0]
+        else:
+            self._compile()
+            address = self._address("llvm_func_name")
         binding.add_symbol(self.symbol, address)
         return address
 
@@ -191,20 +204,57 @@ class Kernel(Compiled):
     def callback(self) -> int:
         """Address by which C calls it, if it was made with `no_cfunc_wrapper=False`."""
         assert self.address
+        if self._shipped is not None:
+            return self._shipped[1]
         return self._address("llvm_cfunc_wrapper_name")
 
     def _address(self, of: str) -> int:
         (made,) = self.function.overloads.values()
         return made.library.get_pointer_to_function(getattr(made.fndesc, of))
 
+    def renew(self) -> None:
+        """Forgets numba's cache: before `translated`, of this kernel and all that it calls."""
+        self.function = _njit(**self._options | {"no_cpython_wrapper": True})(self.py_func)
+
+    def translated(self) -> shipped.Shipped:
+        """Its code for `shipped.write`, newly translated from its text."""
+        assert self.address
+        (text,) = self.function.inspect_llvm().values()
+        (made,) = self.function.overloads.values()
+        own = made.fndesc
+        callback = "" if self._options["no_cfunc_wrapper"] else own.llvm_cfunc_wrapper_name
+        names = [name for name in (own.llvm_func_name, callback) if name]
+        return shipped.Shipped(own.llvm_func_name, callback, shipped.stripped(text, *names))
+
     def _call(self, context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         """Code that calls the function at `address`."""
         missing = f"{self.symbol} is not named in the text of a kernel that calls it"
-        assert self._loaded and self.address, missing
+        assert "address" in self.__dict__, missing
         convention, given = context.call_conv, (signature.return_type, signature.args)
         kind, module = convention.get_function_type(*given), builder.module
         found = module.globals.get(self.symbol) or ir.Function(module, kind, self.symbol)
         return convention.call_function(builder, found, *given, arguments)[1]
+
+
+KERNELS: dict[str, Kernel] = {}
+"""All kernels with a signature, by their symbols."""
+
+
+def _compile(function: Any, signature: Any, name: str) -> None:
+    """Has numba compile a function, in one process at a time, or load it from its cache."""
+    with one_process(name):
+        function.disable_compile(False)
+        try:
+            timed(function, signature)
+        except (NumbaError, AssertionError):  # a mistake in a text
+            raise
+        except Exception as error:  # unpickling damaged bytes may raise anything
+            kind = NoKernelCache if isinstance(error, OSError) else DamagedKernelCache
+            warnings.warn(kind(f"{type(error).__name__}: {error}"), stacklevel=3)
+            for path in FOLDER.rglob(f"*.{function.__name__}-*.nb?"):
+                path.unlink(missing_ok=True)  # compiled already if it only could not be saved
+            timed(function, signature)
+        function.disable_compile()
 
 
 def named(function: Callable[..., Any]) -> Iterator[Any]:

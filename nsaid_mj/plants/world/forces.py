@@ -248,7 +248,7 @@ def _structure(user):
     )  # fmt: skip
 
 
-@routine(void(types.uintp, vector, vector, vector, vector), _nrt=True)
+@kernel(void(types.uintp, vector, vector, vector, vector), inner=True, _nrt=True)
 def _act_on_joints(user, u, qpos, qvel, passive):
     """Adds the forces on joints, where none depends on the bodies' poses."""
     structure = _structure(user)
@@ -263,7 +263,7 @@ def _act_on_joints(user, u, qpos, qvel, passive):
         passive[dofs[i, 0]] = force[i]
 
 
-@routine(void(types.uintp, types.uintp, types.uintp, *(vector,) * 5), _nrt=True)
+@kernel(void(types.uintp, types.uintp, types.uintp, *(vector,) * 5), inner=True, _nrt=True)
 def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
     """Adds all forces, from arrays in userdata."""
     structure = _structure(user)
@@ -305,6 +305,18 @@ def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
         passive[dofs[i, 0]] += own.force[i]
 
 
+@kernel(void(types.uintp, types.uintp, i8, i8, i8, i8, i8, i8), inner=True, _nrt=True)
+def _act(model, data, user, ctrl, act, q, v, force):
+    """Adds all forces to qfrc_passive; the integers are `field_offsets` of mjData's arrays."""
+    d, u, qpos, qvel, pushed = _views(data, user, ctrl, act, q, v, force)
+    if not accepted(u):
+        return
+    if d[_PLACED] > 0:
+        _act_on_bodies(model, data, d.ctypes.data, d, u, qpos, qvel, pushed)
+    else:
+        _act_on_joints(d.ctypes.data, u, qpos, qvel, pushed)
+
+
 @cache
 def column_forces() -> Any:
     """The callback, which reads `Forces.numbers` in userdata and adds to qfrc_passive.
@@ -316,16 +328,8 @@ def column_forces() -> Any:
         offsets[name] for name in ("userdata", "ctrl", "act", "qpos", "qvel", "qfrc_passive")
     )
 
-    @kernel(
-        void(types.uintp, types.uintp), inner=True, no_cfunc_wrapper=False, _nrt=True
-    )  # with reference counting, as arrays at addresses need it
+    @kernel(void(types.uintp, types.uintp), inner=True, no_cfunc_wrapper=False)
     def passive(model, data):
-        d, u, qpos, qvel, pushed = _views(data, user, ctrl, act, q, v, force)
-        if not accepted(u):
-            return
-        if d[_PLACED] > 0:
-            _act_on_bodies(model, data, d.ctypes.data, d, u, qpos, qvel, pushed)
-        else:
-            _act_on_joints(d.ctypes.data, u, qpos, qvel, pushed)
+        _act(model, data, user, ctrl, act, q, v, force)
 
     return ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)(passive.callback)
