@@ -7,13 +7,14 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.calibration.choose.columns import COLUMNS, SPEEDS, STRIBECK, Choice
+from nsaid_mj.calibration.choose.cutoff import filter_for
+from nsaid_mj.calibration.choose.timing import Timing
 from nsaid_mj.calibration.identify import files_of, identify_forces, recordings_of
 from nsaid_mj.calibration.joints import JointRows
 from nsaid_mj.calibration.links import file_links
 from nsaid_mj.calibration.measured import log_robot
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.smoothing import delayed, filter_for, refined, smooth_commands
-from nsaid_mj.calibration.timing import Timing
+from nsaid_mj.calibration.smoothing import delayed, refined, smooth_commands
 from nsaid_mj.calibration.vehicles import VehicleRows, smooth_pose
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
