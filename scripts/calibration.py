@@ -32,7 +32,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nsaid_mj.calibration.arms import structured_arm
+from nsaid_mj.calibration.choose.joint_search import structured_arm
 from nsaid_mj.calibration.fit import minimise, tempered, tempered_fit
 from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.links import Load

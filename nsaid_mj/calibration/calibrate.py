@@ -12,7 +12,7 @@ from ..logs.unusable import UnusableLog
 from ..parameters import Array
 from ..robot.findings import Finding, refused
 from ..robot.model import RobotModel
-from .arms import structured_arm
+from .choose.structured import structured
 from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
 from .joints import TRUSTED, nearest_friction
 from .links import check_loads, payloads
@@ -38,7 +38,6 @@ from .statements import (
     verdict,
     with_known,
 )
-from .vehicles import structured_vehicle
 
 _FOLDS = 5
 _POOR = 0.5  # NRMSE above which a joint's motion is not explained
@@ -70,8 +69,7 @@ def calibrate(
     if validation is not None:
         found += [f for f in validation.findings if f not in found]
     _refuse(found)
-    build = structured_arm if robot.jointed else structured_vehicle
-    made = build(robot, recordings, validation, options, report)
+    made = structured(robot, recordings, validation, options, report)
     found += made.findings
     _refuse(found)
     report("fitting and estimating intervals")

@@ -22,9 +22,9 @@ from ..robot.model import RobotModel
 from ..robot.tree import joint_names, position_servos
 from ..structure.joints import JointScales, positions
 from ..structure.multibody import CompiledMultibody
-from .arms import structured_arm
 from .calibrate import calibrate
 from .choose.columns import BASIC
+from .choose.joint_search import structured_arm
 from .export import departures, identified
 from .models import load_robot_model
 from .result import Options

@@ -30,11 +30,12 @@ from ..logs.recordings import Recordings
 from ..parameters import Array
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
+from .choose.cutoff import filter_for
 from .fit import minimise, tempered
 from .measured import identifiers_of, log_robot, measured_scenario
 from .problem import mean_squares
 from .result import AlongLog, Fitted, Gain, Identification, Structured, recording_shifts
-from .smoothing import delayed, filter_for, noise_levels, refined, smooth, smooth_commands
+from .smoothing import delayed, noise_levels, refined, smooth, smooth_commands
 from .vehicles import smooth_pose
 
 LAWS = ("batch", "efficient", "memory", "cone", "paper")

@@ -1,12 +1,7 @@
-"""The structure of a vehicle, whose regressor is a system of this package, and its delays.
-
-A vehicle's forces are not linear in its commands, and several actuators act on one velocity. Delays
-are therefore chosen by the cost of the fit: first a common one, then one per actuator.
-"""
+"""Rows of a vehicle, whose forces need not be linear in its commands, at any timing of these."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,27 +10,18 @@ from scipy.spatial.transform import Rotation
 from ..baselines.least_squares import smoothed
 from ..logs.recordings import Recordings, Segment
 from ..parameters import Array, Block, ParameterSpace
-from ..robot.findings import Finding
 from ..robot.model import RobotModel
 from ..structure.columns import fluid, thrust
 from ..structure.parts import Column
 from ..structure.sensing import rate_labels
 from ..structure.system import SecondOrderSystem, rebuilt
-from .choose.columns import EXTRA, further_columns, further_names
-from .fit import inflation, minimise, tempered, tempered_fit
+from .choose.columns import further_columns, further_names
+from .choose.timing import Timing
 from .joints import FILE
 from .problem import Problem, Size, size_weights
-from .residuals import Suspect
-from .result import JointFit, Options, Structured
 from .rows import Rows, with_columns
-from .smoothing import Filter, Smooth, filter_for
-from .suspects import command_suspects
-from .timing import WORTH, Timing, search
+from .smoothing import Filter, Smooth
 
-_CUTOFFS = (0.7, 0.5, 0.35, 0.25, 0.17, 0.12)  # trial cut-offs, over that of the bandwidth
-_ROUNDS = 3  # of choosing timing and cut-off in turn
-_FEWEST = 200  # rows per velocity that a lower cut-off must leave
-_NARROWER = 0.6  # another plausible cut-off over the chosen one
 _FLOWN = {kind.name for kind in (*fluid.KINDS, *thrust.KINDS) if kind.reads == "velocity"}
 _FLOW = 0.05  # of a current, for differences [m/s]
 _SPREAD = 0.3  # prior spread of positive parameters
@@ -59,11 +45,6 @@ class VehicleRows(Rows):
         only = replace(own, inertias=(), rotors=(), columns=acting)
         self._acting = rebuilt(self.system, only, self.system.space)
         self._without_commands: dict[frozenset[str], Array] = {}
-
-    def with_cutoff(self, share: float) -> VehicleRows:
-        """The rows of the filter whose cut-off is `share` of this one's."""
-        narrower = filter_for(self.recordings, share * self.chosen.cutoff)
-        return VehicleRows(self.robot, self.recordings, narrower)
 
     def delays(self, timing: Timing) -> Array:
         """(k,) delays of the actuators [s]."""
@@ -183,137 +164,3 @@ def smooth_pose(system: SecondOrderSystem, segment: Segment, chosen: Filter) -> 
     a = np.gradient(log.v, 1 / chosen.rate, axis=0)
     pick = slice(None, None, chosen.every)
     return Smooth(log.t[pick], log.q[pick], log.v[pick], a[pick], segment.usable[pick])
-
-
-def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Finding]]:
-    """The further columns that significantly lower the cost, and notes about them."""
-    columns, notes, cost = frozenset[str](), [], _cost(rows, frozenset(), timing)
-    best = cost(columns, timing)
-    for name in EXTRA:
-        trial = cost(columns | {name}, timing)
-        worth = best - trial
-        if worth > WORTH * 2:
-            columns, best = columns | {name}, trial
-            text = f"a column of {name} per velocity lowers the cost by {worth:.0f}"
-            data = {"columns": sorted(columns)}
-            notes.append(Finding("note", "columns", "", text, data=data))
-    return columns, notes
-
-
-def structured_vehicle(
-    robot: RobotModel,
-    recordings: Recordings,
-    validation: Recordings | None,
-    options: Options,
-    report: Callable[[str], None],
-) -> Structured:
-    """Chooses delays and further columns of a vehicle and makes the rows of the fit.
-
-    `recordings` are training logs, `validation` is a log excluded from the fit, or None; `report`
-    is called with the name of every stage.
-    """
-    report("filtering")
-    rows = VehicleRows(robot, recordings, filter_for(recordings, options.cutoff))
-    columns = (options.columns or frozenset()) & frozenset(EXTRA)
-    trials = [rows] if options.cutoff is not None else _narrower(rows)
-    rows = trials[len(trials) // 2]
-    for _ in range(_ROUNDS):
-        timing, others, findings = _timing(rows, columns, options.delay, report)
-        report("choosing the cut-off")
-        before, rows = rows, _most_informative(trials, columns, timing)
-        if rows is before:
-            break
-    if options.columns is None:
-        report("choosing columns")
-        columns, notes = _richer(rows, timing)
-        findings.extend(notes)
-    problem = rows.problem(columns, timing)
-    checked = None
-    if validation is not None:
-        filters = filter_for(validation, rows.chosen.cutoff)
-        checked = VehicleRows(robot, validation, filters).problem(columns, timing)
-    at = problem.space.actuators
-    labels = [problem.space.labels[i] for i in at]
-
-    def suspects(theta: Array) -> Iterator[Suspect]:
-        yield from command_suspects(problem.t, problem.Y[:, :, at] * theta[at], labels)
-        flow = rows.flow(theta, timing)
-        if flow.shape[2]:
-            remedy = "Record in still water or air, or with the speed relative to it as `linear`."
-            yield Suspect("a steady current or wind", "", flow, remedy)
-
-    own, late = tuple(sorted(columns)), float(np.median(rows.delays(timing)))
-    return Structured(
-        problem,
-        _alternatives(rows, columns, timing, others),
-        checked,
-        tuple(JointFit(name, columns=own, delay=late) for name in rate_labels(rows.system)),
-        tuple(findings),
-        rows.chosen.cutoff,
-        rows.delays(timing),
-        suspects,
-        acting=lambda u, rate: rows.acting(u, rate, timing),
-        columns=rows.further(columns),
-    )
-
-
-def _cost(
-    rows: VehicleRows, columns: frozenset[str], timing: Timing
-) -> Callable[[frozenset[str], Timing], float]:
-    """The cost of the fit, with as many rows per independent row as there are at a timing."""
-    first = rows.problem(columns, timing)
-    share = inflation(first, minimise(first).theta)
-
-    def cost(columns: frozenset[str], timing: Timing) -> float:
-        problem = rows.problem(columns, timing)
-        return minimise(problem, tempered(problem, share)).cost
-
-    return cost
-
-
-def _timing(
-    rows: VehicleRows,
-    columns: frozenset[str],
-    delay: Array | None,
-    report: Callable[[str], None],
-) -> tuple[Timing, list[Timing], list[Finding]]:
-    """The timing for rows, equally plausible ones, and notes; a given `delay` (k,) is kept."""
-    if delay is not None:
-        return Timing(delay), [], []
-    cost = _cost(rows, columns, Timing())
-    free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
-    return search(lambda x: cost(columns, x), rows.robot.joints, free, report)
-
-
-def _narrower(rows: VehicleRows) -> list[VehicleRows]:
-    """The rows, and those of lower cut-offs that leave enough of them."""
-    others = [rows.with_cutoff(share) for share in _CUTOFFS]
-    return [rows, *(other for other in others if len(other.t) >= _FEWEST)]
-
-
-def _most_informative(
-    trials: list[VehicleRows], columns: frozenset[str], timing: Timing
-) -> VehicleRows:
-    """The rows with the most information about θ, of several cut-offs.
-
-    An acceleration's noise grows with its frequency, and biases θ̂ where it exceeds the motion. The
-    information of the fit, by the determinant of its Hessian, is largest without such frequencies.
-    """
-
-    def information(rows: VehicleRows) -> float:
-        problem = rows.problem(columns, timing)
-        hessian, scale = tempered_fit(problem)[0].hessian, problem.space.scale
-        return float(np.linalg.slogdet(hessian * np.outer(scale, scale))[1])
-
-    return trials[0] if len(trials) == 1 else max(trials, key=information)
-
-
-def _alternatives(
-    rows: VehicleRows, columns: frozenset[str], timing: Timing, others: list[Timing]
-) -> Iterator[Problem]:
-    """Other plausible problems: without further columns, at other timings, of a narrower filter."""
-    if columns:
-        yield rows.problem(frozenset(), timing)
-    for other in others:
-        yield rows.problem(columns, other)
-    yield rows.with_cutoff(_NARROWER).problem(columns, timing)

@@ -148,21 +148,21 @@ def with_angles(table: Table, robot: RobotModel) -> Table:
 
     Other tables are returned as they are. Angles are continued across whole turns.
     """
-    if not robot.jointed:
-        return table
-    joints = [robot.model.joints[robot.model.getJointId(name)] for name in robot.joints]
-    count = sum(joint.nq for joint in joints)
+    kinds = [body.joint for body in robot.system.structure.bodies]
+    joints, count = len(kinds), robot.system.m
     names = [f"q_{k}" for k in range(count)]
-    if count == len(joints) or not {*names} <= {*table.channels} or f"q_{count}" in table.channels:
+    longer = f"q_{count}" in table.channels
+    if robot.system.group or count == joints or longer or not {*names} <= {*table.channels}:
         return table
     channels = {name: channel for name, channel in table.channels.items() if name not in names}
     angles, first = {}, 0
-    for k, joint in enumerate(joints):
+    for k, kind in enumerate(kinds):
         t, values = table.channels[names[first]]
-        if joint.nq == 2:
+        if kind == "circle":
             values = np.unwrap(np.arctan2(table.channels[names[first + 1]].values, values))
+            first += 1
         angles[f"q_{k}"] = Channel(t, values)
-        first += joint.nq
+        first += 1
     return Table(table.source, angles | channels, table.origin, table.findings)
 
 

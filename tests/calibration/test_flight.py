@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from nsaid_mj.calibration.choose.timing import Timing
 from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.timing import Timing
 from nsaid_mj.cli.commands import command
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup

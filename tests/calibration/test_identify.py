@@ -110,7 +110,7 @@ def test_gains_of_a_simulated_arm_are_found_and_covered(simulated, tmp_path):
 
 def test_thinned_rows_of_a_long_log_give_gains_that_are_covered(simulated, tmp_path, monkeypatch):
     """With a third of its rows, as a log of some 20 minutes is fitted."""
-    monkeypatch.setattr("nsaid_mj.calibration.smoothing._MOST_ROWS", 400)
+    monkeypatch.setattr("nsaid_mj.calibration.choose.cutoff._MOST_ROWS", 400)
     path, known = simulated.write(tmp_path / "log.csv"), {"gain_1": float(simulated.gain[0])}
     found = outcome(simulated, path, known=known)
     gains = found.of("motor gain")

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration import arms, calibrate, selection
+from nsaid_mj.calibration import calibrate, joint_checks
 from nsaid_mj.calibration.calibrate import _change, _doubted, structure_checks
+from nsaid_mj.calibration.choose.joint_search import _vertex
+from nsaid_mj.calibration.choose.options import COLUMN, NUMBER, OWN_DELAY, PROFILE, improves
 from nsaid_mj.calibration.fit import Precision, inflation, minimise, precision, tempered
 from nsaid_mj.calibration.result import JointFit
-from nsaid_mj.calibration.selection import worthwhile
 from nsaid_mj.calibration.smoothing import Filter, refined, slope
 from nsaid_mj.calibration.statements import parameters_in_words, verdict, with_known
 from nsaid_mj.parameters import ParameterSpace
@@ -139,11 +140,13 @@ def test_a_single_gain_is_identified_by_its_own_interval(deviation, status):
 def test_a_swap_helps_every_joint_that_it_moves(monkeypatch, other, told):
     errors = {(0, 0): 0.5, (0, 1): 0.05, (1, 1): 0.1, (1, 0): other}
     monkeypatch.setattr(
-        arms, "held_out_errors", lambda rows, choice, u, joint: np.full(5, errors[joint, u[0]])
+        joint_checks,
+        "held_out_errors",
+        lambda rows, choice, u, joint: np.full(5, errors[joint, u[0]]),
     )
     commands = np.array([[0, 1]])
     rows: Any = SimpleNamespace(driven=[0, 1])
-    found = arms._swapped(rows, rows, commands, ("a", "b"), [])
+    found = joint_checks._swapped(rows, rows, commands, ("a", "b"), [])
     assert bool(found) == told
 
 
@@ -208,20 +211,28 @@ def test_the_verdict_at_its_thresholds():
 
 def test_a_change_must_be_worth_it_and_beyond_chance():
     before = np.ones(5)
-    assert worthwhile(before, 0.9 * before, selection._DELAY_WORTH, selection._SURE)
-    assert not worthwhile(before, 0.98 * before, selection._DELAY_WORTH, selection._SURE)
-    assert worthwhile(before, 0.97 * before, selection._WORTH)
-    assert not worthwhile(before, 0.995 * before, selection._WORTH)
+    assert improves(before, 0.9 * before, OWN_DELAY)
+    assert not improves(before, 0.98 * before, OWN_DELAY)
+    assert improves(before, 0.97 * before, COLUMN)
+    assert not improves(before, 0.995 * before, COLUMN)
     lucky = np.array([0.5, 1.1, 1.1, 1.1, 1.0])
-    assert np.log(lucky).mean() < -selection._DELAY_WORTH
-    assert not worthwhile(before, lucky, selection._DELAY_WORTH, selection._SURE)
+    assert np.log(lucky).mean() < -OWN_DELAY.worth
+    assert not improves(before, lucky, OWN_DELAY)
+    assert not improves(np.full(5, np.inf), before, COLUMN)
+
+
+def test_a_cost_must_fall_by_its_worth_and_every_half_by_its_own():
+    assert improves(100.0, 93.9, NUMBER) and not improves(100.0, 94.1, NUMBER)
+    assert improves(np.inf, 100.0, NUMBER) and not improves(100.0, np.inf, NUMBER)
+    assert improves(np.ones(2), np.array([0.89, 0.5]), PROFILE)
+    assert not improves(np.ones(2), np.array([0.91, 0.5]), PROFILE)
 
 
 def test_the_least_of_a_parabola_is_found():
     offsets = np.array([-1, 0, 1])
-    assert selection._vertex((offsets - 0.3) ** 2) == pytest.approx(0.3)
-    assert selection._vertex((offsets + 0.2) ** 2) == pytest.approx(-0.2)
-    assert selection._vertex(-(offsets**2.0)) == 0.0
+    assert _vertex((offsets - 0.3) ** 2) == pytest.approx(0.3)
+    assert _vertex((offsets + 0.2) ** 2) == pytest.approx(-0.2)
+    assert _vertex(-(offsets**2.0)) == 0.0
 
 
 def test_slopes_are_right_up_to_a_third_of_nyquist():

@@ -123,7 +123,7 @@ def test_logs_of_a_law_are_on_one_clock_and_commands_lie_between_samples(arm):
 
 
 def identified_structure(robot, recordings):
-    from nsaid_mj.calibration.arms import structured_arm
+    from nsaid_mj.calibration.choose.joint_search import structured_arm
     from nsaid_mj.calibration.result import Options
 
     options = Options(frozenset({"rotor", "viscous", "coulomb"}), delay=np.zeros(2))

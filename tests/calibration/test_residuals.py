@@ -11,6 +11,8 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from nsaid_mj.calibration.choose.columns import BASIC, SPEEDS, Choice
+from nsaid_mj.calibration.choose.cutoff import filter_for
+from nsaid_mj.calibration.choose.joint_search import choose, with_common_delay, with_constants
 from nsaid_mj.calibration.fit import minimise, precision
 from nsaid_mj.calibration.identify import identify_forces
 from nsaid_mj.calibration.joints import JointRows
@@ -24,8 +26,6 @@ from nsaid_mj.calibration.residuals import (
     widened,
     with_doubts,
 )
-from nsaid_mj.calibration.selection import choose, refined, with_constants
-from nsaid_mj.calibration.smoothing import filter_for
 from nsaid_mj.calibration.statements import with_known
 from nsaid_mj.calibration.suspects import _answered, _between
 from nsaid_mj.log import Log
@@ -360,7 +360,7 @@ def test_delays_are_found_to_a_fraction_of_the_grid():
     choice, _ = choose(rows)
     far = replace(choice, delay=choice.delay + 0.01)
     for start in (choice, far):
-        best = refined(rows, start)[0]
+        best = with_common_delay(rows, start)[0]
         np.testing.assert_allclose(best.delay, 0.0137, atol=5e-4)
 
 

@@ -7,13 +7,15 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.calibration.choose.columns import COLUMNS, SPEEDS, STRIBECK, Choice
+from nsaid_mj.calibration.choose.cutoff import filter_for
+from nsaid_mj.calibration.choose.timing import Timing
 from nsaid_mj.calibration.identify import files_of, identify_forces, recordings_of
 from nsaid_mj.calibration.joints import JointRows
 from nsaid_mj.calibration.links import file_links
-from nsaid_mj.calibration.measured import log_robot
+from nsaid_mj.calibration.measured import FittedColumn, log_robot
 from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.smoothing import delayed, filter_for, refined, smooth_commands
-from nsaid_mj.calibration.timing import Timing
+from nsaid_mj.calibration.rows import with_columns
+from nsaid_mj.calibration.smoothing import delayed, refined, smooth_commands
 from nsaid_mj.calibration.vehicles import VehicleRows, smooth_pose
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
@@ -181,3 +183,6 @@ def test_further_columns_of_a_vehicle_are_damping_and_constant_forces(name):
         [W, motion.v[:, :, None] * one, -np.ones(motion.v.shape)[:, :, None] * one], axis=2
     )
     assert_same_columns(problem.Y, rows.chosen.rows(expected))
+    stored = [FittedColumn.of(column).column for column in rows.further(names)]  # as a law's
+    followed = with_columns(system, stored, [], len(problem.space))
+    assert_same_columns(rows.regressor(followed, lambda W: W, [held]), problem.Y)

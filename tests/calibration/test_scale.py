@@ -8,17 +8,18 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.calibration import calibrate as calibration
-from nsaid_mj.calibration.arms import expected_gains, structured_arm
 from nsaid_mj.calibration.calibrate import _held_out
 from nsaid_mj.calibration.choose.columns import BASIC, Choice
+from nsaid_mj.calibration.choose.cutoff import filter_for
+from nsaid_mj.calibration.choose.joint_search import structured_arm
 from nsaid_mj.calibration.export import identified
 from nsaid_mj.calibration.fit import Prior, minimise
 from nsaid_mj.calibration.identify import identify_forces
+from nsaid_mj.calibration.joint_checks import expected_gains
 from nsaid_mj.calibration.joints import JointRows
 from nsaid_mj.calibration.links import file_links, link_blocks, sizes_of_links
 from nsaid_mj.calibration.problem import Problem, Size
 from nsaid_mj.calibration.result import Identification, JointFit, Options
-from nsaid_mj.calibration.smoothing import filter_for
 from nsaid_mj.calibration.statements import verdict
 from nsaid_mj.logs import prepare, read_tables
 from nsaid_mj.parameters import Block, ParameterSpace

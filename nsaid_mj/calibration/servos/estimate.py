@@ -11,8 +11,8 @@ from ...parameters import Array, Indices
 from ...robot.findings import Finding
 from ...robot.model import RobotModel
 from ...structure.joints import moving_joints, slides
+from ..choose.servo_effects import effects_of
 from ..problem import Mask
-from .effects import effects_of
 from .fit import (
     DAMPING,
     DELAY,

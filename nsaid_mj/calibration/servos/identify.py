@@ -15,9 +15,9 @@ from ...resources import asset
 from ...robot.findings import Finding
 from ...robot.model import RobotModel
 from ...robot.target_profile import followed
+from ..choose.servo_effects import hidden_profile
 from ..links import Load, carrier, check_loads
 from ..models import load_robot_model
-from .effects import hidden_profile
 from .estimate import estimate
 from .fit import DELAY
 from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map

@@ -1,6 +1,6 @@
 """When and how a vehicle's commands act: the actuators' delay and lag, and the rotors' curve.
 
-All are chosen by the cost of the whole fit, see `vehicles`.
+All are chosen by the cost of the whole fit, see `vehicle_search`.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,17 +9,11 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ..parameters import Array
-from ..robot.findings import Finding
-from .selection import REACH
+from ...parameters import Array
+from ...robot.findings import Finding
+from .options import DELAY, LAG, MIX, NUMBER, improves
 
-WORTH = 6.0
-"""Decrease of the cost that justifies a delay or a set of columns: a log-likelihood ratio."""
-
-_COARSE, _FINE = 0.02, 0.0005  # spacing of the trial delays [s]
-_LITTLE = 2.0  # fall of the cost by a delay within the spacing, such as half a sample's
-_MIXES = (1.0, 0.0, 0.3, 0.6, 0.8, 0.9)  # trial shares of the square
-_LAGS = (0.0, 0.01, 0.02, 0.05, 0.1)  # trial lags of rotors [s]
+_FINE = 0.0005  # of the best delay [s]
 _STEPS = (0.0005, 0.001, 0.01)  # first changes of delay, lag and mix by which a cost rises
 _DOUBLINGS = 6  # of a change, at most
 _RISE = 2.0  # of the cost, at two standard deviations, which count as one: residuals are correlated
@@ -62,7 +56,7 @@ def search(
     curve, where they are of rotors.
     """
     report("searching for delays")
-    grid = np.arange(-REACH, REACH + 1e-9, _COARSE)
+    grid = np.array(DELAY.values)
     costs = np.array([cost(Timing(d)) for d in grid])
     at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
     found, edge, notes = np.array([0.0, 0.0, 1.0]), at in (0, len(grid) - 1), []
@@ -70,7 +64,7 @@ def search(
         least = scipy.optimize.minimize_scalar(
             lambda d: cost(Timing(d)), bounds=(grid[at - 1], grid[at + 1]), options={"xatol": _FINE}
         )
-        if least.fun < costs[zero] - _LITTLE:
+        if improves(costs[zero], least.fun, DELAY.criterion):
             found[0] = least.x
 
     def along(x: Array) -> float:
@@ -81,7 +75,7 @@ def search(
         report("choosing the actuators' curve and lag")
         found = _with_drive(along, found, free)
     timing = _timing_of(found) or Timing()
-    if edge and costs[at] <= costs[zero] - WORTH and timing == Timing():
+    if edge and improves(costs[zero], costs[at], NUMBER) and timing == Timing():
         text = (
             f"the best delay of the commands, {grid[at] * 1e3:+.0f} ms, lies at the edge of the "
             "search"
@@ -109,13 +103,14 @@ def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[in
     """The numbers of the timing that minimises the cost: a grid search, then a simplex.
 
     The search starts from the best delay for rotors whose commands are their speeds, without a lag.
-    A mix is rounded to 1 or 0, and a lag to 0, if that raises the cost by less than `WORTH`.
+    A mix is rounded to 1 or 0, and a lag to 0, if that raises the cost by less
+    than `NUMBER` demands.
     """
-    trials = _MIXES if 2 in free else _MIXES[:1]
+    trials = MIX.values if 2 in free else MIX.values[:1]
     mixes = [np.array([start[0], 0.0, mix]) for mix in trials]
-    lags = [np.array([start[0], lag, min(mixes, key=along)[2]]) for lag in _LAGS]
+    lags = [np.array([start[0], lag, min(mixes, key=along)[2]]) for lag in LAG.values]
     best = min(lags, key=along)
-    if along(mixes[0]) < along(best) + WORTH:
+    if not improves(along(mixes[0]), along(best), NUMBER):
         return start
     steps = np.diag([0.01, 0.01, 0.1 - 0.2 * (best[2] > 0.5)])[free]
 
@@ -132,7 +127,7 @@ def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[in
     found = placed(least.x)
     for k, plain in ((1, 0.0), (2, 0.0), (2, 1.0)):
         simpler = np.where(np.arange(3) == k, plain, found)
-        if k in free and along(simpler) < along(found) + WORTH:
+        if k in free and not improves(along(simpler), along(found), NUMBER):
             found = simpler
     return found
 

@@ -1,155 +1,32 @@
-"""The structure of a tree of joints, chosen from its log, and checks that need a fit.
+"""A tree of joints: its gains guessed from the log, and checks that need a fit.
 
 These find reversed and swapped commands, wrong units, and too few rows.
 """
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import scipy
 
-from ..logs.recordings import Recordings
 from ..parameters import Array
-from ..robot.findings import Finding, refused
+from ..robot.findings import Finding
 from ..robot.identified import with_inertias
 from ..robot.model import RobotModel
-from .choose.columns import BASIC, BROAD, SPEEDS, Choice
+from .choose.columns import BROAD, Choice
+from .choose.held_out import held_out_errors, joint_columns, rms
 from .fit import minimise
 from .joints import JointRows
 from .links import file_links
 from .problem import Problem, mean_squares
-from .residuals import Suspect
-from .result import JointFit, Options, Structured
-from .selection import (
-    choose,
-    held_out_errors,
-    joint_columns,
-    refined,
-    rms,
-    with_constants,
-    with_speeds,
-)
-from .smoothing import filter_for, twice_as_noisy
-from .smoothing import refined as finer
-from .suspects import arm_suspects
 
-STATED, _GUESSED, _NOMINAL = 0.15, 2.0, 0.3
+STATED, GUESSED, NOMINAL = 0.15, 2.0, 0.3
 # standard deviations of log k: of a command stated in N or N·m (tolerance of torque constants and
 # losses of gears), of one in unknown units, of a gain from the model file
-_DOUBT = 4.0  # formal deviations of the delays that count as one: residuals are correlated
-_NARROWER = 0.6  # another plausible cut-off over the chosen one
 _SHARE = 0.05  # share of a command below which the torque of the model's links is not visible in it
 _WEAKER = 0.1  # least guess of such a joint's gain, relative to the largest
 
 
-def structured_arm(
-    robot: RobotModel,
-    recordings: Recordings,
-    validation: Recordings | None,
-    options: Options,
-    report: Callable[[str], None],
-) -> Structured:
-    """Chooses columns and delays of every joint and makes the rows of the fit.
-
-    `robot` is a tree of joints, `recordings` are training logs, `validation` is a log excluded from
-    the fit, or None; `report` is called with the name of every stage.
-    """
-    report("filtering")
-    slow, measured, recordings = rate_checks(recordings.rate), recordings, finer(recordings)
-    chosen, unknown = filter_for(recordings, options.cutoff), np.ones(len(robot.joints))
-    rows = JointRows(
-        robot, recordings, chosen, unknown, loads=options.loads, coupled=options.coupled
-    )
-    if robot.weightless:
-        rows.robot = robot = _weighed(rows)
-        rows.loading = file_links(robot.model)
-    rows.gain, rows.spread, faults = expected_gains(rows)
-    report("choosing columns and delays")
-    choice, notes = choose(rows, options.coupled, options.delay, options.columns)
-    rows.gain = expected_gains(rows, choice)[0]
-    problem, others = rows.problem(choice), iter(())
-    faults += fit_checks(rows, choice)
-    if not refused(faults):
-        faults += reversed_commands(rows, choice, problem)
-    if not refused(faults):
-        report("fitting delays")
-        choice, doubt, said = _finished(rows, choice, problem, options)
-        others = _alternatives(rows, choice, doubt)
-        notes, problem = [*notes, *said], rows.problem(choice)
-    checked = None
-    if validation is not None:
-        validation = finer(validation)
-        checked = rows.like(validation, filter_for(validation, chosen.cutoff)).problem(choice)
-
-    def noisier(theta: Array) -> tuple[Problem, Iterator[Suspect]]:
-        other = rows.like(finer(twice_as_noisy(measured)), chosen)
-        again = other.problem(choice)
-        return again, arm_suspects(other, choice, again, theta)
-
-    columns, rotors = rows.terms(problem.space, choice)
-    parts = zip(robot.joints, choice.columns, choice.speed, choice.delay.tolist(), strict=True)
-    return Structured(
-        problem,
-        others,
-        checked,
-        tuple(
-            JointFit(name, columns=tuple(sorted(own)), friction_speed=SPEEDS[s], delay=d)
-            for name, own, s, d in parts
-        ),
-        (*notes, *slow, *faults),
-        chosen.cutoff,
-        choice.delay,
-        lambda theta: arm_suspects(rows, choice, problem, theta),
-        noisier,
-        coupled=options.coupled,
-        columns=columns,
-        rotors=rotors,
-    )
-
-
-def _finished(
-    rows: JointRows, choice: Choice, problem: Problem, options: Options
-) -> tuple[Choice, float | None, list[Finding]]:
-    """The choice completed by fits of the whole structure, the deviation of its delays, and notes.
-
-    `problem` is that of the choice so far. The deviation [s] is None for given delays.
-    """
-    notes, doubt = [], None
-    if any("load" in columns for columns in choice.columns):
-        rows.reweigh(minimise(problem).theta[: rows.links.shape[2]])
-    if options.delay is None:
-        choice, doubt, note = refined(rows, choice)
-        notes.append(note)
-    if len(rows.driven) < len(rows.robot.joints):
-        choice = with_speeds(rows, choice)
-    if options.columns is None:
-        choice, said = with_constants(rows, choice, options.level)
-        notes += said
-    return choice, doubt, notes
-
-
-def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Iterator[Problem]:
-    """Other plausible problems; `doubt` is the standard deviation of the delays [s], if any."""
-    trials, last = [], len(SPEEDS) - 1
-    if doubt is not None:
-        trials.append(replace(choice, delay=choice.delay + _DOUBT * doubt))
-    if any(columns != BASIC for columns in choice.columns):
-        trials.append(replace(choice, columns=(BASIC,) * len(choice.columns)))
-    for step in (-1, 1):
-        speeds = tuple(min(max(s + step, 0), last) for s in choice.speed)
-        trials.append(replace(choice, speed=speeds))
-    yield from map(rows.problem, trials)
-    if (rows.spread[rows.driven] == _NOMINAL).any():  # masses may contradict the file's gains
-        own = rows.problem(choice)
-        at, spread = own.space.actuators, own.spread.copy()
-        spread[at] = np.where(spread[at] == _NOMINAL, _GUESSED, spread[at])
-        yield replace(own, spread=spread)
-    narrow = filter_for(rows.recordings, _NARROWER * rows.chosen.cutoff)
-    yield rows.like(rows.recordings, narrow).problem(choice)
-
-
-def _weighed(rows: JointRows) -> RobotModel:
+def weighed_links(rows: JointRows) -> RobotModel:
     """A robot without masses, its guessed inertias scaled to the forces that the log states."""
     robot, (torque, u) = rows.robot, _sizes(rows)
     stated = np.array([unit in ("N·m", "N") for unit in rows.recordings.command_units])
@@ -183,7 +60,7 @@ def expected_gains(
     stated = np.array([unit in ("N·m", "N") for unit in units])
     nominal = ~stated & (own != 1)
     gain = np.where(stated | nominal, own, guess)
-    spread = np.where(stated, STATED, np.where(nominal, _NOMINAL, _GUESSED))
+    spread = np.where(stated, STATED, np.where(nominal, NOMINAL, GUESSED))
     found, checkable = [], stated.any() and (torque > 0).any()
     ratio = np.linalg.norm((gain * u)[stated]) / np.linalg.norm(torque[stated]) if checkable else 1
     if not 1 / _UNIT < ratio < _UNIT:

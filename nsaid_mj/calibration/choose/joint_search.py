@@ -1,33 +1,163 @@
-"""Choice of columns, friction speeds and delays by cross-validation inside the training log.
+"""Choice of a tree's columns, friction speeds and delays by cross-validation inside the log.
 
 Divided by the gain, each joint's row is linear in its own columns, so that a least-squares fit of a
 candidate, joint by joint, takes a millisecond. Candidates are compared by their error in held-out
 fifths of the log; the physical fit uses the chosen ones.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
 
-from ..parameters import Array, Indices
-from ..robot.findings import Finding
-from .choose.columns import BASIC, SPEEDS, Choice
-from .fit import cost_of, gramians, minimise
-from .joints import JointRows
-from .problem import Problem, folds
+from ...logs.recordings import Recordings
+from ...parameters import Array
+from ...robot.findings import Finding, refused
+from ...robot.model import RobotModel
+from ...structure.multibody import check_consistency
+from ..fit import minimise
+from ..joint_checks import (
+    GUESSED,
+    NOMINAL,
+    expected_gains,
+    fit_checks,
+    rate_checks,
+    reversed_commands,
+    weighed_links,
+)
+from ..joints import JointRows
+from ..links import file_links
+from ..problem import Problem
+from ..residuals import Suspect
+from ..result import JointFit, Options, Structured
+from ..smoothing import refined as finer
+from ..smoothing import twice_as_noisy
+from ..suspects import arm_suspects
+from .columns import BASIC, FASTENED, SPEEDS, Choice
+from .cutoff import NARROWER, filter_for
+from .held_out import basis_of, held_out_errors, rms, shared_errors, unexplained
+from .options import (
+    COLUMN,
+    CONSTANTS,
+    CURVES,
+    FALLING,
+    JOINT_DELAY,
+    JOINT_SPACING,
+    OWN_DELAY,
+    SPEED,
+    improves,
+)
 
-_FOLDS = 5
-_RIDGE = 1e-3  # of the columns' rms: a prior of 30 times a column's natural size
-_WORTH = 0.01  # mean relative gain in held-out error that a change must bring, or its standard
-# error over the folds if that is larger
-REACH = 0.2  # delays are searched within ± this [s]
-_COARSE = 0.004  # spacing of the trial delays [s]
-_DELAY_WORTH = 0.04  # mean relative gain that a joint's own delay must bring
-_SURE = 2.0  # standard errors over the folds that it must exceed
 _PARABOLAS = 5  # steps of the correction of all delays
 _LOADED = 0.15  # share of weight in a joint's force that a load column needs
+_DOUBT = 4.0  # formal deviations of the delays that count as one: residuals are correlated
+
+
+def structured_arm(
+    robot: RobotModel,
+    recordings: Recordings,
+    validation: Recordings | None,
+    options: Options,
+    report: Callable[[str], None],
+) -> Structured:
+    """Chooses columns and delays of every joint and makes the rows of the fit.
+
+    `robot` is a tree of joints, `recordings` are training logs, `validation` is a log excluded from
+    the fit, or None; `report` is called with the name of every stage.
+    """
+    check_consistency(robot.system)
+    report("filtering")
+    slow, measured, recordings = rate_checks(recordings.rate), recordings, finer(recordings)
+    chosen, unknown = filter_for(recordings, options.cutoff), np.ones(len(robot.joints))
+    rows = JointRows(
+        robot, recordings, chosen, unknown, loads=options.loads, coupled=options.coupled
+    )
+    if robot.weightless:
+        rows.robot = robot = weighed_links(rows)
+        rows.loading = file_links(robot.model)
+    rows.gain, rows.spread, faults = expected_gains(rows)
+    report("choosing columns and delays")
+    choice, notes = choose(rows, options.coupled, options.delay, options.columns)
+    rows.gain = expected_gains(rows, choice)[0]
+    problem, others = rows.problem(choice), iter(())
+    faults += fit_checks(rows, choice)
+    if not refused(faults):
+        faults += reversed_commands(rows, choice, problem)
+    if not refused(faults):
+        report("fitting delays")
+        choice, doubt, said = _finished(rows, choice, problem, options)
+        others = _alternatives(rows, choice, doubt)
+        notes, problem = [*notes, *said], rows.problem(choice)
+    checked = None
+    if validation is not None:
+        validation = finer(validation)
+        checked = rows.like(validation, filter_for(validation, chosen.cutoff)).problem(choice)
+
+    def noisier(theta: Array) -> tuple[Problem, Iterator[Suspect]]:
+        other = rows.like(finer(twice_as_noisy(measured)), chosen)
+        again = other.problem(choice)
+        return again, arm_suspects(other, choice, again, theta)
+
+    columns, rotors = rows.terms(problem.space, choice)
+    parts = zip(robot.joints, choice.columns, choice.speed, choice.delay.tolist(), strict=True)
+    return Structured(
+        problem,
+        others,
+        checked,
+        tuple(
+            JointFit(name, columns=tuple(sorted(own)), friction_speed=SPEEDS[s], delay=d)
+            for name, own, s, d in parts
+        ),
+        (*notes, *slow, *faults),
+        chosen.cutoff,
+        choice.delay,
+        lambda theta: arm_suspects(rows, choice, problem, theta),
+        noisier,
+        coupled=options.coupled,
+        columns=columns,
+        rotors=rotors,
+    )
+
+
+def _finished(
+    rows: JointRows, choice: Choice, problem: Problem, options: Options
+) -> tuple[Choice, float | None, list[Finding]]:
+    """The choice completed by fits of the whole structure, the deviation of its delays, and notes.
+
+    `problem` is that of the choice so far. The deviation [s] is None for given delays.
+    """
+    notes, doubt = [], None
+    if any("load" in columns for columns in choice.columns):
+        rows.reweigh(minimise(problem).theta[: rows.links.shape[2]])
+    if options.delay is None:
+        choice, doubt, note = with_common_delay(rows, choice)
+        notes.append(note)
+    if len(rows.driven) < len(rows.robot.joints):
+        choice = with_speeds(rows, choice)
+    if options.columns is None:
+        choice, said = with_constants(rows, choice, options.level)
+        notes += said
+    return choice, doubt, notes
+
+
+def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Iterator[Problem]:
+    """Other plausible problems; `doubt` is the standard deviation of the delays [s], if any."""
+    trials, last = [], len(SPEEDS) - 1
+    if doubt is not None:
+        trials.append(replace(choice, delay=choice.delay + _DOUBT * doubt))
+    if any(columns != BASIC for columns in choice.columns):
+        trials.append(replace(choice, columns=(BASIC,) * len(choice.columns)))
+    for step in (-1, 1):
+        speeds = tuple(min(max(s + step, 0), last) for s in choice.speed)
+        trials.append(replace(choice, speed=speeds))
+    yield from map(rows.problem, trials)
+    if (rows.spread[rows.driven] == NOMINAL).any():  # masses may contradict the file's gains
+        own = rows.problem(choice)
+        at, spread = own.space.actuators, own.spread.copy()
+        spread[at] = np.where(spread[at] == NOMINAL, GUESSED, spread[at])
+        yield replace(own, spread=spread)
+    narrow = filter_for(rows.recordings, NARROWER * rows.chosen.cutoff)
+    yield rows.like(rows.recordings, narrow).problem(choice)
 
 
 def choose(
@@ -52,7 +182,8 @@ def choose(
             delays = choice.delay.copy()
             delays[j] = shared[j]
             alike = _choose_joint(rows, replace(choice, delay=delays), j, columns is None)
-            if not _insists(alike[2], errors):  # friction at another speed imitates a delay
+            # friction at another speed imitates a delay
+            if not improves(alike[2], errors, OWN_DELAY):
                 own, finding, _ = alike
         choice = own
         findings.append(finding)
@@ -71,12 +202,12 @@ def _choose_joint(
         nonlocal best, choice
         errors = held_out_errors(rows, trial, u, joint)
         tried.append(f"{words} {rms(errors):.4f}")
-        if worthwhile(best, errors, _WORTH):
+        if improves(best, errors, COLUMN):
             best, choice = errors, trial
 
     def speeds() -> None:
-        if {"coulomb", "stribeck", "load"} & choice.columns[joint]:
-            for index, speed in enumerate(SPEEDS):
+        if FASTENED & choice.columns[joint]:
+            for index, speed in enumerate(SPEED.values):
                 if index != choice.speed[joint]:
                     better(choice.at(joint, speed=index), f"s = {speed:g}")
 
@@ -84,12 +215,12 @@ def _choose_joint(
     if free:
         # where weight is a small part of the force, `load` imitates other friction and biases gains
         weight, force = rows.diagonal["load"][-1][:, joint], u * rows.gain[joint]
-        carries = ["load"] if weight.std() > _LOADED * force.std() else []
-        for name in [*carries, "quadratic", "cubic"]:
-            better(choice.at(joint, name), f"+ {name}")
-        for index, speed in enumerate(SPEEDS):  # a smaller speed imitates it where it is missing
-            trial = choice.at(joint, "stribeck", speed=index)
-            better(trial, f"+ stribeck with s = {speed:g}")
+        for option in CURVES:
+            if option.name != "load" or weight.std() > _LOADED * force.std():
+                better(choice.at(joint, option.name), f"+ {option.name}")
+        for index, speed in enumerate(FALLING.values):  # a smaller one imitates it where it lacks
+            trial = choice.at(joint, FALLING.name, speed=index)
+            better(trial, f"+ {FALLING.name} with s = {speed:g}")
         speeds()
     used, speed = sorted(choice.columns[joint]), SPEEDS[choice.speed[joint]]
     text = (
@@ -100,45 +231,6 @@ def _choose_joint(
     return choice, Finding("note", "columns", rows.robot.joints[joint], text, data=data), best
 
 
-def joint_columns(rows: JointRows, choice: Choice, joint: int) -> Array:
-    """(N, c) all columns of a joint's own row, each over its rms."""
-    columns = [rows.links[:, joint]]
-    columns += [rows.column(name, joint, choice)[:, None] for name in sorted(choice.columns[joint])]
-    for i, j, _ in choice.coupled:
-        if joint in (i, j):
-            other = i if joint == j else j
-            columns += [
-                rows.diagonal["rotor"][:, other, None],
-                rows.diagonal["viscous"][:, other, None],
-                rows.slip(i, j, choice.speed[j])[:, None],
-            ]
-    X = np.hstack(columns)
-    size = np.sqrt(np.mean(X**2, axis=0))
-    return X[:, size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
-
-
-def held_out_errors(rows: JointRows, choice: Choice, u: Array, joint: int) -> Array:
-    """(5,) held-out rms of u over its standard deviation, by ridge regression on other fifths."""
-    usable = np.flatnonzero(rows.usable[:, joint])
-    X, y = joint_columns(rows, choice, joint)[usable], u[usable]
-    spread = y.std() if len(y) else 0.0
-    if len(usable) < 10 * _FOLDS or not spread > 0:
-        return np.full(_FOLDS, np.inf)
-    XX, Xy = X.T @ X, X.T @ y
-    errors = []
-    for part in np.array_split(np.arange(len(y)), _FOLDS):
-        A = XX - X[part].T @ X[part]
-        A[np.diag_indices_from(A)] += _RIDGE**2 * len(y)
-        beta = scipy.linalg.solve(A, Xy - X[part].T @ y[part], assume_a="pos")
-        errors.append(np.sqrt(np.mean((y[part] - X[part] @ beta) ** 2)) / spread)
-    return np.array(errors)
-
-
-def rms(errors: Array) -> float:
-    """Root of the mean square."""
-    return float(np.sqrt(np.mean(errors**2)))
-
-
 def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[Finding]]:
     """The choice with delays on a grid: a common one, and individual ones where joints differ.
 
@@ -147,19 +239,19 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
     delays (k,).
     """
     k = len(rows.robot.joints)
-    candidates = np.arange(-REACH, REACH + 1e-9, _COARSE)
-    bases = [_basis(rows, choice, j) for j in range(k)]
+    candidates = np.array(JOINT_DELAY.values)
+    bases = [basis_of(rows, choice, j) for j in range(k)]
     errors = np.empty((len(candidates), k))
     for number, delay in enumerate(candidates):
         u = rows.commands(np.full(k, delay))
-        errors[number] = [_unexplained(u[:, j], *bases[j]) for j in range(k)]
+        errors[number] = [unexplained(u[:, j], *bases[j]) for j in range(k)]
     best = int(np.argmin(np.log(errors) @ rows.usable.sum(axis=0)))
     found, findings = np.zeros(k), []
     for j in rows.driven:
         at, name = int(np.argmin(errors[:, j])), rows.robot.joints[j]
         if at != best:
             u = [rows.commands(np.full(k, d))[:, j] for d in candidates[[best, at]]]
-            if not _insists(*(held_out_errors(rows, choice, x, j) for x in u)):
+            if not improves(*(held_out_errors(rows, choice, x, j) for x in u), OWN_DELAY):
                 at = best  # most delays are shared: they are those of clocks and of the network
         if at in (0, len(candidates) - 1):
             text = (
@@ -171,7 +263,7 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
         else:
             found[j] = candidates[at]
             if at != best:
-                found[j] += _COARSE * _vertex(errors[at - 1 : at + 2, j] ** 2)
+                found[j] += JOINT_SPACING * _vertex(errors[at - 1 : at + 2, j] ** 2)
     shared = np.where(found == 0, 0.0, candidates[best])  # 0 at the edge
     return replace(choice, delay=found), shared, findings
 
@@ -186,14 +278,16 @@ def with_constants(
     it is left in the residuals. `level` are names of joints without an offset of their own, as are
     passive ones.
     """
-    (best, fitted), findings = _shared_errors(rows.problem(choice)), []
+    (best, fitted), findings = shared_errors(rows.problem(choice)), []
     for j, name in enumerate(rows.robot.joints):
-        for column, words in (("offset", "a constant offset"), ("spring", "a spring")):
+        for option, words in zip(CONSTANTS, ("a constant offset", "a spring"), strict=True):
+            column = option.name
             if column == "offset" and (name in level or j not in rows.driven):
                 continue
             trial = choice.at(j, "offset", column)
-            errors, found = _shared_errors(rows.problem(trial), fitted)
-            if found.get(f"stiffness_{j + 1}", 0.0) >= 0 and worthwhile(best, errors, _WORTH):
+            errors, found = shared_errors(rows.problem(trial), fitted)
+            possible = found.get(f"stiffness_{j + 1}", 0.0) >= 0
+            if possible and improves(best, errors, option.criterion):
                 fall = 100 * (1 - np.exp(np.log(errors / best).mean()))
                 text = f"{words}; held-out errors, all joints multiplied, fall by {fall:.0f} %"
                 findings.append(Finding("note", "columns", name, text, data={"columns": [column]}))
@@ -203,52 +297,14 @@ def with_constants(
 
 def with_speeds(rows: JointRows, choice: Choice) -> Choice:
     """The choice with the best s of Coulomb friction at passive joints, by the physical fit."""
-    best = _shared_errors(rows.problem(choice))[0]
+    best = shared_errors(rows.problem(choice))[0]
     for j in set(range(len(rows.robot.joints))) - set(rows.driven):
-        for speed in range(len(SPEEDS)):
+        for speed in range(len(SPEED.values)):
             trial = choice.at(j, speed=speed)
-            errors = _shared_errors(rows.problem(trial))[0]
-            if worthwhile(best, errors, _WORTH):
+            errors = shared_errors(rows.problem(trial))[0]
+            if improves(best, errors, SPEED.criterion):
                 choice, best = trial, errors
     return choice
-
-
-def _shared_errors(
-    problem: Problem, near: Mapping[str, float] | None = None
-) -> tuple[Array, dict[str, float]]:
-    """(5,) held-out errors of the physical fit, and its parameters by name.
-
-    The errors are products of the joints' rms over the effort. `near` are those of a similar
-    structure, from which the fit starts instead of from the prior, in a quarter of the steps.
-    """
-    whole, names = gramians(problem), problem.space.names
-    first = [(near or {}).get(*each) for each in zip(names, problem.prior, strict=True)]
-    start, found = minimise(problem, whole, np.array(first)).theta, []
-    for _, part in folds(problem, _FOLDS):
-        own = gramians(part)
-        theta = minimise(problem, whole - own, start).theta
-        level = cost_of(problem, own).levels(theta)
-        used = (own.counts > 0) & (level > 0)
-        found.append(np.exp(0.5 * np.sum(np.log(level[used]))))
-    return np.array(found), dict(zip(names, start.tolist(), strict=True))
-
-
-def _insists(shared: Array, own: Array) -> bool:
-    """Whether held-out errors (folds,) are much smaller with an individual delay."""
-    return worthwhile(shared, own, _DELAY_WORTH, _SURE)
-
-
-def worthwhile(before: Array, after: Array, worth: float, deviations: float = 1.0) -> bool:
-    """Whether held-out errors (folds,) fall by a given share, and significantly.
-
-    The errors' mean logarithm must fall by at least `worth`, and by `deviations` standard errors
-    over the folds; errors that are not finite never qualify.
-    """
-    if not np.isfinite([before, after]).all():
-        return False
-    change = np.log(after / before)
-    error = change.std() / np.sqrt(len(change) - 1)
-    return bool(change.mean() < -max(worth, deviations * error))
 
 
 def _vertex(values: Array) -> float:
@@ -257,14 +313,14 @@ def _vertex(values: Array) -> float:
     return float(np.clip(0.5 * (values[0] - values[2]) / bend, -0.5, 0.5)) if bend > 0 else 0.0
 
 
-def refined(rows: JointRows, choice: Choice) -> tuple[Choice, float, Finding]:
+def with_common_delay(rows: JointRows, choice: Choice) -> tuple[Choice, float, Finding]:
     """The choice with its delays corrected by one that all commands share, from the physical fit.
 
     Mean squared residuals are parabolas in the correction. A millisecond matters: interpolation of
     held commands advances them by half a sample. Also returns the correction's standard deviation
     [s], and the delays in words.
     """
-    h, start, correction, curvature = 0.5 * _COARSE, None, 0.0, 0.0
+    h, start, correction, curvature = 0.5 * JOINT_SPACING, None, 0.0, 0.0
     for _ in range(_PARABOLAS):
         levels = []
         for step in (-h, 0.0, h):
@@ -295,20 +351,3 @@ def refined(rows: JointRows, choice: Choice) -> tuple[Choice, float, Finding]:
 def _ms(delay: float) -> str:
     """A delay [s] in milliseconds with its sign; never −0.0."""
     return f"{round(delay * 1e3, 1) + 0.0:+.1f}"
-
-
-def _basis(rows: JointRows, choice: Choice, joint: int) -> tuple[Indices, Array]:
-    """Indices of a joint's usable rows, and the basis (N, c) of its columns with a ridge."""
-    usable = np.flatnonzero(rows.usable[:, joint])
-    X = joint_columns(rows, choice, joint)[usable]
-    ridge = _RIDGE * np.sqrt(max(len(usable), 1)) * np.eye(X.shape[1])
-    return usable, np.linalg.qr(np.vstack([X, ridge]))[0][: len(usable)]
-
-
-def _unexplained(u: Array, usable: Indices, basis: Array) -> float:
-    """Residual (N,) of a command on the columns, over the command's standard deviation."""
-    y = u[usable]
-    spread = np.linalg.norm(y - y.mean()) if len(y) else 0.0
-    if not spread > 0:
-        return 1.0
-    return float(np.sqrt(max(y @ y - np.sum((basis.T @ y) ** 2), 0.0)) / spread) + 1e-12

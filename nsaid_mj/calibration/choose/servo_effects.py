@@ -15,14 +15,14 @@ from scipy.optimize import minimize_scalar
 from ...parameters import Array, Indices
 from ...robot.findings import Finding
 from ...robot.target_profile import followed
-from .fit import JointFit, OutputError, minimise, weights
-from .joint_fits import alone
-from .logs import TRAVEL, ServoLog
-from .simulation import NONE
+from ..servos.fit import JointFit, OutputError, minimise, weights
+from ..servos.joint_fits import alone
+from ..servos.logs import TRAVEL, ServoLog
+from ..servos.simulation import NONE
+from .options import EFFECT, LOADED, PROFILE, PROMISING, SLIDING, SMOOTHING, TOP_SPEED, improves
 
-_WORTH = 0.05  # least relative fall of the mean error of either half
-_TRIED = {"stribeck": 1.0, "load": 0.1}  # change of an effect by which it is differentiated:
-# of Stribeck friction over the robust residual
+_TRIED = {option.name: option.values[0] for option in (SLIDING, LOADED)}
+# change of an effect by which it is differentiated: of Stribeck friction over the robust residual
 _STEPS = 2  # from the fit to all samples
 _LONGEST = 1.0  # step of ln θ
 _WORDS = {
@@ -61,7 +61,7 @@ def effects_of(name: str, unit: str, fit: OutputError[JointFit], cluster: Indice
     (before, _), found = errors(None), []
     for effect, (words, factor, remedy) in _WORDS.items():
         after, sizes = errors(effect)
-        if all(b < (1 - _WORTH) * a for a, b in zip(before, after, strict=True)):
+        if improves(np.array(before), np.array(after), EFFECT):
             middle = float(np.mean(sizes))
             text = (
                 f"{words.format(factor * middle, unit)}; with it, the error on held-out halves of "
@@ -100,16 +100,13 @@ def _fitted(fit: OutputError[JointFit], half: Array, effect: str | None) -> tupl
 
 
 _LOGS, _SECONDS = 4, 20.0  # that are tried, at most, and of each [s]
-_SMOOTH = 0.03, 0.08  # lags that are tried first [s]
 _FASTEST = 0.95  # quantile of the moving joints' speeds that is tried first
 _SLOW = 0.05  # of a joint that does not move [rad/s or m/s]
-_PROMISING = 0.98  # largest error over that without, of both halves, to look for the best profile
-_BETTER = 0.9  # the same, to accept it
 _NEAR = 2.5  # factor about the first trial within which the best is sought
 _EXACT = 0.01  # relative accuracy of a profile
 _PROFILES = (
-    ("speed", "do not move faster than {:.3g} rad/s or m/s"),
-    ("lag", "are smoothed over {:.3g} s"),
+    (TOP_SPEED.name, "do not move faster than {:.3g} rad/s or m/s"),
+    (SMOOTHING.name, "are smoothed over {:.3g} s"),
 )
 
 
@@ -139,14 +136,14 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     def worse(profile: Array) -> float:
         """The larger ratio; the first one alone if it suffices to reject a profile."""
         first = ratio(profile, 0)
-        return first if first >= _PROMISING else max(first, ratio(profile, 1))
+        return max(first, ratio(profile, 1)) if improves(1.0, first, PROMISING) else first
 
     speeds = np.concatenate([np.abs(np.gradient(x.position, x.t, axis=0)).ravel() for x in pieces])
     fast = float(np.quantile(speeds[speeds > _SLOW], _FASTEST)) if (speeds > _SLOW).any() else 0.0
-    tries = [np.array([fast, 0.0, 0.0]), *(np.array([0.0, 0.0, lag]) for lag in _SMOOTH)]
+    tries = [np.array([fast, 0.0, 0.0]), *(np.array([0.0, 0.0, lag]) for lag in SMOOTHING.values)]
     ratios = [worse(profile) for profile in tries]
     best = tries[int(np.argmin(ratios))]
-    if not min(ratios) < _PROMISING:
+    if not improves(1.0, min(ratios), PROMISING):
         return none, ()
     spread, options = np.log(_NEAR), {"xatol": _EXACT}
     least = minimize_scalar(
@@ -156,7 +153,7 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     )
     found = float(np.exp(least.x)) * best
     after = np.array([ratio(found, side) for side in (0, 1)])
-    if not after.max() < _BETTER:
+    if not improves(np.ones(2), after, PROFILE):
         return none, ()
     name, words = _PROFILES[int(best[0] == 0)]
     size = float(found.max())
