@@ -32,7 +32,7 @@ from nsaid_mj.log import Log
 from nsaid_mj.plants import Plant
 from nsaid_mj.plants.arm import Backend
 from nsaid_mj.studies.montecarlo import follow, grouped, simulate
-from nsaid_mj.studies.sweep import seed_of
+from nsaid_mj.studies.study import seed_of
 
 BLOCKS = 15
 STEPS = 4000  # time steps of a closed loop in a block

@@ -24,7 +24,7 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.resources import scenarios
 from nsaid_mj.studies.montecarlo import Course, identify, simulate
-from nsaid_mj.studies.sweep import seed_of
+from nsaid_mj.studies.study import seed_of
 
 VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee",
             "scalar_rov")  # fmt: skip

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ..calibration.comparison import Score
     from ..pages.page import Page
     from ..robot.model import RobotModel
-    from ..studies.sweep_results import Sweep as Found
+    from ..studies.runs import Runs
 
 
 _MOST_SEEDS = 10_000  # of a comparison
@@ -47,7 +47,7 @@ def compare(script: str, arguments: Sequence[str]) -> int:
     if unknown := set(kinds) - {"ideal", "noisy"}:
         raise UnknownName("kind of sensors", unknown.pop(), ("ideal", "noisy"))
     scales = numbers_in("--noise-scales", chosen.noise_scales or "1", _TEN)
-    plan = study.Plan(
+    plan = study.plan(
         **given,
         methods=tuple(chosen.methods.split(",")) if chosen.methods else study.DEFAULT,
         seeds=_seeds(chosen.seeds),
@@ -88,19 +88,18 @@ def sweep(script: str, arguments: Sequence[str]) -> int:
     given, chosen, folder = _given("sweep", script, arguments, Sweep)
     from ..studies import engine as engines
     from ..studies import sweep as study
-    from ..studies import sweep_results
 
     vary = study.varied(chosen.vary, given["scenario"])
-    plan = study.Plan(**given, vary=vary, seeds=chosen.seeds)
+    plan = study.plan(**given, vary=vary, seeds=chosen.seeds)
     engine = engines.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
     found = study.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
     if chosen.json:
-        print_json(sweep_results.document(found))
+        print_json(study.document(found))
     elif not chosen.quiet:
         from ..studies import sweep_report  # imported late: matplotlib takes half a second
 
         _print(sweep_report.page_of(found), found)
-    return code_of(sweep_results.result_of(found))
+    return code_of(study.result_of(found))
 
 
 def montecarlo(script: str, arguments: Sequence[str]) -> int:
@@ -109,7 +108,7 @@ def montecarlo(script: str, arguments: Sequence[str]) -> int:
     from ..studies import montecarlo as study
     from ..studies import montecarlo_results
 
-    plan = study.Plan(**given, runs=chosen.runs, shared=not chosen.own_plants)
+    plan = study.plan(**given, runs=chosen.runs, shared=not chosen.own_plants)
     found = montecarlo_results.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
     if chosen.json:
         print_json(montecarlo_results.document(found))
@@ -118,12 +117,12 @@ def montecarlo(script: str, arguments: Sequence[str]) -> int:
     return code_of(montecarlo_results.result_of(found))
 
 
-def _print(page: Page, found: Found) -> None:
+def _print(page: Page, found: Runs) -> None:
     """Prints the page of a sweep, and the paths of its files."""
     from rich.console import Console
 
     from ..pages.terminal import print_page
-    from ..studies.sweep_results import files_of
+    from ..studies.sweep import files_of
 
     print_page(page, Console(highlight=False), files_of(found))
 
@@ -134,7 +133,7 @@ def track(script: str, arguments: Sequence[str]) -> int:
     given, chosen, folder = _given("track", script, arguments, Track)
     from ..studies import tracking, tracking_run
 
-    plan = tracking.Plan(
+    plan = tracking.plan(
         **given,
         laws=tuple(chosen.laws.split(",")) if chosen.laws else tracking.LAWS,
         seeds=_seeds(chosen.seeds),
@@ -147,12 +146,13 @@ def track(script: str, arguments: Sequence[str]) -> int:
 
 def report(chosen: Report) -> int:
     """Draws a sweep's page."""
-    from ..studies import sweep_report, sweep_results
+    from ..studies import sweep_report
+    from ..studies.folder import read
 
-    sweep = sweep_results.read(chosen.sweep)
-    if sweep.damaged:
-        print(f"nsaid: {sweep.damaged}; the same `nsaid sweep` makes them again", file=sys.stderr)
-    for path in sweep_report.write(sweep):
+    runs = read(chosen.sweep)
+    if runs.damaged:
+        print(f"nsaid: {runs.damaged}; the same `nsaid sweep` makes them again", file=sys.stderr)
+    for path in sweep_report.write(runs):
         print(printable(str(path)))
     return 0
 

@@ -7,10 +7,9 @@ are then compared with the plant's truth.
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -28,8 +27,8 @@ from ..numerics.threads import single_threaded
 from ..pages.page import Page
 from ..resources import write_json
 from . import compare_report
-from .compare_report import BOUND, DEFAULT, METHODS, OURS, PRIOR, Cell, sensors
-from .study import Study, carried_out, write_csv
+from .compare_report import BOUND, DEFAULT, METHODS, OURS, PRIOR, row_of, runs_of, sensors
+from .study import Row, Study, carried_out, write_csv
 
 FILES = ("compare.json", "compare.csv")
 
@@ -38,84 +37,95 @@ MOST_LOGGED = 1e7
 """Largest number of time steps of a log, which every method keeps in memory."""
 
 
-@dataclass(frozen=True)
-class Plan(Study):
+def plan(
+    script: str,
+    scenario: Scenario,
+    methods: tuple[str, ...] = DEFAULT,
+    seeds: tuple[int, ...] = (0, 1, 2),
+    durations: tuple[float, ...] = (10.0, 20.0),
+    noises: tuple[float, ...] = (0.0,),
+    budget: float = BUDGET,
+    bound: bool = False,
+    arguments: tuple[str, ...] = (),
+) -> Study:
     """The methods of a comparison and their logs.
+
+    Args:
+        script: name of the packaged scenario, or path of its script.
+        scenario: what is driven; the methods replace its identifier.
+        methods: names; see `METHODS`.
+        seeds: seeds of truth, prior, excitation and sensors.
+        durations: lengths of log for the methods [s].
+        noises: multiples of the scenario's noise; 0 for exact sensors.
+        budget: CPU time of the search by `sysid` [s].
+        bound: whether the Cramér–Rao bound of every noisy log is computed.
+        arguments: flags of `nsaid run` that turn the script's scenario into this one.
 
     Raises:
         UnknownName: a method is unknown.
         InvalidInput: a list is empty or has duplicates, or a value is out of range.
     """
-
-    methods: tuple[str, ...] = DEFAULT  # names; see `METHODS`
-    seeds: tuple[int, ...] = (0, 1, 2)  # seeds of truth, prior, excitation and sensors
-    durations: tuple[float, ...] = (10.0, 20.0)  # lengths of log for the methods [s]
-    noises: tuple[float, ...] = (0.0,)  # multiples of the scenario's noise; 0 for exact sensors
-    budget: float = BUDGET  # CPU time of the search by `sysid` [s]
-    bound: bool = False  # whether the Cramér–Rao bound of every noisy log is computed
-
-    def __post_init__(self) -> None:
-        for name in self.methods:
-            if name not in METHODS:
-                raise UnknownName("method", name, METHODS)
-        for name in ("methods", "seeds", "durations", "noises"):
-            values = getattr(self, name)
-            if not values or len(set(values)) < len(values):
-                raise InvalidInput(name, "one or more, no duplicates", values, "Give each once.")
-        if not isinstance(self.scenario.identifier, NullspaceAID):
-            kind = type(self.scenario.identifier).__name__
-            remedy = "Compare a scenario with that identifier; the methods include the others."
-            raise InvalidInput("scenario", "the identifier NullspaceAID", kind, remedy)
-        if self.bound and not any(self.noises):
-            raise InvalidInput(
-                "bound", "noisy sensors", "exact ones, whose bound is 0", "Add --sensors noisy."
-            )
-        if min(self.seeds) < 0:
-            raise InvalidInput("seeds", "whole numbers ≥ 0", self.seeds, "0:3 is 0,1,2.")
-        if not all(np.isfinite(s) and s >= 0 for s in self.noises):
-            raise InvalidInput("noises", "multiples ≥ 0", self.noises, "1 is the scenario's.")
-        if not self.budget > 0:
-            raise InvalidInput("budget", "seconds > 0", self.budget, f"The default is {BUDGET:g}.")
-        shortest = 3 * self.scenario.dt
-        if not all(np.isfinite(d) and d >= shortest for d in self.durations):
-            remedy = "Give longer durations."
-            raise InvalidInput("durations", f"times ≥ {shortest:g} s", self.durations, remedy)
-        if max(self.durations) > MOST_LOGGED * self.scenario.dt:
-            expected = f"at most {MOST_LOGGED:.0e} steps of {self.scenario.dt:g} s"
-            remedy = "Logs are kept in memory: give shorter durations."
-            raise InvalidInput("durations", expected, self.durations, remedy)
-
-    def names(self, noise: float) -> tuple[str, ...]:
-        """The prior, the bound if there is one at this multiple of the noise, and the methods."""
-        return (PRIOR, *((BOUND,) if self.bound and noise else ()), *self.methods)
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        """Everything that the results depend on, as JSON values; the scenario as JSON text."""
-        own = {f.name: getattr(self, f.name) for f in fields(self)[len(fields(Study)) :]}
-        return self.manifest_of(**own) | {"scenario": self.scenario.to_json()}
+    for name in methods:
+        if name not in METHODS:
+            raise UnknownName("method", name, METHODS)
+    lists = {"methods": methods, "seeds": seeds, "durations": durations, "noises": noises}
+    for name, values in lists.items():
+        if not values or len(set(values)) < len(values):
+            raise InvalidInput(name, "one or more, no duplicates", values, "Give each once.")
+    if not isinstance(scenario.identifier, NullspaceAID):
+        kind = type(scenario.identifier).__name__
+        remedy = "Compare a scenario with that identifier; the methods include the others."
+        raise InvalidInput("scenario", "the identifier NullspaceAID", kind, remedy)
+    if bound and not any(noises):
+        raise InvalidInput(
+            "bound", "noisy sensors", "exact ones, whose bound is 0", "Add --sensors noisy."
+        )
+    if min(seeds) < 0:
+        raise InvalidInput("seeds", "whole numbers ≥ 0", seeds, "0:3 is 0,1,2.")
+    if not all(np.isfinite(s) and s >= 0 for s in noises):
+        raise InvalidInput("noises", "multiples ≥ 0", noises, "1 is the scenario's.")
+    if not budget > 0:
+        raise InvalidInput("budget", "seconds > 0", budget, f"The default is {BUDGET:g}.")
+    shortest = 3 * scenario.dt
+    if not all(np.isfinite(d) and d >= shortest for d in durations):
+        remedy = "Give longer durations."
+        raise InvalidInput("durations", f"times ≥ {shortest:g} s", durations, remedy)
+    if max(durations) > MOST_LOGGED * scenario.dt:
+        expected = f"at most {MOST_LOGGED:.0e} steps of {scenario.dt:g} s"
+        remedy = "Logs are kept in memory: give shorter durations."
+        raise InvalidInput("durations", expected, durations, remedy)
+    compared = (PRIOR, *((BOUND,) if bound else ()), *methods)
+    vary = {"noise": noises, "duration": durations, "method": compared}
+    settings = {"scenario": scenario.to_json(), **lists, "budget": budget, "bound": bound}
+    return Study(script, scenario, vary, seeds, settings, arguments)
 
 
-def compare(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Cell]:
-    """Yields the cells of a comparison as they become available; `report` receives each stage."""
+def compared_at(study: Study, noise: float) -> list[str]:
+    """The prior, the bound if there is one at this multiple of the noise, and the methods."""
+    return [name for name in study.vary["method"] if noise or name != BOUND]
+
+
+def compare(study: Study, report: Callable[[str], object] = lambda _: None) -> Iterator[Row]:
+    """Yields the rows of a comparison as they become available; `report` receives each stage."""
     warm = False
-    for seed in plan.seeds:
-        for noise in plan.noises:
+    for seed in study.seeds:
+        for noise in study.vary["noise"]:
             report(f"seed {seed}, {sensors(noise)}: driving the plant")
-            names = plan.names(noise)
+            names = compared_at(study, noise)
             try:
-                world = World(plan, seed, noise)
+                world = World(study, seed, noise)
             except NsaidError as error:
-                for duration in plan.durations:
-                    yield from (Cell(m, seed, noise, duration, failure=str(error)) for m in names)
+                for duration in study.vary["duration"]:
+                    for name in names:
+                        yield row_of(name, seed, noise, duration, failure=str(error))
                 continue
             if not warm:
                 world.warm_up()
                 warm = True
-            for duration in plan.durations:
+            for duration in study.vary["duration"]:
                 for name in names:
                     report(f"seed {seed}, {sensors(noise)}, {duration:g} s: {name}")
-                    yield world.cell(name, duration)
+                    yield world.row(name, duration)
 
 
 class World:
@@ -125,9 +135,9 @@ class World:
         NsaidError: the plant cannot be built, or diverges.
     """
 
-    def __init__(self, plan: Plan, seed: int, noise: float):
+    def __init__(self, study: Study, seed: int, noise: float):
         self._key = seed, noise
-        scenario = _scenario(plan, seed, noise)
+        scenario = _scenario(study, seed, noise)
         self._setup = setup = Setup.of(scenario)
         plant, identifiers = setup.plant, setup.identifiers()
         with plant.running():
@@ -139,9 +149,9 @@ class World:
         self._judges: dict[int, evaluation.Judge] = {}
         self._methods: dict[str, Method] = {
             **{name: partial(follow, i) for name, i in identifiers.items() if name},
-            **{name: method for name, method in BATCH.items() if name in plan.methods},
+            **{name: method for name, method in BATCH.items() if name in study.vary["method"]},
             PRIOR: lambda problem: Estimate(problem.prior),
-            "sysid": lambda problem: Estimate(*sysid(problem, plan.budget)),
+            "sysid": lambda problem: Estimate(*sysid(problem, study.settings["budget"])),
         }
 
     def warm_up(self) -> None:
@@ -151,7 +161,7 @@ class World:
             if name != "sysid":
                 _attempt(method, short)
 
-    def cell(self, name: str, duration: float) -> Cell:
+    def row(self, name: str, duration: float) -> Row:
         """Runs one method on the first `duration` [s] of the log and evaluates its estimate."""
         problem = self._problem._replace(log=self._problem.log.until(duration))
         begin = time.perf_counter()
@@ -162,20 +172,19 @@ class World:
         if name == PRIOR:
             wall = None
         if estimate is None:
-            return Cell(name, *self._key, duration, wall_s=wall, failure=failure)
+            return row_of(name, *self._key, duration, wall_s=wall, failure=failure)
         figures = self._judge(duration)(estimate.theta)
-        cell = Cell(name, *self._key, duration, wall_s=wall, note=estimate.note)
-        return replace(cell, **figures)  # pyright: ignore[reportArgumentType]
+        return row_of(name, *self._key, duration, **figures, wall_s=wall, note=estimate.note)
 
-    def _bound(self, duration: float, log: Log) -> Cell:
+    def _bound(self, duration: float, log: Log) -> Row:
         """The figures of estimates that attain the Cramér–Rao bound."""
         truth = evaluation.Truth(self._setup, duration)
         try:
             covariance = cramer_rao(truth, log, self._setup.scenario.noise.levels)
         except NsaidError as error:
-            return Cell(BOUND, *self._key, duration, failure=str(error))
+            return row_of(BOUND, *self._key, duration, failure=str(error))
         figures = bound_figures(truth, self._judge(duration), covariance)
-        return replace(Cell(BOUND, *self._key, duration), **figures)  # pyright: ignore[reportArgumentType]
+        return row_of(BOUND, *self._key, duration, **figures)
 
     def _judge(self, duration: float) -> evaluation.Judge:
         """The judge of estimates at a time [s], as faults change the truth."""
@@ -186,15 +195,15 @@ class World:
         return self._judges[epoch]
 
 
-def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:
+def _scenario(study: Study, seed: int, noise: float) -> Scenario:
     """The scenario of one log, with a prior in the cone, as some laws require."""
-    base = plan.scenario
+    base = study.scenario
     identifier = base.identifier
-    assert isinstance(identifier, NullspaceAID)  # checked by the plan
+    assert isinstance(identifier, NullspaceAID)  # checked by `plan`
     rivals: dict[str, IdentifierConfig] = {
-        law: replace(identifier, law=law) for law in OURS if law in plan.methods
+        law: replace(identifier, law=law) for law in OURS if law in study.vary["method"]
     }
-    if "conventional" in plan.methods:
+    if "conventional" in study.vary["method"]:
         known = base.rivals.get("conventional")
         rivals["conventional"] = known or ConventionalAID(K=identifier.K, gain=identifier.gain)
     level = replace(
@@ -209,7 +218,7 @@ def _scenario(plan: Plan, seed: int, noise: float) -> Scenario:
         rivals=rivals,
         sensors="noisy" if noise else "ideal",
         noise=level if noise else base.noise,
-        duration=max(plan.durations),
+        duration=max(study.vary["duration"]),
         seed=seed,
     )
 
@@ -231,25 +240,24 @@ def _attempt(method: Method, problem: Problem) -> tuple[Estimate | None, str]:
 # -- output ------------------------------------------------------------------------------------
 
 
-def write(folder: Path, plan: Plan, cells: Sequence[Cell]) -> None:
-    """Writes compare.json, with all cells and the plan, and compare.csv; may raise `NotWritten`."""
-    document = plan.manifest | {"cells": [asdict(cell) for cell in cells]}
-    write_json(folder / FILES[0], document)
-    names = [f.name for f in fields(Cell)]
-    write_csv(folder / FILES[1], names, (asdict(cell) for cell in cells))
+def write(folder: Path, study: Study, rows: Sequence[Row]) -> None:
+    """Writes compare.json, with all rows and the plan, and compare.csv; may raise `NotWritten`."""
+    write_json(folder / FILES[0], study.manifest | {"cells": rows})
+    write_csv(folder / FILES[1], list(row_of("", 0, 0.0, 0.0)), rows)
 
 
 @single_threaded
-def run(plan: Plan, folder: Path, quiet: bool = False) -> tuple[Result, list[Cell]]:
+def run(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[Row]]:
     """Runs a comparison, writes its files and plots, and prints its page; see `carried_out`."""
-    columns = sum(len(plan.names(noise)) for noise in plan.noises)
-    total = columns * len(plan.seeds) * len(plan.durations)
+    columns = sum(len(compared_at(study, noise)) for noise in study.vary["noise"])
+    total = columns * len(study.seeds) * len(study.vary["duration"])
 
-    def draw(cells: list[Cell]) -> tuple[Page, list[Path]]:
-        drawn = compare_report.lines(cells)
+    def draw(rows: list[Row]) -> tuple[Page, list[Path]]:
+        runs = runs_of(folder, study.manifest, rows)
+        drawn = compare_report.lines(runs)
         plots = compare_report.write_pictures(folder, drawn)
-        page = compare_report.page_of(folder, cells, drawn, plan.manifest)
+        page = compare_report.page_of(runs, drawn)
         return page, [*(folder / name for name in FILES), *plots]
 
-    made, write_all = partial(compare, plan), partial(write, folder, plan)
+    made, write_all = partial(compare, study), partial(write, folder, study)
     return carried_out(folder, FILES[:1], total, made, write_all, draw, quiet)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -18,10 +17,11 @@ from ..evaluation.result import Result
 from ..laws import NullspaceAID
 from ..pages import plots
 from ..pages.page import Cell as Written
-from ..pages.page import Figure, Figures, Page, Section, Table, Text, count
+from ..pages.page import Figure, Page, Section, Table, Text, count
 from ..robot.findings import Finding
-from .study import repeated
-from .sweep_results import digits
+from .runs import Group, Runs, digits
+from .study import Row, repeated
+from .study_page import study_page
 
 PRIOR = "prior"
 """Name of the prior, which is evaluated like a method."""
@@ -45,20 +45,61 @@ FIGURES = (
 """The figures that are compared: label, key."""
 
 
-@dataclass(frozen=True)
-class Cell:
-    """The result of one method on one log; figures are those of summary.json, None if it failed."""
+def row_of(
+    method: str,
+    seed: int,
+    noise: float,
+    duration: float,
+    theta_perp_ratio: float | None = None,
+    actuator_ratio_error: float | None = None,
+    force_residual_ratio: float | None = None,
+    wall_s: float | None = None,
+    note: str = "",
+    failure: str = "",
+) -> Row:
+    """The row of one method on one log, as in compare.csv.
 
-    method: str
-    seed: int
-    noise: float  # multiple of the scenario's sensor noise
-    duration: float  # length of the log [s]
-    theta_perp_ratio: float | None = None
-    actuator_ratio_error: float | None = None
-    force_residual_ratio: float | None = None  # None also if the plant diverges when held out
-    wall_s: float | None = None  # wall time of the method, including its regressors [s]
-    note: str = ""  # settings that the method chose automatically
-    failure: str = ""  # why it failed; empty if it did not
+    Args:
+        method: name of the method.
+        seed: seed of the log.
+        noise: multiple of the scenario's sensor noise.
+        duration: length of the log [s].
+        theta_perp_ratio: as in summary.json, as all figures; None if the method failed.
+        actuator_ratio_error: a figure.
+        force_residual_ratio: a figure; None also if the plant diverges when held out.
+        wall_s: wall time of the method, including its regressors [s].
+        note: settings that the method chose automatically.
+        failure: why it failed; empty if it did not.
+    """
+    return {
+        "method": method,
+        "seed": seed,
+        "noise": noise,
+        "duration": duration,
+        "theta_perp_ratio": theta_perp_ratio,
+        "actuator_ratio_error": actuator_ratio_error,
+        "force_residual_ratio": force_residual_ratio,
+        "wall_s": wall_s,
+        "note": note,
+        "failure": failure,
+    }
+
+
+VARIED = ("noise", "duration", "method")
+"""Names of the varied values of a comparison."""
+
+
+def runs_of(folder: Path, manifest: dict[str, Any], rows: list[Row]) -> Runs:
+    """The runs of a comparison, grouped as they are shown: by noise, duration and method."""
+    order = (PRIOR, BOUND, *METHODS)
+    vary = {name: sorted({row[name] for row in rows}) for name in VARIED[:2]}
+    vary["method"] = [name for name in order if any(row["method"] == name for row in rows)]
+    return Runs(folder, manifest | {"vary": vary}, rows)
+
+
+def groups_of(runs: Runs) -> list[Group]:
+    """The runs of every method on all logs of one noise and length; a failed seed is infinite."""
+    return [group for group in runs.by(*VARIED) if group.rows]
 
 
 def sensors(noise: float) -> str:
@@ -66,62 +107,24 @@ def sensors(noise: float) -> str:
     return "exact sensors" if noise == 0 else f"{noise:g} × noise"
 
 
-@dataclass(frozen=True)
-class Row:
-    """A method's statistics over all seeds, by key of `FIGURES`; failed seeds count as infinite."""
-
-    method: str
-    noise: float  # multiple of the scenario's sensor noise
-    duration: float  # length of the log [s]
-    median: dict[str, float]
-    worst: dict[str, float]
-    best: dict[str, float]
-    failures: tuple[str, ...]  # one reason for each failed seed
-    notes: tuple[str, ...]  # settings that the method chose automatically, without duplicates
-    over_bound: dict[str, float]  # median over that of the Cramér–Rao bound; empty without it
-    several: bool  # whether there are several seeds
-
-    @property
-    def log(self) -> str:
-        """Its logs in words."""
-        return f"{sensors(self.noise)}, {self.duration:g} s"
+def log_of(group: Group) -> str:
+    """The logs of a group, in words."""
+    return f"{sensors(group.values['noise'])}, {group.values['duration']:g} s"
 
 
-def rows(cells: Sequence[Cell]) -> list[Row]:
-    """Statistics over the seeds, ordered by noise, duration and `METHODS`."""
-    groups: dict[tuple[float, float, str], list[Cell]] = {}
-    for cell in cells:
-        groups.setdefault((cell.noise, cell.duration, cell.method), []).append(cell)
-    found: list[Row] = []
-    bounds: dict[tuple[float, float], dict[str, float]] = {}
-    order = (PRIOR, BOUND, *METHODS)
-    for noise, duration, method in sorted(groups, key=lambda k: (*k[:2], order.index(k[2]))):
-        group = groups[noise, duration, method]
-        values = {
-            key: np.array([np.inf if (x := getattr(c, key)) is None else x for c in group])
-            for _, key in FIGURES
-        }
-        median = {key: float(np.median(v)) for key, v in values.items()}
-        if method == BOUND:
-            bounds[noise, duration] = {
-                key: value for key, value in median.items() if 0 < value < np.inf
-            }
-        least = bounds.get((noise, duration), {}) if method not in _REFERENCES else {}
-        found.append(
-            Row(
-                method,
-                noise,
-                duration,
-                median=median,
-                worst={key: float(np.max(v)) for key, v in values.items()},
-                best={key: float(np.min(v)) for key, v in values.items()},
-                failures=tuple(cell.failure for cell in group if cell.failure),
-                notes=tuple(dict.fromkeys(cell.note for cell in group if cell.note)),
-                over_bound={key: median[key] / value for key, value in least.items()},
-                several=len(group) > 1,
-            )
-        )
-    return found
+def several(group: Group) -> bool:
+    """Whether there are several seeds."""
+    return len(group.rows) > 1
+
+
+def method_of(group: Group) -> str:
+    """The name of the method of a group."""
+    return group.values["method"]
+
+
+def is_rival(group: Group) -> bool:
+    """Whether a group is of a method, not of the prior or the bound."""
+    return method_of(group) not in _REFERENCES
 
 
 _DECIDES = "theta_perp_ratio"
@@ -132,80 +135,92 @@ _MULTIPLES = "Multiples (×) are of the Cramér–Rao bound of the same logs."
 _BARS = "Markers are medians over the seeds, bars reach from the best to the worst seed."
 
 
-def result_of(found: Sequence[Row]) -> Result:
+def result_of(runs: Runs) -> Result:
     """The result of a comparison: every figure of every method, by log and method.
 
     The verdict is the method closest to the true set on the longest and noisiest log.
     """
-    own = [row for row in found if row.method not in _REFERENCES]
-    able = [row for row in own if math.isfinite(row.median[_DECIDES])]
+    groups = groups_of(runs)
+    rivals = [group for group in groups if is_rival(group)]
+    able = [group for group in rivals if math.isfinite(group.median(_DECIDES))]
     text = "No method has a result."
     if able:
-        hardest = max(able, key=lambda row: (row.noise, row.duration))
-        same = [r for r in able if (r.noise, r.duration) == (hardest.noise, hardest.duration)]
-        best = min(same, key=lambda row: row.median[_DECIDES])
+        hardest = max(log_key(group) for group in able)
+        same = [group for group in able if log_key(group) == hardest]
+        winner = min(same, key=lambda group: group.median(_DECIDES))
         text = (
-            f"{best.method} comes closest to the true set: within {digits(best.median[_DECIDES])}"
-            + (f" in the median, {digits(best.worst[_DECIDES])} at worst" if best.several else "")
-            + f" ({best.log})."
+            f"{method_of(winner)} comes closest to the true set: within "
+            + digits(winner.median(_DECIDES))
+            + (
+                f" in the median, {digits(winner.worst(_DECIDES))} at worst"
+                if several(winner)
+                else ""
+            )
+            + f" ({log_of(winner)})."
         )
+    names = {f"{log_of(group)}: {method_of(group)}": group for group in groups}
     figures = [
         Numbers(
-            label, "s" if key == "wall_s" else "%",
-            {f"{row.log}: {row.method}": row.median[key] for row in found},
-            {f"{row.log}: {row.method}": row.worst[key] for row in found if row.several},
+            label,
+            "s" if key == "wall_s" else "%",
+            {name: group.median(key) for name, group in names.items()},
+            {name: group.worst(key) for name, group in names.items() if several(group)},
         )
         for label, key in FIGURES
-    ]  # fmt: skip
+    ]
     failures = [
         Finding(
-            "refusal", "failed", f"{row.method}, {row.log}",
-            f"failed on {count(len(row.failures), 'seed')}: {row.failures[0]}",
+            "refusal",
+            "failed",
+            f"{method_of(group)}, {log_of(group)}",
+            f"failed on {count(len(group.failures), 'seed')}: {group.failures[0]}",
         )
-        for row in found
-        if row.failures
-    ]  # fmt: skip
+        for group in groups
+        if group.failures
+    ]
     return Result(
-        explains="no" if not able else "yes" if len(able) == len(own) else "partly",
+        explains="no" if not able else "yes" if len(able) == len(rivals) else "partly",
         verdict=text,
         figures=tuple(figures),
         findings=tuple(failures),
     )
 
 
-def page_of(
-    folder: Path,
-    cells: Sequence[Cell],
-    drawn: Mapping[str, Mapping[str, Panels]],
-    manifest: dict[str, Any],
-) -> Page:
+def log_key(group: Group) -> tuple[float, float]:
+    """Noise and length of the logs of a group."""
+    return group.values["noise"], group.values["duration"]
+
+
+def page_of(runs: Runs, drawn: Mapping[str, Mapping[str, Panels]]) -> Page:
     """The page of a comparison, with its plots from `lines`."""
-    found = rows(cells)
-    result, shown = result_of(found), figures(drawn)
+    groups = groups_of(runs)
+    bounds = {log_key(group): group for group in groups if method_of(group) == BOUND}
     lines: list[list[Written]] = []
-    for row in found:
-        if [row.log] not in lines:
-            lines.append([row.log])
-        lines.append([row.method, *_figures(row), "; ".join(row.notes)])
+    for group in groups:
+        if [log_of(group)] not in lines:
+            lines.append([log_of(group)])
+        notes = dict.fromkeys(row["note"] for row in group.rows if row["note"])
+        cells = _figures(group, bounds.get(log_key(group)))
+        lines.append([method_of(group), *cells, "; ".join(notes)])
     heads = ["method", *_HEADS, "chosen automatically"]
     table = Table(heads, lines, (0, 5), spare=(5, 4, 2), most=len(lines))
-    several = any(row.several for row in found)
-    notes = " ".join([_MEANING, *[_WORST] * several, *[_MULTIPLES] * bool(manifest["bound"])])
-    more = [Figures(shown[2:], "plots", 6), Text(_BARS, note=True)] if shown[2:] else []
-    sections = [
-        Section("All methods", [table, Text(notes)], brief=True),
-        Section("More plots", more),
-    ]
-    methods = len(dict.fromkeys(row.method for row in found))
-    return Page(
-        heading=folder.name,
-        result=result,
-        eyebrow=f"methods on the same logs of {manifest['script']}",
-        lead=f"{count(methods, 'method')}, {count(len({c.seed for c in cells}), 'seed')}.",
-        carrying=shown[:2],
-        sections=[section for section in sections if section.panels],
-        commands=[_command(manifest)],
-        versions=manifest["versions"],
+    notes = [_MEANING]
+    if any(several(group) for group in groups):
+        notes.append(_WORST)
+    if runs.manifest["bound"]:
+        notes.append(_MULTIPLES)
+    methods = len({method_of(group) for group in groups})
+    seeds = len({row["seed"] for row in runs.rows})
+    return study_page(
+        runs,
+        result_of(runs),
+        Section("All methods", [table, Text(" ".join(notes))], brief=True),
+        f"{count(methods, 'method')}, {count(seeds, 'seed')}.",
+        drawn=figures(drawn),
+        carrying=2,
+        legend=_BARS,
+        eyebrow=f"methods on the same logs of {runs.manifest['script']}",
+        commands=[_command(runs.manifest)],
         notes=["All cells are in compare.json and compare.csv."],
     )
 
@@ -223,14 +238,22 @@ def _command(manifest: dict[str, Any]) -> str:
     return repeated("compare", manifest, flags) + " --bound" * manifest["bound"]
 
 
-def _figures(row: Row) -> list[str]:
+def _figures(group: Group, bound: Group | None) -> list[str]:
     """Median, worst in brackets if there are several seeds, and the multiple of the bound."""
     cells = []
     for _, key in FIGURES:
-        worst = row.several and key != "wall_s"
-        cell = digits(row.median[key]) + (f" ({digits(row.worst[key])})" if worst else "")
-        cells.append(cell + (f" {row.over_bound[key]:.3g}×" if key in row.over_bound else ""))
+        cell = digits(group.median(key))
+        if several(group) and key != "wall_s":
+            cell += f" ({digits(group.worst(key))})"
+        multiple = over_bound(group, bound, key)
+        cells.append(cell if multiple is None else f"{cell} {multiple:.3g}×")
     return cells
+
+
+def over_bound(group: Group, bound: Group | None, key: str) -> float | None:
+    """A method's median figure over that of the Cramér–Rao bound of the same logs, if there is."""
+    least = bound.median(key) if bound is not None and is_rival(group) else 0.0
+    return group.median(key) / least if 0 < least < np.inf else None
 
 
 _SHOWN = FIGURES[:3]
@@ -245,22 +268,23 @@ Panels = dict[str, Callable[[Any], None]]
 """Functions that draw panels into matplotlib axes, by the label of the figure that they show."""
 
 
-def lines(cells: Sequence[Cell]) -> dict[str, dict[str, Panels]]:
-    """The panels with enough cells, by the stem of a picture's file and by the logs of a line.
+def lines(runs: Runs) -> dict[str, dict[str, Panels]]:
+    """The panels with enough runs, by the stem of a picture's file and by the logs of a line.
 
     Markers are medians over the seeds, error bars reach from the best to the worst seed. Medians
     that are not finite are left out.
     """
-    found = rows(cells)
-    noises, durations = sorted({r.noise for r in found}), sorted({r.duration for r in found})
-    if not found:
+    groups = groups_of(runs)
+    if not groups:
         return {}
+    noises = runs.manifest["vary"]["noise"]
+    durations = runs.manifest["vary"]["duration"]
     # the error of gain ratios of a single actuator is 0
-    shown = [(label, key) for label, key in _SHOWN if any(r.median[key] for r in found)]
+    shown = [(label, key) for label, key in _SHOWN if any(g.median(key) for g in groups)]
 
     def line(
-        chosen: list[Row],
-        abscissa: Callable[[Row], float],
+        chosen: list[Group],
+        abscissa: Callable[[Group], float],
         name: str,
         ticks: Mapping[float, str] | None = None,
     ) -> Panels:
@@ -269,27 +293,35 @@ def lines(cells: Sequence[Cell]) -> dict[str, dict[str, Panels]]:
             for label, key in shown
         }
 
-    last = [r for r in found if r.duration == durations[-1]]
+    last = [g for g in groups if g.values["duration"] == durations[-1]]
     logs = f"{durations[-1]:g} s of data"
-    able = [r for r in last if r.method not in _REFERENCES]
+    able = [g for g in last if is_rival(g)]
     drawn = {
         "wall_time": {
             f"{sensors(x)}, {logs}": line(
-                [r for r in able if r.noise == x], lambda row: row.median["wall_s"], "wall time [s]"
+                [g for g in able if g.values["noise"] == x],
+                lambda group: group.median("wall_s"),
+                "wall time [s]",
             )
             for x in noises
         }
     }
     if len(durations) > 1:
-        ticks, name = {d: f"{d:g}" for d in durations}, "length of the log [s]"
+        ticks = {d: f"{d:g}" for d in durations}
         drawn["data_length"] = {
-            sensors(x): line([r for r in found if r.noise == x], lambda r: r.duration, name, ticks)
+            sensors(x): line(
+                [g for g in groups if g.values["noise"] == x],
+                lambda group: group.values["duration"],
+                "length of the log [s]",
+                ticks,
+            )
             for x in noises
         }
     if len(noises) > 1:
         ticks = {float(k): f"{x:g} ×" if x else "exact" for k, x in enumerate(noises)}
         name = "sensor noise, multiple of the scenario's"
-        drawn["noise"] = {logs: line(last, lambda row: noises.index(row.noise), name, ticks)}
+        of_noise = line(last, lambda group: noises.index(group.values["noise"]), name, ticks)
+        drawn["noise"] = {logs: of_noise}
     return drawn
 
 
@@ -323,27 +355,31 @@ def figures(drawn: Mapping[str, Mapping[str, Panels]]) -> list[Figure]:
 
 
 def _curves(
-    chosen: list[Row], key: str, abscissa: Callable[[Row], float], name: str,
-    ticks: Mapping[float, str], axis: Any,
-) -> None:  # fmt: skip
+    chosen: list[Group],
+    key: str,
+    abscissa: Callable[[Group], float],
+    name: str,
+    ticks: Mapping[float, str],
+    axis: Any,
+) -> None:
     """Draws every method's medians over an abscissa, with error bars from best to worst seed.
 
     Without ticks the abscissa is logarithmic.
     """
-    for method in dict.fromkeys(row.method for row in chosen):
-        own = [row for row in chosen if row.method == method]
-        own = [row for row in own if np.isfinite(row.median[key]) and row.median[key] > 0]
+    for method in dict.fromkeys(method_of(group) for group in chosen):
+        own = [group for group in chosen if method_of(group) == method]
+        own = [group for group in own if 0 < group.median(key) < np.inf]
         if not own:
             continue
         colour = COLOURS[LAWS[method]] if method in LAWS else _REST.get(method, INK)
         dash = "--" if method in _REFERENCES else "-"
-        median = np.array([row.median[key] for row in own])
-        best = np.array([row.best[key] for row in own])
-        worst = np.array([row.worst[key] for row in own])
-        reach = np.vstack([median - best, np.where(np.isfinite(worst), worst, median) - median])
+        middle = np.array([group.median(key) for group in own])
+        least = np.array([group.best(key) for group in own])
+        most = np.array([group.worst(key) for group in own])
+        reach = np.vstack([middle - least, np.where(np.isfinite(most), most, middle) - middle])
         ours = method in OURS
         axis.errorbar(
-            list(map(abscissa, own)), median, reach, color=colour, ls=dash,
+            list(map(abscissa, own)), middle, reach, color=colour, ls=dash,
             marker=_MARKS.get(method, "."), ms=7 if ours else 5, lw=2.2 if ours else 1.1,
             elinewidth=0.8, capsize=2, label=method, gid=plots.CURVE + method,
         )  # fmt: skip

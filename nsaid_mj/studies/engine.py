@@ -178,7 +178,7 @@ class _Cluster:
         self._killed = distributed.KilledWorker
         self._address, self._jobs = address, jobs
         self._client = distributed.Client(address, set_as_default=False)
-        self._executor = self._client.get_executor()
+        self._tasks: dict[Future[Any], Any] = {}  # Dask forgets a task that nobody refers to
         self._seen = time.monotonic()
         self._threads = 1
 
@@ -190,7 +190,10 @@ class _Cluster:
         return min(self._threads, self._jobs or self._threads)
 
     def submit(self, job: Job) -> Future[Any]:
-        return self._executor.submit(attempt_in_thread, job)
+        finished: Future[Any] = Future()
+        self._tasks[finished] = self._client.submit(attempt_in_thread, job, pure=False)
+        self._tasks[finished].add_done_callback(finished.set_result)
+        return finished
 
     def check(self) -> None:
         """Raises `InvalidInput` if the scheduler is gone."""
@@ -210,7 +213,7 @@ class _Cluster:
     def figures(self, future: Future[Any], job: Job) -> dict[str, Any]:
         """The figures of a finished run, or how its worker failed."""
         try:
-            return future.result()
+            return self._tasks.pop(future).result()
         except self._killed:
             return {"failure": f"its worker died, or did not finish within {job.timeout:g} s"}
         except CancelledError as error:  # by the client, when it loses the scheduler
@@ -221,5 +224,5 @@ class _Cluster:
 
     def close(self) -> None:
         """Leaves the cluster, which goes on; runs in progress are cancelled."""
-        self._executor.shutdown(wait=False)
+        self._tasks.clear()
         self._client.close()

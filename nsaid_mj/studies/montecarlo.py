@@ -32,9 +32,7 @@ from ..log import Log
 from ..numerics.stopwatch import compile_seconds
 from ..parameters import Array
 from ..structure.system import Motion
-from .study import MOST_JOBS, Study, check_count, processors
-from .sweep import seed_of
-from .sweep_results import Row
+from .study import MOST_JOBS, DrawnSeeds, Row, Study, check_count, processors, seed_of
 
 _PIECE = 500  # time steps in a segment, approximately; progress is reported after each
 _GROUP = 32  # identifiers that share a motion, at most: one batch
@@ -45,41 +43,41 @@ Seen = Callable[[float], object]
 """Called with the progress since the last call, in runs, also fractional."""
 
 
-@dataclass(frozen=True)
-class Plan(Study):
-    """The runs of a Monte Carlo study. Draw i has the seed `sweep.seed_of(scenario.seed, i)`.
+def plan(
+    script: str,
+    scenario: Scenario,
+    runs: int,
+    shared: bool = True,
+    arguments: tuple[str, ...] = (),
+) -> Study:
+    """The runs of a Monte Carlo study: draws of a scenario whose own seed is the master seed.
 
-    Attributes:
+    Args:
+        script: name of the packaged scenario, or path of its script.
+        scenario: what is run.
         runs: number of runs.
         shared: whether all draws share the scenario's plant and motion and differ in the prior
-            only; otherwise draw i equals `nsaid run` with its seed, including truth and motion.
+            only; otherwise a draw equals `nsaid run` with its seed, including truth and motion.
+        arguments: flags of `nsaid run` that turn the script's scenario into this one.
 
     Raises:
         InvalidInput: `runs` is less than 1 or too large, or a shared plant leaves nothing to draw.
     """
-
-    runs: int
-    shared: bool = True
-
-    def __post_init__(self) -> None:
-        check_count("runs", self.runs, "256 runs give distributions.")
-        if self.shared and self.scenario.prior == "nominal":
-            raise InvalidInput(
-                "prior",
-                "`drawn`, if all runs share one plant",
-                self.scenario.prior,
-                "Add --own-plants: with `nominal`, runs differ in the truth and not in the prior.",
-            )
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        """Everything that the results depend on, in the format of a sweep without varied fields."""
-        return self.manifest_of(
-            montecarlo={"shared": self.shared},
-            vary={},
-            master_seed=self.scenario.seed,
-            runs=self.runs,
+    check_count("runs", runs, "256 runs give distributions.")
+    if shared and scenario.prior == "nominal":
+        raise InvalidInput(
+            "prior",
+            "`drawn`, if all runs share one plant",
+            scenario.prior,
+            "Add --own-plants: with `nominal`, runs differ in the truth and not in the prior.",
         )
+    settings = {
+        "montecarlo": {"shared": shared},
+        "vary": {},
+        "master_seed": scenario.seed,
+        "runs": runs,
+    }
+    return Study(script, scenario, {}, DrawnSeeds(scenario.seed, runs), settings, arguments)
 
 
 @dataclass(eq=False)

@@ -13,11 +13,12 @@ from ..numerics.threads import single_threaded
 from ..pages.page import Page, Section, Table, count
 from ..parameters import rounded
 from ..robot.findings import Finding
-from . import sweep_results
-from .montecarlo import JOBS, Plan, rows_of
-from .study import MOST_JOBS, check_count
-from .sweep import opened
-from .sweep_results import Group, Row, Sweep, digits, read
+from . import sweep
+from .folder import opened, read
+from .montecarlo import JOBS, rows_of
+from .runs import Group, Runs, digits
+from .study import MOST_JOBS, Row, Study, check_count
+from .study_page import study_page
 
 FIGURES = {
     "theta_perp_ratio": ("distance at end", "%"),
@@ -30,7 +31,7 @@ QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
 
 
 @single_threaded
-def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) -> Sweep:
+def run(study: Study, folder: Path, jobs: int | None = None, quiet: bool = False) -> Runs:
     """Executes the runs that are missing in a folder, and writes the files of a sweep.
 
     After Ctrl-C, finished runs are kept and the same call resumes the study. `jobs` is a number of
@@ -43,11 +44,12 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
     """
     check_count("jobs", 1 if jobs is None else jobs, JOBS, MOST_JOBS)
     done = "{task.completed:.0f}/{task.total:.0f} runs"
-    with opened(folder, plan.manifest, quiet, done) as (known, append, bar):
-        todo = [number for number in range(plan.runs) if number not in known]
-        task = bar.add_task(folder.name, total=plan.runs, completed=len(known))
+    with opened(folder, study.manifest, quiet, done) as (known, append, bar):
+        todo = [number for number in range(len(study)) if number not in known]
+        task = bar.add_task(folder.name, total=len(study), completed=len(known))
         seen = partial(bar.advance, task)
-        for group in rows_of(plan.scenario, todo, jobs, plan.shared, seen):
+        shared = study.settings["montecarlo"]["shared"]
+        for group in rows_of(study.scenario, todo, jobs, shared, seen):
             for row in group:
                 append(row)
     return read(folder)
@@ -56,14 +58,14 @@ def run(plan: Plan, folder: Path, jobs: int | None = None, quiet: bool = False) 
 # -- the terminal ----------------------------------------------------------------------------------
 
 
-def quantiles(sweep: Sweep) -> dict[str, dict[str, float]]:
+def quantiles(runs: Runs) -> dict[str, dict[str, float]]:
     """Quantiles of the figures by name, infinite if they fall on lost or unconverged runs.
 
     Figures of a lost run count as infinite.
     """
     last = [
         row | dict.fromkeys(FIGURES) if row["status"] != Status.completed.words else row
-        for row in sweep.rows
+        for row in runs.rows
     ]
     group = Group({}, last)
     return {
@@ -72,62 +74,59 @@ def quantiles(sweep: Sweep) -> dict[str, dict[str, float]]:
     }
 
 
-def lost(sweep: Sweep) -> list[Row]:
+def lost(runs: Runs) -> list[Row]:
     """Runs that ended before the scenario's duration."""
-    return [row for row in sweep.rows if row["status"] != Status.completed.words]
+    return [row for row in runs.rows if row["status"] != Status.completed.words]
 
 
-def cost(sweep: Sweep) -> float:
+def cost(runs: Runs) -> float:
     """Median over the runs of an identifier's thread time per time step [µs]."""
-    return float(np.median([row["identifier_us_per_step"] for row in sweep.rows]))
+    return float(np.median([row["identifier_us_per_step"] for row in runs.rows]))
 
 
-def document(sweep: Sweep) -> dict[str, Any]:
+def document(runs: Runs) -> dict[str, Any]:
     """The output of `nsaid montecarlo --json`."""
     found = {
         key: {name: value if np.isfinite(value) else None for name, value in each.items()}
-        for key, each in quantiles(sweep).items()
+        for key, each in quantiles(runs).items()
     }
     columns = ("run", "seed", "status", "status_time")
     return {
-        "folder": str(sweep.folder),
-        "runs": sweep.manifest["runs"],
+        "folder": str(runs.folder),
+        "runs": runs.manifest["runs"],
         "quantiles": found,
-        "lost": [{key: row[key] for key in columns} for row in lost(sweep)],
-        "identifier_us_per_step": cost(sweep),
+        "lost": [{key: row[key] for key in columns} for row in lost(runs)],
+        "identifier_us_per_step": cost(runs),
     }
 
 
-def result_of(sweep: Sweep) -> Result:
+def result_of(runs: Runs) -> Result:
     """The result of a study; a run is lost if it ended before the scenario's duration."""
-    gone, shared = lost(sweep), sweep.manifest["montecarlo"]["shared"]
+    gone, shared = lost(runs), runs.manifest["montecarlo"]["shared"]
     failures = (
         Finding(
             "refusal", "lost", f"run {row['run']} (seed {row['seed']})",
             f"{row['status']} at {row['status_time']:.3g} s",
-            "" if shared else f"\n    {sweep.command(row)}",
+            "" if shared else f"\n    {runs.command(row)}",
         )
         for row in gone
     )  # fmt: skip
-    figures = (Figure(*FIGURES[key], values) for key, values in quantiles(sweep).items())
-    own = sweep_results.result_of(sweep)
+    figures = (Figure(*FIGURES[key], values) for key, values in quantiles(runs).items())
+    own = sweep.result_of(runs)
     return replace(own, figures=tuple(figures), findings=tuple(failures), complete=not gone)
 
 
-def page_of(sweep: Sweep) -> Page:
+def page_of(runs: Runs) -> Page:
     """The page of a study for the terminal."""
-    result = result_of(sweep)
+    result = result_of(runs)
     lines = [
         [f"{f.name} [{f.unit}]", *(digits(value, f.unit) for value in f.values.values())]
         for f in result.figures
     ]
-    shared = sweep.manifest["montecarlo"]["shared"]
-    many = count(len(sweep.rows), "prior" if shared else "plant")
+    shared = runs.manifest["montecarlo"]["shared"]
+    many = count(len(runs.rows), "prior" if shared else "plant")
     kind = "on one motion" if shared else "with its own motion each"
-    spent = f"identifier {rounded(cost(sweep), 2)} µs of thread time per run and time step"
-    return Page(
-        heading=sweep.folder.name,
-        result=result,
-        lead=f"{many} {kind}, {len(lost(sweep))} lost; {spent}",
-        sections=[Section("Figures", [Table(["", *QUANTILES], lines)], brief=True)],
-    )
+    spent = f"identifier {rounded(cost(runs), 2)} µs of thread time per run and time step"
+    lead = f"{many} {kind}, {len(lost(runs))} lost; {spent}"
+    table = Section("Figures", [Table(["", *QUANTILES], lines)], brief=True)
+    return study_page(runs, result, table, lead)

@@ -5,101 +5,84 @@ number, not on the number of workers or on the order in which they finish. A row
 `rows.jsonl` as soon as its run is finished, so a killed sweep can be resumed.
 """
 
-import errno
-import itertools
-import json
 import math
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.progress import Progress as Bar
 
-from ..bounds import without_nonfinite
-from ..errors import BadRun, InvalidInput, NotWritten
+from ..errors import InvalidInput
+from ..evaluation.result import Figure, Result
 from ..experiment.scenario import Scenario, field_path, field_value, with_fields
-from ..pages.progress import counted
-from ..resources import atomic_write, check_own, locked, write_json, writing
+from ..pages.page import Table, count
+from ..robot.findings import Finding
 from .engine import Engine
+from .folder import TABLE, opened, read
 from .one_run import Job
-from .study import Study, check_count
-from .sweep_results import MANIFEST, ROWS, Row, Sweep, read, write_table
+from .runs import Group, Runs, digits, words
+from .study import DrawnSeeds, Study, check_count
+
+FIGURES = {
+    "theta_perp_ratio": ("distance at end", "%"),
+    "time_to_converge": ("converged after", "s"),
+}
+"""Labels and units of the columns whose distributions are printed and plotted."""
+QUANTILES = {"low": 0.05, "median": 0.5, "high": 0.95}
+SPREADS = (
+    "Medians, with 5 % and 95 % quantiles in brackets; – means never. Early: ended before the "
+    "scenario's duration. Lost: no result."
+)
+HEADS = (*(f"{name} [{unit}]" for name, unit in FIGURES.values()), "converged", "early", "lost")
 
 
-def seed_of(master: int, draw: int) -> int:
-    """The `Scenario.seed` of a draw: 63 bits of SeedSequence(master, spawn_key=(draw,))."""
-    sequence = np.random.SeedSequence(master, spawn_key=(draw,))
-    return int(sequence.generate_state(1, np.uint64)[0]) >> 1  # must fit a signed column
+def plan(
+    script: str,
+    scenario: Scenario,
+    vary: Mapping[str, tuple[Any, ...]],
+    seeds: int = 10,
+    arguments: tuple[str, ...] = (),
+) -> Study:
+    """The runs of a sweep.
 
-
-@dataclass(frozen=True)
-class Plan(Study):
-    """The runs of a sweep: every combination of the varied fields with every seed.
-
-    With C combinations, run k is draw k // C of combination k % C. A draw has the same seed in all
-    combinations, so these are compared on the same plants, priors and noise. The scenario's own
-    seed is the master seed.
+    Args:
+        script: name of the packaged scenario, or path of its script.
+        scenario: its own seed is the master seed.
+        vary: values by dotted name of a field.
+        seeds: number of draws from the master seed.
+        arguments: flags of `nsaid run` that turn the script's scenario into this one.
 
     Raises:
         InvalidInput: there is nothing to run, a value is duplicate or not valid in the scenario.
     """
+    check_count("seeds", seeds, "100 seeds give distributions.")
+    for path, values in vary.items():
+        if not values or len(set(values)) < len(values):
+            raise InvalidInput(path, "values without duplicates", values, "Give each once.")
+        if path == "seed":
+            remedy = "Give --seeds, the number of draws, and --seed, the master seed."
+            raise InvalidInput("seed", "a field other than the seed", "seed", remedy)
+    runs = seeds * math.prod(len(values) for values in vary.values())
+    check_count("runs", runs, "Vary fewer fields, or use fewer values or seeds.")
+    settings = {
+        "vary": {path: list(values) for path, values in vary.items()},
+        "seeds": seeds,
+        "master_seed": scenario.seed,
+        "runs": runs,
+    }
+    study = Study(script, scenario, vary, DrawnSeeds(scenario.seed, seeds), settings, arguments)
+    for combination in study.combinations:
+        with_fields(scenario, combination)  # raises where a value is not valid
+    return study
 
-    vary: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)  # values by dotted field name
-    seeds: int = 10  # number of draws
 
-    def __post_init__(self) -> None:
-        check_count("seeds", self.seeds, "100 seeds give distributions.")
-        for path, values in self.vary.items():
-            if not values or len(set(values)) < len(values):
-                raise InvalidInput(path, "values without duplicates", values, "Give each once.")
-            if path == "seed":
-                remedy = "Give --seeds, the number of draws, and --seed, the master seed."
-                raise InvalidInput("seed", "a field other than the seed", "seed", remedy)
-        runs = self.seeds * math.prod(len(values) for values in self.vary.values())
-        check_count("runs", runs, "Vary fewer fields, or use fewer values or seeds.")
-        _ = self.scenarios
-
-    @cached_property
-    def combinations(self) -> list[dict[str, Any]]:
-        """All combinations of the varied fields' values; the last field varies fastest."""
-        return [
-            dict(zip(self.vary, values, strict=True))
-            for values in itertools.product(*self.vary.values())
-        ]
-
-    @cached_property
-    def scenarios(self) -> list[Scenario]:
-        """The scenario of every combination, still with the master seed."""
-        return [with_fields(self.scenario, values) for values in self.combinations]
-
-    def __len__(self) -> int:
-        return self.seeds * len(self.combinations)
-
-    def what(self, number: int) -> Row:
-        """The first columns of a run's row: number, draw, seed and the varied fields."""
-        draw, combination = divmod(number, len(self.combinations))
-        seed = seed_of(self.scenario.seed, draw)
-        return {"run": number, "draw": draw, "seed": seed} | self.combinations[combination]
-
-    def run(self, number: int) -> Scenario:
-        """The scenario of a run, with its own seed."""
-        draw, combination = divmod(number, len(self.combinations))
-        return replace(self.scenarios[combination], seed=seed_of(self.scenario.seed, draw))
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        """Everything that the results depend on, as JSON values."""
-        return self.manifest_of(
-            vary={path: list(values) for path, values in self.vary.items()},
-            seeds=self.seeds,
-            master_seed=self.scenario.seed,
-            runs=len(self),
-        )
+def scenario_of(study: Study, number: int) -> Scenario:
+    """The scenario of a run, with its own seed."""
+    draw, combination = divmod(number, len(study.combinations))
+    own = with_fields(study.scenario, study.combinations[combination])
+    return replace(own, seed=study.seeds[draw])
 
 
 def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...]]:
@@ -124,8 +107,12 @@ def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...
 
 
 def run(
-    plan: Plan, folder: Path, engine: Engine | None = None, quiet: bool = False, retry: bool = False
-) -> Sweep:
+    study: Study,
+    folder: Path,
+    engine: Engine | None = None,
+    quiet: bool = False,
+    retry: bool = False,
+) -> Runs:
     """Executes the runs that are missing in a folder.
 
     After Ctrl-C, finished runs are kept and the same call resumes the sweep. The default engine is
@@ -140,87 +127,117 @@ def run(
     of = "{task.completed}/{task.total} {task.fields[lost]} without result"
 
     def job(number: int) -> Job:
-        scenario = plan.run(number)
-        return Job(number, plan.script, plan.digest, scenario.to_json(), engine.time(scenario))
+        scenario = scenario_of(study, number)
+        return Job(number, study.script, study.digest, scenario.to_json(), engine.time(scenario))
 
-    with opened(folder, plan.manifest, quiet, of) as (found, append, bar):
-        known = {k: row for k, row in found.items() if not retry or row["failure"] is None}
-        lost = sum(row["failure"] is not None for row in known.values())
-        task = bar.add_task(folder.name, total=len(plan), completed=len(known), lost=lost)
-        todo = [number for number in range(len(plan)) if number not in known]
+    with opened(folder, study.manifest, quiet, of) as (found, append, bar):
+        known = {k: row for k, row in found.items() if not retry or not row["failure"]}
+        lost = sum(bool(row["failure"]) for row in known.values())
+        task = bar.add_task(folder.name, total=len(study), completed=len(known), lost=lost)
+        todo = [number for number in range(len(study)) if number not in known]
         for figures in engine.make(todo, job):
-            row = plan.what(figures["run"]) | figures
+            row = study.what(figures["run"]) | figures
             append(row)
-            lost += row["failure"] is not None
+            lost += bool(row["failure"])
             bar.update(task, advance=1, lost=lost)
     return read(folder)
 
 
-@contextmanager
-def opened(
-    folder: Path, manifest: dict[str, Any], quiet: bool, done: str
-) -> Iterator[tuple[dict[int, Row], Callable[[Row], None], Bar]]:
-    """Creates a sweep's folder, or reads what an earlier run of the same plan wrote.
+# -- what is found ---------------------------------------------------------------------------------
 
-    Yields the rows of earlier runs by number, a function that appends a row and syncs the disk,
-    and a bar; `done` is the format of its count. The folder is locked within the context; at its
-    end the table of all rows is written. Damaged rows are made again.
 
-    Raises:
-        FolderInUse: another process is writing into the folder.
-        NotWritten: the folder cannot be written; rows on a full disk are kept.
-        BadRun: it holds another sweep, or rows of an unknown one.
+def document(runs: Runs) -> dict[str, Any]:
+    """The output of `nsaid sweep --json`; numbers may be infinite."""
+    return {
+        "folder": str(runs.folder),
+        "runs": runs.manifest["runs"],
+        "results": len(runs.rows) - len(runs.lost),
+        "combinations": [
+            {
+                "values": group.values,
+                "results": len(group.results),
+                "ended_early": len(group.early),
+                **{
+                    f"{key}_{name}": group.quantile(key, share)
+                    for key in FIGURES
+                    for name, share in QUANTILES.items()
+                },
+            }
+            for group in runs.groups
+        ],
+        "failures": [
+            {
+                "run": row["run"],
+                "seed": row["seed"],
+                "failure": row["failure"],
+                "repeat": runs.command(row),
+            }
+            for row in runs.lost
+        ],
+    }
+
+
+def lead_of(runs: Runs) -> str:
+    """How many runs have a result."""
+    results, total = len(runs.rows) - len(runs.lost), runs.manifest["runs"]
+    return f"{results} of {count(total, 'run')} {'has' if total == 1 else 'have'} a result"
+
+
+def table_of(runs: Runs, fields: Sequence[str]) -> Table:
+    """The figures of all combinations of the varied fields, which have these names."""
+    lines = [[*map(str, group.values.values()), *cells(group)] for group in runs.groups]
+    return Table([*fields, *HEADS], lines, range(len(fields)))
+
+
+def result_of(runs: Runs) -> Result:
+    """The result of a sweep: the share of converged runs, and the distribution of its figures.
+
+    A sweep shows a distribution: it fails only if no run has a result.
     """
-    check_own(folder, (MANIFEST, ROWS))
-    rows, remedy = folder / ROWS, "Make room on the disk; the same command then resumes"
-    with counted(quiet, done) as bar, locked(folder):
-        known = _resumed(folder, manifest, partial(bar.console.print, highlight=False))
-        with writing(rows):
-            flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
-            descriptor = os.open(rows, flags)
-        try:
-            with os.fdopen(descriptor, "ab", buffering=0) as stream:
-
-                def append(row: Row) -> None:
-                    plain = without_nonfinite(row)
-                    line = json.dumps(plain, ensure_ascii=False, allow_nan=False) + "\n"
-                    with writing(rows, remedy):
-                        if stream.write(line.encode()) < len(line.encode()):
-                            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-                        os.fsync(descriptor)
-
-                yield known, append, bar
-        except BaseException:
-            with suppress(NotWritten, BadRun):  # the original error says more
-                write_table(folder)
-            raise
-        write_table(folder)
-
-
-def _resumed(
-    folder: Path, manifest: dict[str, Any], say: Callable[[str], object]
-) -> dict[int, Row]:
-    """The rows of an existing sweep; for a new one, creates the files."""
-    rows = folder / ROWS
-    wanted = json.loads(json.dumps(manifest))
-    if not (folder / MANIFEST).is_file() and not (rows.is_file() and rows.stat().st_size):
-        write_json(folder / MANIFEST, manifest)
-        with atomic_write(rows):
-            return {}
-    there = read(folder)
-    before = there.manifest
-    differ = [key for key in wanted if key != "arguments" and wanted[key] != before.get(key)]
-    if differ:
-        raise BadRun(
-            folder,
-            f"it holds another sweep; {', '.join(differ)} differ",
-            "Give another folder with --out, or delete this one",
+    found = Group({}, runs.rows)
+    distances = found.column("theta_perp_ratio")
+    distances = distances[np.isfinite(distances)]
+    converged = int(np.isfinite(found.column("time_to_converge")).sum())
+    done = len(runs.rows)
+    sentence = f"{converged} of {count(done, 'run')} converged"
+    if len(distances):
+        sentence += (
+            f"; distance to the true set at the end {100 * np.median(distances):.2g} % in the "
+            f"median, {100 * distances.max():.2g} % in the worst run"
         )
-    if not (folder / MANIFEST).is_file():
-        write_json(folder / MANIFEST, before)
-    if there.damaged:
-        say(f"{there.damaged}; they are made again")
-    if not rows.is_file() or there.intact != rows.read_bytes():
-        with atomic_write(rows) as partial:  # without damaged and incomplete lines
-            partial.write_bytes(there.intact)
-    return {row["run"]: row for row in there.rows}
+    missing = runs.manifest["runs"] - done
+    unfinished = Finding("refusal", "missing", "not finished", f"{missing} of the runs")
+    figures = [
+        Figure(
+            f"{label}, {name}", unit,
+            {words(group): group.quantile(key, share) for group in runs.groups},
+        )
+        for key, (label, unit) in FIGURES.items()
+        for name, share in QUANTILES.items()
+    ]  # fmt: skip
+    return Result(
+        explains="yes" if converged == done else "partly" if found.results else "no",
+        verdict=f"{sentence}.",
+        figures=tuple(figures),
+        findings=(*([unfinished] if missing else []), *map(runs.failure, runs.lost)),
+        complete=not runs.lost,
+    )
+
+
+def files_of(runs: Runs) -> list[str]:
+    """The path of the table, and the command for plots."""
+    again = shlex.quote(str(runs.folder))
+    return [f"table      {runs.folder / TABLE}", f"plots      nsaid report {again}"]
+
+
+def cells(group: Group) -> list[str]:
+    """A group's cells in a table, in the order of `HEADS`."""
+    spreads = []
+    for key, (_, unit) in FIGURES.items():
+        low, median, high = (
+            digits(group.quantile(key, share), unit) for share in QUANTILES.values()
+        )
+        spreads.append("–" if median == low == high == "–" else f"{median} ({low}…{high})")
+    converged = int(np.isfinite(group.column("time_to_converge")).sum())
+    lost = len(group.rows) - len(group.results)
+    return [*spreads, f"{converged}/{len(group.results)}", str(len(group.early)), str(lost)]

@@ -10,8 +10,10 @@ import numpy as np
 
 from ..evaluation.panels import BAD, COLOURS, thin
 from ..pages import plots
-from ..pages.page import Figures, Page, Section, Text, count, write_html
-from .sweep_results import SPREADS, Group, Sweep, lead_of, result_of, table_of
+from ..pages.page import Page, Section, Text, count, write_html
+from .runs import Group, Runs
+from .study_page import study_page
+from .sweep import SPREADS, lead_of, result_of, table_of
 
 PICTURE = "distributions.png"
 _DOTS = 400  # largest number of dots per group of runs
@@ -28,21 +30,21 @@ Draw = Callable[[Any], None]
 """Draws one panel into matplotlib axes."""
 
 
-def write(sweep: Sweep) -> list[Path]:
+def write(runs: Runs) -> list[Path]:
     """Writes a sweep's report.html and distributions.png, and returns their paths."""
-    lines = [_line(sweep, field) for field in sweep.manifest["vary"] or [""]]
-    widest = max((len(values) for values in sweep.manifest["vary"].values()), default=1)
+    lines = [_line(runs, field) for field in runs.manifest["vary"] or [""]]
+    widest = max((len(values) for values in runs.manifest["vary"].values()), default=1)
     size = (min(max(12.5, 2.4 * widest), 40.0), 0.4 + 3.6 * len(lines))
-    picture = plots.png_of(lines, size, sweep.folder / PICTURE)
-    return [write_html(page_of(sweep, lines), sweep.folder), picture]
+    picture = plots.png_of(lines, size, runs.folder / PICTURE)
+    return [write_html(page_of(runs, lines), runs.folder), picture]
 
 
-def page_of(sweep: Sweep, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:
+def page_of(runs: Runs, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:
     """The page of a sweep, with the panels of these lines if there are any."""
-    manifest = sweep.manifest
+    manifest = runs.manifest
     fields = list(manifest["vary"])
     seeds = manifest.get("seeds", manifest["runs"])  # `nsaid montecarlo`: one for every run
-    thinned = any(len(group.results) > _DOTS for field in fields for group in sweep.by(field))
+    thinned = any(len(group.results) > _DOTS for field in fields for group in runs.by(field))
     drawn = []
     for field, line in zip(fields or [""], lines, strict=bool(lines)):
         wide = len(manifest["vary"].get(field, "")) > plots.COLUMNS or sum(map(len, lines)) == 1
@@ -50,38 +52,33 @@ def page_of(sweep: Sweep, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:
             over = f"{title}, by {field}" if field else title
             drawn.append(plots.page_figure(over, draw, wide))
     first = 2 if lines and "Time to converge" in lines[0] else 1
-    note = Text(_NOTE.format(thinned=f" (at most {_DOTS} in a column)" if thinned else ""), True)
-    rest = [Figures(drawn[first:]), note] if drawn[first:] else [note]
     last = [path.rpartition(".")[2] for path in fields]
     named = [k if last.count(k) == 1 else path for path, k in zip(fields, last, strict=True)]
-    return Page(
-        heading=sweep.folder.name,
-        result=result_of(sweep),
+    return study_page(
+        runs,
+        result_of(runs),
+        Section("Combinations", [table_of(runs, named), Text(SPREADS)], brief=True),
+        f"{lead_of(runs)}; {count(seeds, 'seed')} from the master seed {manifest['master_seed']}.",
+        drawn=drawn,
+        carrying=first,
+        legend=_NOTE.format(thinned=f" (at most {_DOTS} in a column)" if thinned else ""),
         eyebrow=f"many runs of {manifest['script']}",
-        lead=f"{lead_of(sweep)}; {count(seeds, 'seed')} from the master seed "
-        f"{manifest['master_seed']}.",
-        carrying=drawn[:first],
-        sections=[
-            Section("Distributions" if drawn[first:] else "About the plots", rest),
-            Section("Combinations", [table_of(sweep, named), Text(SPREADS)], brief=True),
-        ],
         notes=[
             "The plan is in manifest.json, all runs are in rows.jsonl and results.parquet. Run k "
             f"depends only on the master seed {manifest['master_seed']} and on k."
         ],
-        versions=manifest["versions"],
     )
 
 
 # -- the panels --------------------------------------------------------------------------------
 
 
-def _line(sweep: Sweep, field: str) -> dict[str, Draw]:
+def _line(runs: Runs, field: str) -> dict[str, Draw]:
     """The panels by title, over one varied field or, if `field` is empty, over all runs.
 
     There are panels of times and of failures only if some run converged, or failed.
     """
-    groups = sweep.by(field) if field else sweep.by()
+    groups = runs.by(field) if field else runs.by()
     labels = [str(next(iter(group.values.values()), "all runs")) for group in groups]
     converged = [int(np.isfinite(g.column("time_to_converge")).sum()) for g in groups]
     under = [
@@ -93,8 +90,8 @@ def _line(sweep: Sweep, field: str) -> dict[str, Draw]:
     if any(converged):
         times = partial(_distribution, groups, under, field, "time_to_converge")
         panels["Time to converge"] = times
-    endings = sorted({row["status"] for group in sweep.by() for row in group.early})
-    if sweep.lost or endings:
+    endings = sorted({row["status"] for group in runs.by() for row in group.early})
+    if runs.lost or endings:
         panels["Share of runs that failed"] = partial(_failed, groups, labels, field, endings)
     return panels
 

@@ -21,6 +21,7 @@ from ..evaluation.panels import LAWS as COLOUR_OF
 from ..evaluation.result import Explains, Figure, Result
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.following import Following
+from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
 from ..experiment.source import informing_steps
 from ..laws import Status
@@ -38,48 +39,44 @@ FILES = ("tracking.json", "tracking.csv")
 _LAST = 1 / 3  # of the duration, over which rms errors are taken
 
 
-@dataclass(frozen=True)
-class Plan(Study):
+def plan(
+    script: str,
+    scenario: Scenario,
+    laws: tuple[str, ...] = LAWS,
+    seeds: tuple[int, ...] = tuple(range(10)),
+    arguments: tuple[str, ...] = (),
+) -> Study:
     """The laws of a study, and the plants they control.
 
-    Attributes:
+    Args:
+        script: name of the packaged scenario, or path of its script.
         scenario: with the excitation `AdaptiveTracking`; every law in turn replaces its law.
         laws: names.
         seeds: seeds of truth, prior, reference and sensors.
+        arguments: flags of `nsaid run` that turn the script's scenario into this one.
 
     Raises:
         UnknownName: a law is unknown.
         InvalidInput: the scenario's excitation does not track, or there are no seeds.
     """
-
-    laws: tuple[str, ...] = LAWS
-    seeds: tuple[int, ...] = tuple(range(10))
-
-    def __post_init__(self) -> None:
-        for law in self.laws:
-            if law not in LAWS:
-                raise UnknownName("tracking law", law, LAWS)
-        if not self.laws or not self.seeds:
-            raise InvalidInput("--laws, --seeds", "at least one of each", "none", "Leave them out.")
-        if not isinstance(self.scenario.excitation, AdaptiveTracking):
-            raise InvalidInput(
-                "scenario",
-                "one that is driven by AdaptiveTracking",
-                f"{self.script}, driven by {type(self.scenario.excitation).__name__}",
-                "Use track_ur5, track_bluerov2 or track_uvms, or write one.",
-            )
-
-    @property
-    def last(self) -> float:
-        """Time at the end over which errors are taken [s]."""
-        return self.scenario.duration * _LAST
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        """Everything that the results depend on, as JSON values."""
-        return self.manifest_of(
-            laws=list(self.laws), seeds=list(self.seeds), last_seconds=self.last
+    for law in laws:
+        if law not in LAWS:
+            raise UnknownName("tracking law", law, LAWS)
+    if not laws or not seeds:
+        raise InvalidInput("--laws, --seeds", "at least one of each", "none", "Leave them out.")
+    if not isinstance(scenario.excitation, AdaptiveTracking):
+        raise InvalidInput(
+            "scenario",
+            "one that is driven by AdaptiveTracking",
+            f"{script}, driven by {type(scenario.excitation).__name__}",
+            "Use track_ur5, track_bluerov2 or track_uvms, or write one.",
         )
+    settings = {
+        "laws": list(laws),
+        "seeds": list(seeds),
+        "last_seconds": scenario.duration * _LAST,  # over which errors are taken
+    }
+    return Study(script, scenario, {"law": laws}, seeds, settings, arguments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,16 +97,16 @@ class Course:
     tracker: Tracker
 
 
-def courses(plan: Plan, report: Callable[[str], object] = lambda _: None) -> Iterator[Course]:
+def courses(study: Study, report: Callable[[str], object] = lambda _: None) -> Iterator[Course]:
     """Runs every law on the plant of every seed; `report` receives each stage."""
-    for seed in plan.seeds:
-        scenario = replace(plan.scenario, seed=seed)
+    for seed in study.seeds:
+        scenario = replace(study.scenario, seed=seed)
         base = Setup.of(scenario)
-        for law in plan.laws:
+        for law in study.vary["law"]:
             report(f"seed {seed}, {law}")
             assert isinstance(scenario.excitation, AdaptiveTracking)
             own = replace(scenario, excitation=replace(scenario.excitation, law=law))
-            yield course(replace(base, scenario=own), plan.last)
+            yield course(replace(base, scenario=own), study.settings["last_seconds"])
 
 
 def course(setup: Setup, last: float) -> Course:
@@ -176,7 +173,7 @@ class _StateRecorder(Driver):
 # -- output ----------------------------------------------------------------------------------------
 
 
-def write(folder: Path, plan: Plan, done: list[Course]) -> None:
+def write(folder: Path, study: Study, done: list[Course]) -> None:
     """Writes tracking.json, with the plan, and tracking.csv, one row for every law and seed.
 
     Raises:
@@ -184,15 +181,15 @@ def write(folder: Path, plan: Plan, done: list[Course]) -> None:
     """
     rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
     heads = list(dict.fromkeys(key for row in rows for key in row))
-    found = {"medians": medians(plan, done), "rows": without_nonfinite(rows)}
-    write_json(folder / FILES[0], plan.manifest | found)
+    found = {"medians": medians(study, done), "rows": without_nonfinite(rows)}
+    write_json(folder / FILES[0], study.manifest | found)
     write_csv(folder / FILES[1], heads, rows)
 
 
-def medians(plan: Plan, done: list[Course]) -> dict[str, dict[str, float]]:
+def medians(study: Study, done: list[Course]) -> dict[str, dict[str, float]]:
     """Medians over the seeds of every law's figures; `v_rises` is the sum."""
-    found: dict[str, dict[str, float]] = {law: {} for law in plan.laws}
-    for law in plan.laws:
+    found: dict[str, dict[str, float]] = {law: {} for law in study.vary["law"]}
+    for law in study.vary["law"]:
         rows = [c.figures for c in done if c.law == law]
         for key in (key for key in (rows[0] if rows else ()) if key != "status"):
             values = np.array([float(row[key]) for row in rows])
@@ -205,14 +202,14 @@ def medians(plan: Plan, done: list[Course]) -> dict[str, dict[str, float]]:
 _ERROR = "error"  # the name of the figure that compares with the conventional law
 
 
-def figures_of(plan: Plan, done: list[Course]) -> tuple[Figure, ...]:
+def figures_of(study: Study, done: list[Course]) -> tuple[Figure, ...]:
     """The figures of every law that has run.
 
     Medians over the seeds of rms and peak errors, of the conventional law's rms error over the
     law's own, and of the share of samples at a limit; the largest command over its limit; and the
     number of rises of V. A figure that a law lacks is None.
     """
-    laws = {law: [c.figures for c in done if c.law == law] for law in plan.laws}
+    laws = {law: [c.figures for c in done if c.law == law] for law in study.vary["law"]}
     laws = {law: rows for law, rows in laws.items() if rows}
 
     def of(key: str, merge: Callable[[Array], Any]) -> dict[str, float | None]:
@@ -246,10 +243,10 @@ def figures_of(plan: Plan, done: list[Course]) -> tuple[Figure, ...]:
     )
 
 
-def table_of(plan: Plan, figures: Sequence[Figure]) -> Table:
+def table_of(study: Study, figures: Sequence[Figure]) -> Table:
     """The table of such figures: a line for each law, with the worst seed's in brackets."""
     heads = [f"{f.name} [m{f.unit}]" if f.unit in {"rad", "m"} else f.name for f in figures]
-    several, ran = len(plan.seeds) > 1, figures[-1].values
+    several, ran = len(study.seeds) > 1, figures[-1].values
     lines = [[law, *(_cell(figure, law, several) for figure in figures)] for law in ran]
     spare = [k for k, f in enumerate(figures, 1) if f.name in {"peak", "effort", "at limit"}]
     return Table(["law", *heads], lines, spare=spare)
@@ -269,16 +266,16 @@ def _cell(figure: Figure, law: str, several: bool) -> str:
     return _digits(1e3 * value) + brackets
 
 
-def result_of(plan: Plan, done: list[Course]) -> Result:
+def result_of(study: Study, done: list[Course]) -> Result:
     """The result of a study: figures of every law, and errors over time.
 
     The verdict is how much better each adaptive law tracks than the conventional law.
     """
-    figures = figures_of(plan, done)
+    figures = figures_of(study, done)
     compared = next((f.values for f in figures if f.name == _ERROR), {})
     ratios = {law: r for law in ("nullspace", "composite") if (r := compared.get(law)) is not None}
     said = ", ".join(f"{law} {_compared(ratio)}" for law, ratio in ratios.items())
-    missing = len(plan.laws) * len(plan.seeds) - len(done)
+    missing = len(study.vary["law"]) * len(study.seeds) - len(done)
     findings = [
         Finding("refusal", "early", f"seed {c.seed}, {c.law}", str(c.figures["status"]))
         for c in done
@@ -300,12 +297,13 @@ def result_of(plan: Plan, done: list[Course]) -> Result:
     )
 
 
-def medians_in_words(plan: Plan) -> str:
+def medians_in_words(study: Study) -> str:
     """Explains the figures of the table."""
-    several = len(plan.seeds) > 1
-    whose = f"Medians over {len(plan.seeds)} seeds, worst in brackets, of" if several else "Of"
+    several = len(study.seeds) > 1
+    whose = f"Medians over {len(study.seeds)} seeds, worst in brackets, of" if several else "Of"
     return (
-        f"{whose} the last {plan.last:g} s, from true positions; {plan.scenario.sensors} sensors. "
+        f"{whose} the last {study.settings['last_seconds']:g} s, from true positions; "
+        f"{study.scenario.sensors} sensors. "
         "Effort: largest command over its limit."
     )
 

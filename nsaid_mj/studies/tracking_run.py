@@ -14,29 +14,29 @@ from ..pages.drawings import figures_of
 from ..pages.page import Figures, Page, Section, Text, count, markdown
 from ..pages.picture import picture
 from ..recording import available
-from .study import carried_out, repeated
-from .tracking import FILES, Course, Plan, courses, medians_in_words, result_of, table_of, write
+from .study import Study, carried_out, repeated
+from .tracking import FILES, Course, courses, medians_in_words, result_of, table_of, write
 
 PICTURE, RECORDING = "tracking.png", "tracking.rrd"
 
 
 @single_threaded
-def run(plan: Plan, folder: Path, quiet: bool = False) -> tuple[Result, list[Course]]:
+def run(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[Course]]:
     """Runs a study, writes its files, page and recording, and prints the page."""
 
     def made(say: Callable[[str], object]) -> Iterator[Course]:
-        for found in courses(plan, say):
-            kept = slice(None) if found.seed == plan.seeds[0] else slice(-1, None)  # for the page
+        for found in courses(study, say):
+            kept = slice(None) if found.seed == study.seeds[0] else slice(-1, None)  # for the page
             motion = replace(found.motion, theta_hat=found.motion.theta_hat[kept])
             yield replace(found, motion=motion)
 
-    total, draw = len(plan.seeds) * len(plan.laws), partial(drawn, folder, plan)
-    return carried_out(folder, FILES[:1], total, made, partial(write, folder, plan), draw, quiet)
+    total, draw = len(study.seeds) * len(study.vary["law"]), partial(drawn, folder, study)
+    return carried_out(folder, FILES[:1], total, made, partial(write, folder, study), draw, quiet)
 
 
-def drawn(folder: Path, plan: Plan, done: list[Course]) -> tuple[Page, list[Path]]:
+def drawn(folder: Path, study: Study, done: list[Course]) -> tuple[Page, list[Path]]:
     """The page; writes tracking.png and, with Rerun, tracking.rrd, and returns all files."""
-    page, files = page_of(folder, plan, done), [folder / name for name in FILES]
+    page, files = page_of(folder, study, done), [folder / name for name in FILES]
     if not done:
         return page, files
     panels = [panel for panel in page.result.curves if isinstance(panel, Panel)]
@@ -51,9 +51,9 @@ def drawn(folder: Path, plan: Plan, done: list[Course]) -> tuple[Page, list[Path
     return page, files
 
 
-def page_of(folder: Path, plan: Plan, done: list[Course]) -> Page:
+def page_of(folder: Path, study: Study, done: list[Course]) -> Page:
     """The page of a study."""
-    result, seed = result_of(plan, done), done[0].seed if done else plan.seeds[0]
+    result, seed = result_of(study, done), done[0].seed if done else study.seeds[0]
     figures = figures_of(result.curves, 1)
     sketch = [picture(done[0].setup.plant, done[0].motion.q[0], "the robot")] if done else []
     averaged = "Root mean square over the coordinates and over short intervals"
@@ -64,7 +64,7 @@ def page_of(folder: Path, plan: Plan, done: list[Course]) -> Page:
     )
     sections = [
         Section("Tracking errors", [
-            table_of(plan, result.figures), Text(medians_in_words(plan)),
+            table_of(study, result.figures), Text(medians_in_words(study)),
         ], brief=True),
         Section("", [Text(f"Curves and robot: seed {seed}. {note}", note=True)]),
         Section("Over time", [
@@ -72,18 +72,18 @@ def page_of(folder: Path, plan: Plan, done: list[Course]) -> Page:
         ] if figures[1:] else []),
     ]  # fmt: skip
     return Page(
-        heading=plan.script,
+        heading=study.script,
         result=result,
         eyebrow=f"tracking laws · {folder.name}",
-        lead=f"{count(len(plan.laws), 'law')} on {count(len(plan.seeds), 'plant')}, "
-        f"{plan.scenario.duration:g} s, {plan.scenario.sensors} sensors. All laws get the same "
+        lead=f"{count(len(study.vary['law']), 'law')} on {count(len(study.seeds), 'plant')}, "
+        f"{study.scenario.duration:g} s, {study.scenario.sensors} sensors. All laws get the same "
         "prior, reference, K_d, Λ and bandwidth of adaptation.",
         carrying=[*figures[:1], *filter(None, sketch)],
         sections=[section for section in sections if section.panels],
         commands=[
-            repeated("track", plan.manifest, {"laws": plan.laws, "seeds": plan.seeds}),
+            repeated("track", study.manifest, {"laws": study.vary["law"], "seeds": study.seeds}),
             *([shlex.join(["nsaid", "view", str(folder / RECORDING)])] if available() else []),
         ],
         notes=["All figures are in tracking.json and tracking.csv."],
-        versions=plan.manifest["versions"],
+        versions=study.manifest["versions"],
     )

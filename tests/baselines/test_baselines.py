@@ -26,13 +26,13 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.log import Log, SensorLevels
 from nsaid_mj.structure.joints import JointTree
-from nsaid_mj.studies.compare import Plan, World
+from nsaid_mj.studies.compare import World, plan
 
 
 @cache
 def world(name, duration, noise=0.0, **changes):
     scenario = replace(load(name), duration=duration, **changes)
-    return World(Plan(name, scenario, durations=(duration,), noises=(noise,)), 0, noise)
+    return World(plan(name, scenario, durations=(duration,), noises=(noise,)), 0, noise)
 
 
 @pytest.fixture(scope="module")
@@ -247,8 +247,8 @@ def test_recursive_least_squares_keeps_its_known_gain(pendulum):
 
 def test_an_identifier_gives_the_same_estimate_from_a_log_as_in_a_run(tmp_path):
     scenario = replace(load("scalar_rov"), duration=2.0)
-    plan = Plan("scalar_rov", scenario, methods=("paper",), durations=(2.0,))
-    here = World(plan, 0, 0.0)
+    study = plan("scalar_rov", scenario, methods=("paper",), durations=(2.0,))
+    here = World(study, 0, 0.0)
     done = run(here._setup.scenario, tmp_path)
     followed = here._methods["paper"](here._problem)
     assert np.array_equal(followed.theta, done.record["theta_hat_paper"][-1])

@@ -17,14 +17,15 @@ from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import FAULTS
 from nsaid_mj.laws import FaultEvent
 from nsaid_mj.recording import postprocessing
-from nsaid_mj.studies import sweep, sweep_report, sweep_results
+from nsaid_mj.studies import sweep, sweep_report
 from nsaid_mj.studies.engine import Engine
+from nsaid_mj.studies.folder import read
 from tests.support import damaged
 
 from .tries import Draw, Kind
 
 SCENARIO = replace(load("scalar_rov"), duration=2.0, held_out=0.5, pe_window=0.5)
-PLAN = sweep.Plan("scalar_rov", SCENARIO, {"identifier.gain": (0.5, 1.0)}, seeds=2)
+PLAN = sweep.plan("scalar_rov", SCENARIO, {"identifier.gain": (0.5, 1.0)}, seeds=2)
 RUN = ("record.arrow", "summary.json", "scenario.json", "run.rrd", "report.html")
 FAULT = FaultEvent(1.0, 1.2, "loss", "thrust", ("thrust",), 0.4, 0.3, 0.5, "1", 0.99)
 SWEEP = ("manifest.json", "rows.jsonl", "results.parquet")
@@ -86,7 +87,7 @@ def damaged_sweep(rng: random.Random, here: Path) -> Kind:
     def check() -> str:
         before = rows()
         with contextlib.suppress(NsaidError):
-            sweep_report.write(sweep_results.read(out))
+            sweep_report.write(read(out))
         found = None
         with contextlib.suppress(NsaidError):
             found = sweep.run(PLAN, out, Engine(jobs=1), quiet=True)

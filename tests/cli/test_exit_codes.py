@@ -18,10 +18,8 @@ from nsaid_mj.laws import Status
 from nsaid_mj.logs.unusable import UnusableLog
 from nsaid_mj.pages.page import Page
 from nsaid_mj.robot.findings import Finding
-from nsaid_mj.studies.compare import PRIOR, Cell
-from nsaid_mj.studies.compare_report import result_of
-from nsaid_mj.studies.compare_report import rows as compared
-from nsaid_mj.studies.sweep_results import Sweep
+from nsaid_mj.studies.compare_report import PRIOR, result_of, row_of, runs_of
+from nsaid_mj.studies.runs import Runs
 from tests.support.faulty import call, shell
 from tests.support.identification import identification
 
@@ -87,12 +85,14 @@ def test_verify(words: tuple[Any, ...], code: int, monkeypatch: Patch) -> None:
     ("failures", "code"), [(("", ""), EXPLAINED), (("", "lost"), EXPLAINED), (("lost", "lost"), 1)]
 )
 def test_compare(failures: tuple[str, str], code: int, monkeypatch: Patch) -> None:
-    cells = [Cell(PRIOR, 0, 0.0, 1.0, 0.3, 0.1, None, 0.0)]
+    cells = [row_of(PRIOR, 0, 0.0, 1.0, 0.3, 0.1, None, 0.0)]
     cells += [
-        Cell(name, 0, 0.0, 1.0, failure=why) if why else Cell(name, 0, 0.0, 1.0, 0.1, 0.1, 0.1, 1.0)
+        row_of(name, 0, 0.0, 1.0, failure=why)
+        if why
+        else row_of(name, 0, 0.0, 1.0, 0.1, 0.1, 0.1, 1.0)
         for name, why in zip(("ols", "tls"), failures, strict=True)
     ]
-    put(monkeypatch, "studies.compare.run", (result_of(compared(cells)), cells))
+    put(monkeypatch, "studies.compare.run", (result_of(runs_of(Path("out"), {}, cells)), cells))
     assert shell("compare", "scalar_rov", "--quiet")[0] == code
 
 
@@ -116,7 +116,7 @@ def rows(*converged: float | None, failure: str | None = None) -> list[dict[str,
 )
 def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> None:
     manifest = {"vary": {}, "runs": len(found), "script": "scalar_rov", "arguments": []}
-    put(monkeypatch, "studies.sweep.run", Sweep(Path("out"), manifest, found))
+    put(monkeypatch, "studies.sweep.run", Runs(Path("out"), manifest, found))
     put(monkeypatch, "studies.sweep.varied", {})
     code_, said = shell("sweep", "scalar_rov", "--vary", "law=paper", "--quiet")
     assert (code_, said.err) == (code, "")

@@ -29,7 +29,8 @@ from nsaid_mj.laws.metric import ConstantMetric
 from nsaid_mj.parameters import Array
 from nsaid_mj.recording.scene import ROBOT
 from nsaid_mj.resources import locked, scenarios
-from nsaid_mj.studies.tracking import Plan, courses, drive
+from nsaid_mj.studies.tracking import courses, drive
+from nsaid_mj.studies.tracking import plan as plan_of
 from nsaid_mj.studies.tracking_run import run as run_study
 from tests.support.plants import config_of, plant
 from tests.support.recordings import entities_of
@@ -253,10 +254,10 @@ def test_an_informed_driver_uses_the_estimate_and_observers_do_not_change_it(tmp
 
 def test_a_study_needs_a_scenario_that_tracks_and_known_laws():
     with pytest.raises(InvalidInput, match="AdaptiveTracking"):
-        Plan("ur5", Scenario())
+        plan_of("ur5", Scenario())
     tracking = Scenario(excitation=AdaptiveTracking())
     with pytest.raises(NsaidError, match="nullspace"):
-        Plan("track_ur5", tracking, laws=("sliding",))
+        plan_of("track_ur5", tracking, laws=("sliding",))
 
 
 def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
@@ -267,7 +268,7 @@ def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
         duration=0.3,
     )
     laws = ("nullspace", "conventional")
-    plan = Plan("double_pendulum", scenario, laws=laws, seeds=(0, 1))
+    plan = plan_of("double_pendulum", scenario, laws=laws, seeds=(0, 1))
     with locked(tmp_path), ThreadPoolExecutor(1) as other, pytest.raises(FolderInUse):
         other.submit(run_study, plan, tmp_path).result()
     result, done = run_study(plan, tmp_path)
@@ -319,7 +320,8 @@ def test_adaptation_of_the_gains_beats_gains_taken_as_known():
         duration=3.0,
     )
     rms = {
-        c.law: float(c.figures["rms_rad"]) for c in courses(Plan("track_ur5", scenario, seeds=(3,)))
+        c.law: float(c.figures["rms_rad"])
+        for c in courses(plan_of("track_ur5", scenario, seeds=(3,)))
     }
     assert rms["nullspace"] < 0.7 * rms["conventional"] < 0.1 * rms["computed_torque"]
     assert rms["composite"] < 0.01 * rms["conventional"]

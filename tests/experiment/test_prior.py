@@ -30,7 +30,7 @@ from nsaid_mj.plants import (
 from nsaid_mj.plants.underwater import UnderwaterSheet
 from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.resources import scenarios
-from nsaid_mj.studies.montecarlo import Plan
+from nsaid_mj.studies.montecarlo import plan
 from tests.support.plants import assert_engines_agree, name_of
 from tests.support.strategies import seeds
 from tests.support.studies import monte_carlo
@@ -209,7 +209,7 @@ def test_a_study_from_published_numbers_needs_a_plant_for_each_run():
     scenario = nominal("scalar_rov", duration=2.0, held_out=1.0)
     for refused in (
         lambda: monte_carlo(scenario, 2),
-        lambda: Plan("scalar_rov", scenario, 2, arguments=()),
+        lambda: plan("scalar_rov", scenario, 2, arguments=()),
     ):
         with pytest.raises(InvalidInput, match="--own-plants") as caught:
             refused()

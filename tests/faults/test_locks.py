@@ -21,9 +21,9 @@ from nsaid_mj.experiment.record import FILE, Record
 from nsaid_mj.recording import postprocessing
 from nsaid_mj.resources import atomic_write, locked, write_text
 from nsaid_mj.studies.engine import Engine
-from nsaid_mj.studies.sweep import Plan
+from nsaid_mj.studies.folder import ROWS
+from nsaid_mj.studies.sweep import plan as plan_of
 from nsaid_mj.studies.sweep import run as sweep
-from nsaid_mj.studies.sweep_results import ROWS
 from tests.support.faulty import CHECKOUT, FILES, ROV, script, shell, strict
 
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
@@ -75,7 +75,7 @@ def test_a_second_run_in_a_folder_is_refused_until_the_first_has_died(tmp_path: 
 
 
 def sweep_in(folder: Path) -> object:
-    plan = Plan("scalar_rov", SHORT, {"identifier.gain": (0.1,)}, seeds=1)
+    plan = plan_of("scalar_rov", SHORT, {"identifier.gain": (0.1,)}, seeds=1)
     return sweep(plan, folder, Engine(jobs=1), quiet=True)
 
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pebble.pool.process
 import pytest
@@ -18,11 +19,13 @@ from nsaid_mj.cli.process import NOT_EXPLAINED
 from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.studies import engine, sweep_report
 from nsaid_mj.studies.engine import Engine
-from nsaid_mj.studies.sweep import Plan, run
-from nsaid_mj.studies.sweep_results import MANIFEST, ROWS, TABLE, Row, Sweep, read
+from nsaid_mj.studies.folder import MANIFEST, ROWS, TABLE, read
+from nsaid_mj.studies.runs import Runs
+from nsaid_mj.studies.study import Row
+from nsaid_mj.studies.sweep import plan, run
 from tests.support.faulty import ROV, shell
 
-PLAN = Plan("scalar_rov", ROV, {"identifier.gain": (0.1, 1.0)}, seeds=2)
+PLAN = plan("scalar_rov", ROV, {"identifier.gain": (0.1, 1.0)}, seeds=2)
 
 
 def row(number: int) -> Row:
@@ -47,7 +50,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return numbers
 
 
-def sweep(folder: Path, **more: bool) -> Sweep:
+def sweep(folder: Path, **more: bool) -> Runs:
     return run(PLAN, folder, Engine(jobs=1), quiet=True, **more)
 
 
@@ -85,12 +88,14 @@ def test_processes_killed_at_every_start_end_the_sweep(
     assert read(tmp_path).rows == [] and os.environ == before
 
 
-class Broken(Future):
+class Broken:
     """What Dask gives for a run that no worker could begin."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self.set_exception(ModuleNotFoundError("No module named 'nsaid_mj'"))
+    def add_done_callback(self, callback: Callable[[Broken], object]) -> None:
+        callback(self)
+
+    def result(self) -> None:
+        raise ModuleNotFoundError("No module named 'nsaid_mj'")
 
 
 def test_workers_that_cannot_import_the_package_end_the_sweep(tmp_path: Path) -> None:
@@ -110,14 +115,15 @@ def test_a_lost_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert read(tmp_path).rows == []
 
 
-def cluster_of(future: type[Future], status: str = "running"):
-    """The constructor of a cluster in memory, whose runs all end as such a future."""
+def cluster_of(task: Callable[[], Any], status: str = "running"):
+    """The constructor of a cluster in memory, whose runs all become such tasks."""
 
     def made(self, distributed, address, jobs) -> None:
         self._killed, self._address, self._jobs = distributed.KilledWorker, address, jobs
-        self._client = SimpleNamespace(status=status, nthreads=lambda: {"worker": 2})
-        self._executor = SimpleNamespace(submit=lambda *_: future())
-        self._seen, self._threads = time.monotonic(), 1
+        self._client = SimpleNamespace(
+            status=status, nthreads=lambda: {"worker": 2}, submit=lambda *_, **__: task()
+        )
+        self._tasks, self._seen, self._threads = {}, time.monotonic(), 1
 
     return made
 

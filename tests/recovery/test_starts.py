@@ -12,7 +12,7 @@ from nsaid_mj.experiment.setup import prior_for
 from nsaid_mj.laws import Status
 from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.studies.montecarlo import Course, identify
-from nsaid_mj.studies.sweep_results import Row
+from nsaid_mj.studies.study import Row
 from scripts.results import ENOUGH, VEHICLES, course, start
 
 

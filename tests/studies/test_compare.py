@@ -18,8 +18,17 @@ from nsaid_mj.laws import ConventionalAID
 from nsaid_mj.pages.page import render_html
 from nsaid_mj.pages.terminal import print_page
 from nsaid_mj.studies import compare, compare_report
-from nsaid_mj.studies.compare import BOUND, PRIOR, Cell, Plan, World
-from nsaid_mj.studies.compare_report import lines, rows, write_pictures
+from nsaid_mj.studies.compare import BOUND, PRIOR, World
+from nsaid_mj.studies.compare_report import (
+    groups_of,
+    lines,
+    over_bound,
+    row_of,
+    runs_of,
+    write_pictures,
+)
+from nsaid_mj.studies.runs import Runs
+from nsaid_mj.studies.study import Row, Study
 from tests.pages.markup import Page
 
 SCALAR = load("scalar_rov")
@@ -28,13 +37,17 @@ MANIFEST = {"script": "ur5", "methods": ["ols", "memory", "tls"], "seeds": [0, 1
             "arguments": ["--dt", "0.01"]}  # fmt: skip
 
 
-def plan(**changes):
+def plan(**changes) -> Study:
     given = {"methods": ("paper", "ols"), "seeds": (0,), "durations": (2.0, 4.0)}
-    return Plan("scalar_rov", SCALAR, **(given | changes))
+    return compare.plan("scalar_rov", SCALAR, **(given | changes))
 
 
-def cells(**changes):
+def cells(**changes) -> list[Row]:
     return list(compare.compare(plan(**changes)))
+
+
+def runs(rows: list[Row]) -> Runs:
+    return runs_of(Path("a"), MANIFEST, rows)
 
 
 # -- the plan --------------------------------------------------------------------------------
@@ -68,7 +81,7 @@ def test_a_plan_that_cannot_be_run_is_refused(changes):
 
 def test_a_scenario_of_another_identifier_is_refused():
     with pytest.raises(InvalidInput, match="NullspaceAID"):
-        Plan("scalar_rov", replace(SCALAR, identifier=ConventionalAID()))
+        compare.plan("scalar_rov", replace(SCALAR, identifier=ConventionalAID()))
 
 
 def test_every_law_can_be_compared():
@@ -76,8 +89,8 @@ def test_every_law_can_be_compared():
     laws = compare.OURS
     assert {"paper", "cone"} <= set(laws)
     found = cells(methods=laws, durations=(1.0,))
-    assert [cell.method for cell in found] == [PRIOR, *laws]
-    assert not any(cell.failure for cell in found)
+    assert [cell["method"] for cell in found] == [PRIOR, *laws]
+    assert not any(cell["failure"] for cell in found)
 
 
 # -- the cells -------------------------------------------------------------------------------
@@ -85,24 +98,26 @@ def test_every_law_can_be_compared():
 
 def test_every_combination_has_a_cell_and_the_prior_stays_constant():
     found = cells(seeds=(0, 3), noises=(0.0, 1.0))
-    keys = {(c.method, c.seed, c.noise, c.duration) for c in found}
+    keys = {(c["method"], c["seed"], c["noise"], c["duration"]) for c in found}
     assert len(found) == len(keys) == 3 * 2 * 2 * 2
     for seed in (0, 3):
-        priors = {c.theta_perp_ratio for c in found if c.method == PRIOR and c.seed == seed}
+        priors = {
+            c["theta_perp_ratio"] for c in found if c["method"] == PRIOR and c["seed"] == seed
+        }
         assert len(priors) == 1  # one prior for all lengths and all noises
-    assert len({c.theta_perp_ratio for c in found if c.method == PRIOR}) == 2
+    assert len({c["theta_perp_ratio"] for c in found if c["method"] == PRIOR}) == 2
 
 
 def test_the_same_plan_gives_the_same_figures():
     first, second = cells(noises=(1.0,)), cells(noises=(1.0,))
-    assert [replace(c, wall_s=None) for c in first] == [replace(c, wall_s=None) for c in second]
+    assert [c | {"wall_s": None} for c in first] == [c | {"wall_s": None} for c in second]
 
 
 def test_a_longer_comparison_has_the_same_short_cells():
     """Every method gets the first seconds of one log."""
     short, long = cells(durations=(2.0,)), cells(durations=(2.0, 4.0))
-    assert [c.theta_perp_ratio for c in short] == [
-        c.theta_perp_ratio for c in long if c.duration == 2.0
+    assert [c["theta_perp_ratio"] for c in short] == [
+        c["theta_perp_ratio"] for c in long if c["duration"] == 2.0
     ]
 
 
@@ -110,12 +125,14 @@ def test_the_bound_grows_with_the_noise_and_no_method_is_far_below_it():
     found = cells(
         methods=("efficient",), seeds=(0, 1, 2), noises=(0.5, 1.0), durations=(4.0,), bound=True
     )
-    assert [c.method for c in found[:3]] == [PRIOR, BOUND, "efficient"]
-    quiet, loud = (rows([c for c in found if c.noise == noise]) for noise in (0.5, 1.0))
-    least = [row.median["theta_perp_ratio"] for row in (quiet[1], loud[1])]
+    assert [c["method"] for c in found[:3]] == [PRIOR, BOUND, "efficient"]
+    groups = groups_of(runs(found))
+    quiet, loud = groups[:3], groups[3:]
+    least = [group.median("theta_perp_ratio") for group in (quiet[1], loud[1])]
     assert least[1] / least[0] == pytest.approx(2.0, rel=0.3)
-    for row in (quiet[2], loud[2]):
-        assert 0.1 < row.over_bound["theta_perp_ratio"] < 10
+    for _, bound, method in (quiet, loud):
+        multiple = over_bound(method, bound, "theta_perp_ratio")
+        assert multiple is not None and 0.1 < multiple < 10
 
 
 def test_the_bound_of_exact_sensors_is_refused():
@@ -142,12 +159,12 @@ def test_a_failing_method_says_why_and_the_others_continue(monkeypatch):
     monkeypatch.setitem(BATCH, "ols", lost)
     monkeypatch.setitem(BATCH, "wls", singular)
     monkeypatch.setitem(BATCH, "tls", lambda p: Estimate(np.full_like(p.prior, np.nan)))
-    found = {c.method: c for c in cells(methods=("ols", "wls", "tls", "rls"), durations=(2.0,))}
-    assert found["ols"].failure == "it got lost. Look again."
-    assert "Singular matrix" in found["wls"].failure
-    assert "not finite" in found["tls"].failure
-    assert found["ols"].theta_perp_ratio is None
-    assert not found["rls"].failure and found["rls"].theta_perp_ratio is not None
+    found = {c["method"]: c for c in cells(methods=("ols", "wls", "tls", "rls"), durations=(2.0,))}
+    assert found["ols"]["failure"] == "it got lost. Look again."
+    assert "Singular matrix" in found["wls"]["failure"]
+    assert "not finite" in found["tls"]["failure"]
+    assert found["ols"]["theta_perp_ratio"] is None
+    assert not found["rls"]["failure"] and found["rls"]["theta_perp_ratio"] is not None
 
 
 def test_a_programming_error_is_not_counted_as_a_methods_failure(monkeypatch):
@@ -166,12 +183,12 @@ def test_a_plant_that_diverges_fails_all_methods(monkeypatch):
     monkeypatch.setattr(World, "__init__", diverge)
     found = cells()
     assert len(found) == 6
-    assert all("diverged" in cell.failure for cell in found)
+    assert all("diverged" in cell["failure"] for cell in found)
 
 
 def test_a_method_for_arms_only_says_so_on_a_vehicle():
     (_, cell) = cells(methods=("sysid",), durations=(2.0,))
-    assert "arms" in cell.failure
+    assert "arms" in cell["failure"]
 
 
 def test_a_fault_changes_the_truth_that_judges():
@@ -179,37 +196,37 @@ def test_a_fault_changes_the_truth_that_judges():
 
     rover = load("bluerov2")
     struck = replace(rover.plant, faults=(Loss(actuator=1, share=0.4, time=2.0),))
-    here = Plan(
+    here = compare.plan(
         "bluerov2", replace(rover, plant=struck), methods=("ols",), seeds=(0,), durations=(1.5, 3.0)
     )
-    before, after = (c for c in compare.compare(here) if c.method == PRIOR)
-    assert before.actuator_ratio_error != after.actuator_ratio_error
+    before, after = (c for c in compare.compare(here) if c["method"] == PRIOR)
+    assert before["actuator_ratio_error"] != after["actuator_ratio_error"]
 
 
 # -- what is reported ----------------------------------------------------------------------------
 
 
 def test_a_failed_seed_counts_as_infinite():
-    made = [Cell("ols", seed, 0.0, 1.0, 0.1 * seed, 0.1, None, 1.0) for seed in (1, 2)]
-    made.append(Cell("ols", 3, 0.0, 1.0, failure="it got lost"))
-    (row,) = rows(made)
-    assert row.median["theta_perp_ratio"] == 0.2
-    assert row.best["theta_perp_ratio"] == 0.1
-    assert row.worst["theta_perp_ratio"] == np.inf
-    assert row.median["force_residual_ratio"] == np.inf
-    assert row.failures == ("it got lost",)
+    made = [row_of("ols", seed, 0.0, 1.0, 0.1 * seed, 0.1, None, 1.0) for seed in (1, 2)]
+    made.append(row_of("ols", 3, 0.0, 1.0, failure="it got lost"))
+    (group,) = groups_of(runs(made))
+    assert group.median("theta_perp_ratio") == 0.2
+    assert group.best("theta_perp_ratio") == 0.1
+    assert group.worst("theta_perp_ratio") == np.inf
+    assert group.median("force_residual_ratio") == np.inf
+    assert group.failures == ["it got lost"]
 
 
 def test_the_table_fits_a_terminal_and_lists_failures():
     made = [
-        Cell(m, seed, noise, 20.0, 1.234e-3, 2.345e-3, 3.456e-3, 12.3, "cut-off 4 Hz")
+        row_of(m, seed, noise, 20.0, 1.234e-3, 2.345e-3, 3.456e-3, 12.3, "cut-off 4 Hz")
         for m in compare.METHODS
         for seed in (0, 1)
         for noise in (0.0, 0.3)
     ]
-    made.append(Cell("ekf", 2, 0.0, 20.0, failure="M̂ not positive definite [at] t = 1 s"))
+    made.append(row_of("ekf", 2, 0.0, 20.0, failure="M̂ not positive definite [at] t = 1 s"))
     stream = io.StringIO()
-    page = compare_report.page_of(Path("a"), made, {}, MANIFEST)
+    page = compare_report.page_of(runs(made), {})
     print_page(page, Console(file=stream, width=80, highlight=False))
     failures, table = stream.getvalue().split(" methods, 3 seeds")
     assert "0.0012 (–)" in table and "…" not in table
@@ -221,25 +238,25 @@ def test_the_table_fits_a_terminal_and_lists_failures():
 def test_plots_are_drawn_only_where_there_are_enough_cells(tmp_path):
     def made(durations, noises):
         return [
-            Cell(m, s, x, d, 1e-3 * d, 1e-2 + x, None, 1.0 + d)
+            row_of(m, s, x, d, 1e-3 * d, 1e-2 + x, None, 1.0 + d)
             for m in (PRIOR, "ols", "memory")
             for s in (0, 1)
             for d in durations
             for x in noises
         ]
 
-    every = write_pictures(tmp_path, lines(made((1.0, 2.0), (0.0, 1.0))))
+    every = write_pictures(tmp_path, lines(runs(made((1.0, 2.0), (0.0, 1.0)))))
     assert [p.name for p in every] == ["data_length.png", "noise.png", "wall_time.png"]
     assert all(p.read_bytes().startswith(b"\x89PNG") for p in every)
-    assert list(lines(made((1.0,), (0.0,)))) == ["wall_time"]
-    assert not lines([])
+    assert list(lines(runs(made((1.0,), (0.0,))))) == ["wall_time"]
+    assert not lines(runs([]))
 
 
 def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
-    cells = [Cell(m, s, 1.0, 2.0, x * 1e-3 * (1 + s), 1e-2, 1e-3, 1.0)
+    cells = [row_of(m, s, 1.0, 2.0, x * 1e-3 * (1 + s), 1e-2, 1e-3, 1.0)
              for m, x in ((PRIOR, 300), ("ols", 5), ("memory", 2)) for s in (0, 1)]  # fmt: skip
-    cells.append(Cell("tls", 0, 1.0, 2.0, failure="<b>it failed"))
-    text = render_html(compare_report.page_of(tmp_path, cells, lines(cells), MANIFEST))
+    cells.append(row_of("tls", 0, 1.0, 2.0, failure="<b>it failed"))
+    text = render_html(compare_report.page_of(runs(cells), lines(runs(cells))))
     page = Page.of(text)
     assert (
         "memory comes closest to the true set: within 0.003 in the median, 0.004 at worst" in text
@@ -250,7 +267,7 @@ def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
     assert "<b>it" not in text and "&lt;b&gt;it failed" in text
     assert text.count('role="img"') == 3  # one panel for each figure, over wall time
     assert "nsaid compare ur5 --dt 0.01 --methods ols,memory,tls --seeds 0,1" in text
-    empty = render_html(compare_report.page_of(tmp_path, [], {}, MANIFEST))
+    empty = render_html(compare_report.page_of(runs([]), {}))
     assert "No method has a result" in empty
 
 

@@ -33,8 +33,9 @@ from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.log import Log
 from nsaid_mj.pages.terminal import print_page
 from nsaid_mj.parameters import Array
-from nsaid_mj.studies import montecarlo, montecarlo_results, sweep_results
-from nsaid_mj.studies.montecarlo import Course, Plan
+from nsaid_mj.studies import montecarlo, montecarlo_results
+from nsaid_mj.studies.folder import ROWS, TABLE
+from nsaid_mj.studies.montecarlo import Course, plan
 from tests.support.studies import COSTS, monte_carlo
 
 ARM = Scenario(
@@ -275,15 +276,15 @@ def test_montecarlo_writes_a_table_and_resumes(tmp_path, capsys):
     words = ["montecarlo", "scalar_rov", "--duration=2", "--jobs=2", f"--out={tmp_path / 'mc'}"]
     assert command([*words, "--runs=4", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    table = pq.read_table(tmp_path / "mc" / sweep_results.TABLE)
+    table = pq.read_table(tmp_path / "mc" / TABLE)
     far = np.sort(table["theta_perp_ratio"].to_numpy())
     assert printed["quantiles"]["theta_perp_ratio"]["worst"] == far[-1]
     assert far[0] <= printed["quantiles"]["theta_perp_ratio"]["median"] <= far[-1]
     assert printed["runs"] == table.num_rows == 4 and printed["lost"] == []
-    rows = (tmp_path / "mc" / sweep_results.ROWS).read_text().splitlines()
-    (tmp_path / "mc" / sweep_results.ROWS).write_text("\n".join(rows[:2]) + "\n" + rows[2][:9])
+    rows = (tmp_path / "mc" / ROWS).read_text().splitlines()
+    (tmp_path / "mc" / ROWS).write_text("\n".join(rows[:2]) + "\n" + rows[2][:9])
     assert command([*words, "--runs=4"]) == 0
-    again = pq.read_table(tmp_path / "mc" / sweep_results.TABLE)
+    again = pq.read_table(tmp_path / "mc" / TABLE)
     for key in set(table.column_names) - set(COSTS):
         assert again[key].equals(table[key]), key
     said = capsys.readouterr().out
@@ -293,8 +294,8 @@ def test_montecarlo_writes_a_table_and_resumes(tmp_path, capsys):
 
 
 def test_failed_runs_are_listed_with_their_seeds(tmp_path, capsys):
-    plan = Plan("ur5", replace(ARM, identifier=NullspaceAID(gain=1e6)), 3)
-    found = montecarlo_results.run(plan, tmp_path / "mc", 2, quiet=True)
+    study = plan("ur5", replace(ARM, identifier=NullspaceAID(gain=1e6)), 3)
+    found = montecarlo_results.run(study, tmp_path / "mc", 2, quiet=True)
     print_page(montecarlo_results.page_of(found), Console(width=200))
     said = capsys.readouterr().out
     assert "3 lost" in said
@@ -306,8 +307,8 @@ def test_failed_runs_are_listed_with_their_seeds(tmp_path, capsys):
 def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
     """Of runs that ended well, and of none that did."""
     for name, gain in (("well", 0.3), ("lost", 1e6)):
-        plan = Plan("double_pendulum", replace(ARM, identifier=NullspaceAID(gain=gain)), 3)
-        montecarlo_results.run(plan, tmp_path / name, 1, quiet=True)
+        study = plan("double_pendulum", replace(ARM, identifier=NullspaceAID(gain=gain)), 3)
+        montecarlo_results.run(study, tmp_path / name, 1, quiet=True)
         assert command(["report", str(tmp_path / name)]) == 0
         assert "report.html" in capsys.readouterr().out
         assert (tmp_path / name / "distributions.png").stat().st_size > 1000
@@ -318,5 +319,5 @@ def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
 def test_montecarlo_refuses_a_folder_of_something_else_and_keeps_it(tmp_path: Path):
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(BadRun, match="other files"):
-        montecarlo_results.run(Plan("ur5", ARM, 2), tmp_path, quiet=True)
+        montecarlo_results.run(plan("ur5", ARM, 2), tmp_path, quiet=True)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]

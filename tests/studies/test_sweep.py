@@ -24,17 +24,20 @@ from nsaid_mj.experiment.loop import run as run_alone
 from nsaid_mj.experiment.scenario import Scenario, field_at
 from nsaid_mj.laws import Status
 from nsaid_mj.studies.engine import Engine
+from nsaid_mj.studies.folder import ROWS, TABLE, _column, read
 from nsaid_mj.studies.one_run import time_to_converge
-from nsaid_mj.studies.sweep import Plan, run, seed_of, varied
+from nsaid_mj.studies.runs import Runs
+from nsaid_mj.studies.study import seed_of
+from nsaid_mj.studies.sweep import plan as plan_of
+from nsaid_mj.studies.sweep import run, scenario_of, varied
 from nsaid_mj.studies.sweep_report import write
-from nsaid_mj.studies.sweep_results import ROWS, TABLE, Sweep, _column, read
 from tests.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict
 from tests.support.studies import COSTS
 
 PATIENCE = 90.0  # on a busy machine [s]
 FIELDS = {"identifier.gain": (0.1, 1.0), "sensors": ("ideal", "noisy")}
-PLAN = Plan("scalar_rov", ROV, FIELDS, seeds=2)
+PLAN = plan_of("scalar_rov", ROV, FIELDS, seeds=2)
 SHORT = ("--duration", "2", "--pe-window", "0.5", "--held-out", "0.5")
 
 # A driver that may do away with its process or with everybody's time.
@@ -67,7 +70,7 @@ scenario = Scenario(
 
 
 @pytest.fixture(scope="module")
-def sweep(tmp_path_factory: pytest.TempPathFactory) -> Sweep:
+def sweep(tmp_path_factory: pytest.TempPathFactory) -> Runs:
     return run(PLAN, tmp_path_factory.mktemp("sweep"), Engine(jobs=2), quiet=True)
 
 
@@ -78,7 +81,7 @@ def fates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return script
 
 
-def results(sweep: Sweep) -> list[dict]:
+def results(sweep: Runs) -> list[dict]:
     """Rows without what a repetition changes."""
     return [{key: value for key, value in row.items() if key not in COSTS} for row in sweep.rows]
 
@@ -86,14 +89,14 @@ def results(sweep: Sweep) -> list[dict]:
 # -- what is run ---------------------------------------------------------------------------------
 
 
-def test_every_combination_is_run_with_every_seed(sweep: Sweep) -> None:
+def test_every_combination_is_run_with_every_seed(sweep: Runs) -> None:
     seen = [(row["draw"], row["identifier.gain"], row["sensors"]) for row in sweep.rows]
     assert seen == [(d, g, s) for d in range(2) for g in (0.1, 1.0) for s in ("ideal", "noisy")]
     assert all(row["failure"] is None and row["status"] == "completed" for row in sweep.rows)
     assert len({row["theta_perp_ratio"] for row in sweep.rows}) == len(PLAN)
 
 
-def test_seeds_come_from_the_master_by_spawn_key(sweep: Sweep) -> None:
+def test_seeds_come_from_the_master_by_spawn_key(sweep: Runs) -> None:
     for row in sweep.rows:
         words = np.random.SeedSequence(0, spawn_key=(row["draw"],)).generate_state(1, np.uint64)
         assert row["seed"] == int(words[0]) >> 1
@@ -103,8 +106,8 @@ def test_seeds_come_from_the_master_by_spawn_key(sweep: Sweep) -> None:
     assert max(many) < 2**63
 
 
-def test_a_run_of_a_sweep_equals_the_run_alone(sweep: Sweep, tmp_path: Path) -> None:
-    done = run_alone(PLAN.run(3), tmp_path)
+def test_a_run_of_a_sweep_equals_the_run_alone(sweep: Runs, tmp_path: Path) -> None:
+    done = run_alone(scenario_of(PLAN, 3), tmp_path)
     summary = metrics.summarize(done, metrics.truth_of(done))
     row = sweep.rows[3]
     same = {key for key in row if key in summary} - set(COSTS)
@@ -112,10 +115,10 @@ def test_a_run_of_a_sweep_equals_the_run_alone(sweep: Sweep, tmp_path: Path) -> 
     assert {key: row[key] for key in same} == {key: summary[key] for key in same}
 
 
-def test_the_command_listed_for_a_run_repeats_it(sweep: Sweep, tmp_path: Path) -> None:
+def test_the_command_listed_for_a_run_repeats_it(sweep: Runs, tmp_path: Path) -> None:
     arguments = [*SHORT, "--identifier.K=12"]
-    plan = Plan("scalar_rov", load("scalar_rov"), FIELDS, 2, arguments=tuple(arguments))
-    line = Sweep(Path(), plan.manifest, []).command(sweep.rows[2])
+    plan = plan_of("scalar_rov", load("scalar_rov"), FIELDS, 2, arguments=tuple(arguments))
+    line = Runs(Path(), plan.manifest, []).command(sweep.rows[2])
     words = shlex.split(line)
     assert words[:2] == ["nsaid", "run"]
     code, _ = shell("run", *words[2:], "--quiet", "--out", tmp_path)
@@ -127,11 +130,11 @@ def test_the_command_listed_for_a_run_repeats_it(sweep: Sweep, tmp_path: Path) -
     assert scenario["sensors"] == "ideal"
 
 
-def test_the_number_of_workers_changes_no_result(sweep: Sweep, tmp_path: Path) -> None:
+def test_the_number_of_workers_changes_no_result(sweep: Runs, tmp_path: Path) -> None:
     assert results(run(PLAN, tmp_path, Engine(jobs=1), quiet=True)) == results(sweep)
 
 
-def test_a_dask_cluster_gives_the_same_results(sweep: Sweep, tmp_path: Path) -> None:
+def test_a_dask_cluster_gives_the_same_results(sweep: Runs, tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
@@ -180,13 +183,13 @@ def test_a_killed_sweep_resumes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("changed", ["vary", "seeds", "master_seed", "scenario", "versions"])
 def test_another_sweeps_folder_is_refused(
-    sweep: Sweep, changed: str, monkeypatch: pytest.MonkeyPatch
+    sweep: Runs, changed: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = {
-        "vary": Plan("scalar_rov", ROV, {"identifier.gain": (0.1, 2.0)}, 2),
-        "seeds": Plan("scalar_rov", ROV, FIELDS, 3),
-        "master_seed": Plan("scalar_rov", replace(ROV, seed=1), FIELDS, 2),
-        "scenario": Plan("scalar_rov", replace(ROV, duration=3.0), FIELDS, 2),
+        "vary": plan_of("scalar_rov", ROV, {"identifier.gain": (0.1, 2.0)}, 2),
+        "seeds": plan_of("scalar_rov", ROV, FIELDS, 3),
+        "master_seed": plan_of("scalar_rov", replace(ROV, seed=1), FIELDS, 2),
+        "scenario": plan_of("scalar_rov", replace(ROV, duration=3.0), FIELDS, 2),
         "versions": PLAN,
     }[changed]
     if changed == "versions":
@@ -226,7 +229,8 @@ def test_swept_values_have_their_fields_types() -> None:
         "plant.mismatch.flow": ((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)),
         "excitation.tones": (3,),
     }
-    last = Plan("bluerov2", base, found).scenarios[-1]
+    study = plan_of("bluerov2", base, found)
+    last = scenario_of(study, len(study.combinations) - 1)
     assert {path: field_at(last, path) for path in found} == {
         path: values[-1] for path, values in found.items()
     }
@@ -234,15 +238,15 @@ def test_swept_values_have_their_fields_types() -> None:
 
 def test_an_impossible_plan_is_refused() -> None:
     with pytest.raises(InvalidInput, match="duplicates"):
-        Plan("scalar_rov", ROV, {"identifier.gain": (1.0, 1.0)})
+        plan_of("scalar_rov", ROV, {"identifier.gain": (1.0, 1.0)})
     with pytest.raises(InvalidInput, match="every field once"):
         varied(["tones=3", "excitation.tones=4"], ROV)
     with pytest.raises(InvalidInput, match="master"):
-        Plan("scalar_rov", ROV, {"seed": (1, 2)})
+        plan_of("scalar_rov", ROV, {"seed": (1, 2)})
     with pytest.raises(InvalidInput, match="seeds"):
-        Plan("scalar_rov", ROV, seeds=0)
+        plan_of("scalar_rov", ROV, {}, seeds=0)
     with pytest.raises(InvalidInput, match="duration"):
-        Plan("scalar_rov", ROV, {"duration": (1.0, -1.0)})
+        plan_of("scalar_rov", ROV, {"duration": (1.0, -1.0)})
 
 
 @pytest.mark.parametrize(
@@ -272,7 +276,7 @@ def test_an_engine_that_is_not_installed_says_how_to_get_it(
 # -- what is found -------------------------------------------------------------------------------
 
 
-def test_the_table_holds_every_row_and_the_manifest(sweep: Sweep) -> None:
+def test_the_table_holds_every_row_and_the_manifest(sweep: Runs) -> None:
     table = pq.read_table(sweep.folder / TABLE)
     assert table.to_pylist() == sweep.rows
     assert str(table.schema.field("seed").type) == "int64"
@@ -292,7 +296,7 @@ def test_a_run_that_ended_early_has_not_converged(tmp_path: Path) -> None:
     assert time_to_converge(done, truth) is None
 
 
-def test_runs_that_never_converged_count_as_infinite(sweep: Sweep) -> None:
+def test_runs_that_never_converged_count_as_infinite(sweep: Runs) -> None:
     group = sweep.by("sensors")[0]
     assert group.values == {"sensors": "ideal"}
     assert [row["run"] for row in group.rows] == [0, 2, 4, 6]
@@ -312,7 +316,7 @@ def test_runs_that_never_converged_count_as_infinite(sweep: Sweep) -> None:
 # -- the page ------------------------------------------------------------------------------------
 
 
-def test_the_page_shows_every_combination_and_is_well_formed(sweep: Sweep) -> None:
+def test_the_page_shows_every_combination_and_is_well_formed(sweep: Runs) -> None:
     page, picture = write(sweep)
     assert picture.read_bytes().startswith(b"\x89PNG")
     text = page.read_text(encoding="utf-8")
@@ -333,7 +337,7 @@ def test_the_page_shows_every_combination_and_is_well_formed(sweep: Sweep) -> No
     assert (page.read_text(encoding="utf-8"), picture.read_bytes()) == before
 
 
-def test_the_page_escapes_all_text_of_manifest_and_rows(sweep: Sweep, tmp_path: Path) -> None:
+def test_the_page_escapes_all_text_of_manifest_and_rows(sweep: Runs, tmp_path: Path) -> None:
     evil = "<script>alert('x')</script>\"&$x$"
     manifest = sweep.manifest | {
         "script": evil,
@@ -348,7 +352,7 @@ def test_the_page_escapes_all_text_of_manifest_and_rows(sweep: Sweep, tmp_path: 
     rows[1] |= {"status": evil}
     folder = tmp_path / evil.replace("/", "|")
     folder.mkdir()
-    text = write(Sweep(folder, manifest, rows))[0].read_text(encoding="utf-8")
+    text = write(Runs(folder, manifest, rows))[0].read_text(encoding="utf-8")
     assert "<script" not in unscripted(text)
     assert unescape(text).count("<script>") > 15
     shown = Page.of(text)
@@ -400,7 +404,7 @@ def test_bad_input_is_one_line_and_writes_nothing(
 
 
 def test_failures_are_retried_only_on_request(fates: Path, tmp_path: Path) -> None:
-    plan = Plan(str(fates), load(str(fates)), {"excitation.fate": ("errs",)}, seeds=1)
+    plan = plan_of(str(fates), load(str(fates)), {"excitation.fate": ("errs",)}, seeds=1)
     (row,) = run(plan, tmp_path / "out", Engine(jobs=1), quiet=True).lost
     assert row["failure"] == "ZeroDivisionError: by nought"
     mended = Path(f"{fates}.mended")
@@ -442,7 +446,7 @@ def test_a_run_that_dies_or_hangs_does_not_affect_the_others(
         return 1.0 if scenario.excitation.fate == "hangs" else PATIENCE
 
     monkeypatch.setattr(Engine, "time", timeout)
-    plan = Plan(str(fates), load(str(fates)), {"excitation.fate": named}, seeds=1)
+    plan = plan_of(str(fates), load(str(fates)), {"excitation.fate": named}, seeds=1)
     found = run(plan, tmp_path / "out", Engine(jobs=2), quiet=True)
     why = {
         "lives": None,

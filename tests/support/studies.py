@@ -2,8 +2,8 @@
 
 from nsaid_mj.experiment.scenario import Scenario
 from nsaid_mj.numerics.threads import single_threaded
-from nsaid_mj.studies.montecarlo import Plan, rows_of
-from nsaid_mj.studies.sweep_results import Row
+from nsaid_mj.studies.montecarlo import plan, rows_of
+from nsaid_mj.studies.study import Row
 
 COSTS = (
     "wall_s", "compile_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step",
@@ -16,6 +16,6 @@ def monte_carlo(
     scenario: Scenario, runs: int, jobs: int | None = None, shared: bool = True
 ) -> list[Row]:
     """The rows of a Monte Carlo study, in order."""
-    plan = Plan("none", scenario, runs, shared)
-    rows = [row for part in rows_of(scenario, range(plan.runs), jobs, shared) for row in part]
+    study = plan("none", scenario, runs, shared)
+    rows = [row for part in rows_of(scenario, range(len(study)), jobs, shared) for row in part]
     return sorted(rows, key=lambda row: row["run"])
