@@ -17,8 +17,7 @@ from ..experiment.record import Record
 from ..experiment.scenario import Scenario
 from ..experiment.source import Logs
 from ..laws import Identifier, NullspaceAID, State, Status
-from ..laws.efficient.replay import EfficientConfig
-from ..laws.memory.statistics import MemoryConfig
+from ..laws.settings import EfficientConfig, MemoryConfig
 from ..log import Log, Measurement
 from ..logs.recordings import Recordings
 from ..parameters import Array

@@ -2,12 +2,16 @@
 
 import tomllib
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 import numpy as np
 
 from .. import plants
+from ..bounds import kinds_of
 from ..errors import BadRobot, InvalidInput, NsaidError, UnknownName
 from ..experiment.library import load
 from ..experiment.setup import published
@@ -132,13 +136,10 @@ def plant_of(sheet: Path) -> PlantConfig:
 
 def _families() -> list[type[Any]]:
     """The plants made from a vehicle's TOML file, without special cases of others."""
-    found = [
-        value
-        for value in vars(plants).values()
-        if isinstance(value, type)
-        and issubclass(value, ParametricPlantConfig)
-        and "vehicle" in getattr(value, "__dataclass_fields__", {})
-    ]
+    for file in iter_modules(plants.__path__, f"{plants.__name__}."):
+        import_module(file.name)
+    known = kinds_of(ParametricPlantConfig).values()
+    found = [kind for kind in known if "vehicle" in {field.name for field in fields(kind)}]
     return [f for f in found if not any(f is not g and issubclass(f, g) for g in found)]
 
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..control import CompiledDriver, Driver, DriverConfig
-from ..control.driver import Tracking
+from ..control.computed_torque import Tracking
 from ..errors import BadScript, InvalidInput
 from ..laws import Identifier, IdentifierConfig, NullspaceAID
 from ..laws.cone.prior import drawn_inside

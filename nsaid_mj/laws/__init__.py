@@ -1,12 +1,8 @@
-"""Identifiers: one file per law, over one engine. numpy and numba only."""
+"""Identifiers: one file per law, over one engine. numpy and numba only.
 
-from .. import numerics as numerics  # sets the cache folder before the first kernel is defined
-from .base import Confidence as Confidence
-from .base import Identifier as Identifier
-from .base import IdentifierConfig as IdentifierConfig
-from .base import State as State
-from .base import Status as Status
-from .config import NullspaceAID as NullspaceAID
-from .conventional import ConventionalAID as ConventionalAID
-from .efficient.law import EfficientConfig as EfficientConfig
-from .memory.statistics import MemoryConfig as MemoryConfig
+The names are listed in `__init__.pyi`; each is imported on first use.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

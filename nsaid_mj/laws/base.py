@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from enum import Enum
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..bounds import Config, config
 from ..errors import InvalidInput
-from ..log import EXACT, Log, Measurement, SensorLevels
+from ..log import Log, Measurement
 from ..parameters import Array
 from ..structure.system import SecondOrderSystem, checked
 from .faults import FaultEvent
@@ -178,35 +176,3 @@ class Identifier(ABC):
     @abstractmethod
     def confidence(self, state: State) -> Confidence | None:
         """The estimate's uncertainty; None for a law that does not provide it."""
-
-
-ExpectedGramian = Callable[[], Array]
-
-
-@config
-class IdentifierConfig(Config, ABC):
-    """The configuration of an identifier; `build` makes the identifier."""
-
-    _path = "identifier"
-
-    @property
-    @abstractmethod
-    def in_cone(self) -> bool:
-        """Whether θ̂ must start inside the cone of physical parameters."""
-
-    @abstractmethod
-    def build(
-        self,
-        system: SecondOrderSystem,
-        prior: Array,
-        dt: float,
-        noise: SensorLevels = EXACT,
-        gramian: ExpectedGramian | None = None,
-    ) -> Identifier:
-        """Makes the identifier of a system, of measurements every `dt` [s].
-
-        prior (p,) is θ̂(0), `noise` the assumed standard deviations of the sensors' noise.
-        `gramian` computes (p, p), the expected mean of S Wᵀ M⁻¹ W S under the prior with S =
-        diag(scale), for laws whose gain is designed from it. It is called only if needed, as it is
-        costly.
-        """

@@ -18,7 +18,8 @@ from nsaid_mj.experiment.setup import Setup
 from nsaid_mj.laws.base import Estimates, State, Status
 from nsaid_mj.laws.cone.prior import drawn_inside
 from nsaid_mj.laws.efficient.noise import Noise, add_increment
-from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone
+from nsaid_mj.laws.efficient.replay import FilterAlone
+from nsaid_mj.laws.settings import EfficientConfig
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import Loss

@@ -28,10 +28,11 @@ from nsaid_mj.laws.efficient.faults.hypotheses import (
 )
 from nsaid_mj.laws.efficient.faults.signals import Signals
 from nsaid_mj.laws.efficient.law import EfficientIdentifier
-from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone
+from nsaid_mj.laws.efficient.replay import FilterAlone
 from nsaid_mj.laws.efficient.state import EfficientState
 from nsaid_mj.laws.efficient.steps import carry_scale, margin_of, project_inside
 from nsaid_mj.laws.faults import FaultEvent
+from nsaid_mj.laws.settings import EfficientConfig
 from nsaid_mj.log import Log
 from nsaid_mj.nullspace import parts_of, structural
 from nsaid_mj.parameters import Block, ParameterSpace

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws.efficient.replay import EfficientConfig, FilterAlone, with_scales_of
+from nsaid_mj.laws.efficient.replay import FilterAlone, with_scales_of
+from nsaid_mj.laws.settings import EfficientConfig
 from nsaid_mj.log import Log, extended
 from nsaid_mj.parameters import Array
 from tests.support.plants import plant

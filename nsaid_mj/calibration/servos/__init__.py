@@ -3,14 +3,10 @@
 given = servo_logs("arm.xml", ["log.csv"])  # None if the logs hold no targets
 result = identify_servos(given)
 write_servo_mjcf(result, Path("identified.xml"))
+
+The names are listed in `__init__.pyi`; each is imported on first use.
 """
 
-from .export import rollout as rollout
-from .export import write_servo_mjcf as write_servo_mjcf
-from .identify import identify_servos as identify_servos
-from .identify import read_servos as read_servos
-from .identify import servo_logs as servo_logs
-from .logs import ServoLog as ServoLog
-from .logs import ServoLogs as ServoLogs
-from .words import Replayed as Replayed
-from .words import ServoIdentification as ServoIdentification
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

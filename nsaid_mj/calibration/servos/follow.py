@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ...numerics import cache  # noqa: F401 (sets the folder of compiled kernels)
 from ...parameters import Array
 from .estimate import JointEstimate
 from .fit import EFFECTIVE, GRAVITY

@@ -28,6 +28,7 @@ from ...quotient.cost import Remembered
 from ...structure.system import checked
 from ..base import Confidence, Estimates, Identifier, State, Status
 from ..nullspace_aid import NullspaceIdentifier
+from ..settings import EfficientConfig
 from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
 from .faults.signals import Signals
@@ -35,7 +36,7 @@ from .faults.trial import LEAD
 from .filter import COMPLETED, CONTRADICTED, ROUNDED, Along, filter_at
 from .kalman import follow_filter, restart_state
 from .noise import noise_variance
-from .replay import EfficientConfig, FilterAlone, repair
+from .replay import FilterAlone, repair
 from .state import EfficientState
 
 _BEGINNING = 20.0  # time after which a motion has no beginning to learn from [s]

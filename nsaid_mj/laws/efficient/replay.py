@@ -1,4 +1,4 @@
-"""The filter alone: its configuration, its prior, and its passes along a log.
+"""The filter alone: its prior, and its passes along a log.
 
 Steps of θ̂ from far away are linearised at the wrong θ̂, and count as information what is not: along
 a gentle start, or while one joint moves at a time, a filter becomes sure of a wrong θ̂ before the
@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ...bounds import Config, NonNegative, Positive, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...nullspace import parts_of
@@ -20,6 +19,7 @@ from ...parameters import Array
 from ...quotient.cone import cone_of
 from ...structure.system import SecondOrderSystem
 from ..cone.prior import drawn_covariance, spread_of_numbers
+from ..settings import EfficientConfig
 from .filter import CONTRADICTED, NEAR, ROUNDED, Along, Filter, Law, filter_at
 from .kalman import follow_filter, restart_state
 from .noise import noise_variance
@@ -30,29 +30,6 @@ USUAL = 0.3
 _PIECE = 25  # rows between two rests
 _PASSES = 6  # along the log, at most
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
-
-
-@config
-class EfficientConfig(Config):
-    """The filter of the law `efficient`.
-
-    Attributes:
-        prior: largest relative error of θ̂(0); None takes `Scenario.initial_error`; see
-            `drawn_covariance`.
-        linearisation: γ, standard deviation of the error of a step's linearisation relative to that
-            of the effect of θ in it, in the first 15 s; later 0.3 at most.
-        innovation_window: time over which innovations are tested against chance [s].
-        unexplained: density of the force on every velocity that the structure does not explain,
-            over the last motor's gain [units of its command, squared, times s]; none for an exact
-            structure.
-    """
-
-    _path = "identifier.efficient"
-
-    prior: Positive | None = None
-    linearisation: NonNegative = 0.7
-    innovation_window: Positive = 0.1
-    unexplained: tuple[NonNegative, ...] = ()
 
 
 class Replay(NamedTuple):

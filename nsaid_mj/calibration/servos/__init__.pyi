@@ -1,0 +1,9 @@
+from .export import rollout as rollout
+from .export import write_servo_mjcf as write_servo_mjcf
+from .identify import identify_servos as identify_servos
+from .identify import read_servos as read_servos
+from .identify import servo_logs as servo_logs
+from .logs import ServoLog as ServoLog
+from .logs import ServoLogs as ServoLogs
+from .words import Replayed as Replayed
+from .words import ServoIdentification as ServoIdentification

@@ -1,0 +1,9 @@
+from .base import Confidence as Confidence
+from .base import Identifier as Identifier
+from .base import State as State
+from .base import Status as Status
+from .config import IdentifierConfig as IdentifierConfig
+from .config import NullspaceAID as NullspaceAID
+from .conventional import ConventionalAID as ConventionalAID
+from .settings import EfficientConfig as EfficientConfig
+from .settings import MemoryConfig as MemoryConfig
