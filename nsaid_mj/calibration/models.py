@@ -18,8 +18,9 @@ from ..experiment.setup import published
 from ..laws.cone.prior import drawn_inside
 from ..plants import ParametricPlantConfig, PlantConfig
 from ..plants.world.blueprint import VehiclePlant
-from ..resources import folder, path_of, scenarios, vehicle_files
-from ..robot.loading import load_tree, packed_folders
+from ..resources import scenarios, vehicle_files
+from ..robot.files import is_vehicle, packed_vehicles
+from ..robot.loading import load_tree
 from ..robot.model import RobotModel
 from ..structure.system import SecondOrderSystem
 
@@ -49,10 +50,8 @@ def load_robot_model(
             and kept, or joints of a vehicle are to be locked.
         UnknownName: there is no such robot or joint; the message lists similar names.
     """
-    path = path_of(model)
-    sheet = path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file())
-    if model in packed_folders() or not (sheet or model in _packed_vehicles()):
-        return load_tree(model, lock, joints, _packed_vehicles())
+    if not is_vehicle(model):
+        return load_tree(model, lock, joints, packed_vehicles())
     if lock or joints is not None:
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
@@ -79,11 +78,6 @@ def load_robot_model(
         visuals=plant,
         top_speed=_top_speed(config),
     )
-
-
-def _packed_vehicles() -> list[str]:
-    """The vehicles that have a folder in assets and a scenario of their own."""
-    return sorted({path.name for path in folder("assets").iterdir()} & set(scenarios()))
 
 
 def _top_speed(config: PlantConfig) -> float:

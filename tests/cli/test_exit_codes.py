@@ -117,7 +117,7 @@ def rows(*converged: float | None, failure: str | None = None) -> list[dict[str,
 def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> None:
     manifest = {"vary": {}, "runs": len(found), "script": "scalar_rov", "arguments": []}
     put(monkeypatch, "studies.sweep.run", Sweep(Path("out"), manifest, found))
-    put(monkeypatch, "studies.sweep.varied", {})
+    put(monkeypatch, "experiment.scenario.varied", {})
     code_, said = shell("sweep", "scalar_rov", "--vary", "law=paper", "--quiet")
     assert (code_, said.err) == (code, "")
 

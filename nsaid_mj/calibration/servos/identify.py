@@ -16,7 +16,8 @@ from ...resources import asset
 from ...robot.findings import Finding
 from ...robot.model import RobotModel
 from ...robot.target_profile import followed
-from ..links import Load, carrier, check_loads
+from ..links import carrier, check_loads
+from ..loads import Load
 from ..models import load_robot_model
 from .effects import hidden_profile
 from .estimate import Estimate, estimate
