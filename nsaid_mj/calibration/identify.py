@@ -83,10 +83,24 @@ def identify(
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
     validation = _validation(_listed(validate), other, robot)
     options = _options(robot, columns, coupled(chosen), delay, cutoff, loads)
+    options = replace(options, known=known or {})
+    return _fitted(robot, recordings, validation, options, law, folder, report)
+
+
+def _fitted(
+    robot: RobotModel,
+    recordings: Recordings,
+    validation: Recordings | None,
+    options: Options,
+    law: str,
+    folder: PathLike | None,
+    report: Callable[[str], None],
+) -> Identification:
+    """The result of the fit to all rows, and of a law along them if one is named."""
     from .calibrate import calibrate
     from .law import with_law
 
-    found = calibrate(robot, recordings, validation, replace(options, known=known or {}), report)
+    found = calibrate(robot, recordings, validation, options, report)
     return found if law == "batch" else with_law(found, law, folder, report)
 
 
