@@ -7,7 +7,13 @@ The public names are listed in `__init__.pyi`, which editors and type checkers r
 imported on first use, so `import nsaid_mj` is fast.
 """
 
+import os
+
 import lazy_loader
+
+os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
+# numba reads it when it is imported: colouring the messages of overloads that it tries and drops
+# takes a tenth of the time of compiling
 
 __version__ = "0.1.0"
 

@@ -9,6 +9,7 @@ import functools
 import inspect
 import math
 from dataclasses import field, fields
+from importlib import import_module
 from typing import Annotated, Any, ClassVar, TypeVar, dataclass_transform
 
 from pydantic import (
@@ -93,7 +94,11 @@ class Config:
             return _adapter(type(value)).validate_python(parts | {TYPE: type(value).__name__})
         if not isinstance(value, dict):
             return handler(value)
-        kinds, name = kinds_of(cls), value.get(TYPE)
+        name = value.get(TYPE)
+        if isinstance(name, str):
+            public = import_module(__name__.partition(".")[0])
+            getattr(public, name, None)  # imports the class, if it is a public one
+        kinds = kinds_of(cls)
         if not isinstance(name, str) or name not in kinds:
             known = ", ".join(kinds)
             raise PydanticCustomError("kind", "{known}", {"known": f"a {TYPE} out of {known}"})

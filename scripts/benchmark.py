@@ -30,7 +30,7 @@ from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.setup import Setup, trajectory
 from nsaid_mj.log import Log
 from nsaid_mj.plants import Plant
-from nsaid_mj.plants.arm import Backend
+from nsaid_mj.plants.jointed import Backend
 from nsaid_mj.studies.montecarlo import follow, grouped, simulate
 from nsaid_mj.studies.study import seed_of
 

@@ -35,7 +35,7 @@ import numpy as np
 from nsaid_mj.calibration.choose.joint_search import structured_arm
 from nsaid_mj.calibration.fit import minimise, tempered, tempered_fit
 from nsaid_mj.calibration.identify import identify_forces
-from nsaid_mj.calibration.links import Load
+from nsaid_mj.calibration.loads import Load
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.problem import least_squares
 from nsaid_mj.calibration.result import AlongLog, Options

@@ -1,6 +1,5 @@
 """Established identification methods, for comparison on identical logs."""
 
-from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled
 from .base import Estimate as Estimate
 from .base import Method as Method
 from .base import Problem as Problem

@@ -2,5 +2,3 @@
 
 `identify` fits plant and actuators to logs of any number of files, `live` while the robot moves.
 """
-
-from .. import numerics as numerics  # sets the kernels' cache folder before a kernel is compiled

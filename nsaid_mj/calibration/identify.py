@@ -1,33 +1,28 @@
 """`identify`: from a model file and log files to parameters with intervals."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InvalidInput, UnknownName
-from ..logs import Map, checked, prepare, read_map, read_tables
-from ..logs.recordings import Recordings
+from ..experiment.choices import IDENTIFICATION_LAWS, check_choice
 from ..logs.unusable import UnreadableLog, UnusableLog
 from ..numerics.threads import single_threaded
 from ..resources import asset
-from ..robot.model import RobotModel
-from .calibrate import calibrate
-from .choose.columns import BASIC, COLUMNS, EXTRA
-from .law import LAWS, with_law
-from .links import Load, load_of
-from .models import load_robot_model
-from .result import Identification, Options
-from .servos.export import with_replay
-from .servos.identify import (
-    check_servo_options,
-    identify_servos,
-    read_servos,
-    servo_logs,
-)
-from .servos.logs import ServoLogs
-from .servos.words import ServoIdentification
+
+if TYPE_CHECKING:
+    from ..logs.mapping import Map
+    from ..logs.recordings import Recordings
+    from ..robot.model import RobotModel
+    from .loads import Load
+    from .result import Identification, Options
+    from .servos.logs import ServoLogs
+    from .servos.words import ServoIdentification
 
 PathLike = str | Path
 
@@ -86,16 +81,19 @@ def identify(
         UnusableLog: a fault of the log, such as a reversed or dead channel, with all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
-    if law not in LAWS:
-        raise UnknownName("law", law, LAWS)
+    check_choice("law", law, IDENTIFICATION_LAWS)
     lists, carried = (_listed(logs), _listed(validate)), tuple(map(_load, loads))
     own, other = _read_map(mapping), _read_map(validate_mapping)
     servos = servos_of(model, lists[0], own, lock, joints, carried)
     if servos is not None:
+        from .servos.identify import check_servo_options, identify_servos
+
         check_servo_options(law, known=known, columns=columns, delay=delay, cutoff=cutoff)
         found = identify_servos(servos, report)
         if not lists[1]:
             return found
+        from .servos.export import with_replay
+
         unseen = servos_of(model, lists[1], other or own, lock, joints)
         report("simulating the validation logs with the identified servos")
         return with_replay(found, servos, unseen)
@@ -126,17 +124,33 @@ def identify_forces(
     report: Callable[[str], None] = lambda _: None,
 ) -> Identification:
     """Identifies a robot from logs whose commands are forces, in any unit; see `identify`."""
-    if law not in LAWS:
-        raise UnknownName("law", law, LAWS)
+    check_choice("law", law, IDENTIFICATION_LAWS)
     report("reading the model")
-    robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
-    logs, chosen = files_of(model, _listed(logs), mapping)
+    robot = _robot(model, lock, joints)
+    files, chosen = files_of(model, _listed(logs), mapping)
     report("reading the log")
-    recordings = recordings_of(logs, chosen, robot)
+    recordings = recordings_of(files, chosen, robot)
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
     validation = _validation(_listed(validate), other, robot)
     options = _options(robot, columns, coupled(chosen), delay, cutoff, loads)
-    found = calibrate(robot, recordings, validation, replace(options, known=known or {}), report)
+    options = replace(options, known=known or {})
+    return _fitted(robot, recordings, validation, options, law, folder, report)
+
+
+def _fitted(
+    robot: RobotModel,
+    recordings: Recordings,
+    validation: Recordings | None,
+    options: Options,
+    law: str,
+    folder: PathLike | None,
+    report: Callable[[str], None],
+) -> Identification:
+    """The result of the fit to all rows, and of a law along them if one is named."""
+    from .calibrate import calibrate
+    from .law import with_law
+
+    found = calibrate(robot, recordings, validation, options, report)
     return found if law == "batch" else with_law(found, law, folder, report)
 
 
@@ -149,6 +163,10 @@ def servos_of(
     loads: Sequence[Load] = (),
 ) -> ServoLogs | None:
     """An arm of position servos and its logs of targets; None of any other robot or logs."""
+    from ..logs import read_tables
+    from ..robot.model import RobotModel
+    from .servos.identify import read_servos, servo_logs
+
     if isinstance(model, RobotModel):
         if model.servos is None or not logs:
             return None
@@ -157,7 +175,19 @@ def servos_of(
 
 
 def _load(load: str | Load) -> Load:
+    from .loads import load_of
+
     return load_of(load) if isinstance(load, str) else load
+
+
+def _robot(
+    model: str | RobotModel, lock: Sequence[str], joints: Sequence[str] | None
+) -> RobotModel:
+    """The model, read unless it is loaded already."""
+    from ..robot.model import RobotModel
+    from .models import load_robot_model
+
+    return model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
 
 
 def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:
@@ -178,6 +208,8 @@ def files_of(
 
 
 def _read_map(mapping: PathLike | Map | None) -> Map | None:
+    from ..logs.mapping import read_map
+
     return read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
 
 
@@ -199,6 +231,8 @@ def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Re
 
 def recordings_of(files: Sequence[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
     """Prepared and checked logs of a robot."""
+    from ..logs import checked, prepare, read_tables
+
     return checked(prepare(read_tables(files, mapping), mapping, robot), robot)
 
 
@@ -231,6 +265,9 @@ def _options(
         InvalidInput: delays are not 1 or k numbers within ±1 s, the cut-off is out of range, a load
             is stated in another form, or the robot that carries it is not a tree of joints.
     """
+    from .choose.columns import BASIC, COLUMNS, EXTRA
+    from .result import Options
+
     k, names, delays = len(robot.joints), None, None
     if columns is not None:
         choices = COLUMNS if robot.jointed else EXTRA

@@ -38,9 +38,6 @@ from .result import AlongLog, Fitted, Gain, Identification, Structured, recordin
 from .smoothing import delayed, noise_levels, refined, smooth, smooth_commands
 from .vehicles import smooth_pose
 
-LAWS = ("batch", "efficient", "memory", "cone", "paper")
-"""Laws of `nsaid identify`; `batch` estimates at the end of the log."""
-
 _ROWS = 400  # of the estimate along the log, at most
 _ERROR = 1.0  # largest relative error of the prior: frictions and gains are guesses
 _SLOW = 0.01  # gain of the flow beside a memory
@@ -72,8 +69,8 @@ def with_law(
 ) -> Identification:
     """An identification to which a law's run along the log, and findings about it, are added.
 
-    `found` is that of the batch fit, `law` one of `LAWS` but `batch`, `folder` that of the law's
-    record; None keeps no files.
+    `found` is that of the batch fit, `law` one of `IDENTIFICATION_LAWS` but `batch`, `folder` that
+    of the law's record; None keeps no files.
 
     Raises:
         InvalidInput: the law does not suit the robot or its log.

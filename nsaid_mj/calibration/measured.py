@@ -23,7 +23,8 @@ from ..laws import Identifier, NullspaceAID, Status
 from ..laws.cone.prior import drawn_inside
 from ..parameters import Block, Geometry, ParameterSpace
 from ..plants import PlantConfig, SensorNoise
-from ..plants.arm import ArmPlant, nominal_scales
+from ..plants.arm import nominal_scales
+from ..plants.jointed import ArmPlant
 from ..robot.model import RobotModel, links_of
 from ..structure.multibody import CompiledMultibody
 from ..structure.parts import Column, Rotor

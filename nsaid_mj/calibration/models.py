@@ -2,20 +2,25 @@
 
 import tomllib
 from collections.abc import Iterator, Sequence
+from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 import numpy as np
 
 from .. import plants
+from ..bounds import kinds_of
 from ..errors import BadRobot, InvalidInput, NsaidError, UnknownName
 from ..experiment.library import load
 from ..experiment.setup import published
 from ..laws.cone.prior import drawn_inside
 from ..plants import ParametricPlantConfig, PlantConfig
 from ..plants.world.blueprint import VehiclePlant
-from ..resources import folder, path_of, scenarios, vehicle_files
-from ..robot.loading import load_tree, packed_folders
+from ..resources import scenarios, vehicle_files
+from ..robot.files import is_vehicle, packed_vehicles
+from ..robot.loading import load_tree
 from ..robot.model import RobotModel
 from ..structure.system import SecondOrderSystem
 
@@ -45,10 +50,8 @@ def load_robot_model(
             and kept, or joints of a vehicle are to be locked.
         UnknownName: there is no such robot or joint; the message lists similar names.
     """
-    path = path_of(model)
-    sheet = path.suffix.lower() == ".toml" or (path.is_dir() and (path / "vehicle.toml").is_file())
-    if model in packed_folders() or not (sheet or model in _packed_vehicles()):
-        return load_tree(model, lock, joints, _packed_vehicles())
+    if not is_vehicle(model):
+        return load_tree(model, lock, joints, packed_vehicles())
     if lock or joints is not None:
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
@@ -75,11 +78,6 @@ def load_robot_model(
         visuals=plant,
         top_speed=_top_speed(config),
     )
-
-
-def _packed_vehicles() -> list[str]:
-    """The vehicles that have a folder in assets and a scenario of their own."""
-    return sorted({path.name for path in folder("assets").iterdir()} & set(scenarios()))
 
 
 def _top_speed(config: PlantConfig) -> float:
@@ -132,13 +130,10 @@ def plant_of(sheet: Path) -> PlantConfig:
 
 def _families() -> list[type[Any]]:
     """The plants made from a vehicle's TOML file, without special cases of others."""
-    found = [
-        value
-        for value in vars(plants).values()
-        if isinstance(value, type)
-        and issubclass(value, ParametricPlantConfig)
-        and "vehicle" in getattr(value, "__dataclass_fields__", {})
-    ]
+    for file in iter_modules(plants.__path__, f"{plants.__name__}."):
+        import_module(file.name)
+    known = kinds_of(ParametricPlantConfig).values()
+    found = [kind for kind in known if "vehicle" in {field.name for field in fields(kind)}]
     return [f for f in found if not any(f is not g and issubclass(f, g) for g in found)]
 
 

@@ -15,7 +15,7 @@ from ..robot.findings import Finding
 from ..robot.model import RobotModel
 from ..structure.parts import Column, Rotor
 from .fit import Fit, Precision
-from .links import Load
+from .loads import Load
 from .problem import Mask, Problem
 from .residuals import Suspect
 

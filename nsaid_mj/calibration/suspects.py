@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numba import njit
 
+from ..numerics import cache  # noqa: F401 (sets the folder of compiled kernels)
 from ..parameters import Array
 from ..robot.identified import with_inertias
 from ..structure.joints import positions

@@ -1,19 +1,24 @@
 """Chooses a run's folder, by robot and law; a completed run is never overwritten silently."""
 
+from __future__ import annotations
+
 import itertools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import BadRun, FolderInUse
-from ..experiment.scenario import Scenario
-from ..laws import ConventionalAID, IdentifierConfig, NullspaceAID
-from ..resources import check_own, json_of, locked
+from ..resources import RECORD, check_own, json_of, locked
+
+if TYPE_CHECKING:
+    from ..experiment.scenario import Scenario
+    from ..laws import IdentifierConfig
 
 RUNS = Path("runs")
 _FORCE = ", or --force to write among them"
-RUN = ("record.arrow", "scenario.json", "summary.json")
+RUN = (RECORD, "scenario.json", "summary.json")
 """Files that mark the folder of a run, even of one that ended early."""
 
 
@@ -44,6 +49,8 @@ def folder_for(
 
 def _law_of(identifier: IdentifierConfig) -> str:
     """The law as given on the command line, or its own name."""
+    from ..laws import ConventionalAID, NullspaceAID
+
     if isinstance(identifier, NullspaceAID):
         return identifier.law
     return "conventional" if isinstance(identifier, ConventionalAID) else identifier.name

@@ -9,11 +9,11 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..bounds import without_nonfinite
 from ..errors import InvalidInput, printable
 from ..resources import asset, print_json, reading, write_json
+from .checks import check_identify, check_inspect, known_number, names_in, numbers_in
 from .folders import check_writable, folder_for_results
-from .grammar import Identify, Inspect, names_in, numbers_in
+from .grammar import Identify, Inspect
 from .process import EXPLAINED, UNUSABLE, code_of
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ def identify_log(chosen: Identify) -> int:
     model = chosen.model or chosen.packed
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
+    check_identify(chosen, model)
     from ..logs import limited_to
 
     with (
@@ -118,6 +119,7 @@ def write(
     Returns:
         The page, whose result has findings about the exported model, too, and the files.
     """
+    from ..bounds import without_nonfinite
     from ..calibration.export import write_models
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -144,21 +146,11 @@ def write(
     return page, [folder / RESULT, *files]
 
 
-def _known(text: str) -> tuple[str, float]:
-    name, equals, value = text.rpartition("=")
-    try:
-        if not equals:
-            raise ValueError
-        return name.strip(), float(value)
-    except ValueError as error:
-        raise InvalidInput("--known", "NAME=VALUE", text, "Such as gain_1=0.11.") from error
-
-
 def _options(chosen: Identify) -> dict[str, Any]:
     """The options of a fit to forces that differ from their defaults."""
     delay = chosen.delay
     return {
-        "known": dict(_known(text) for text in chosen.known),
+        "known": dict(known_number(text) for text in chosen.known),
         "columns": None if chosen.columns == "auto" else names_in(chosen.columns),
         "delay": None if delay == "auto" else numbers_in("--delay", delay, "Such as 0.01."),
         "cutoff": chosen.cutoff,
@@ -168,7 +160,7 @@ def _options(chosen: Identify) -> dict[str, Any]:
 def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
     """The arm and its logs if they hold targets and positions, else None."""
     from ..calibration.identify import servos_of as given
-    from ..calibration.links import load_of
+    from ..calibration.loads import load_of
     from ..logs import read_map
 
     mapping = None if chosen.map is None else read_map(chosen.map)
@@ -185,6 +177,7 @@ def identify_given(
     Raises:
         InvalidInput: an option has no meaning for logs of targets.
     """
+    from ..bounds import without_nonfinite
     from ..calibration.servos import identify_servos, replayed, write_servo_mjcf
     from ..calibration.servos.identify import check_servo_options
 
@@ -227,6 +220,7 @@ def inspect_log(chosen: Inspect) -> int:
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
+    check_inspect(chosen)
     from ..calibration.identify import files_of
     from ..calibration.inspection import inspect
     from ..logs import limited_to, read_map, read_tables

@@ -1,17 +1,18 @@
 """Depth and heading autopilots for torpedo-shaped vehicles, with dither on every fin."""
 
-from typing import Annotated
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field
 
 from ..bounds import Number, Positive, Tones, config
-from ..numerics.spatial import rotation
 from ..parameters import Array
-from ..structure.single_body import single_body
-from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig, Feedback
-from .signals import Multisine
+
+if TYPE_CHECKING:
+    from ..structure.system import SecondOrderSystem
 
 _DAMPING = 1.0  # of the attitude loops
 _SHARE = 0.1  # bandwidth of the depth loop over that of the attitude loops
@@ -52,6 +53,9 @@ class DepthHeadingAutopilot(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless it is a torpedo, and no band is empty."""
+        from ..structure.single_body import single_body
+        from .signals import Multisine
+
         wanted = ("propeller gain", "fin lift", "quadratic drag", "righting moment")
         torpedo = single_body(system, wanted, "a torpedo to steer")
         limit, place = float(torpedo.operation.command[1][0]), torpedo.space.index
@@ -91,6 +95,8 @@ class DepthHeadingAutopilot(DriverConfig):
 
     def _errors(self, course: Array, q: Array, speed: float) -> tuple[float, Array]:
         """Pitch, nose down, and errors of pitch and heading (2,) [rad] on a course (2,) in ±1."""
+        from ..numerics.spatial import rotation
+
         R, (dive, turn) = rotation(q[3:]), course
         climb = _SHARE * self.bandwidth * (self.dive * dive - self.depth - q[2]) / speed
         pitch = -np.arcsin(min(max(R[2, 0], -1.0), 1.0))

@@ -1,16 +1,18 @@
 """Cars drive around a test ground with continuously varying speed and steering."""
 
-from typing import Annotated
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field
 
 from ..bounds import Positive, Tones, config
 from ..parameters import Array
-from ..structure.single_body import single_body
-from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig, Feedback
-from .signals import Multisine
+
+if TYPE_CHECKING:
+    from ..structure.system import SecondOrderSystem
 
 _LOOP = 3.0  # bandwidth of the speed loop [rad/s]
 _WIDEST = 0.55  # of the cruising speed: even with the loop's tracking error, the speed stays above
@@ -52,6 +54,9 @@ class Driving(DriverConfig):
         Raises:
             InvalidInput: the system is not a ground vehicle, or a frequency band is empty.
         """
+        from ..structure.single_body import single_body
+        from .signals import Multisine
+
         wanted = ("cornering stiffness", "drive gain", "drive loss", "rolling resistance")
         car = single_body(system, wanted, "a ground vehicle to drive")
         front, rear = car.constants("tyre", "arm").tolist()

@@ -1,17 +1,21 @@
 """Open-loop multisine commands."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
 from ..bounds import Number, Positive, Tones, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..structure.system import SecondOrderSystem
 from .driver import CompiledDriver, Driver, DriverConfig
-from .signals import Multisine
+
+if TYPE_CHECKING:
+    from ..structure.system import SecondOrderSystem
+    from .signals import Multisine
 
 Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
 
@@ -36,6 +40,8 @@ class MultisineCommand(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless there is one mean for each command."""
+        from .signals import Multisine
+
         if self.mean and len(self.mean) != system.n_u:
             raise InvalidInput(
                 "excitation.mean", f"{system.n_u} numbers", len(self.mean), "One for each command."
@@ -71,6 +77,8 @@ class AxisMultisine(DriverConfig):
             InvalidInput: no axis is given, or the system is not a free body with exactly one gain
                 for each command.
         """
+        from .signals import Multisine
+
         if not self.axes:
             raise InvalidInput("excitation.axes", "at least one axis", "none", "Try heave.")
         wrenches = unit_wrenches(system, prior)

@@ -1,13 +1,18 @@
 """Holds a body at a slowly moving pose with a controller based on the prior, plus dither."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..bounds import Flag, NonNegative, Positive, Tones, config
 from ..parameters import Array
-from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig, Feedback
 from .multisine import unit_wrenches
-from .signals import Multisine
+
+if TYPE_CHECKING:
+    from ..structure.system import SecondOrderSystem
 
 
 @config
@@ -42,6 +47,8 @@ class PoseHold(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless a free body has one gain per command."""
+        from .signals import Multisine
+
         wrenches = unit_wrenches(system, prior)
         bound = np.repeat([self.travel, self.turn], 3)
         reference = Multisine(6, 0.2 / self.period, 1 / self.period, 3, 1.0, rng)

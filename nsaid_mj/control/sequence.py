@@ -1,8 +1,10 @@
 """Several drivers in succession, each for a given time."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 from pydantic import AfterValidator, model_validator
@@ -11,9 +13,11 @@ from pydantic_core import PydanticCustomError
 from ..bounds import Config, Name, NonNegative, Positive, config
 from ..errors import InvalidInput
 from ..parameters import Array
-from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig, InformedDriver
 from .multisine import MultisineCommand
+
+if TYPE_CHECKING:
+    from ..structure.system import SecondOrderSystem
 
 
 def _identifier(name: str) -> str:

@@ -8,29 +8,20 @@ The results of `nsaid_mj.design` are data: series, or the draws of any other dri
 from __future__ import annotations
 
 from dataclasses import field
-from typing import Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from ..bounds import Number, Positive, PositiveShare, Tones, config
 from ..errors import InvalidInput
-from ..parameters import Array, Indices
-from ..structure.configuration import plain
-from ..structure.inverse_dynamics import InverseDynamics
-from ..structure.joints import JointTree
-from ..structure.system import SecondOrderSystem
-from .driver import (
-    CompiledDriver,
-    Driver,
-    DriverConfig,
-    Tracking,
-    computed_torque,
-    tracking_workspace,
-    tree,
-)
+from ..parameters import Array
+from .driver import Driver, DriverConfig, tree
 from .multisine import MultisineCommand
-from .signals import FourierTrajectory, Series, fourier
+
+if TYPE_CHECKING:
+    from ..structure.system import SecondOrderSystem
+    from .signals import Series
 
 LIMIT = 5.0
 """Largest command, as a multiple of what a joint's nominal inertia, weight and friction require."""
@@ -62,6 +53,9 @@ class FourierTracking(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless the robot is an arm on a fixed base."""
+        from .series import follow
+        from .signals import FourierTrajectory
+
         system = tree(system, "an arm on a fixed base", "Use MultisineCommand.")
         moving = np.isin(np.arange(1, system.n + 1), self.joints or np.arange(1, system.n + 1))
         if self.joints is not None and moving.sum() != len(set(self.joints)):
@@ -72,78 +66,6 @@ class FourierTracking(DriverConfig):
         moving &= np.isin(np.arange(system.n), system.driven)
         trajectory.series.coefficients[~moving] = 0.0
         return follow(system, prior, trajectory.series, self.bandwidth, self.limit)
-
-
-def follow(
-    system: JointTree, prior: Array, series: Series, bandwidth: float, limit: float
-) -> Driver:
-    """The driver of a series, with a tracking loop for motors, of an arm on a fixed base.
-
-    prior (p,) is θ̂₀, `bandwidth` that of the loop [Hz], `limit` the largest commands of motors
-    over those of operation.
-    """
-    if system.scales.actuator == "servo":
-        return Targets(series, system.driven)
-    omega = 2 * np.pi * bandwidth
-    return ComputedTorque(system, prior, series, omega, limit * system.scales.command)
-
-
-class Follower(CompiledDriver):
-    """A driver that begins where a series does."""
-
-    def __init__(self, series: Series):
-        self._series = series
-
-    def desired(self, t: float) -> Array:
-        """(3, n) desired position, velocity and acceleration at time t [s]."""
-        motion = np.empty((len(self._series.centre), 3))
-        fourier(self._series, t, motion)
-        return np.ascontiguousarray(motion.T)
-
-    def start(self) -> tuple[Array, Array]:
-        """(n,) position and (n,) velocity at which the series begins."""
-        position, velocity, _ = self.desired(0.0)
-        return position, velocity
-
-
-class Targets(Follower):
-    """The desired motion itself, as targets of the position servos of the joints `driven` (d,)."""
-
-    def __init__(self, series: Series, driven: Indices):
-        super().__init__(series)
-        self._driven = driven
-
-    def command(self, t: float, q: Array, v: Array) -> Array:
-        """(d,) targets."""
-        return self.desired(t)[0, self._driven]
-
-    def compiled(self, t: Array) -> Array:
-        """(k, d) targets at t (k,)."""
-        return np.array([self.desired(each)[0, self._driven] for each in t])
-
-
-class ComputedTorque(Follower):
-    """u = K̂₀⁻¹ [W_M(a) + W_C(v) − F(u = 0)] θ̂₀ with a = a_d + 2ω ė + ω² e, limited.
-
-    It is for an arm on a fixed base. prior (p,) is θ̂₀, `series` the desired motion, `omega` the
-    bandwidth ω of the tracking loop [rad/s], limit (d,) the largest commands, > 0.
-    """
-
-    def __init__(self, system: JointTree, prior: Array, series: Series, omega: float, limit: Array):
-        super().__init__(series)
-        arm = InverseDynamics.of(system.structure.arrays, system.n)
-        self._tracking = Tracking(arm, system.driven, np.array(prior), series, omega, limit)
-        self._workspace = tracking_workspace(self._tracking)
-
-    def command(self, t: float, q: Array, v: Array) -> Array:
-        """(d,) command u."""
-        u = np.empty(len(self._tracking.driven))
-        computed_torque(self._tracking, t, plain(q), plain(v), self._workspace, u)
-        return u
-
-    def compiled(self, t: Array) -> Tracking:
-        """The parameters of `computed_torque`."""
-        return self._tracking
 
 
 _REMEDY = "Use the excitation that `nsaid excite` wrote, for the same robot."
@@ -182,6 +104,8 @@ class DesignedTracking(DriverConfig):
     @property
     def series(self) -> Series:
         """The trajectory of all joints."""
+        from .signals import Series
+
         n = len(self.centre)
         sines, cosines = (np.reshape(part, (n, -1)) for part in (self.sines, self.cosines))
         omega = 2 * np.pi * self.fundamental * np.arange(1.0, sines.shape[1] + 1)
@@ -205,6 +129,8 @@ class DesignedTracking(DriverConfig):
         Raises:
             InvalidInput: the system is not an arm on a fixed base with as many joints.
         """
+        from .series import follow
+
         wanted = f"an arm on a fixed base with {len(self.centre)} joints"
         system = tree(system, wanted, _REMEDY)
         if system.n != len(self.centre):

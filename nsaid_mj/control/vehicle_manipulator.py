@@ -1,15 +1,20 @@
 """Vehicles with an arm: the base swims or hovers while the arm tracks a trajectory."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ..bounds import Positive, PositiveShare, Tones, config
-from ..numerics.spatial import cross, product, quaternion_of, rotate, rotation_vector, unrotate
 from ..parameters import Array
-from ..structure.joints import JointTree
-from ..structure.system import SecondOrderSystem
 from .driver import Driver, DriverConfig, Feedback, tree
 from .multisine import pushes
-from .signals import FourierTrajectory, Multisine
+
+if TYPE_CHECKING:
+    from ..structure.joints import JointTree
+    from ..structure.system import SecondOrderSystem
+    from .signals import FourierTrajectory, Multisine
 
 
 @config
@@ -40,6 +45,8 @@ class SwimAndReach(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless an underwater vehicle carries an arm."""
+        from .signals import FourierTrajectory, Multisine
+
         remedy = "Use MultisineCommand or FourierTracking."
         arm = tree(system, "an underwater vehicle with an arm", remedy, "thruster")
         count, omega = len(arm.joints), 2 * np.pi * self.bandwidth
@@ -99,6 +106,8 @@ class HoverAndReach(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless the system is a flying arm."""
+        from .signals import FourierTrajectory, Multisine
+
         arm = tree(system, "a flying arm", "Use another driver.", "rotor")
         bound = np.r_[np.full(3, self.travel), self.turn]
         path = FourierTrajectory.within(self, arm, rng, bound)
@@ -130,6 +139,8 @@ class _HoverAndReach(Driver):
         self.start()
 
     def start(self) -> tuple[Array, Array]:
+        from ..numerics.spatial import quaternion_of, unrotate
+
         self._then = 0.0
         self._integral = np.zeros(self._system.n)  # of position, attitude and joint errors
         position, rate, _ = self._path(0.0)
@@ -151,6 +162,8 @@ class _HoverAndReach(Driver):
 
     def _desired(self, t: float, q: Array, v: Array) -> Array:
         """(n,) desired accelerations: feedforward plus PID feedback; updates the integrals."""
+        from ..numerics.spatial import cross, rotate, unrotate
+
         step, self._then = t - self._then, t
         position, rate, acceleration = self._path(t)
         error, integral = np.empty(self._system.n), self._integral
@@ -176,6 +189,8 @@ class _HoverAndReach(Driver):
         The attitude is a quaternion x, y, z, w; `pull` (3,) the desired specific force, world
         [m/s²].
         """
+        from ..numerics.spatial import product, quaternion_of, rotation_vector
+
         z = pull / np.linalg.norm(pull)
         z[2] = max(z[2], 0.5)  # at most 60° of tilt
         z /= np.linalg.norm(z)

@@ -1,10 +1,8 @@
-"""Design of experiments: finds the most informative motion within limits."""
+"""Design of experiments: finds the most informative motion within limits.
 
-from .designing import Design as Design
-from .designing import design as design
-from .experiment import Experiment as Experiment
-from .information import CRITERIA as CRITERIA
-from .information import asked_for as asked_for
-from .limits import Limit as Limit
-from .limits import Limits as Limits
-from .limits import read_limits as read_limits
+The names are listed in `__init__.pyi`; each is imported on first use.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..control import CompiledDriver, Driver, DriverConfig
-from ..control.driver import Tracking
+from ..control.computed_torque import Tracking
 from ..errors import BadScript, InvalidInput
 from ..laws import ExpectedGramian, Identifier, IdentifierConfig, NullspaceAID
 from ..laws.cone.prior import drawn_inside
@@ -29,7 +29,6 @@ from ..plants import ParametricPlantConfig, Plant, PlantConfig, Sensors
 from ..plants.world.sensors import EXACT_SENSORS
 from ..structure.system import SecondOrderSystem
 from ..watch import supervised
-from .expected_gramian import expected_gramian
 from .library import place_of
 from .scenario import Scenario
 
@@ -106,6 +105,8 @@ class Setup:
 
         @cache
         def gramian() -> Array:
+            from .expected_gramian import expected_gramian
+
             driver, duration = self._driver(self.seeds.gramian), scenario.duration
             return expected_gramian(system, driver, prior, scenario.dt, min(duration, _LONGEST))
 

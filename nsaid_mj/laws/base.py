@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ..bounds import Config, config
 from ..errors import InvalidInput
-from ..log import EXACT, Log, Measurement, SensorLevels
+from ..log import Log, Measurement
 from ..parameters import Array, ParameterSpace
 from ..structure.system import SecondOrderSystem, checked
-from .faults import FaultEvent
-from .memory.statistics import Memory
-from .metric import Metric
+
+if TYPE_CHECKING:
+    from .faults import FaultEvent
+    from .memory.statistics import Memory
+    from .metric import Metric
 
 
 class Status(Enum):
@@ -196,40 +196,3 @@ class Identifier(ABC):
     @abstractmethod
     def confidence(self, state: State) -> Confidence | None:
         """The estimate's uncertainty; None for a law that does not provide it."""
-
-
-ExpectedGramian = Callable[[], Array]
-
-
-@config
-class IdentifierConfig(Config, ABC):
-    """The configuration of an identifier; `build` makes the identifier."""
-
-    _path = "identifier"
-
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """What the law is called in the summary and on the page of a run."""
-
-    @property
-    @abstractmethod
-    def in_cone(self) -> bool:
-        """Whether θ̂ must start inside the cone of physical parameters."""
-
-    @abstractmethod
-    def build(
-        self,
-        system: SecondOrderSystem,
-        prior: Array,
-        dt: float,
-        noise: SensorLevels = EXACT,
-        gramian: ExpectedGramian | None = None,
-    ) -> Identifier:
-        """Makes the identifier of a system, of measurements every `dt` [s].
-
-        prior (p,) is θ̂(0), `noise` the assumed standard deviations of the sensors' noise.
-        `gramian` computes (p, p), the expected mean of S Wᵀ M⁻¹ W S under the prior with S =
-        diag(scale), for laws whose gain is designed from it. It is called only if needed, as it is
-        costly.
-        """

@@ -1,24 +1,63 @@
-"""Configuration of nullspace adaptive identification: the law, and the design of its gain."""
+"""Configuration of nullspace adaptive identification: the law, and the design of its gain.
 
+An identifier's code is imported when it is built.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import field
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
-import scipy.linalg
 from pydantic import model_validator
 
-from ..bounds import NonNegative, Positive, PositiveShare, config
+from ..bounds import Config, NonNegative, Positive, PositiveShare, config
 from ..errors import InvalidInput
 from ..log import EXACT, SensorLevels
 from ..parameters import Array
-from ..structure.system import SecondOrderSystem
-from .base import ExpectedGramian, Identifier, IdentifierConfig
-from .cone.law import ConeMetric
-from .efficient.estimator import EfficientConfig, KalmanFilter
-from .efficient.law import EfficientIdentifier
-from .memory.implicit import ImplicitMemory
-from .memory.statistics import MemoryConfig
-from .nullspace_aid import NullspaceIdentifier, paper_identifier
+from .settings import EfficientConfig, MemoryConfig
+
+if TYPE_CHECKING:
+    from ..structure.system import SecondOrderSystem
+    from .base import Identifier
+
+ExpectedGramian = Callable[[], Array]
+
+
+@config
+class IdentifierConfig(Config, ABC):
+    """The configuration of an identifier; `build` makes the identifier."""
+
+    _path = "identifier"
+
+    @property
+    @abstractmethod
+    def name(self) -> str:
+        """What the law is called in the summary and on the page of a run."""
+
+    @property
+    @abstractmethod
+    def in_cone(self) -> bool:
+        """Whether θ̂ must start inside the cone of physical parameters."""
+
+    @abstractmethod
+    def build(
+        self,
+        system: SecondOrderSystem,
+        prior: Array,
+        dt: float,
+        noise: SensorLevels = EXACT,
+        gramian: ExpectedGramian | None = None,
+    ) -> Identifier:
+        """Makes the identifier of a system, of measurements every `dt` [s].
+
+        prior (p,) is θ̂(0), `noise` the assumed standard deviations of the sensors' noise.
+        `gramian` computes (p, p), the expected mean of S Wᵀ M⁻¹ W S under the prior with S =
+        diag(scale), for laws whose gain is designed from it. It is called only if needed, as it is
+        costly.
+        """
 
 
 @config
@@ -78,19 +117,28 @@ class NullspaceAID(IdentifierConfig):
         Raises:
             InvalidInput: `gamma` is `simulated` but no `gramian` is given, or it is 0.
         """
+        from .nullspace_aid import NullspaceIdentifier, paper_identifier
+
         K, Gamma = np.full(system.n, self.K), self._gain(system, gramian)
         hermite = noise.exact if self.interpolation == "auto" else self.interpolation == "hermite"
         if not self.in_cone:
             return paper_identifier(system, K, Gamma, prior, dt, hermite)
+        from .cone.law import ConeMetric
+
         stiffness = 1 / Gamma if Gamma.ndim == 1 else np.diag(np.linalg.inv(Gamma))
         mu = self.barrier * float(np.median(stiffness * system.space.scale**2))
         metric = ConeMetric(system.space, Gamma, prior, mu)
         if self.law == "cone":
             return NullspaceIdentifier(system, K, metric, prior, dt, hermite)
+        from .memory.implicit import ImplicitMemory
+
         memory = ImplicitMemory(system, metric, prior, dt, hermite, self.memory, noise)
         guard = NullspaceIdentifier(system, K, metric, prior, dt, hermite, memory)
         if self.law == "memory":
             return guard
+        from .efficient.estimator import KalmanFilter
+        from .efficient.law import EfficientIdentifier
+
         return EfficientIdentifier(guard, KalmanFilter(system, dt, self.efficient))
 
     @property
@@ -123,7 +171,9 @@ def floored_inverse(gramian: Array, floor: float) -> Array:
     Raises:
         InvalidInput: the matrix is 0.
     """
-    values, vectors = scipy.linalg.eigh(gramian)
+    from scipy.linalg import eigh
+
+    values, vectors = eigh(gramian)
     if not values[-1] > 0:
         raise InvalidInput(
             "gamma",

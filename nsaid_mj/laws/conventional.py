@@ -5,7 +5,9 @@ on the held parameters is the textbook identifier with known forces τ(u). Holdi
 at 1 gives the identifier of the reduced form (17).
 """
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,9 +15,11 @@ from ..bounds import Name, Positive, config
 from ..errors import InvalidInput, UnknownName
 from ..log import EXACT, SensorLevels
 from ..parameters import Array, ParameterSpace
-from ..structure.system import SecondOrderSystem
-from .base import ExpectedGramian, Identifier, IdentifierConfig
-from .nullspace_aid import paper_identifier
+from .config import ExpectedGramian, IdentifierConfig
+
+if TYPE_CHECKING:
+    from ..structure.system import SecondOrderSystem
+    from .base import Identifier
 
 
 @config
@@ -56,6 +60,8 @@ class ConventionalAID(IdentifierConfig):
             UnknownName: a name in `known` is neither a block nor a parameter.
             InvalidInput: all parameters are held, or none.
         """
+        from .nullspace_aid import paper_identifier
+
         held = known_mask(system.space, self.known)
         return paper_identifier(
             system,

@@ -3,14 +3,10 @@
 mapping = read_map("map.toml")  # or None, to match columns by name
 tables = read_tables(["log.csv"], mapping)
 recordings = checked(prepare(tables, mapping, robot), robot)
+
+The names are listed in `__init__.pyi`; each is imported on first use.
 """
 
-from .checks import checked as checked
-from .checks import checks as checks
-from .formats import limited_to as limited_to
-from .mapping import Map as Map
-from .mapping import map_of as map_of
-from .mapping import read_map as read_map
-from .preparation import prepare as prepare
-from .tables import Table as Table
-from .tables import read_tables as read_tables
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,11 +1,8 @@
-"""The persistent nullspace P_s(θ) with the only rank decision, and the excitation levels."""
+"""The persistent nullspace P_s(θ) with the only rank decision, and the excitation levels.
 
-from .persistence import PersistenceMonitor as PersistenceMonitor
-from .persistence import level as level
-from .subspace import TOLERANCE as TOLERANCE
-from .subspace import Nullspace as Nullspace
-from .subspace import directions as directions
-from .subspace import parts_of as parts_of
-from .subspace import regressor_stack as regressor_stack
-from .subspace import split as split
-from .subspace import structural as structural
+The names are listed in `__init__.pyi`; each is imported on first use.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

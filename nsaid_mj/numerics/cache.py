@@ -21,8 +21,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")  # read on import: colouring
-# the messages of overloads that numba tries and drops takes a tenth of the time of compiling
 import llvmlite
 import numba
 import numpy as np

@@ -10,8 +10,7 @@ from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..structure.blocks import GRAVITY, Term, actuators, guessed, inertial_block, named, term
-from ..structure.parts import Column
-from ..structure.single_body import Operation
+from ..structure.parts import Column, Operation
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import Inertia, hidden
 from .world.sheet import (

@@ -3,146 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from operator import attrgetter
-from typing import Any, ClassVar, Literal
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..bounds import Name, NonNegative, Positive, Share, config
 from ..errors import BadRobot, EnginesDisagree
 from ..parameters import Array
-from ..robot.loading import Base, load_robot
 from ..robot.tree import set_inertias, tree_spec
 from ..structure.blocks import guessed
-from ..structure.joints import Actuator, JointScales, JointTree
-from ..structure.multibody import CompiledMultibody, Multibody
+from ..structure.joints import JointScales, JointTree
 from ..structure.optional import pin
-from .world.quiet import quiet
-from .world.simulated import Known, KnownPlant, SimulatedRobot
-
-Backend = Literal["compiled", "pinocchio"]
-"""Implementation of a robot's regressors: its structure's, or Pinocchio's."""
+from .world.simulated import SimulatedRobot
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines
 _SAMPLES = 5  # random states at which they are compared
-
-
-@config
-class ArmPlant(KnownPlant):
-    """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
-
-    Joints without an actuator in the robot's file are passive. Friction, rotor inertia and gain
-    have one nominal value for all joints, as in a data sheet; None uses those of an MJCF (their
-    median for a joint without any), or else values typical of the robot's size. The hidden true
-    values, drawn from the seed, deviate from these joint by joint, by up to `spread`.
-
-    Attributes:
-        robot: a name of example-robot-data, or the path of a URDF or MJCF file.
-        damping: nominal viscous friction [N·m·s/rad or N·s/m].
-        friction: nominal Coulomb friction [N·m or N].
-        armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
-        gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m];
-            None for the file's kp of a servo, and 1 of a motor.
-        spread: largest relative deviation of the true values from the nominal ones.
-        friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
-        backend: implementation of the identifier's regressors: `compiled`, checked against
-            Pinocchio at every start, or `pinocchio`, several times slower.
-        actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position),
-            at most the file's `forcerange`; None for servos where the file has position servos on
-            all joints, whose kv is part of the damping, else motors.
-    """
-
-    robot: Name = "ur5"
-    damping: Positive | None = None
-    friction: Positive | None = None
-    armature: NonNegative | None = None
-    gain: Positive | None = None
-    spread: Share = 0.2
-    friction_speed: Positive = 0.05
-    backend: Backend = "compiled"
-    actuator: Actuator | None = None
-    _base: ClassVar[Base] = "held"
-    _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
-
-    def _published(self) -> Known:
-        """The robot's description and structure; θ of its file and data sheet.
-
-        Raises:
-            BadRobot: the robot cannot be simulated, or has no joint for a motor.
-        """
-        robot = load_robot(self.robot, self._base)
-        if robot.model.joints[robot.model.njoints - 1].nv != 1:
-            raise BadRobot(self.robot, "", "it has no joint for a motor", "Use FlyingArmPlant.")
-        driven = [k for k, name in enumerate(robot.joints) if name not in robot.passive]
-        servos = None if self.actuator == "motor" else robot.servos
-        own = {"damping": robot.damping, "friction": robot.friction, "armature": robot.rotor}
-        if servos is not None:
-            own["damping"] = robot.damping.copy()
-            own["damping"][driven] += servos.kv
-        middle = {name: float(np.median(x)) for name, x in own.items() if robot.kind == "mjcf"}
-        stated = {n: np.where(own[n] > 0, own[n], x) for n, x in middle.items() if x > 0}
-        chosen = self.actuator or ("motor" if servos is None else "servo")
-        nominal = nominal_scales(robot.model, replace(self, actuator=chosen), stated)
-        if servos is not None and self.gain is None:
-            nominal.gain[driven] = servos.kp
-            nominal.command[driven] /= servos.kp
-            limit = robot.limits[driven] / servos.kp
-            nominal = replace(nominal, saturation=limit if np.isfinite(limit).any() else None)
-        if robot.passive:
-            gain, command = nominal.gain[driven], nominal.command[driven]
-            nominal = replace(nominal, gain=gain, command=command, driven=tuple(driven))
-        structure = CompiledMultibody if self.backend == "compiled" else Multibody
-        speed = np.full(len(nominal.viscous), self.friction_speed)
-        system = structure(robot.model, nominal, speed)
-        joints = [block.name for block in system.space.blocks if block.geometry == "positive"]
-        unsure = [(name, 1.0) for name in joints]
-        return Known(robot, system, published_theta(robot.model, system), unsure)
-
-    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
-        """Makes the plant, and compares MuJoCo with Pinocchio.
-
-        Raises:
-            BadRobot: MuJoCo rejects it, or its friction is too fast for the time step.
-            EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
-        """
-        robot, system = known.source, known.system
-        model, space, acting = true_model(robot.model, theta), system.space, np.zeros(system.p)
-        coulomb = space["Coulomb friction"]
-        acting[coulomb] = theta[coulomb]  # `frictionloss` creeps
-        if system.scales.actuator == "servo":
-            acting[space["servo gain"]] = theta[space["servo gain"]]
-        spec = arm_spec(model, system, theta, dt)
-        names, looks = list(model.names)[1:], robot.visuals
-        try:
-            made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
-        except ValueError as error:
-            raise BadRobot(
-                robot.name, "", f"MuJoCo rejects it: {error}", "Correct the named body's inertia."
-            ) from error
-        made.targets = system.scales.actuator == "servo"
-        if made.targets and robot.servos is not None:
-            if robot.servos.delay.any():
-                made.late = np.round(robot.servos.delay / dt).astype(np.intp)
-            if robot.servos.profile.any():
-                made.profile = robot.servos.profile
-        with quiet():
-            compare_engines(made, robot.name, model)
-            check_stiffness(made, robot.name)
-        return made
-
-
-@config
-class FloatingBasePlant(ArmPlant):
-    """A floating-base robot in free fall, with a motor on every joint and none on its base.
-
-    Its attributes are those of `ArmPlant`.
-    """
-
-    robot: Name = "solo12"
-    _base: ClassVar[Base] = "free"
 
 
 def published_theta(model: pin.Model, system: JointTree) -> Array:
@@ -250,13 +127,13 @@ def check_stiffness(plant: SimulatedRobot, name: str) -> None:
 
 
 def nominal_scales(
-    model: pin.Model, config: ArmPlant, stated: Mapping[str, Array] | None = None
+    model: pin.Model, config: Any, stated: Mapping[str, Array] | None = None
 ) -> JointScales:
     """An engineer's guess: sizes to within a factor of two, and the data sheet's values.
 
     Masses and lengths are rounded to powers of two, so that the scale of θ does not reveal the true
     inertias. `stated` are (k,) `damping`, `friction` and `armature` that the model's file states,
-    where the data sheet `config` does not.
+    where the data sheet `config`, an `ArmPlant`, does not.
     """
     inertias = list(model.inertias)[1:]
     mass, length = (

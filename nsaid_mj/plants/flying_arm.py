@@ -3,74 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
-from ..bounds import Name, Share, config
-from ..errors import UnknownName
-from ..parameters import Array
-from ..resources import numbers
-from ..robot.loading import load_robot
-from ..robot.tree import tree_spec
 from ..structure.joints import Carrier, JointScales, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
-from ..structure.parts import Inertia
-from ..structure.single_body import Operation
+from ..structure.parts import Inertia, Operation
 from .aerial import rotor_terms
-from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
-from .world.body import command_inputs
-from .world.simulated import Known, KnownPlant, SimulatedRobot
-
-_UNSURE = (
-    ("rotor inertia", 1.0), ("rotor thrust gain", 1.0), ("rotor torque gain", 0.25),
-    ("viscous friction", 1.0), ("Coulomb friction", 1.0), ("motor gain", 1.0),
-)  # fmt: skip
-
-
-@config
-class FlyingArmPlant(KnownPlant):
-    """A flying robot of example-robot-data; rotor parameters and sources in assets/flying_arm.
-
-    Attributes:
-        robot: `borinot`, a hexarotor with an arm, or `iris`, a quadrotor without one.
-        spread: largest relative deviation of the true joint friction, rotor inertia, motor gains
-            and thrusts from the nominal values; a quarter of it for the rotors' torques, because
-            yaw authority is small.
-    """
-
-    _refuses: ClassVar[tuple[str, ...]] = ("a flying arm in still air", "flow", "fluid")
-
-    robot: Name = "borinot"
-    spread: Share = 0.2
-
-    def _published(self) -> Known:
-        """The robot's description, its structure, and its published or nominal θ.
-
-        Raises:
-            UnknownName: assets/flying_arm/vehicle.toml does not list this robot's rotors.
-        """
-        known = numbers("flying_arm")
-        if self.robot not in known:
-            remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
-            raise UnknownName("flying robot", self.robot, known, remedy)
-        robot, d = load_robot(self.robot, "free"), known[self.robot]
-        sheet = ArmPlant()
-        scales = nominal_scales(robot.model, sheet)
-        system = flying_arm(robot.model, scales, sheet.friction_speed, d)
-        theta, count = published_theta(robot.model, system), len(d["spins"])
-        theta[-2 * count :] = np.repeat([d["thrust"], d["torque"]], count)
-        return Known(robot, system, theta, _UNSURE)
-
-    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
-        robot, system = known.source, known.system
-        model, acting = true_model(robot.model, theta), theta.copy()
-        spec, names = tree_spec(model, dt), list(model.names)[1:]
-        give_rotors(spec, system, theta)
-        acting[~np.isin(np.arange(system.p), [c.parameter for c in system.structure.columns])] = 0.0
-        command_inputs(spec, system.n_u, names[0])
-        return SimulatedRobot(system, theta, acting, spec, names, self.mismatch, robot.visuals)
 
 
 def flying_arm(

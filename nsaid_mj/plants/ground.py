@@ -8,8 +8,7 @@ import numpy as np
 from ..bounds import Name, Share, config
 from ..parameters import Array, Block
 from ..structure.blocks import guessed, term
-from ..structure.parts import tied
-from ..structure.single_body import Operation
+from ..structure.parts import Operation, tied
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import hidden
 from .world.sheet import Positive, Table, one, several

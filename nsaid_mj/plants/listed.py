@@ -9,9 +9,7 @@ from ..bounds import Name, Share, config
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block
 from ..structure.blocks import Term, guessed, inertial_block, mass_block, term
-from ..structure.columns import KINDS, curve
-from ..structure.parts import Column, full
-from ..structure.single_body import LEVEL, Operation
+from ..structure.parts import Column, Operation, full
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import Inertia
 from .world.sheet import LARGEST, NotNegative, Number, Positive, Table, check_inertia, one, several
@@ -34,6 +32,8 @@ class ColumnRow(Table):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
+        from ..structure.columns import KINDS  # compiled
+
         if self.kind not in KINDS or KINDS[self.kind].number < 100:
             bodily = [name for name, kind in KINDS.items() if kind.number >= 100]
             raise UnknownName("kind of column on a body", self.kind, bodily)
@@ -64,6 +64,8 @@ class ColumnRow(Table):
 
     def column(self, parameter: int) -> Column:
         """The column of the structure; `parameter` is its index in the block."""
+        from ..structure.columns import curve  # compiled
+
         constants: dict[str, Any] = dict(self.__pydantic_extra__ or {})
         if "curve" in constants:
             constants["curve"] = curve.polynomial(*constants["curve"])
@@ -106,6 +108,8 @@ class ListedSheet(VehicleSheet):
 
         Without added mass, a body in space has the ten parameters of a rigid one.
         """
+        from ..structure.single_body import LEVEL
+
         rigid = Inertia(self.mass, np.array(self.centre), np.diag(self.inertia)).matrix()
         axes = list(LEVEL if self.plane else range(6))
         added = None
@@ -134,6 +138,8 @@ class ListedSheet(VehicleSheet):
 
 def _term(rows: list[ColumnRow]) -> Term:
     """The block of all columns of one kind; those of one name share their parameter."""
+    from ..structure.columns import KINDS  # compiled
+
     kind, own = KINDS[rows[0].kind], {row.name: row for row in rows}
     names = list(own)
     return term(

@@ -1,11 +1,10 @@
 """A four-wheeled rover with simulated ground contact, which a linear tyre only approximates."""
 
-from typing import Any, ClassVar
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from ..bounds import Share, config
 from ..parameters import Array
 from ..resources import asset, numbers
 from ..robot.tree import set_options
@@ -15,31 +14,12 @@ from .ground import operation, planar_mass, single_track
 from .world.body import BODY, hidden
 from .world.coordinates import LevelMap
 from .world.mismatch import Mismatch
-from .world.plant import Plant, PlantConfig
+from .world.plant import Plant
 from .world.simulated import GeomLooks
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 STEERED = ("steer_left", "steer_right")
 _SETTLE = 3.0  # time until the rover has settled on its wheels [s]
-
-
-@config
-class RoverPlant(PlantConfig):
-    """A four-wheeled rover; parameters and sources in assets/rover.
-
-    Attributes:
-        spread: largest relative deviation of the true load, motors, bearings, servo and tyres
-            from the values given there.
-    """
-
-    _refuses: ClassVar[tuple[str, ...]] = ("a rover on level ground", "fluid", "level")
-
-    spread: Share = 0.2
-
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        rover = Rover(self.spread, self.mismatch, dt, np.random.default_rng(seed))
-        return rover.failing(self.faults, self)
 
 
 class Rover(Plant):

@@ -10,8 +10,7 @@ from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..resources import VehicleFiles, asset
 from ..structure.blocks import Term, term
-from ..structure.parts import Column, tied
-from ..structure.single_body import Operation
+from ..structure.parts import Column, Operation, tied
 from .world.blueprint import Blueprint, BodyPlant
 from .world.body import hidden
 

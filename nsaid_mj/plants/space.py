@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from ..bounds import Name, Share, config
 from ..structure.blocks import actuators, inertial_block
-from ..structure.single_body import Operation
+from ..structure.parts import Operation
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import NED, Inertia
 from .world.sheet import (

@@ -9,8 +9,7 @@ from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array, Block
 from ..structure.blocks import Term, actuators, guessed, term
-from ..structure.parts import Column, tied
-from ..structure.single_body import Operation
+from ..structure.parts import Column, Operation, tied
 from .underwater import WATER
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.sheet import Guess, Negative, Number, Positive, Table, check_inertia, one, several

@@ -9,9 +9,7 @@ from ..bounds import Name, Share, config
 from ..errors import InvalidInput
 from ..parameters import Array
 from ..structure.blocks import AXES, actuators, guessed, mass_block, named, term
-from ..structure.columns.curve import odd
-from ..structure.parts import full
-from ..structure.single_body import Operation
+from ..structure.parts import Operation, full
 from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
 from .world.body import NED
 from .world.sheet import (
@@ -152,6 +150,8 @@ class UnderwaterSheet(VehicleSheet):
         θ = [M (21), linear drag (6), quadratic drag (6), net weight, righting moments (3), thrust].
         Righting moments are r_B B − r_G W.
         """
+        from ..structure.columns.curve import odd  # compiled
+
         points, directions = (NED * self.thrusters.placed(x) for x in ("position", "direction"))
         rigid, added = np.diag([self.mass] * 3 + self.inertia), np.diag(self.added_mass)
         righting, guess = NED * self.buoyancy_centre * self.buoyancy, self.guess

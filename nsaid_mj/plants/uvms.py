@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
-from ..bounds import Share, config
 from ..parameters import Array, Block
 from ..resources import numbers, vehicle_files
-from ..robot.tree import set_inertias, tree_spec
 from ..structure.blocks import GRAVITY, guessed, term
 from ..structure.joints import Carrier, JointScales, body_names, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Inertia, cylinder, full
-from .arm import extent, give_rotors
+from .arm import extent
 from .underwater import UnderwaterSheet
 from .world.body import Inertia as RigidBody
-from .world.body import command_inputs, vehicle_spec
-from .world.simulated import Known, KnownPlant, SimulatedRobot
+from .world.body import vehicle_spec
+from .world.config import Known
 
 BASE = "base"
 """Name of the free joint and of the base body."""
@@ -33,43 +31,6 @@ _UNSURE = (
     "added mass", "link drag", "link buoyancy", "viscous friction", "Coulomb friction",
     "motor gain", "rotor inertia",
 )  # fmt: skip
-
-
-@config
-class UvmsPlant(KnownPlant):
-    """A BlueROV2 Heavy with a Reach Alpha 5; parameters and sources in assets/uvms.
-
-    No hydrodynamics of the arm are published; those used here are of cylinders.
-
-    Attributes:
-        spread: largest relative deviation of the true drags, weight, buoyancies, righting moment,
-            links' added mass, friction, rotor inertias and gains from the nominal values.
-    """
-
-    _refuses: ClassVar[tuple[str, ...]] = ("a vehicle with an arm", "fluid")
-
-    spread: Share = 0.2
-
-    def _published(self) -> Known:
-        return uvms()
-
-    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
-        """See `Blueprint.split` for how M of the base is divided into rigid-body and added mass."""
-        base, system, arm, space = known.source, known.system, numbers("uvms"), known.system.space
-        body, added = base.split(theta[:21])
-        rigid = body.matrix()
-        links = slice(21, 21 + 10 * len(arm["links"]))
-        model = uvms_model(rigid, arm)
-        set_inertias(model, theta[links], 2)
-        spec, acting = tree_spec(model, dt), theta.copy()
-        give_rotors(spec, system, theta)
-        acting[:21], acting[links] = added, 0.0
-        acting[space["rotor inertia"]] = 0.0
-        acting[space["net weight"]] -= rigid[0, 0] * GRAVITY  # MuJoCo's bodies have weight
-        _add_visual_geoms(spec, arm)
-        command_inputs(spec, system.n_u, BASE)
-        names = list(model.names)[1:]
-        return SimulatedRobot(system, theta, acting, spec, names, self.mismatch)
 
 
 def uvms() -> Known:
@@ -186,7 +147,7 @@ def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
     )
 
 
-def _add_visual_geoms(spec: Any, arm: dict[str, Any]) -> None:
+def add_visual_geoms(spec: Any, arm: dict[str, Any]) -> None:
     """Adds visual geoms without mass: the BlueROV2's to the base, cylinders to the links."""
     unit = RigidBody(1.0, np.zeros(3), np.eye(3))
     hull = vehicle_spec(vehicle_files("bluerov2"), 1.0, unit).compile()

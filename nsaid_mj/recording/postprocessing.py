@@ -10,7 +10,6 @@ import numpy as np
 
 from .. import evaluation, recording
 from ..bounds import LARGEST
-from ..calibration.measured import reopen_measured
 from ..errors import BadRun
 from ..evaluation.verify import ROWS, verify
 from ..experiment.loop import Cost, Ending, Run, reopen
@@ -88,6 +87,8 @@ def rebuild(folder: Path) -> dict[str, Any]:
     Raises:
         BadRun: the folder has no readable record, or one with fewer than two rows.
     """
+    from ..calibration.measured import reopen_measured  # no simulated run needs it
+
     record = Record.opened(folder)
     if len(record) < 2:
         raise BadRun(folder, f"its record has {len(record)} rows", "Run the scenario again")

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from ..evaluation import OWN, Truth, common_factor, energy, force_units, velocity_labels
+from ..evaluation import OWN, Truth, common_factor, energy, force_units
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.figures import midpoints
 from ..evaluation.panels import LAWS, local_rms
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
 from ..parameters import Array, Indices, ParameterSpace
-from ..structure.sensing import rate_labels
+from ..structure.sensing import rate_labels, velocity_labels
 from ..structure.system import SecondOrderSystem
 from .text import drawable
 

@@ -9,6 +9,7 @@ none.
 import numpy as np
 from numba import njit
 
+from ..numerics import cache  # noqa: F401 (sets the folder of compiled kernels)
 from ..parameters import Array
 
 _STEP = 4e-3  # longest, between rows of a log [s]

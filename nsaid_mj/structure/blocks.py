@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..parameters import Array, Block, Geometry, ParameterSpace
-from .columns import KINDS
 from .parts import Column
 
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -154,6 +153,8 @@ def term(
         rows: (k,) an argument of `Column` for each column of a kind: `body`, `dof`, `input`, or a
             constant of the kind.
     """
+    from .columns import KINDS  # compiled
+
     columns = what if not isinstance(what, str) else _columns(what, len(labels), rows)
     first = [next(c for c in columns if c.parameter == k) for k in range(len(labels))]
     kind = KINDS[first[0].kind]
@@ -183,6 +184,8 @@ def _columns(kind: str, count: int, rows: dict[str, Any]) -> list[Column]:
 
 def _unit(column: Column, slides: bool) -> str:
     """The unit of a column's parameter: of a moment on a hinge, or if it acts about an axis."""
+    from .columns import KINDS  # compiled
+
     unit = KINDS[column.kind].unit
     if isinstance(unit, str):
         return unit

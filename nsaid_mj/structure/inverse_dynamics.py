@@ -45,7 +45,7 @@ def position_error(structure, i, q, desired):
 
 @kernel(void(INVERSE_DYNAMICS, vector, vector, vector, vector, vector), inner=True)
 def write_required_force(model, q, v, a, theta, force):
-    """Writes M a + C v − F(u = 0) (n,) at θ (p,), position q (m,), velocity v and acceleration a."""
+    """Writes M a + C v − F(u = 0) (n,) at θ (p,), position q (m,), v and acceleration a (n,)."""
     structure = model.structure
     slopes = model.slopes
     place(structure, q, v, slopes.state)

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,12 +25,10 @@ from ..parameters import Array, Block, ParameterSpace
 from .blocks import Term, link_block, mounts_of, placed, term
 from .columns import KINDS
 from .optional import pin
-from .parts import Body, Inertia, Rotor
-from .single_body import Operation
+from .parts import Actuator, Body, Inertia, Operation, Rotor
 from .structure import Structure
 from .system import SecondOrderSystem
 
-Actuator = Literal["motor", "servo"]
 """A joint's command: a motor's torque over its gain, or a servo's target."""
 _UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
 _PLACE, _TURN = 1.0, 1.8  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π

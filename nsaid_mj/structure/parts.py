@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike
 
 from .arrays import CIRCLE, FIXED, FREE, HINGE, PLANAR, SLIDE, Array
 
+Actuator = Literal["motor", "servo"]
+"""What drives a joint: a torque in proportion to the command, or to a distance from it."""
 JointKind = Literal["fixed", "free", "planar", "hinge", "slide", "circle"]
 KINDS_OF_JOINT: dict[str, int] = {
     "fixed": FIXED,
@@ -128,3 +130,37 @@ def cylinder(centre: ArrayLike, axis: ArrayLike, length: float) -> Array:
     inertia = to_centre.T @ across @ to_centre
     inertia[3:, 3:] += length**2 / 12 * across
     return (0.5 * (inertia + inertia.T))[:, :, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Operation:
+    """A vehicle's ranges of operation, from which random probes of its structure are drawn.
+
+    Attributes:
+        velocity: lowest and highest velocities, two (n,) [m/s, rad/s]; n is 6, 3 in the plane, or 1
+            along the vertical.
+        command: lowest and highest commands, two (n_u,).
+        reach: largest distance from the origin along each axis [m].
+        turn: standard deviation of the rotation vector's components [rad]; in the plane, yaw is
+            arbitrary.
+        state: draws (n,) position coordinates, (n,) velocities and (n_u,) commands, where these
+            depend on each other; None if they do not.
+    """
+
+    velocity: tuple[Array, Array]
+    command: tuple[Array, Array]
+    reach: float = 10.0
+    turn: float = 1.5
+    state: Callable[[np.random.Generator], tuple[Array, Array, Array]] | None = None
+
+    @staticmethod
+    def within(
+        speed: ArrayLike, most: Array, least: float | None = None, reach: float = 10.0
+    ) -> Operation:
+        """Up to a speed (n,) in both directions, and commands up to `most` (n_u,).
+
+        The commands begin at `least`, or at −`most`.
+        """
+        fastest = np.array(speed, dtype=np.float64)
+        lowest = -most if least is None else np.full(len(most), least)
+        return Operation((-fastest, fastest), (lowest, most), reach)

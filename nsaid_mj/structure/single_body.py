@@ -2,55 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
 from ..parameters import Array, Block, ParameterSpace
 from .blocks import Term, mounts_of, placed
-from .parts import Body, Inertia
+from .parts import Body, Inertia, Operation
 from .structure import Structure
 from .system import SecondOrderSystem
 
 LEVEL = (0, 1, 5)
 """The axes of a body in the plane, among the six of one in space."""
-
-
-@dataclass(frozen=True, eq=False)
-class Operation:
-    """A vehicle's ranges of operation, from which random probes of its structure are drawn.
-
-    Attributes:
-        velocity: lowest and highest velocities, two (n,) [m/s, rad/s]; n is 6, 3 in the plane, or 1
-            along the vertical.
-        command: lowest and highest commands, two (n_u,).
-        reach: largest distance from the origin along each axis [m].
-        turn: standard deviation of the rotation vector's components [rad]; in the plane, yaw is
-            arbitrary.
-        state: draws (n,) position coordinates, (n,) velocities and (n_u,) commands, where these
-            depend on each other; None if they do not.
-    """
-
-    velocity: tuple[Array, Array]
-    command: tuple[Array, Array]
-    reach: float = 10.0
-    turn: float = 1.5
-    state: Callable[[np.random.Generator], tuple[Array, Array, Array]] | None = None
-
-    @staticmethod
-    def within(
-        speed: ArrayLike, most: Array, least: float | None = None, reach: float = 10.0
-    ) -> Operation:
-        """Up to a speed (n,) in both directions, and commands up to `most` (n_u,).
-
-        The commands begin at `least`, or at −`most`.
-        """
-        fastest = np.array(speed, dtype=np.float64)
-        lowest = -most if least is None else np.full(len(most), least)
-        return Operation((-fastest, fastest), (lowest, most), reach)
 
 
 class SingleBody(SecondOrderSystem):

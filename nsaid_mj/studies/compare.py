@@ -16,9 +16,11 @@ import numpy as np
 from .. import evaluation
 from ..baselines import BATCH, Estimate, Method, Problem, follow
 from ..baselines.sysid import BUDGET, sysid
-from ..errors import InvalidInput, NoEstimate, NsaidError, UnknownName
+from ..errors import InvalidInput, NoEstimate, NsaidError
 from ..evaluation.bound import bound_figures, cramer_rao
 from ..evaluation.result import Result
+from ..experiment.choices import LAWS as OURS
+from ..experiment.choices import METHODS, check_choice
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup, is_sound
 from ..laws import ConventionalAID, IdentifierConfig, NullspaceAID
@@ -27,7 +29,7 @@ from ..numerics.threads import single_threaded
 from ..pages.page import Page
 from ..resources import write_json
 from . import compare_report
-from .compare_report import BOUND, DEFAULT, METHODS, OURS, PRIOR, row_of, runs_of, sensors
+from .compare_report import BOUND, DEFAULT, PRIOR, row_of, runs_of, sensors
 from .study import Row, Study, carried_out, write_csv
 
 FILES = ("compare.json", "compare.csv")
@@ -66,8 +68,7 @@ def plan(
         InvalidInput: a list is empty or has duplicates, or a value is out of range.
     """
     for name in methods:
-        if name not in METHODS:
-            raise UnknownName("method", name, METHODS)
+        check_choice("method", name, METHODS)
     lists = {"methods": methods, "seeds": seeds, "durations": durations, "noises": noises}
     for name, values in lists.items():
         if not values or len(set(values)) < len(values):

@@ -18,12 +18,12 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from ..errors import InvalidInput, UnknownName
+from ..errors import InvalidInput
+from ..experiment.choices import ENGINES, check_choice
 from ..experiment.scenario import Scenario
 from .one_run import Job, attempt, attempt_in_thread, prepare_process
 from .study import MOST_JOBS, check_count, processors
 
-ENGINES = ("local", "dask")
 _STARTS = 3  # pools of which no process starts, one after the other, before the sweep gives up
 _TICK = 0.5  # time between two looks at a cluster's scheduler [s]
 _SILENCE = 10.0  # time without a connection after which the scheduler counts as dead [s]
@@ -49,8 +49,7 @@ class Engine:
     timeout: float | None = None
 
     def __post_init__(self) -> None:
-        if self.name not in ENGINES:
-            raise UnknownName("engine", self.name, ENGINES)
+        check_choice("engine", self.name, ENGINES)
         if (self.name == "local") != (self.address is None):
             expected = "none for local processes" if self.address else "a cluster's"
             raise InvalidInput("address", expected, self.address, "tcp://host:8786 is Dask's form.")

@@ -15,11 +15,11 @@ from rich.progress import Progress as Bar
 
 from ..bounds import without_nonfinite
 from ..errors import BadRun, NotWritten
-from ..resources import atomic_write, json_of, write_json, writing
+from ..resources import SWEEP, atomic_write, json_of, no_sweep, write_json, writing
 from .runs import Runs
 from .study import Row, in_folder
 
-MANIFEST, ROWS, TABLE = "manifest.json", "rows.jsonl", "results.parquet"
+MANIFEST, ROWS, TABLE = SWEEP
 NEEDED = ("theta_perp_ratio", "time_to_converge")
 """Figures without which the row of a run with a result is damaged."""
 
@@ -78,11 +78,7 @@ def _manifest(folder: Path) -> dict[str, Any]:
             f"{MANIFEST} is missing, so the sweep of its rows is unknown",
             f"Restore the file; or delete {ROWS}, to make all runs again",
         )
-    raise BadRun(
-        folder,
-        f"not a sweep folder: {MANIFEST} is missing",
-        "Give a folder that `nsaid sweep` has written",
-    )
+    raise no_sweep(folder)
 
 
 def _row(line: bytes, manifest: dict[str, Any]) -> Row | None:

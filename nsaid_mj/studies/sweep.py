@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..evaluation.result import Figure, Result
-from ..experiment.scenario import Scenario, field_path, field_value, with_fields
+from ..experiment.scenario import Scenario, with_fields
 from ..pages.page import Table, count
 from ..robot.findings import Finding
 from .engine import Engine
@@ -83,27 +83,6 @@ def scenario_of(study: Study, number: int) -> Scenario:
     draw, combination = divmod(number, len(study.combinations))
     own = with_fields(study.scenario, study.combinations[combination])
     return replace(own, seed=study.seeds[draw])
-
-
-def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...]]:
-    """Parses varied fields and their values from `field=value,value`.
-
-    Raises:
-        UnknownName: there is no such field, or several.
-        InvalidInput: a text is not of this form, a value is not of its field's type, or a field is
-            given twice.
-    """
-    found: dict[str, tuple[Any, ...]] = {}
-    for text in texts:
-        name, equals, values = text.partition("=")
-        if not equals:
-            remedy = "Such as identifier.gain=0.1,1."
-            raise InvalidInput("--vary", "field=value,value", text, remedy)
-        path = field_path(name, scenario)
-        if path in found:
-            raise InvalidInput("--vary", "every field once", path, "Give all its values together.")
-        found[path] = tuple(field_value(path, value, scenario) for value in values.split(","))
-    return found
 
 
 def run(

@@ -6,20 +6,20 @@ Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from ..bounds import without_nonfinite
 from ..control.adaptive import AdaptiveTracking, Tracker
-from ..control.adaptive.tracker import Law
 from ..control.driver import Driver
-from ..errors import InvalidInput, UnknownName
+from ..errors import InvalidInput
 from ..evaluation import Truth
 from ..evaluation.panels import COLOURS, Panel, local_rms
 from ..evaluation.panels import LAWS as COLOUR_OF
 from ..evaluation.result import Explains, Figure, Result
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
+from ..experiment.choices import TRACKING_LAWS, check_choice
 from ..experiment.following import Following
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup
@@ -34,7 +34,6 @@ from ..resources import write_json
 from ..robot.findings import Finding
 from .study import Study, write_csv
 
-LAWS: tuple[str, ...] = get_args(Law)
 FILES = ("tracking.json", "tracking.csv")
 _LAST = 1 / 3  # of the duration, over which rms errors are taken
 
@@ -42,7 +41,7 @@ _LAST = 1 / 3  # of the duration, over which rms errors are taken
 def plan(
     script: str,
     scenario: Scenario,
-    laws: tuple[str, ...] = LAWS,
+    laws: tuple[str, ...] = TRACKING_LAWS,
     seeds: tuple[int, ...] = tuple(range(10)),
     arguments: tuple[str, ...] = (),
 ) -> Study:
@@ -60,8 +59,7 @@ def plan(
         InvalidInput: the scenario's excitation does not track, or there are no seeds.
     """
     for law in laws:
-        if law not in LAWS:
-            raise UnknownName("tracking law", law, LAWS)
+        check_choice("tracking law", law, TRACKING_LAWS)
     if not laws or not seeds:
         raise InvalidInput("--laws, --seeds", "at least one of each", "none", "Leave them out.")
     if not isinstance(scenario.excitation, AdaptiveTracking):

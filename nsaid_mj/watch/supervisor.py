@@ -8,7 +8,6 @@ better, see `drift`; then the law returns the filter's θ̂, as the memory avera
 
 from __future__ import annotations
 
-from ..laws import Identifier
 from ..laws.efficient.law import EfficientIdentifier
 from ..laws.efficient.state import EfficientState
 from ..laws.efficient.supervision import ChosenBy
@@ -21,13 +20,6 @@ from .state import Seen, in_motion, keeping, kept_of, moving_of, saying
 
 _BEGINNING = 20.0  # time after which a motion has no beginning to learn from [s]
 _LATER = 1.5  # durations after which learning again is tried once more
-
-
-def supervised(identifier: Identifier) -> Identifier:
-    """The identifier with this supervisor, if its law can be supervised; else as it is."""
-    if not isinstance(identifier, EfficientIdentifier):
-        return identifier
-    return identifier.supervised_by(FilterSupervisor(identifier))
 
 
 class FilterSupervisor:

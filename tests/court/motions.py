@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from nsaid_mj.control import Driver
-from nsaid_mj.control.driver import Tracking, computed_torque, tracking_workspace
+from nsaid_mj.control.computed_torque import Tracking, computed_torque, tracking_workspace
 from nsaid_mj.control.signals import Series
 from nsaid_mj.parameters import Array
 from nsaid_mj.structure.configuration import plain

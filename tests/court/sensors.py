@@ -8,7 +8,8 @@ import numpy as np
 
 from nsaid_mj.log import Log
 from nsaid_mj.parameters import Array
-from nsaid_mj.plants.world.sensors import SensorNoise, Sensors
+from nsaid_mj.plants.world.noise import SensorNoise
+from nsaid_mj.plants.world.sensors import Sensors
 
 
 @dataclass

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.control import DesignedSignals, DesignedTracking, FourierTracking
-from nsaid_mj.control.driver import Tracking
+from nsaid_mj.control.computed_torque import Tracking
 from nsaid_mj.design import (
     Design,
     Experiment,

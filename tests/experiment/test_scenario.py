@@ -55,7 +55,7 @@ from nsaid_mj.plants import (
     Stuck,
     UvmsPlant,
 )
-from nsaid_mj.plants.arm import Backend
+from nsaid_mj.plants.jointed import Backend
 from nsaid_mj.resources import scenarios
 
 NAN, INF = np.nan, np.inf

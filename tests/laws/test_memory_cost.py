@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.laws.memory.statistics import Memory, MemoryConfig, Recorder
+from nsaid_mj.laws.memory.statistics import Memory, Recorder
+from nsaid_mj.laws.settings import MemoryConfig
 from nsaid_mj.log import EXACT
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import SensorNoise

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson
 
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.laws.memory.statistics import Memory, MemoryConfig, Recorder
+from nsaid_mj.laws.memory.statistics import Memory, Recorder
+from nsaid_mj.laws.settings import MemoryConfig
 from nsaid_mj.log import EXACT, SensorLevels
 from nsaid_mj.plants import SensorNoise
 from nsaid_mj.quotient.cost import Remembered

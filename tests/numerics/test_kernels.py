@@ -117,6 +117,9 @@ def test_sources_of_kernels_contain_every_file_that_imports_numba_and_all_that_i
     assert {path.removesuffix(".py") for path in seen} <= counted
 
 
+MARKS = ("kernel(", "helper(", "routine(", "njit(")
+
+
 def compiles(path: Path) -> bool:
     """Whether a file marks a function as compiled."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
@@ -126,7 +129,7 @@ def compiles(path: Path) -> bool:
         if isinstance(node, ast.FunctionDef)
         for mark in node.decorator_list
     ]
-    return any(ast.unparse(mark).startswith(("kernel(", "helper(", "routine(")) for mark in marks)
+    return any(ast.unparse(mark).startswith(MARKS) for mark in marks)
 
 
 def imports(path: str) -> set[str]:
@@ -142,14 +145,19 @@ def imports(path: str) -> set[str]:
     return {str(each.relative_to(PACKAGE)) for each in found if each.is_file()}
 
 
-@pytest.mark.parametrize("room", sorted(set(rooms_with_kernels()) - {"numerics"}))
-def test_folders_with_kernels_set_the_cache_directory_first(room: str):
-    first = next(
-        node
-        for node in ast.parse((PACKAGE / room / "__init__.py").read_text("utf-8")).body
-        if isinstance(node, ast.ImportFrom) and node.level
-    )
-    assert ast.unparse(first) == "from .. import numerics as numerics"
+def test_files_with_kernels_set_the_cache_directory_before_they_define_one():
+    """By `numerics.kernels`, which marks kernels, or by `numerics.cache`, at the file's top."""
+    for path in (path for paths in rooms_with_kernels().values() for path in paths):
+        if path.parent.name == "numerics" or not compiles(path):
+            continue
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        own = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.level]
+        names = {f"{node.module}.{alias.name}" for node in own for alias in node.names}
+        assert {
+            name
+            for name in names
+            if name == "numerics.cache" or name.startswith("numerics.kernels.")
+        }, path
 
 
 def test_kernels_are_kept_in_the_users_cache_directory(tmp_path: Path):

@@ -12,8 +12,7 @@ import pytest
 from numba import njit
 from numba.core.codegen import JITCodeLibrary
 
-from nsaid_mj.numerics.compiler import FAST
-from nsaid_mj.numerics.kernels import f8, helper, kernel, vector
+from nsaid_mj.numerics.kernels import FAST, f8, helper, kernel, vector
 from nsaid_mj.plants.world.stepping import track
 
 COUNT = """

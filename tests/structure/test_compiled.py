@@ -19,7 +19,8 @@ from nsaid_mj.laws.base import State, Status
 from nsaid_mj.laws.nullspace_aid import paper_identifier
 from nsaid_mj.log import Log, Measurement
 from nsaid_mj.plants import ArmPlant
-from nsaid_mj.plants.arm import Backend, nominal_scales
+from nsaid_mj.plants.arm import nominal_scales
+from nsaid_mj.plants.jointed import Backend
 from nsaid_mj.resources import known_robots
 from nsaid_mj.robot.loading import Base, load_robot
 from nsaid_mj.structure import multibody

@@ -16,7 +16,8 @@ from ...robot.findings import Finding
 from ...robot.model import RobotModel
 from ...robot.target_profile import followed
 from ..choose.servo_effects import hidden_profile
-from ..links import Load, carrier, check_loads
+from ..links import carrier, check_loads
+from ..loads import Load
 from ..models import load_robot_model
 from .estimate import estimate
 from .fit import DELAY

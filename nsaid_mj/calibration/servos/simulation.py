@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ...numerics import cache  # noqa: F401 (sets the folder of compiled kernels)
 from ...parameters import Array
 
 STEP = 4e-3

@@ -6,22 +6,23 @@ error of second order in the sampling interval. The adaptation takes the state h
 samples as measured, and the command that was held.
 """
 
-from typing import Literal
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ...bounds import NonNegative, Positive, PositiveShare, Tones, config
-from ...laws.metric import Metric
 from ...log import Measurement
 from ...parameters import Array
-from ...structure.joints import JointTree
-from ...structure.single_body import SingleBody
-from ...structure.system import SecondOrderSystem
 from ..driver import DriverConfig, InformedDriver
-from ..signals import FourierTrajectory
-from .actuation import Actuation
-from .laws import Estimate, TrackingLaw, conventional, nullspace
-from .reference import Reference, mean_inertia, prior_motion, stiffness
+
+if TYPE_CHECKING:
+    from ...laws.metric import Metric
+    from ...structure.system import SecondOrderSystem
+    from .actuation import Actuation
+    from .laws import TrackingLaw
+    from .reference import Reference
 
 
 class Tracker(InformedDriver):
@@ -145,6 +146,8 @@ class AdaptiveTracking(DriverConfig):
             InvalidInput: the system is under-actuated, or its actuators cannot be inverted; or the
                 law is `nullspace` and the prior is outside the cone.
         """
+        from .actuation import Actuation
+
         actuation = Actuation(system, prior, *command_range(system))
         reference = self._reference(system, rng)
         law = self._law(system, prior, reference, actuation)
@@ -153,6 +156,9 @@ class AdaptiveTracking(DriverConfig):
     def _law(
         self, system: SecondOrderSystem, prior: Array, reference: Reference, actuation: Actuation
     ) -> TrackingLaw:
+        from .laws import Estimate, TrackingLaw, conventional, nullspace
+        from .reference import mean_inertia, prior_motion, stiffness
+
         damping = self.damping * mean_inertia(system, prior)
         if self.law == "computed_torque":
             return TrackingLaw(Estimate(prior), decay=self.damping)
@@ -167,6 +173,9 @@ class AdaptiveTracking(DriverConfig):
         return TrackingLaw(Estimate(prior, nullspace(*known, prior, self.barrier)), damping)
 
     def _reference(self, system: SecondOrderSystem, rng: np.random.Generator) -> Reference:
+        from ..signals import FourierTrajectory
+        from .reference import Reference
+
         base = np.repeat([self.travel, self.tilt, self.heading], [3, 2, 1])[: system.group]
         return Reference(system, FourierTrajectory.within(self, system, rng, base), self.rate)
 
@@ -176,6 +185,9 @@ def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:
 
     A motor's largest command is the joint's rated torque where the model states one.
     """
+    from ...structure.joints import JointTree
+    from ...structure.single_body import SingleBody
+
     one = np.ones(system.n_u)
     if isinstance(system, SingleBody) and system.columns("nozzle"):
         return 0.0 * one, one, 0.4 * one  # nozzles only push

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ...bounds import Config, NonNegative, Positive, config
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...nullspace import parts_of
@@ -16,6 +15,7 @@ from ...parameters import Array
 from ...quotient.cone import cone_of
 from ...structure.system import SecondOrderSystem
 from ..cone.prior import drawn_covariance, spread_of_numbers
+from ..settings import EfficientConfig
 from .covariance import keep_above_rounding
 from .filter import (
     COMPLETED,
@@ -35,29 +35,6 @@ USUAL = 0.3
 _UNTESTED = 10**9  # samples: a window that never ends
 _LEAST_WINDOW = 10  # samples over which innovations are tested, at least
 _INDEFINITE = 1e-13  # least eigenvalue over the largest, of a P_θθ that rounding made indefinite
-
-
-@config
-class EfficientConfig(Config):
-    """The filter of the law `efficient`.
-
-    Attributes:
-        prior: largest relative error of θ̂(0); None takes `Scenario.initial_error`; see
-            `drawn_covariance`.
-        linearisation: γ, standard deviation of the error of a step's linearisation relative to that
-            of the effect of θ in it, in the first 15 s; later 0.3 at most.
-        innovation_window: time over which innovations are tested against chance [s].
-        unexplained: density of the force on every velocity that the structure does not explain,
-            over the last motor's gain [units of its command, squared, times s]; none for an exact
-            structure.
-    """
-
-    _path = "identifier.efficient"
-
-    prior: Positive | None = None
-    linearisation: NonNegative = 0.7
-    innovation_window: Positive = 0.1
-    unexplained: tuple[NonNegative, ...] = ()
 
 
 class Stretch(NamedTuple):

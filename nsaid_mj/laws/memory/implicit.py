@@ -23,7 +23,8 @@ from ...quotient.matrices import common_root, sandwich_root
 from ...structure.system import SecondOrderSystem
 from ..base import Confidence, State
 from ..cone.law import ConeMetric
-from .statistics import Memory, MemoryConfig, Recorder, View
+from ..settings import MemoryConfig
+from .statistics import Memory, Recorder, View
 
 _RULES = Rules(steps=30, halvings=8, done=1e-6, close=1e-3)  # of Newton's method in a step
 _SOLVED = 1e-4  # Newton decrement above which an implicit step counts as not solved

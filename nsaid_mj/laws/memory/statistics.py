@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...bounds import Config, NonNegative, Positive, config
 from ...log import Log, Measurement, SensorLevels
 from ...parameters import Array
 from ...quotient.gramians import Means
 from ...structure.system import SecondOrderSystem
+from ..settings import MemoryConfig
 from .feedback import FedBack
 from .momentum import CORRECTION_TIME, Balance, along, correct_drift, steady_gain
 
@@ -23,39 +23,6 @@ _DETERMINED = 3  # rows per parameter before the residuals' variance can be esti
 _FRESH = 16  # blocks buffered before they enter the means, at most
 _PIECE = 64  # steps whose regressors are in memory at once: they fit the cache
 _JUDGED = 50  # blocks, at least, before their scores show an estimate's uncertainty
-
-
-@config
-class MemoryConfig(Config):
-    """Storage and use of past data by the law `memory`.
-
-    Attributes:
-        window: time constant 1/a of the leak in the momentum balance [s].
-        block: time over which its rows are averaged [s].
-        interval: time between two implicit steps [s].
-        pace: κ/μ [1/s], the rate at which a direction converges in which the data carry as much
-            information as the barrier; better observed directions converge faster.
-        anchor: weight of the divergence from the prior relative to the data; 1 counts the prior as
-            one measurement whose error is as large as the prior itself. None is 1 with noisy
-            sensors and 0 with exact ones, where unexcited directions simply stay where they are.
-            With noisy sensors 0 or a small weight is not recommended: along unexcited directions
-            noise alone then moves the estimate, and its scale, which the anchor would hold.
-        horizon: time constant of forgetting [s]; 0 never forgets. Information is forgotten only
-            in directions in which new data bring as much: unexcited directions keep theirs.
-    """
-
-    _path = "identifier.memory"
-
-    window: Positive = 0.5
-    block: Positive = 0.1
-    interval: Positive = 0.5
-    pace: Positive = 10.0
-    anchor: NonNegative | None = None
-    horizon: NonNegative = 0.0
-
-    def weight(self, levels: SensorLevels) -> float:
-        """The anchor's weight with these sensors."""
-        return self.anchor if self.anchor is not None else 0.0 if levels.exact else 1.0
 
 
 class View(NamedTuple):

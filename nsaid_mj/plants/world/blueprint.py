@@ -6,21 +6,24 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import eigh
 
 from ...bounds import Name, Share, config
 from ...errors import InvalidInput
 from ...parameters import Array, Block
 from ...resources import VehicleFiles, vehicle_files
 from ...structure.blocks import Term, of_a_body
-from ...structure.single_body import Operation, SingleBody
+from ...structure.parts import Operation
 from .body import BODY, JOINTS, Inertia, command_inputs, hidden, vehicle_spec
+from .config import KnownPlant
 from .mismatch import Mismatch
 from .sheet import Sheet
-from .simulated import KnownPlant, SimulatedRobot
+
+if TYPE_CHECKING:
+    from ...structure.single_body import SingleBody
+    from .simulated import SimulatedRobot
 
 _NOTHING = np.zeros((6, 6))
 
@@ -67,6 +70,8 @@ class Blueprint:
     @cached_property
     def system(self) -> SingleBody:
         """The structure that an identifier may know."""
+        from ...structure.single_body import SingleBody
+
         return SingleBody(self.body, self.tensor, self.terms, self.operation, self.gravity)
 
     @cached_property
@@ -98,6 +103,8 @@ class Blueprint:
             acting[:size] = 0.0
             rigid = M
         else:
+            from scipy.linalg import eigh
+
             at = np.ix_(*2 * [np.flatnonzero(np.diag(M))])
             share = eigh(M[at], (self.rigid + self.added)[at], eigvals_only=True)[0]
             rigid = share * self.rigid
@@ -128,6 +135,8 @@ class BodyPlant(KnownPlant, ABC):
 
     def _made(self, known: Blueprint, dt: float, theta: Array) -> SimulatedRobot:
         """See `Blueprint.split` for how M is divided into rigid-body and added mass."""
+        from .simulated import SimulatedRobot
+
         system, files, fluid = known.system, self._files, known.fluid
         try:
             body, acting = known.split(theta)

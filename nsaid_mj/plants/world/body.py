@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 
 from ...errors import InvalidInput
 from ...parameters import Array
 from ...resources import VehicleFiles
-from ...robot.shapes import DRAWN
-from ...robot.tree import set_options
 
 BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""
@@ -78,6 +75,10 @@ def vehicle_spec(
     Raises:
         InvalidInput: the model.xml is not of a single body with such joints and no actuators.
     """
+    import mujoco
+
+    from ...robot.tree import set_options
+
     mass, centre, about = inertia
     spec = _visual_spec(files, size or box_of(mass, about), n)
     set_options(spec, dt)
@@ -103,6 +104,10 @@ def box_of(mass: float, inertia: Array) -> list[float]:
 
 def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
     """MuJoCo's specification of a vehicle's model.xml, or of a box of the given size."""
+    import mujoco
+
+    from ...robot.shapes import DRAWN
+
     path = files.model
     if not path.is_file():
         half = " ".join(f"{0.5 * length:.9g}" for length in size)
@@ -138,6 +143,8 @@ def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
 
 def command_inputs(spec: Any, count: int, body: str = BODY) -> None:
     """Adds `count` actuators of zero gain: their commands act through the callback only."""
+    import mujoco
+
     for i in range(count):
         actuator = spec.add_actuator(name=f"command {i + 1}", target=body)
         actuator.trntype = mujoco.mjtTrn.mjTRN_BODY

@@ -2,7 +2,6 @@
 
 from typing import Annotated, Any, Literal
 
-import mujoco
 from pydantic import Field
 
 from ...bounds import Config, NonNegative, Number, config
@@ -81,6 +80,8 @@ class Mismatch(Config):
                 "Leave it out, or use a smaller dt.",
             )
         if self.lag:
+            import mujoco
+
             for actuator in spec.actuators:
                 actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTER
                 actuator.dynprm[0] = self.lag

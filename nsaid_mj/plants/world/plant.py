@@ -6,16 +6,15 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import field, replace
-from typing import Any, ClassVar, Protocol, Self
+from dataclasses import replace
+from typing import Any, Protocol, Self
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import model_validator
 
-from ...bounds import Config, config
-from ...control.driver import CompiledDriver, Driver, Tracking
+from ...control.computed_torque import Tracking
+from ...control.driver import CompiledDriver, Driver
 from ...errors import InvalidInput
 from ...log import Log, Measurement
 from ...parameters import Array, Indices
@@ -27,49 +26,10 @@ from .callbacks import installed
 from .coordinates import Reading
 from .faults.kinds import Fault
 from .faults.schedule import Schedule, Variant
-from .faults.text import Faults
 from .mismatch import Mismatch
 from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
 from .stepping import World, drive, sound, warnings_of
-
-
-@config
-class PlantConfig(Config, ABC):
-    """A plant's parameters, as part of a scenario; `build` makes the plant.
-
-    Attributes:
-        mismatch: effects that the identifier's structure does not model.
-        faults: faults of actuators, sensors or the plant during the run, such as `loss 0.4 of 2 at
-            5 s; payload 1 kg at 10 s until 15 s`.
-        _refuses: the plant's kind in words, and the effects of `mismatch` that it lacks; for a
-            plant in the plane, `level` for a vertical flow.
-    """
-
-    _path = "plant"
-    _refuses: ClassVar[tuple[str, ...]] = ()
-
-    mismatch: Mismatch = field(default_factory=Mismatch, kw_only=True)
-    faults: Faults = field(default=(), kw_only=True)
-
-    @model_validator(mode="after")
-    def _check_mismatch(self) -> Self:
-        if self._refuses:
-            self.mismatch.refuse(*self._refuses)
-        return self
-
-    @abstractmethod
-    def build(self, dt: float, seed: int) -> Plant:
-        """Makes the plant with time step dt [s] and hidden parameters drawn from the seed."""
-
-
-@config
-class ParametricPlantConfig(PlantConfig, ABC):
-    """A plant that can be made with any physical θ of its system."""
-
-    @abstractmethod
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with time step dt [s] and the true θ (p,), or the published values."""
 
 
 class Looks(Protocol):
@@ -154,10 +114,10 @@ class Plant(ABC):
         """(...) number of earlier changes of the truth at times t (...) [s], 0 before a fault."""
         return self._schedule.epoch(t)
 
-    def failing(self, faults: Sequence[Fault], config: PlantConfig | None = None) -> Self:
+    def failing(self, faults: Sequence[Fault], config: Any = None) -> Self:
         """Schedules faults, at the time steps nearest to their times; returns the plant itself.
 
-        A payload and friction need the plant's configuration.
+        A payload and friction need the plant's configuration, a `ParametricPlantConfig`.
 
         Raises:
             InvalidInput: a fault names a part that the plant does not have.
@@ -166,7 +126,7 @@ class Plant(ABC):
         self.faults, self._schedule = tuple(faults), schedule
         self._variants = {(): self._variants[()]}
         for which in sorted(schedule.all_carried() - {()}):
-            if not isinstance(config, ParametricPlantConfig):
+            if not hasattr(config, "simulating"):
                 expected = "faults of actuators and sensors, for this plant"
                 remedy = "It cannot be made with a given θ; see ParametricPlantConfig."
                 raise InvalidInput("faults", expected, "a change of its body", remedy)

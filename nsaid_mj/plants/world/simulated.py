@@ -1,22 +1,19 @@
 """A robot of exact structure in MuJoCo: a true θ, and a callback for all other forces."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from ...bounds import config
 from ...parameters import Array
 from ...robot.shapes import VisualMesh, of_geom
 from ...structure.joints import JointTree
 from ...structure.system import SecondOrderSystem
-from .body import hidden
 from .coordinates import JointMap
 from .forces import Forces, column_forces
 from .mismatch import Mismatch
-from .plant import Looks, ParametricPlantConfig, Plant
+from .plant import Looks, Plant
 
 
 class GeomLooks:
@@ -104,47 +101,3 @@ class SimulatedRobot(Plant):
     def coordinates(self) -> tuple[Array, Array]:
         """(n,) position numbers and (n,) velocities."""
         return self.joints.read(self.data)
-
-
-class Known(NamedTuple):
-    """What is published of a tree of joints."""
-
-    source: Any  # the description from which plants are made
-    system: JointTree  # the structure that an identifier may know
-    theta: Array  # (p,) published or nominal θ
-    # blocks of θ whose true values differ, in the order in which they are drawn, each with the
-    # share of the plant's spread; blocks that θ lacks are skipped
-    unsure: Sequence[tuple[str, float]]
-
-    def drawn(self, spread: float, rng: np.random.Generator) -> Array:
-        """(p,) random true θ; each value is multiplied by its own factor within 1 ± spread."""
-        theta, space = self.theta.copy(), self.system.space
-        for name, share in self.unsure:
-            if name in {block.name for block in space.blocks}:
-                theta[space[name]] = hidden(theta[space[name]], share * spread, rng)
-        return theta
-
-
-@config
-class KnownPlant(ParametricPlantConfig, ABC):
-    """A plant with a published θ, about which its field `spread` says how far the truth may be."""
-
-    @abstractmethod
-    def _published(self) -> Any:
-        """A `Known` or a `Blueprint`."""
-
-    @abstractmethod
-    def _made(self, known: Any, dt: float, theta: Array) -> SimulatedRobot:
-        """Makes the plant of what `_published` returns, with the true θ (p,)."""
-
-    def build(self, dt: float, seed: int) -> Plant:
-        """Draws the hidden parameters and makes the plant."""
-        known = self._published()
-        theta = known.drawn(self.spread, np.random.default_rng(seed))
-        return self._made(known, dt, theta).failing(self.faults, self)
-
-    def simulating(self, dt: float, theta: Array | None = None) -> Plant:
-        """Makes the plant with the true parameters θ (p,), or the published ones."""
-        known = self._published()
-        true = known.theta if theta is None else theta
-        return self._made(known, dt, true).failing(self.faults, self)

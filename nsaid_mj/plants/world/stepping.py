@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from numba import boolean, f8, i8, types, void
 
-from ...control.driver import (
+from ...control.computed_torque import (
     TRACKING,
     TRACKING_MEMORY,
     Tracking,

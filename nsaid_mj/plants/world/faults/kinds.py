@@ -5,9 +5,11 @@ adds to a sensor's reading. The structure continues to hold except under a held 
 is constant, and under a bias.
 """
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from dataclasses import field
-from typing import Annotated, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,8 +17,9 @@ from pydantic import Field, model_validator
 from ....bounds import Config, Name, NonNegative, Number, Positive, config
 from ....errors import InvalidInput, UnknownName
 from ....parameters import Array, Indices
-from ....structure.payload import carrier, point_mass
-from ....structure.system import SecondOrderSystem, gains_by_command
+
+if TYPE_CHECKING:
+    from ....structure.system import SecondOrderSystem
 
 Index = Annotated[int, Field(strict=True, ge=1, le=1000)]
 Sensor = Literal["position", "velocity"]
@@ -157,6 +160,8 @@ def gains_of(system: SecondOrderSystem, actuator: int) -> Indices:
     Raises:
         InvalidInput: there is no such actuator, or its gain is not a parameter.
     """
+    from ....structure.system import gains_by_command
+
     found = gains_by_command(system)
     if actuator > system.n_u or not found[actuator - 1].size:
         weak = [str(k) for k, gains in enumerate(found, 1) if gains.size]
@@ -234,10 +239,14 @@ class Payload(PlantFault):
 
     def added(self, system: SecondOrderSystem) -> Array:
         """The inertial parameters of a point mass; in water also its weight and moment."""
+        from ....structure.payload import point_mass
+
         return point_mass(system.space, self.mass, np.array(self.place), self.link)
 
     def what(self, system: SecondOrderSystem) -> str:
         """Such as `1 kg on link 6 is picked up`."""
+        from ....structure.payload import carrier
+
         return f"{self.mass:g} kg on {self.link or carrier(system.space)} is picked up"
 
 

@@ -1,0 +1,2 @@
+from .tracker import AdaptiveTracking as AdaptiveTracking
+from .tracker import Tracker as Tracker

@@ -1,0 +1,13 @@
+from .faults.signals import signals_after as signals_after
+from .guest import supervised as supervised
+from .misfit import CONTRADICTS as CONTRADICTS
+from .misfit import FEWEST as FEWEST
+from .misfit import LEVELS as LEVELS
+from .misfit import LONGEST as LONGEST
+from .misfit import Misfit as Misfit
+from .misfit import judged_drift as judged_drift
+from .misfit import judged_estimate as judged_estimate
+from .misfit import running_misfit as running_misfit
+from .misfit import widened as widened
+from .misfit import worst_of as worst_of
+from .state import drift_of as drift_of
