@@ -1,10 +1,14 @@
 """The misfit of a finished run: what of its record is judged, and under which signals.
 
-Faults and gaps divide the log. How a piece is judged is in `watch.misfit`.
+Faults and gaps divide the log. How a piece is judged is in `watch.misfit`, which is imported only
+for a law that is judged.
 """
+
+from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,19 +16,13 @@ from ..experiment.loop import Run
 from ..experiment.scenario import Scenario
 from ..experiment.setup import with_prior_error
 from ..experiment.source import LONGEST_STEP
-from ..laws import KalmanFilter, NullspaceAID, Signals
+from ..laws import NullspaceAID
 from ..log import Log
 from ..structure.system import SecondOrderSystem
-from ..watch import (
-    FEWEST,
-    LONGEST,
-    Misfit,
-    drift_of,
-    judged_drift,
-    judged_estimate,
-    signals_after,
-    worst_of,
-)
+
+if TYPE_CHECKING:
+    from ..laws import KalmanFilter, Signals
+    from ..watch import Misfit
 
 
 def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | None:
@@ -38,15 +36,20 @@ def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | N
         return None
     config = with_prior_error(config, scenario)
     assert isinstance(config, NullspaceAID)
+    from ..laws import KalmanFilter
+
     return KalmanFilter(system, scenario.dt, config.efficient) if system.forward else None
 
 
 def misfit_of(run: Run) -> Misfit | None:
     """The misfit at the end of a run's log; None where `filter_of` is, or rows are missing."""
     system, record = run.system, run.record
-    estimator, found = filter_of(run.scenario, system), list[Misfit]()
+    estimator = filter_of(run.scenario, system)
     if estimator is None or run.scenario.record_every != 1:
         return None
+    from ..watch import judged_drift, judged_estimate, worst_of
+
+    found: list[Misfit] = []
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     for log, rows, signals in _pieces(run, record.log):
         last = rows.stop == len(record)
@@ -68,6 +71,8 @@ def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
 
     Also the variance of a gain's random walk per second [1/s]; None if gains are constant.
     """
+    from ..watch import FEWEST, drift_of
+
     drift, since = drift_of(run.states[""]) if "" in run.states else (0.0, 0.0)
     if not drift:
         return None
@@ -77,6 +82,8 @@ def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
 
 def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
     """Parts of a log between faults and gaps, their rows in the record, and acting signals."""
+    from ..watch import FEWEST, LONGEST, signals_after
+
     known = [event for event in run.faults if event.kind != "unknown"]
     first = int(np.searchsorted(log.t, log.t[-1] - LONGEST))
     starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]

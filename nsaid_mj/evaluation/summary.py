@@ -13,7 +13,6 @@ from ..laws import ConventionalAID, IdentifierConfig, NullspaceAID
 from ..nullspace import directions
 from ..numerics.threads import single_threaded
 from ..parameters import ParameterSpace, rounded
-from ..watch import widened
 from .confidence import Determined, determined, known
 from .excitation import motion_figures, persistence_figures
 from .figures import held_out_rows, judge, residual_floor
@@ -196,6 +195,8 @@ def confidence(run: Run, truth: Truth | None, widening: float = 1.0) -> dict[str
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     if stated is None:
         return run.confidence
+    from ..watch import widened
+
     stated = widened(stated, widening)
     theta, space = run.record.rows("theta_hat", -1), run.system.space
     nullspace = nullspace_of(run, None)
