@@ -18,8 +18,8 @@ from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Inertia
 from ..structure.single_body import Operation
-from .aerial import rotor_terms
 from .arm import ArmPlant, give_rotors, nominal_scales, published_theta, true_model
+from .rotors import rotor_terms
 from .world.body import command_inputs
 from .world.simulated import Known, KnownPlant, SimulatedRobot
 
