@@ -172,7 +172,7 @@ def sheet_of(family: str) -> type[VehicleSheet]:
 class _SheetOfFamily:
     """The sheet of a plant's family, loaded when it is first used."""
 
-    def __get__(self, _plant: object, owner: type[VehiclePlant]) -> type[VehicleSheet]:
+    def __get__(self, _plant: object, owner: Any) -> type[VehicleSheet]:
         return sheet_of(owner.family)
 
 
@@ -185,13 +185,16 @@ class VehiclePlant(BodyPlant, ABC):
         spread: largest relative deviation of the true parameters from the published values.
     """
 
-    family: ClassVar[str]
-    """Name of the family, the `kind` of its sheets."""
     sheet: ClassVar[Any] = _SheetOfFamily()
     """The type of its data sheet."""
 
     vehicle: Name
     spread: Share = 0.2
+
+    @property
+    @abstractmethod
+    def family(self) -> str:
+        """Name of the family, the `kind` of its sheets; an attribute of the class."""
 
     @property
     def _files(self) -> VehicleFiles:
