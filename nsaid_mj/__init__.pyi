@@ -78,9 +78,13 @@ from .plants.jointed import RoverPlant as RoverPlant
 from .plants.jointed import UvmsPlant as UvmsPlant
 from .plants.listed import ListedPlant as ListedPlant
 from .plants.scalar_rov import ScalarRovPlant as ScalarRovPlant
-from .plants.space import AstrobeePlant as AstrobeePlant
-from .plants.torpedo import REMUS100Plant as REMUS100Plant
-from .plants.underwater import BlueROV2Plant as BlueROV2Plant
+from .plants.vehicles import AstrobeePlant as AstrobeePlant
+from .plants.vehicles import BlueROV2Plant as BlueROV2Plant
+from .plants.vehicles import BMW320iPlant as BMW320iPlant
+from .plants.vehicles import CarPlant as CarPlant
+from .plants.vehicles import F1TenthPlant as F1TenthPlant
+from .plants.vehicles import QuadrotorPlant as QuadrotorPlant
+from .plants.vehicles import REMUS100Plant as REMUS100Plant
 from .recording.postprocessing import finish as finish
 from .robot.model import RobotModel as RobotModel
 from .structure.joints import JointScales as JointScales

@@ -1,7 +1,3 @@
-from .aerial import QuadrotorPlant as QuadrotorPlant
-from .ground import BMW320iPlant as BMW320iPlant
-from .ground import CarPlant as CarPlant
-from .ground import F1TenthPlant as F1TenthPlant
 from .jointed import ArmPlant as ArmPlant
 from .jointed import FloatingBasePlant as FloatingBasePlant
 from .jointed import FlyingArmPlant as FlyingArmPlant
@@ -9,9 +5,13 @@ from .jointed import RoverPlant as RoverPlant
 from .jointed import UvmsPlant as UvmsPlant
 from .listed import ListedPlant as ListedPlant
 from .scalar_rov import ScalarRovPlant as ScalarRovPlant
-from .space import AstrobeePlant as AstrobeePlant
-from .torpedo import REMUS100Plant as REMUS100Plant
-from .underwater import BlueROV2Plant as BlueROV2Plant
+from .vehicles import AstrobeePlant as AstrobeePlant
+from .vehicles import BlueROV2Plant as BlueROV2Plant
+from .vehicles import BMW320iPlant as BMW320iPlant
+from .vehicles import CarPlant as CarPlant
+from .vehicles import F1TenthPlant as F1TenthPlant
+from .vehicles import QuadrotorPlant as QuadrotorPlant
+from .vehicles import REMUS100Plant as REMUS100Plant
 from .world.config import ParametricPlantConfig as ParametricPlantConfig
 from .world.config import PlantConfig as PlantConfig
 from .world.faults.kinds import Bias as Bias

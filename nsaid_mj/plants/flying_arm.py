@@ -11,7 +11,7 @@ from ..structure.joints import Carrier, JointScales, link_blocks
 from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Inertia, Operation
-from .aerial import rotor_terms
+from .rotors import rotor_terms
 
 
 def flying_arm(

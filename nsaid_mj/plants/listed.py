@@ -161,6 +161,7 @@ class ListedPlant(VehiclePlant):
             the inertia is as published.
     """
 
+    family: ClassVar[str] = ListedSheet.family
     sheet: ClassVar[type[VehicleSheet]] = ListedSheet
     _refuses: ClassVar[tuple[str, ...]] = ("a vehicle of listed columns", "fluid")
     vehicle: Name = "catamaran"

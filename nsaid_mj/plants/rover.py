@@ -10,7 +10,7 @@ from ..resources import asset, numbers
 from ..robot.tree import set_options
 from ..structure.blocks import guessed
 from ..structure.single_body import SingleBody
-from .ground import operation, planar_mass, single_track
+from .single_track import operation, planar_mass, single_track
 from .world.body import BODY, hidden
 from .world.coordinates import LevelMap
 from .world.mismatch import Mismatch

@@ -15,7 +15,7 @@ from ..structure.multibody import CompiledMultibody
 from ..structure.optional import pin
 from ..structure.parts import Inertia, cylinder, full
 from .arm import extent
-from .underwater import UnderwaterSheet
+from .world.blueprint import sheet_of
 from .world.body import Inertia as RigidBody
 from .world.body import vehicle_spec
 from .world.config import Known
@@ -42,7 +42,7 @@ def uvms() -> Known:
     the axis and resists transverse motion only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is
     −c |v_⊥| v_⊥ ds; buoyancy acts at the middle.
     """
-    arm, base = numbers("uvms"), UnderwaterSheet.of("bluerov2").blueprint()
+    arm, base = numbers("uvms"), sheet_of("underwater").of("bluerov2").blueprint()
     model = uvms_model(base.rigid, arm)
     joints, links, names = _joint_guesses(model, arm), published_links(arm), body_names(model)[1:]
     k, inertias = len(names), [Inertia(0, 0, full())]

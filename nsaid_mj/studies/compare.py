@@ -77,6 +77,22 @@ def plan(
         kind = type(scenario.identifier).__name__
         remedy = "Compare a scenario with that identifier; the methods include the others."
         raise InvalidInput("scenario", "the identifier NullspaceAID", kind, remedy)
+    _check_logs(scenario.dt, seeds, durations, noises, budget, bound)
+    compared = (PRIOR, *((BOUND,) if bound else ()), *methods)
+    vary = {"noise": noises, "duration": durations, "method": compared}
+    settings = {"scenario": scenario.to_json(), **lists, "budget": budget, "bound": bound}
+    return Study(script, scenario, vary, seeds, settings, arguments)
+
+
+def _check_logs(
+    dt: float,
+    seeds: Sequence[int],
+    durations: Sequence[float],
+    noises: Sequence[float],
+    budget: float,
+    bound: bool,
+) -> None:
+    """Raises `InvalidInput` where a number of a comparison is out of range; see `plan`."""
     if bound and not any(noises):
         raise InvalidInput(
             "bound", "noisy sensors", "exact ones, whose bound is 0", "Add --sensors noisy."
@@ -87,18 +103,14 @@ def plan(
         raise InvalidInput("noises", "multiples ≥ 0", noises, "1 is the scenario's.")
     if not budget > 0:
         raise InvalidInput("budget", "seconds > 0", budget, f"The default is {BUDGET:g}.")
-    shortest = 3 * scenario.dt
+    shortest = 3 * dt
     if not all(np.isfinite(d) and d >= shortest for d in durations):
         remedy = "Give longer durations."
         raise InvalidInput("durations", f"times ≥ {shortest:g} s", durations, remedy)
-    if max(durations) > MOST_LOGGED * scenario.dt:
-        expected = f"at most {MOST_LOGGED:.0e} steps of {scenario.dt:g} s"
+    if max(durations) > MOST_LOGGED * dt:
+        expected = f"at most {MOST_LOGGED:.0e} steps of {dt:g} s"
         remedy = "Logs are kept in memory: give shorter durations."
         raise InvalidInput("durations", expected, durations, remedy)
-    compared = (PRIOR, *((BOUND,) if bound else ()), *methods)
-    vary = {"noise": noises, "duration": durations, "method": compared}
-    settings = {"scenario": scenario.to_json(), **lists, "budget": budget, "bound": bound}
-    return Study(script, scenario, vary, seeds, settings, arguments)
 
 
 def compared_at(study: Study, noise: float) -> list[str]:

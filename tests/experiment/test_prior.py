@@ -27,7 +27,7 @@ from nsaid_mj.plants import (
     RoverPlant,
     ScalarRovPlant,
 )
-from nsaid_mj.plants.underwater import UnderwaterSheet
+from nsaid_mj.plants.world.blueprint import sheet_of
 from nsaid_mj.quotient.cone import cone_of, inside
 from nsaid_mj.resources import scenarios
 from nsaid_mj.studies.montecarlo import plan
@@ -80,7 +80,7 @@ def test_a_parametric_plant_moves_by_the_theta_it_is_given(config, seed, error):
 @given(seed=seeds, error=st.sampled_from([0.1, 0.3, 1.0]))
 def test_a_drawn_mass_in_water_is_a_rigid_body_and_an_added_mass_both_physical(seed, error):
     theta, space = published(VEHICLES["bluerov2"])
-    blueprint = UnderwaterSheet.of("bluerov2").blueprint()
+    blueprint = sheet_of("underwater").of("bluerov2").blueprint()
     drawn = drawn_inside(space, theta, error, np.random.default_rng(seed))
     body, acting = blueprint.split(drawn)
     rigid, added, M = body.matrix(), np.zeros((6, 6)), np.zeros((6, 6))

@@ -13,14 +13,14 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.parameters import Array
 from nsaid_mj.plants import Mismatch, Plant
-from nsaid_mj.plants.underwater import UnderwaterSheet
+from nsaid_mj.plants.world.blueprint import sheet_of
 from nsaid_mj.plants.world.body import NED, Inertia, command_inputs, hidden, vehicle_spec
 from nsaid_mj.plants.world.simulated import SimulatedRobot
 from nsaid_mj.resources import vehicle_files
 from tests.support.matrices import skew
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.7, 0.4, -0.5, 0.5, 0.6, -0.4])
-SHEET = UnderwaterSheet.of("bluerov2")
+SHEET: Any = sheet_of("underwater").of("bluerov2")
 FLOW = (0.3, -0.2, 0.1)
 
 
@@ -64,7 +64,7 @@ class Hydrodynamics:
         )
 
     def theta(self) -> Array:
-        """(p,) θ in the order of `UnderwaterSheet.blueprint`."""
+        """(p,) θ in the order of the underwater sheet's blueprint."""
         M = (self.rigid + self.added)[np.triu_indices(6)]
         drag = self.linear, self.quadratic
         return np.concatenate([M, *drag, [self.net_weight], self.righting, self.thrust])

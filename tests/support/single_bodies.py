@@ -16,13 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.parameters import Array
-from nsaid_mj.plants.aerial import QuadrotorSheet
-from nsaid_mj.plants.ground import CarSheet
 from nsaid_mj.plants.scalar_rov import heaving
-from nsaid_mj.plants.space import FreeFlyerSheet
-from nsaid_mj.plants.torpedo import TorpedoSheet
-from nsaid_mj.plants.underwater import UnderwaterSheet
-from nsaid_mj.plants.world.blueprint import VehicleSheet
+from nsaid_mj.plants.world.blueprint import VehicleSheet, sheet_of
 from nsaid_mj.structure.columns.curve import odd
 from nsaid_mj.structure.parts import Column
 from tests.support.matrices import skew
@@ -160,11 +155,11 @@ REFERENCES: dict[str, Callable[..., Array]] = {
 }
 FAMILIES = tuple(REFERENCES)
 SHEETS: dict[str, tuple[type[VehicleSheet], str]] = {
-    "underwater": (UnderwaterSheet, "bluerov2"),
-    "torpedo": (TorpedoSheet, "remus100"),
-    "quadrotor": (QuadrotorSheet, "hummingbird"),
-    "free flyer": (FreeFlyerSheet, "astrobee"),
-    "car": (CarSheet, "f1tenth"),
+    "underwater": (sheet_of("underwater"), "bluerov2"),
+    "torpedo": (sheet_of("torpedo"), "remus100"),
+    "quadrotor": (sheet_of("quadrotor"), "hummingbird"),
+    "free flyer": (sheet_of("free-flyer"), "astrobee"),
+    "car": (sheet_of("car"), "f1tenth"),
 }
 
 

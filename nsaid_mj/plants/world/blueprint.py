@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import cache, cached_property
+from importlib.util import module_from_spec, spec_from_file_location
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from ...bounds import Name, Share, config
 from ...errors import InvalidInput
 from ...parameters import Array, Block
-from ...resources import VehicleFiles, vehicle_files
+from ...resources import VehicleFiles, folder, vehicle_files
 from ...structure.blocks import Term, of_a_body
 from ...structure.parts import Operation
 from .body import BODY, JOINTS, Inertia, command_inputs, hidden, vehicle_spec
@@ -163,6 +165,26 @@ def _unphysical(name: str, error: ValueError) -> InvalidInput:
     return InvalidInput(f"vehicle {name}", expected, error, remedy)
 
 
+@cache
+def sheet_of(family: str) -> type[VehicleSheet]:
+    """The type of the sheets of a family, from its converter in assets/families."""
+    path = folder("assets") / "families" / f"{family.replace('-', '_')}.py"
+    spec = spec_from_file_location(f"nsaid_mj_family_{path.stem}", path)
+    assert spec is not None and spec.loader is not None
+    module = sys.modules[spec.name] = module_from_spec(spec)  # where pydantic looks names up
+    spec.loader.exec_module(module)
+    own = [v for v in vars(module).values() if getattr(v, "__module__", "") == spec.name]
+    (sheet,) = (v for v in own if isinstance(v, type) and issubclass(v, VehicleSheet))
+    return sheet
+
+
+class _SheetOfFamily:
+    """The sheet of a plant's family, loaded when it is first used."""
+
+    def __get__(self, _plant: object, owner: Any) -> type[VehicleSheet]:
+        return sheet_of(owner.family)
+
+
 @config
 class VehiclePlant(BodyPlant, ABC):
     """A vehicle of one body, made from a data sheet.
@@ -172,13 +194,16 @@ class VehiclePlant(BodyPlant, ABC):
         spread: largest relative deviation of the true parameters from the published values.
     """
 
+    sheet: ClassVar[Any] = _SheetOfFamily()
+    """The type of its data sheet."""
+
     vehicle: Name
     spread: Share = 0.2
 
     @property
     @abstractmethod
-    def sheet(self) -> type[VehicleSheet]:
-        """The type of its data sheet, an attribute of the class."""
+    def family(self) -> str:
+        """Name of the family, the `kind` of its sheets; an attribute of the class."""
 
     @property
     def _files(self) -> VehicleFiles:

@@ -5,24 +5,32 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..bounds import Name, Share, config
-from ..errors import InvalidInput
-from ..parameters import Array
-from ..structure.blocks import AXES, actuators, guessed, mass_block, named, term
-from ..structure.parts import Operation, full
-from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
-from .world.body import NED
-from .world.sheet import (
+from nsaid_mj.plants.conversion import (
+    AXES,
+    NED,
+    Array,
+    Blueprint,
+    Fluid,
     Guess,
+    InvalidInput,
     NotNegative,
     Number,
+    Operation,
     Place,
     Positive,
     Table,
+    VehicleSheet,
+    actuators,
     check_directions,
     check_inertia,
+    full,
+    guessed,
+    mass_block,
+    named,
+    odd,
     one,
     several,
+    term,
 )
 
 POWERS = 5
@@ -150,8 +158,6 @@ class UnderwaterSheet(VehicleSheet):
         θ = [M (21), linear drag (6), quadratic drag (6), net weight, righting moments (3), thrust].
         Righting moments are r_B B − r_G W.
         """
-        from ..structure.columns.curve import odd  # compiled
-
         points, directions = (NED * self.thrusters.placed(x) for x in ("position", "direction"))
         rigid, added = np.diag([self.mass] * 3 + self.inertia), np.diag(self.added_mass)
         righting, guess = NED * self.buoyancy_centre * self.buoyancy, self.guess
@@ -176,21 +182,6 @@ class UnderwaterSheet(VehicleSheet):
             fluid=WATER,
             size=self.size,
         )
-
-
-@config
-class BlueROV2Plant(VehiclePlant):
-    """A BlueROV2 Heavy, or another underwater vehicle with fixed thrusters.
-
-    Attributes:
-        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
-        spread: largest relative deviation of the true drag, weight, righting moment and thrust
-            from the published values.
-    """
-
-    sheet: ClassVar[type[VehicleSheet]] = UnderwaterSheet
-    vehicle: Name = "bluerov2"
-    spread: Share = 0.2
 
 
 def _turned(vector: list[float], angles: list[float]) -> Array:

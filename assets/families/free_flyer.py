@@ -5,19 +5,21 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..bounds import Name, Share, config
-from ..structure.blocks import actuators, inertial_block
-from ..structure.parts import Operation
-from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
-from .world.body import NED, Inertia
-from .world.sheet import (
+from nsaid_mj.plants.conversion import (
+    NED,
+    Blueprint,
     Guess,
+    Inertia,
     Number,
+    Operation,
     Place,
     Positive,
     Table,
+    VehicleSheet,
+    actuators,
     check_directions,
     check_inertia,
+    inertial_block,
     one,
     several,
 )
@@ -83,18 +85,3 @@ class FreeFlyerSheet(VehicleSheet):
             Operation.within(guess.speed, np.ones(len(thrust)), 0.0, reach=1.0),
             size=self.size,
         )
-
-
-@config
-class AstrobeePlant(VehiclePlant):
-    """NASA's Astrobee, or another free-flyer with two propulsion modules.
-
-    Attributes:
-        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
-        spread: largest relative deviation of the nozzles' true thrust from the published value.
-    """
-
-    sheet: ClassVar[type[VehicleSheet]] = FreeFlyerSheet
-    _refuses: ClassVar[tuple[str, ...]] = ("a free-flyer in a vacuum", "flow", "fluid")
-    vehicle: Name = "astrobee"
-    spread: Share = 0.2

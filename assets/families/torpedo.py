@@ -5,18 +5,36 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..bounds import Name, Share, config
-from ..errors import InvalidInput
-from ..parameters import Array, Block
-from ..structure.blocks import Term, actuators, guessed, term
-from ..structure.parts import Column, Operation, tied
-from .underwater import WATER
-from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
-from .world.sheet import Guess, Negative, Number, Positive, Table, check_inertia, one, several
+from nsaid_mj.plants.conversion import (
+    Array,
+    Block,
+    Blueprint,
+    Column,
+    Fluid,
+    Guess,
+    InvalidInput,
+    Negative,
+    Number,
+    Operation,
+    Positive,
+    Share,
+    Table,
+    Term,
+    VehicleSheet,
+    actuators,
+    check_inertia,
+    guessed,
+    one,
+    several,
+    term,
+    tied,
+)
 
-_FLUID = WATER._replace(
-    solid=lambda geom: geom == "hull",  # the fins keep their own lift
-    replaced=("mass matrix", "quadratic drag", "body lift"),
+_FLUID = Fluid(
+    1000.0,
+    1e-3,
+    lambda geom: geom == "hull",  # the fins keep their own lift
+    ("mass matrix", "quadratic drag", "body lift"),
 )
 _DRAG = ((1, 0, 0, 0, 0, 0), (0, 1, 1, 0, 0, 0), (0, 0, 0, 1, 0, 0), (0, 0, 0, 0, 1, 1))
 _DRAGS = {
@@ -220,18 +238,3 @@ def _mass_block(M: Array) -> Block:
     names, units, labels, places = zip(*_INERTIA, strict=True)
     scale = guessed([M[place] for place in places])
     return Block("mass matrix", names, units, scale, "tied", entries=_MASS, labels=labels)
-
-
-@config
-class REMUS100Plant(VehiclePlant):
-    """A REMUS 100, or another torpedo-shaped vehicle.
-
-    Attributes:
-        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
-        spread: largest relative deviation of the true drag, lift, weight, righting moment,
-            propeller and fins from the published values.
-    """
-
-    sheet: ClassVar[type[VehicleSheet]] = TorpedoSheet
-    vehicle: Name = "remus100"
-    spread: Share = 0.2

@@ -1,27 +1,34 @@
 """Quadrotors: four rotors of unknown gain; Hummingbird and Crazyflie are included."""
 
-from collections.abc import Sequence
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from ..bounds import Name, Share, config
-from ..errors import InvalidInput
-from ..parameters import Array
-from ..structure.blocks import GRAVITY, Term, actuators, guessed, inertial_block, named, term
-from ..structure.parts import Column, Operation
-from .world.blueprint import Blueprint, Fluid, VehiclePlant, VehicleSheet
-from .world.body import Inertia, hidden
-from .world.sheet import (
+from nsaid_mj.plants.conversion import (
+    GRAVITY,
+    Array,
+    Blueprint,
+    Column,
+    Fluid,
     Guess,
+    Inertia,
+    InvalidInput,
     NotNegative,
     Number,
+    Operation,
     Positive,
     Table,
+    VehicleSheet,
     check_inertia,
+    guessed,
+    hidden,
+    inertial_block,
+    named,
     one,
+    rotor_terms,
     several,
+    term,
 )
 
 _AIR = Fluid(
@@ -129,35 +136,3 @@ class QuadrotorSheet(VehicleSheet):
         centre = np.array(self.centre_of_mass) * rng.uniform(-1, 1, 3)
         second = hidden(moments.sum() / 2 - moments, spread, rng)
         return Inertia(mass, centre, np.diag(second.sum() - second)).matrix()
-
-
-def rotor_terms(
-    points: Array, spins: Sequence[float], thrust: float, torque: float, spread: float = 1.0
-) -> list[Term]:
-    """Thrust [N] along z and torque [N·m] about z of r rotors at full command, each with its own.
-
-    points (r, 3) are on the first body [m]; spins (r,) ±1 are the signs of the torques; `spread` is
-    that of the torque, see `Term`.
-    """
-    up, about = np.broadcast_to(_UP, (len(points), 3)), np.multiply.outer(spins, _UP)
-    turning = {"direction": about, "spread": spread}
-    return [
-        actuators("rotor", "thrust", "thrust of rotor", thrust, point=points, direction=up),
-        actuators("rotor_torque", "torque", "torque of rotor", torque, **turning),
-    ]
-
-
-@config
-class QuadrotorPlant(VehiclePlant):
-    """A quadrotor in the air.
-
-    Attributes:
-        vehicle: an included vehicle's name, or the path of a vehicle.toml or of its folder.
-        spread: largest relative deviation of the true mass, second moments of mass, drag, lift and
-            thrust from the published values; half of it for the rotors' torque, because yaw
-            authority is small.
-    """
-
-    sheet: ClassVar[type[VehicleSheet]] = QuadrotorSheet
-    vehicle: Name = "hummingbird"
-    spread: Share = 0.1
