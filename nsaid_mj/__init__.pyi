@@ -67,10 +67,6 @@ from .plants import SensorNoise as SensorNoise
 from .plants import Sensors as Sensors
 from .plants import Stuck as Stuck
 from .plants import parse_faults as parse_faults
-from .plants.aerial import QuadrotorPlant as QuadrotorPlant
-from .plants.ground import BMW320iPlant as BMW320iPlant
-from .plants.ground import CarPlant as CarPlant
-from .plants.ground import F1TenthPlant as F1TenthPlant
 from .plants.jointed import ArmPlant as ArmPlant
 from .plants.jointed import FloatingBasePlant as FloatingBasePlant
 from .plants.jointed import FlyingArmPlant as FlyingArmPlant

@@ -48,17 +48,12 @@ def identify(
 ) -> Identification | ServoIdentification:
     """Identifies plant and actuator parameters of a robot from logs of its motion.
 
-    Of an MJCF whose joints have position servos, and logs of their targets, these are the servos';
-    `known`, `columns`, `delay`, `cutoff` and laws then have no meaning.
-
     Args:
         model: path of a URDF, MJCF or vehicle's TOML file; the name of a robot or vehicle, packed
             or of example-robot-data; or a model already loaded.
-        logs: files of position, velocity (if any) and command; none for the packed logs of `tx40`
-            and `so101`.
+        logs: files of position, velocity (if any), command; none for a packed robot's own log.
         validate: files excluded from the fit, on which the estimate is validated.
-        mapping: the meaning of the logs' columns: the path of a map.toml, or None to match columns
-            with the model's joints by name.
+        mapping: the meaning of the logs' columns, or its map.toml; None to match joints by name.
         validate_mapping: that of `validate`; None for `mapping`.
         known: known parameters by name or label [SI], such as {"gain_1": 0.11}.
         loads: weighed loads, such as "loaded.csv:0.25kg@gripper", which fix the common scale.
@@ -74,31 +69,33 @@ def identify(
         report: called with the name of every stage, for progress.
 
     Returns:
-        The result, whose `explains` and `verdict` say whether the model explains the log at all;
-        that of servos is a `ServoIdentification`.
+        The result, whose `explains` and `verdict` say whether the model explains the log at all; of
+        an MJCF with position servos and logs of their targets, these servos.
 
     Raises:
         UnusableLog: a fault of the log, such as a reversed or dead channel, with all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
     check_choice("law", law, IDENTIFICATION_LAWS)
-    lists, carried = (_listed(logs), _listed(validate)), tuple(map(_load, loads))
-    own, other = _read_map(mapping), _read_map(validate_mapping)
-    servos = servos_of(model, lists[0], own, lock, joints, carried)
+    own = _read_map(mapping)
+    other = _read_map(validate_mapping)
+    carried = tuple(map(_load, loads))
+    servos = servos_of(model, _listed(logs), own, lock, joints, carried)
     if servos is not None:
         from .servos.identify import check_servo_options, identify_servos
 
         check_servo_options(law, known=known, columns=columns, delay=delay, cutoff=cutoff)
         found = identify_servos(servos, report)
-        if not lists[1]:
+        unseen = _listed(validate)
+        others = servos_of(model, unseen, other or own, lock, joints) if unseen else None
+        if others is None:
             return found
         from .servos.export import with_replay
 
-        unseen = servos_of(model, lists[1], other or own, lock, joints)
         report("simulating the validation logs with the identified servos")
-        return with_replay(found, servos, unseen)
+        return with_replay(found, servos, others)
     return identify_forces(
-        model, lists[0], validate=lists[1], mapping=own, validate_mapping=other, known=known,
+        model, logs, validate=validate, mapping=own, validate_mapping=other, known=known,
         loads=carried, lock=lock, joints=joints, columns=columns, delay=delay, cutoff=cutoff,
         law=law, folder=folder, report=report,
     )  # fmt: skip

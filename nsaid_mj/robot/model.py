@@ -43,7 +43,7 @@ class RobotModel:
         gain: (n_u,) nominal force per unit of command [N·m or N]; 1 where the file has none.
         limits: (n_u,) largest absolute command; inf where the file has none.
         system: the structure (a `SecondOrderSystem`): of a vehicle its sheet's, of a tree of joints
-            its links alone, to which friction and motors are added; see `links_of`.
+            always the links of `model`, to which friction and motors are added; see `links_of`.
         prior: (p,) θ̂(0) of a vehicle, its published values; None for a tree of joints.
         findings: about the file, such as inertias moved inside the cone or meshes not found.
         visuals: data for drawing the robot, for `recording`.
@@ -74,7 +74,7 @@ class RobotModel:
     top_speed: float = np.inf
 
     def __post_init__(self) -> None:
-        if self.system is None and self.jointed:
+        if self.jointed:  # it follows from the model, and changes with it
             object.__setattr__(self, "system", links_of(self.model))
 
     @property

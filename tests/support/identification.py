@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 
+from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.calibration.result import (
     AlongLog,
     Combination,
@@ -64,7 +65,7 @@ def identification(
         held_out: NRMSE of every joint.
         validated: whether there is a validation log.
         law: whether a law has followed the log besides.
-        vehicle: whether the robot is a vehicle, without a tree of joints.
+        vehicle: whether the robot is a vehicle, whose structure is known but no model file.
         segments: number of logs, all starting at 0 s.
         findings: what was noticed.
     """
@@ -73,6 +74,7 @@ def identification(
     robot = RobotModel(
         "test arm", None, "vehicle" if vehicle else "urdf", None if vehicle else model, names,
         np.zeros(n), np.zeros(n), np.zeros(n), np.ones(n), np.full(n, np.inf),
+        system=load_robot_model("catamaran").system if vehicle else None,
     )  # fmt: skip
     t = np.arange(0, 4, 0.02)
     q = 0.5 * np.sin(t[:, None] * (1 + np.arange(n)))

@@ -99,15 +99,11 @@ def structured_arm(
         return again, arm_suspects(other, choice, again, theta)
 
     columns, rotors = rows.terms(problem.space, choice)
-    parts = zip(robot.joints, choice.columns, choice.speed, choice.delay.tolist(), strict=True)
     return Structured(
         problem,
         others,
         checked,
-        tuple(
-            JointFit(name, columns=tuple(sorted(own)), friction_speed=SPEEDS[s], delay=d)
-            for name, own, s, d in parts
-        ),
+        _chosen(robot, choice),
         (*notes, *slow, *faults),
         chosen.cutoff,
         choice.delay,
@@ -116,6 +112,15 @@ def structured_arm(
         coupled=options.coupled,
         columns=columns,
         rotors=rotors,
+    )
+
+
+def _chosen(robot: RobotModel, choice: Choice) -> tuple[JointFit, ...]:
+    """What was chosen for every joint."""
+    parts = zip(robot.joints, choice.columns, choice.speed, choice.delay.tolist(), strict=True)
+    return tuple(
+        JointFit(name, columns=tuple(sorted(own)), friction_speed=SPEEDS[s], delay=d)
+        for name, own, s, d in parts
     )
 
 
