@@ -24,6 +24,11 @@ except ImportError:  # on Windows folders are not locked
 
 RECORDING = "run.rrd"
 """File of a run's recording."""
+RECORD = "record.arrow"
+"""File of a run's record."""
+
+SWEEP = ("manifest.json", "rows.jsonl", "results.parquet")
+"""Files of a sweep: what it is, one row for every run, and their table."""
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -56,6 +61,29 @@ def path_of(text: str | os.PathLike[str]) -> Path:
             "path", "the name of a file", f"{name}: {reason}", "Correct it."
         ) from error
     return path
+
+
+def record_file(path: Path) -> Path:
+    """The record in a run's folder, or the record file itself; raises `BadRun` if there is none."""
+    file = path / RECORD if path_of(path).is_dir() else path
+    if not file.is_file():
+        raise BadRun(path, f"there is no {RECORD}", "Give the folder that a run has written")
+    return file
+
+
+def check_sweep(folder: Path) -> None:
+    """Raises `BadRun` unless a folder has a file of a sweep."""
+    if not any((folder / name).is_file() for name in SWEEP):
+        raise no_sweep(folder)
+
+
+def no_sweep(folder: Path) -> BadRun:
+    """The error to raise for a folder without a sweep."""
+    return BadRun(
+        folder,
+        f"not a sweep folder: {SWEEP[0]} is missing",
+        "Give a folder that `nsaid sweep` has written",
+    )
 
 
 class VehicleFiles(NamedTuple):
@@ -108,6 +136,15 @@ def json_of(text: str | bytes) -> Any:
         return json.loads(text)
     except RecursionError as error:
         raise ValueError("thousands of values inside each other") from error
+
+
+def toml_of(path: Path, flag: str, remedy: str) -> dict[str, Any]:
+    """The content of a TOML file that a flag names; raises `InvalidInput` if it is not readable."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        expected = "a readable TOML file"
+        raise InvalidInput(flag, expected, f"{path}: {error}", remedy) from error
 
 
 def print_json(value: Any) -> None:

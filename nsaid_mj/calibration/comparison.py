@@ -12,6 +12,7 @@ import numpy as np
 from ..baselines import Problem
 from ..baselines.sysid import BUDGET, sysid, toolbox
 from ..errors import BadRobot, InvalidInput
+from ..experiment.choices import FITTED
 from ..laws.cone.prior import drawn_inside
 from ..log import SensorLevels
 from ..logs.recordings import Recordings, Segment
@@ -35,9 +36,7 @@ from .servos.logs import DELAYS, ServoLog, ServoLogs, late
 HORIZONS = (0.2, 2.0, np.inf)
 """Times after which a simulation restarts from the measured state [s]."""
 
-IDENTIFIED, SYSID, STOCK = FITTED = "identified", "sysid", "sysid-stock"
-"""Names of models that are fitted to one half of the logs and predict the other: ours, and
-`mujoco.sysid` with its best and its stock options, starting from the values of the first file."""
+IDENTIFIED, SYSID, STOCK = FITTED
 
 _DEFAULT = Options()
 _NOISY = SensorLevels(position=1e-4, velocity=1e-3)  # the toolbox's chunks start at smoothed states

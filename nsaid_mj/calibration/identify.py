@@ -1,25 +1,26 @@
 """`identify`: from a model file and log files to parameters with intervals."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import InvalidInput, UnknownName
-from ..logs import Map, checked, prepare, read_map, read_tables
-from ..logs.recordings import Recordings
+from ..experiment.choices import IDENTIFICATION_LAWS, VEHICLE_COLUMNS, check_choice
 from ..logs.unusable import UnreadableLog, UnusableLog
 from ..numerics.threads import single_threaded
 from ..resources import asset
-from ..robot.model import RobotModel
-from .calibrate import calibrate
-from .joints import BASIC, COLUMNS
-from .law import LAWS, with_law
-from .links import Load, load_of
-from .models import load_robot_model
-from .result import Identification, Options
-from .vehicles import EXTRA
+
+if TYPE_CHECKING:
+    from ..logs.mapping import Map
+    from ..logs.recordings import Recordings
+    from ..robot.model import RobotModel
+    from .loads import Load
+    from .result import Identification, Options
 
 PathLike = str | Path
 
@@ -73,18 +74,47 @@ def identify(
         UnusableLog: a fault of the log, such as a reversed or dead channel, with all findings.
         NsaidError: a file cannot be read, a name is unknown, or a value is not physical.
     """
-    if law not in LAWS:
-        raise UnknownName("law", law, LAWS)
+    check_choice("law", law, IDENTIFICATION_LAWS)
     report("reading the model")
-    robot = model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
-    logs, chosen = files_of(model, _listed(logs), mapping)
+    robot = _robot(model, lock, joints)
+    files, chosen = files_of(model, _listed(logs), mapping)
     report("reading the log")
-    recordings = recordings_of(logs, chosen, robot)
+    recordings = recordings_of(files, chosen, robot)
     other = chosen if validate_mapping is None else _read_map(validate_mapping)
     validation = _validation(_listed(validate), other, robot)
     options = _options(robot, columns, coupled(chosen), delay, cutoff, loads)
-    found = calibrate(robot, recordings, validation, replace(options, known=known or {}), report)
-    return found if law == "batch" else with_law(found, law, folder, report)
+    options = replace(options, known=known or {})
+    return _fitted(robot, recordings, validation, options, law, folder, report)
+
+
+def _fitted(
+    robot: RobotModel,
+    recordings: Recordings,
+    validation: Recordings | None,
+    options: Options,
+    law: str,
+    folder: PathLike | None,
+    report: Callable[[str], None],
+) -> Identification:
+    """The result of the fit to all rows, and of a law along them if one is named."""
+    from .calibrate import calibrate
+
+    found = calibrate(robot, recordings, validation, options, report)
+    if law == "batch":
+        return found
+    from .law import with_law
+
+    return with_law(found, law, folder, report)
+
+
+def _robot(
+    model: str | RobotModel, lock: Sequence[str], joints: Sequence[str] | None
+) -> RobotModel:
+    """The model, read unless it is loaded already."""
+    from ..robot.model import RobotModel
+    from .models import load_robot_model
+
+    return model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)
 
 
 def _listed(files: PathLike | Sequence[PathLike]) -> list[Path]:
@@ -105,6 +135,8 @@ def files_of(
 
 
 def _read_map(mapping: PathLike | Map | None) -> Map | None:
+    from ..logs.mapping import read_map
+
     return read_map(Path(mapping)) if isinstance(mapping, str | Path) else mapping
 
 
@@ -126,6 +158,8 @@ def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Re
 
 def recordings_of(files: Sequence[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
     """Prepared and checked logs of a robot."""
+    from ..logs import checked, prepare, read_tables
+
     return checked(prepare(read_tables(files, mapping), mapping, robot), robot)
 
 
@@ -158,9 +192,13 @@ def _options(
         InvalidInput: delays are not 1 or k numbers within ±1 s, the cut-off is out of range, a load
             is stated in another form, or the robot that carries it is not a tree of joints.
     """
+    from .joints import BASIC, COLUMNS
+    from .loads import load_of
+    from .result import Options
+
     k, arm, names, delays = len(robot.joints), robot.system is None, None, None
     if columns is not None:
-        choices = COLUMNS if arm else EXTRA
+        choices = COLUMNS if arm else VEHICLE_COLUMNS
         for name in columns:
             if name not in choices:
                 raise UnknownName("column", name, choices)

@@ -31,7 +31,6 @@ from .result import AlongLog, Fitted, Gain, Identification, Structured, recordin
 from .smoothing import delayed, filter_for, noise_levels, refined, smooth, smooth_commands
 from .vehicles import motion_of
 
-LAWS = ("batch", "efficient", "memory", "cone", "paper")
 """Laws of `nsaid identify`; `batch` estimates at the end of the log."""
 
 _ROWS = 400  # of the estimate along the log, at most

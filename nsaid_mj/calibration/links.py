@@ -14,13 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..bounds import LARGEST
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block, Indices
-from ..plants.arm import extent
 from ..structure.blocks import link_block
 from ..structure.joints import body_names, positions
 from ..structure.optional import pin
+from .loads import Load
 from .problem import size_weights
 
 _POSES = 300  # at which weight is computed
@@ -102,6 +101,8 @@ def weight_of(model: pin.Model, coordinates: Array) -> Array:
 
 def link_blocks(model: pin.Model) -> list[Block]:
     """The links' blocks of θ."""
+    from ..plants.arm import extent
+
     names, blocks = body_names(model), []
     for i in range(1, model.njoints):
         inertia = model.inertias[i]
@@ -110,45 +111,8 @@ def link_blocks(model: pin.Model) -> list[Block]:
     return blocks
 
 
-_FORM = "FILE:MASSkg, FILE:MASSkg@LINK or FILE:MASSkg@LINK:X,Y,Z"
-_TEXT = re.compile(
-    r"(?P<file>.+):(?P<mass>[0-9.eE+-]+) *(?P<unit>kg|g)?(@(?P<link>[^:]+)(:(?P<place>[^:]+))?)?"
-)
 _GRIPPERS = {"gripper", "jaw", "finger", "hand"}
 _SMALL, _ANYWHERE = 0.05, 0.15  # radius of a load, and of the region in which an unknown one is [m]
-
-
-class Load(NamedTuple):
-    """A weighed payload."""
-
-    source: str  # name of the file that carries it
-    mass: float  # [kg]
-    # body, joint or frame of the model that it is fixed to; "" for the last link that does not
-    # belong to a gripper
-    link: str = ""
-    # (3,) its centre of mass in the frame of that link [m]; None if unknown
-    centre: tuple[float, ...] | None = None
-
-
-def load_of(text: str) -> Load:
-    """A load as the command line states it, such as `loaded.csv:0.25kg@gripper`.
-
-    Raises:
-        InvalidInput: the text has another form, or the mass is not positive.
-    """
-    found = _TEXT.fullmatch(text.strip())
-    try:
-        if found is None:
-            raise ValueError
-        mass = float(found["mass"]) * (1e-3 if found["unit"] == "g" else 1.0)
-        place = found["place"]
-        centre = None if place is None else tuple(float(x) for x in place.split(","))
-        known = centre is None or (len(centre) == 3 and (np.abs(centre) <= LARGEST).all())
-        if not (0 < mass <= LARGEST and known):
-            raise ValueError
-    except ValueError as error:
-        raise InvalidInput("--load", _FORM, text, "Such as loaded.csv:0.25kg@gripper.") from error
-    return Load(re.split(r"[/\\]", found["file"])[-1], mass, found["link"] or "", centre)
 
 
 def check_loads(loads: Sequence[Load], sources: Sequence[str]) -> None:

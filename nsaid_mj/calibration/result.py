@@ -14,7 +14,7 @@ from ..parameters import Array, Indices
 from ..robot.findings import Finding
 from ..robot.model import RobotModel
 from .fit import Fit, Precision
-from .links import Load
+from .loads import Load
 from .problem import Mask, Problem
 from .residuals import Suspect
 

@@ -24,10 +24,12 @@ from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, printable
 from ..experiment.library import load
 from ..resources import (
     MORE_ROBOTS,
+    RECORDING,
     has_example_robots,
     known_robots,
     print_json,
     reading,
+    record_file,
     scenarios,
 )
 from .process import (
@@ -139,6 +141,7 @@ def _command(arguments: Sequence[str]) -> int:
 
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
     if isinstance(chosen, grammar.Verify):
+        record_file(chosen.run)
         from ..evaluation.verify import verify_folder
 
         return _judged(chosen.run.name, *verify_folder(chosen.run), chosen.json, chosen.quiet)
@@ -195,12 +198,14 @@ def _carry_out(
     name: str, default: Scenario, arguments: Sequence[str], asked: str
 ) -> tuple[str, Run, dict[str, Any], grammar.Run]:
     """Runs and post-processes a scenario; returns its title, run, summary and output options."""
-    from .exciting import designed, without_excitation
+    from .checks import check_excitation, check_plant, without_excitation
     from .folders import folder_for, title_of
     from .options import parse, repeated
 
     given, arguments = without_excitation(arguments)
     scenario, output = parse(name, default, arguments, asked)
+    check_plant(scenario.plant)
+    check_excitation(given)
     title = title_of(name, default, scenario)
     from ..experiment.loop import Observer, run
     from ..pages.progress import Progress
@@ -217,6 +222,8 @@ def _carry_out(
     ):
         command = shlex.join(["nsaid", "run", name, *repeated(default, scenario)])
         if given:
+            from .exciting import designed
+
             command += f" --excitation {given}"
             scenario = replace(scenario, excitation=designed(scenario, given, progress))
         result = run(scenario, folder, progress, *watchers)
@@ -260,15 +267,18 @@ def _list() -> int:
 
 
 def _view(folder: Path, web: bool, rebuild: bool) -> int:
-    from ..recording import FILE, postprocessing, viewer_command
-
-    file = folder if folder.suffix == ".rrd" else folder / FILE
+    file = folder if folder.suffix == ".rrd" else folder / RECORDING
     if rebuild or not file.is_file():
         if not folder.is_dir():
             raise BadRun(
                 folder, "there is no such run", "Give the folder of a run, e.g. runs/ur5-paper."
             )
-        postprocessing.rebuild(folder)
+        record_file(folder)
+        from ..recording.postprocessing import rebuild as post_process
+
+        post_process(folder)
+    from ..recording import viewer_command
+
     words = viewer_command(file, web)
     if os.name == "posix":
         os.execv(words[0], words)  # the viewer replaces this process and receives its signals

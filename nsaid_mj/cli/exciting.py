@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import BadRun, InvalidInput
+from ..errors import InvalidInput
 from ..resources import print_json, reading
+from .checks import check_excite, two_noises
 from .folders import folder_for_results
 from .grammar import Excite
 from .process import code_of
@@ -26,6 +26,8 @@ def excite(chosen: Excite) -> int:
     if not chosen.scenario and chosen.model is None:
         remedy = "Such as `nsaid excite ur5` or `nsaid excite --model arm.urdf`."
         raise InvalidInput("excite", "a scenario or --model", "neither", remedy)
+    check_excite(chosen)
+    scenario = _scenario(chosen)
     path = Path(chosen.model or chosen.scenario)
     name = path.absolute().parent.name if path.name == "vehicle.toml" else path.stem
     with (
@@ -34,10 +36,10 @@ def excite(chosen: Excite) -> int:
             f"{name}-excite", chosen.out, chosen.force, DESIGN, "a design"
         ) as folder,
     ):
-        return _designed_in(folder, name, chosen)
+        return _designed_in(folder, name, scenario, chosen)
 
 
-def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
+def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) -> int:
     """Designs, and writes and prints the results."""
     from rich.console import Console
 
@@ -56,7 +58,6 @@ def _designed_in(folder: Path, name: str, chosen: Excite) -> int:
             own = replace(own, contacts=experiment.contacts is not None)
         return design.read_limits(chosen.limits, own) if chosen.limits else own
 
-    scenario = _scenario(chosen)
     with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
         experiment = design.Experiment.of(scenario, chosen.seed)
         found = design.design(
@@ -103,52 +104,21 @@ def _scenario(chosen: Excite) -> Scenario:
     )
     if chosen.noise is None:
         return found
-    try:
-        position, velocity = (float(part) for part in chosen.noise.split(","))
-    except ValueError as error:
-        expected = "two numbers, of position and velocity"
-        raise InvalidInput("--noise", expected, chosen.noise, "Such as 1e-4,5e-3.") from error
+    position, velocity = two_noises(chosen.noise)
     noise = replace(found.noise, position=position, velocity=velocity, encoder_step=0.0)
     return replace(found, noise=noise)
-
-
-def without_excitation(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
-    """The value of `--excitation` on a command line, "" without it, and the other arguments.
-
-    Raises:
-        InvalidInput: the value is missing.
-    """
-    rest, given = list(arguments), ""
-    for k, argument in enumerate(rest):
-        flag, equals, value = argument.partition("=")
-        if flag != "--excitation":
-            continue
-        if not equals and k + 1 == len(rest):
-            raise InvalidInput("--excitation", "`designed` or `designed:FOLDER`", "nothing", "")
-        given = value if equals else rest[k + 1]
-        del rest[k : k + (1 if equals else 2)]
-        break
-    return given, rest
 
 
 def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig:
     """The excitation for `--excitation designed` or `--excitation designed:FOLDER`.
 
-    Raises:
-        InvalidInput: the value is neither.
-        BadRun: the folder holds no design.
+    `checks.check_excitation` has accepted the value.
     """
-    word, colon, folder = given.partition(":")
-    if word != "designed":
-        expected = "`designed`, or `designed:FOLDER` of an earlier `nsaid excite`"
-        raise InvalidInput("--excitation", expected, given, "All else is in the scenario's script.")
     from ..experiment.scenario import Scenario
 
+    _, colon, folder = given.partition(":")
     if colon:
-        path = Path(folder) / "scenario.json"
-        if not path.is_file():
-            raise BadRun(folder, "there is no design", "Give the folder that `nsaid excite` wrote")
-        return Scenario.from_json(path.read_bytes()).excitation
+        return Scenario.from_json((Path(folder) / "scenario.json").read_bytes()).excitation
     from .. import design
 
     return design.design(design.Experiment.of(scenario), report=progress.stage).driver

@@ -1,19 +1,23 @@
 """Chooses a run's folder, by robot and law; a completed run is never overwritten silently."""
 
+from __future__ import annotations
+
 import itertools
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..errors import BadRun, FolderInUse
-from ..experiment.scenario import Scenario
-from ..laws import ConventionalAID
-from ..resources import check_own, json_of, locked
+from ..resources import RECORD, check_own, json_of, locked
+
+if TYPE_CHECKING:
+    from ..experiment.scenario import Scenario
 
 RUNS = Path("runs")
 _FORCE = ", or --force to write among them"
-RUN = ("record.arrow", "scenario.json", "summary.json")
+RUN = (RECORD, "scenario.json", "summary.json")
 """Files that mark the folder of a run, even of one that ended early."""
 
 
@@ -38,6 +42,8 @@ def folder_for(
         BadRun: `out` holds a completed run, and `force` is not set.
         FolderInUse: another run is writing into `out`.
     """
+    from ..laws import ConventionalAID
+
     conventional = isinstance(scenario.identifier, ConventionalAID)
     law = getattr(scenario.identifier, "law", "conventional" if conventional else "own")
     return _free(f"{title}-{law}", out, force, holds_completed_run, "a completed run", RUN)

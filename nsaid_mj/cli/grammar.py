@@ -11,7 +11,6 @@ from typing import Annotated, Any, Union
 import tyro
 from tyro.conf import Positional, UseAppendAction, arg, subcommand
 
-from ..errors import InvalidInput
 from .grammar_of_studies import Compare, MonteCarlo, Report, ScenarioName, Sweep, Track
 
 
@@ -264,12 +263,19 @@ COMMANDS: dict[str, type] = {
 def parse(arguments: Sequence[str]) -> Any:
     """Parses a command line without fields of a scenario; returns the options of its command.
 
-    Without a command, the help has one line for each.
+    Only the named command's parser is made. Without a command, the help has one line for each.
     """
-    named = any(argument in COMMANDS for argument in arguments[:1])
+    word = next(iter(arguments), "")
+    if word in COMMANDS:
+        return tyro.cli(
+            COMMANDS[word],
+            prog=f"nsaid {word}",
+            args=list(arguments[1:]),
+            config=(tyro.conf.FlagCreatePairsOff,),
+        )
     firsts = {name: (kind.__doc__ or "").partition("\n")[0] for name, kind in COMMANDS.items()}
     choices = [
-        Annotated[kind, subcommand(name, description=None if named else firsts[name])]
+        Annotated[kind, subcommand(name, description=firsts[name])]
         for name, kind in COMMANDS.items()
     ]
     return tyro.cli(
@@ -283,16 +289,3 @@ def parse(arguments: Sequence[str]) -> Any:
         args=list(arguments),
         config=(tyro.conf.FlagCreatePairsOff,),
     )
-
-
-def names_in(text: str) -> tuple[str, ...]:
-    """The parts of a comma-separated text."""
-    return tuple(part.strip() for part in text.split(",") if part.strip())
-
-
-def numbers_in(flag: str, text: str, remedy: str) -> tuple[float, ...]:
-    """The comma-separated numbers of a flag's text; raises `InvalidInput` if it has others."""
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError as error:
-        raise InvalidInput(flag, "comma-separated numbers", text, remedy) from error

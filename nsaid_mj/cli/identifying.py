@@ -9,13 +9,12 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from ..bounds import without_nonfinite
 from ..errors import InvalidInput, printable
 from ..resources import asset, print_json, reading, write_json
+from ..robot.files import mjcf_of
+from .checks import check_identify, check_inspect, known_number, names_in, numbers_in
 from .folders import check_writable, folder_for_results
-from .grammar import Identify, Inspect, names_in, numbers_in
+from .grammar import Identify, Inspect
 from .process import EXPLAINED, UNUSABLE, code_of
 
 if TYPE_CHECKING:
@@ -34,6 +33,7 @@ def identify_log(chosen: Identify) -> int:
     model = chosen.model or chosen.packed
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
+    check_identify(chosen, model)
     from ..logs import limited_to
 
     with (
@@ -87,7 +87,7 @@ def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) 
         validate=chosen.validate,
         mapping=chosen.map,
         validate_mapping=chosen.validate_map,
-        known=dict(_known(text) for text in chosen.known),
+        known=dict(known_number(text) for text in chosen.known),
         loads=chosen.load,
         lock=names_in(chosen.lock),
         joints=names_in(chosen.joints) or None,
@@ -125,6 +125,7 @@ def write(
     Returns:
         The page, whose result has findings about the exported model, too, and the files.
     """
+    from ..bounds import without_nonfinite
     from ..calibration.export import write_models
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -151,16 +152,6 @@ def write(
     return page, [folder / RESULT, *files]
 
 
-def _known(text: str) -> tuple[str, float]:
-    name, equals, value = text.rpartition("=")
-    try:
-        if not equals:
-            raise ValueError
-        return name.strip(), float(value)
-    except ValueError as error:
-        raise InvalidInput("--known", "NAME=VALUE", text, "Such as gain_1=0.11.") from error
-
-
 _NO_TORQUE = (
     "The other laws identify a motion from forces; a servo's log has none, and its velocity is too "
     "coarse between two rows."
@@ -169,7 +160,9 @@ _NO_TORQUE = (
 
 def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
     """The arm and its logs if they hold targets and positions, else None."""
-    from ..calibration.links import load_of
+    if mjcf_of(model) is None:
+        return None
+    from ..calibration.loads import load_of
     from ..calibration.servos import servo_logs
 
     lock, joints = names_in(chosen.lock), names_in(chosen.joints)
@@ -185,6 +178,7 @@ def identify_given(
     Raises:
         InvalidInput: an option has no meaning for logs of targets.
     """
+    from ..bounds import without_nonfinite
     from ..calibration.servos import identify_servos, write_servo_mjcf
 
     plain = Identify()
@@ -227,6 +221,8 @@ def _followed(
 
     The logs are `others`, which took no part in the fit, or else those of the fit.
     """
+    import numpy as np
+
     from ..calibration.servos import Replayed, rollout
     from ..robot.findings import Finding
 
@@ -265,6 +261,7 @@ def inspect_log(chosen: Inspect) -> int:
     if not chosen.logs:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
+    check_inspect(chosen)
     from ..calibration.identify import files_of
     from ..calibration.inspection import inspect
     from ..logs import limited_to, read_map, read_tables

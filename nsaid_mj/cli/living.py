@@ -8,11 +8,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..bounds import without_nonfinite
-from ..evaluation.words import estimate as written
-from ..parameters import number
+from .checks import check_live, names_in
 from .folders import folder_for
-from .grammar import Live, names_in
+from .grammar import Live
 from .process import code_of
 
 if TYPE_CHECKING:
@@ -24,6 +22,8 @@ _SHOWN = 1.0  # time between two printed estimates [s]
 
 def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
+    check_live(chosen)
+    from ..bounds import without_nonfinite
     from ..calibration.measured import LiveRobot, measured_scenario
     from ..calibration.session import Session
     from ..evaluation import result_of
@@ -78,6 +78,9 @@ def _send(estimate: Estimate) -> None:
 
 
 def _print(estimate: Estimate) -> None:
+    from ..evaluation.words import estimate as written
+    from ..parameters import number
+
     gains = "  ".join(
         f"{gain.name} {written(gain.value, gain.low, gain.high)[0]} ± "
         f"{number(0.5 * (gain.high - gain.low), significant=2)}"

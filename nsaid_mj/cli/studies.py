@@ -11,16 +11,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-import numpy as np
 import tyro
 from tyro.conf import arg
 
 from ..errors import InvalidInput, UnknownName, printable
+from ..experiment.choices import ENGINES, FITTED, METHODS, TRACKING_LAWS, check_choice
 from ..experiment.library import load
-from ..resources import print_json
-from .grammar import numbers_in
+from ..resources import check_sweep, print_json
+from ..robot.files import check_model
+from .checks import check_logs, check_map, check_plant, numbers_in
 from .grammar_of_studies import Compare, MonteCarlo, Report, Sweep, Track
-from .options import parse, repeated
 from .process import code_of
 
 if TYPE_CHECKING:
@@ -39,21 +39,26 @@ def compare(script: str, arguments: Sequence[str]) -> int:
     """Compares methods on the logs of a scenario."""
     _refuse(arguments, "--seed", "--duration")
     given, chosen, folder = _given("compare", script, arguments, Compare)
-    from ..studies import compare as study
-
     scenario = given["scenario"]
     kinds = chosen.sensors or ("noisy" if chosen.noise_scales else scenario.sensors)
     kinds = kinds.split(",")
     if unknown := set(kinds) - {"ideal", "noisy"}:
         raise UnknownName("kind of sensors", unknown.pop(), ("ideal", "noisy"))
     scales = numbers_in("--noise-scales", chosen.noise_scales or "1", _TEN)
+    methods = tuple(chosen.methods.split(",")) if chosen.methods else None
+    for name in methods or ():
+        check_choice("method", name, METHODS)
+    seeds = _seeds(chosen.seeds)
+    durations = (0.5 * scenario.duration, scenario.duration)
+    if chosen.durations:
+        durations = numbers_in("--durations", chosen.durations, _TEN)
+    from ..studies import compare as study
+
     plan = study.Plan(
         **given,
-        methods=tuple(chosen.methods.split(",")) if chosen.methods else study.DEFAULT,
-        seeds=_seeds(chosen.seeds),
-        durations=numbers_in("--durations", chosen.durations, _TEN)
-        if chosen.durations
-        else (0.5 * scenario.duration, scenario.duration),
+        methods=study.DEFAULT if methods is None else methods,
+        seeds=seeds,
+        durations=durations,
         noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
         budget=study.BUDGET if chosen.budget is None else chosen.budget,
         bound=chosen.bound,
@@ -76,7 +81,10 @@ def _given(
 ) -> tuple[dict[str, Any], _Options, Path]:
     """The fields of any `Study`, the command's options, and the folder of the results."""
     path, default = Path(script), load(script)
+    from .options import parse, repeated
+
     scenario, chosen = parse(path.stem, default, arguments, command, options)
+    check_plant(scenario.plant)
     whole = str(path.resolve()) if path.suffix == ".py" else script
     given = {"script": whole, "scenario": scenario, "arguments": repeated(default, scenario)}
     folder = getattr(chosen, "out", None) or Path("runs") / f"{path.stem}-{command}"
@@ -86,10 +94,13 @@ def _given(
 def sweep(script: str, arguments: Sequence[str]) -> int:
     """Runs a scenario with varied fields and seeds."""
     given, chosen, folder = _given("sweep", script, arguments, Sweep)
+    from ..experiment.scenario import varied
+
+    vary = varied(chosen.vary, given["scenario"])
+    check_choice("engine", chosen.engine, ENGINES)
     from ..studies import sweep as study
     from ..studies import sweep_engine, sweep_results
 
-    vary = study.varied(chosen.vary, given["scenario"])
     plan = study.Plan(**given, vary=vary, seeds=chosen.seeds)
     engine = sweep_engine.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
     found = study.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
@@ -131,13 +142,13 @@ def track(script: str, arguments: Sequence[str]) -> int:
     """Compares tracking laws on the plants of a scenario."""
     _refuse(arguments, "--seed")
     given, chosen, folder = _given("track", script, arguments, Track)
+    laws = tuple(chosen.laws.split(",")) if chosen.laws else TRACKING_LAWS
+    for law in laws:
+        check_choice("tracking law", law, TRACKING_LAWS)
+    seeds = _seeds(chosen.seeds)
     from ..studies import tracking, tracking_run
 
-    plan = tracking.Plan(
-        **given,
-        laws=tuple(chosen.laws.split(",")) if chosen.laws else tracking.LAWS,
-        seeds=_seeds(chosen.seeds),
-    )
+    plan = tracking.Plan(**given, laws=laws, seeds=seeds)
     result, _ = tracking_run.run(plan, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
         print((folder / tracking.FILES[0]).read_text(encoding="utf-8"), end="")
@@ -146,6 +157,7 @@ def track(script: str, arguments: Sequence[str]) -> int:
 
 def report(chosen: Report) -> int:
     """Draws a sweep's page."""
+    check_sweep(chosen.sweep)
     from ..studies import sweep_report, sweep_results
 
     sweep = sweep_results.read(chosen.sweep)
@@ -201,12 +213,14 @@ class CompareModels:
 def compare_on_logs(arguments: Sequence[str]) -> int:
     """Executes what follows `nsaid compare` where it begins with a flag; returns the exit code."""
     chosen = tyro.cli(CompareModels, prog="nsaid compare", args=list(arguments))
-    from ..calibration.comparison import FITTED
-
     files = [model for model in chosen.models if model not in FITTED]
     if not files or not chosen.log:
         expected = "a model file and a log, or more of them"
         raise InvalidInput("--models", expected, " ".join(chosen.models) or "none", _SUCH)
+    for model in files:
+        check_model(model)
+    check_map(chosen.map)
+    check_logs(chosen.log)
     robot, scores = _compared(chosen, files[0])
     if chosen.json:
         print_json(document(robot.joints, scores))
@@ -246,6 +260,8 @@ def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Scor
 
 def document(joints: tuple[str, ...], scores: tuple[Score, ...]) -> list[dict[str, Any]]:
     """Scores as plain data for JSON: errors in mrad or mm; null where undefined or diverged."""
+    import numpy as np
+
     found = []
     for score in scores:
         rows = (*(1e3 * score.errors), score.one_step)

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..control import DriverConfig, FourierTracking
-from ..errors import NoEstimate, NoMotion, UnknownName
+from ..errors import NoEstimate, NoMotion
+from ..experiment.choices import CRITERIA, check_choice
 from ..log import Log
 from ..parameters import Array
 from .experiment import DRAWS, Experiment
 from .information import (
-    CRITERIA,
     GAINS,
     Asked,
     asked_for,
@@ -124,8 +124,7 @@ def design(
             design.
         NoMotion: no motion within the limits was found.
     """
-    if criterion not in CRITERIA:
-        raise UnknownName("criterion", criterion, CRITERIA)
+    check_choice("criterion", criterion, CRITERIA)
     asked = asked_for(wanted, experiment.system.space)
     base = experiment.scenario.excitation
     report("simulating random motions", None)

@@ -85,10 +85,6 @@ def _gains(space: ParameterSpace) -> Callable[[Array], Array]:
 
 PRIOR = 0.3
 """Standard deviation of θ/scale before any data, in every direction, for an unknown robot."""
-CRITERIA = ("bound", "condition", "d-optimal")
-"""Criteria to minimise: the predicted standard deviation of the requested numbers; or, for
-comparison, the condition number of the regressor on P_⊥, or minus the logarithm of the determinant
-of its Gramian."""
 
 
 def predicted(experiment: Experiment, log: Log, draw: int) -> Array:

@@ -5,7 +5,6 @@ is the largest distance of the quantity from the middle of its range over half o
 motion obeys all limits if no use exceeds 1.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,8 +14,10 @@ import numpy as np
 
 from ..bounds import LARGEST, shown
 from ..errors import InvalidInput, UnknownName
+from ..experiment.choices import LIMITS_FORM
 from ..log import Log
 from ..parameters import Array
+from ..resources import toml_of
 from ..structure.joints import JointTree
 from ..structure.system import SecondOrderSystem
 
@@ -189,38 +190,32 @@ def read_limits(path: Path, default: Limits) -> Limits:
         InvalidInput: the file cannot be read, or a value is not a number in its range.
         UnknownName: there is no such quantity.
     """
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InvalidInput("--limits", "a readable TOML file", f"{path}: {error}", _FORM) from error
+    table = toml_of(path, "--limits", LIMITS_FORM)
     limits, sources = dict(default.limits), dict(default.sources)
     for name, value in table.items():
         if name in ("margin", "contacts"):
             continue
         if name not in limits:
-            raise UnknownName("limit", name, [*limits, "margin", "contacts"], _FORM)
+            raise UnknownName("limit", name, [*limits, "margin", "contacts"], LIMITS_FORM)
         limits[name], sources[name] = _limit(name, value, limits[name]), path.name
     contacts = table.get("contacts", default.contacts)
     if not isinstance(contacts, bool):
-        raise InvalidInput("limits.contacts", "true or false", contacts, _FORM)
+        raise InvalidInput("limits.contacts", "true or false", contacts, LIMITS_FORM)
     margin = float(_numbers("margin", table.get("margin", default.margin), 1)[0])
     return replace(default, limits=limits, margin=margin, contacts=contacts, sources=sources)
-
-
-_FORM = "For example: speed = 2.0; position = {low = -1.5, high = 1.5}; contacts = true."
 
 
 def _limit(name: str, value: Any, default: Limit) -> Limit:
     count = len(default.low)
     if name in _RANGES:
         if not isinstance(value, dict) or set(value) - {"low", "high"}:
-            raise InvalidInput(f"limits.{name}", "a table of low and high", value, _FORM)
+            raise InvalidInput(f"limits.{name}", "a table of low and high", value, LIMITS_FORM)
         ends = {"low": default.low, "high": default.high}
         ends |= {end: _numbers(f"{name}.{end}", given, count) for end, given in value.items()}
         return Limit(ends["low"], ends["high"], default.unit)
     largest = _numbers(name, value, count)
     if not (largest > 0).all():
-        raise InvalidInput(f"limits.{name}", "numbers > 0", value, _FORM)
+        raise InvalidInput(f"limits.{name}", "numbers > 0", value, LIMITS_FORM)
     return Limit(-largest, largest, default.unit)
 
 
@@ -230,5 +225,5 @@ def _numbers(name: str, value: Any, count: int) -> Array:
     plain = all(isinstance(x, int | float) and not isinstance(x, bool) for x in given)
     if len(given) != count or not plain or not all(abs(x) <= LARGEST for x in given):
         expected = f"a finite number, or a list of {count}"
-        raise InvalidInput(f"limits.{name}", expected, shown(value), _FORM)
+        raise InvalidInput(f"limits.{name}", expected, shown(value), LIMITS_FORM)
     return np.array(given, dtype=np.float64)

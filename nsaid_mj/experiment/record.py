@@ -22,13 +22,13 @@ import pyarrow as pa
 from ..errors import BadRun, NotWritten
 from ..log import Log
 from ..parameters import Array, Indices
-from ..resources import create, json_of, path_of, writing
+from ..resources import RECORD, create, json_of, record_file, writing
 
 BATCH_SECONDS = 0.5
 """Duration of a batch, and of what identifiers follow at once: by default an interval of the
 memory, whose steps then end with it and are taken beside the filter's."""
 
-FILE = "record.arrow"
+FILE = RECORD
 TARGET_DELAYS = "target_delays"
 """Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts."""
 PROFILED = "target_profile"
@@ -202,23 +202,16 @@ class Record:
 
         `rows` never has more in memory than the rows asked for.
         """
-        file = _file_of(path)
+        file = record_file(path)
         with _typed(file):
             return Record(*_scan(file))
 
     @staticmethod
     def metadata_of(path: Path) -> dict[str, Any]:
         """Reads only the metadata of a run's folder or record file; `BadRun` if unreadable."""
-        file = _file_of(path)
+        file = record_file(path)
         with _typed(file), pa.OSFile(os.fsencode(file)) as source:
             return _metadata(pa.ipc.open_stream(source).schema)
-
-
-def _file_of(path: Path) -> Path:
-    file = path / FILE if path_of(path).is_dir() else path
-    if not file.is_file():
-        raise BadRun(path, "there is no record.arrow", "Give the folder that a run has written")
-    return file
 
 
 @contextmanager

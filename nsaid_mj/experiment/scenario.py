@@ -222,6 +222,27 @@ def field_value(path: str, text: str, scenario: Scenario) -> Any:
         raise InvalidInput(path, f"a value of type {kind}", repr(text), remedy) from error
 
 
+def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...]]:
+    """Parses varied fields and their values from `field=value,value`.
+
+    Raises:
+        UnknownName: there is no such field, or several.
+        InvalidInput: a text is not of this form, a value is not of its field's type, or a field is
+            given twice.
+    """
+    found: dict[str, tuple[Any, ...]] = {}
+    for text in texts:
+        name, equals, values = text.partition("=")
+        if not equals:
+            remedy = "Such as identifier.gain=0.1,1."
+            raise InvalidInput("--vary", "field=value,value", text, remedy)
+        path = field_path(name, scenario)
+        if path in found:
+            raise InvalidInput("--vary", "every field once", path, "Give all its values together.")
+        found[path] = tuple(field_value(path, value, scenario) for value in values.split(","))
+    return found
+
+
 def field_at(value: Any, path: str) -> Any:
     """The value at a dotted path in nested dataclasses and mappings; "" is the whole."""
     for name in filter(None, path.split(".")):

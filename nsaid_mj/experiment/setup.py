@@ -28,7 +28,6 @@ from ..parameters import Array, ParameterSpace
 from ..plants import ParametricPlantConfig, Plant, PlantConfig, Sensors
 from ..plants.world.sensors import EXACT_SENSORS
 from ..structure.system import SecondOrderSystem
-from .expected_gramian import expected_gramian
 from .library import place_of
 from .scenario import Scenario
 
@@ -105,6 +104,8 @@ class Setup:
 
         @cache
         def gramian() -> Array:
+            from .expected_gramian import expected_gramian
+
             driver, duration = self._driver(self.seeds.gramian), scenario.duration
             return expected_gramian(system, driver, prior, scenario.dt, min(duration, _LONGEST))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from enum import Enum
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -12,9 +12,11 @@ from ..errors import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array
 from ..structure.system import SecondOrderSystem, checked
-from .faults import FaultEvent
-from .memory.statistics import Memory
-from .metric import Metric
+
+if TYPE_CHECKING:
+    from .faults import FaultEvent
+    from .memory.statistics import Memory
+    from .metric import Metric
 
 
 class Status(Enum):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,9 +14,11 @@ from ..parameters import Array
 from ..structure.motion import Motion
 from ..structure.system import SecondOrderSystem, checked
 from .base import Confidence, Estimates, Identifier, State, Status
-from .memory.implicit import ImplicitMemory
 from .metric import ConstantMetric, Metric, positive_gain
 from .rk4 import follow
+
+if TYPE_CHECKING:
+    from .memory.implicit import ImplicitMemory
 
 RK4_LIMIT = 2.5  # bound of |λ| dt, below RK4's stability limit of 2.785 on the negative real axis
 _DIVISIONS = 3  # times, at most, that a step is divided by four

@@ -6,13 +6,14 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import BinaryIO, Literal, get_args
+from typing import BinaryIO
 
 import numpy as np
 import orjson
 
 from ..bounds import shown
-from ..errors import InvalidInput, UnknownName
+from ..errors import InvalidInput
+from ..experiment.choices import FRAMES, check_choice
 from ..experiment.source import LONGEST_STEP, Segment, Source
 from ..laws import Status
 from ..log import Log, Measurement
@@ -20,7 +21,6 @@ from ..parameters import Array
 from ..resources import json_of
 from ..structure.system import SecondOrderSystem
 
-Frame = Literal["ENU/FLU", "NED/FRD"]
 """Axes of world and body: east, north, up and forward, left, up, as in the models; or north, east,
 down and forward, right, down."""
 _TRIED = 50  # number of intervals whose median is compared with the stated rate
@@ -58,8 +58,7 @@ class Cleaner:
     """
 
     def __init__(self, system: SecondOrderSystem, rate: float, frame: str = "ENU/FLU"):
-        if frame not in get_args(Frame):
-            raise UnknownName("frame", frame, get_args(Frame))
+        check_choice("frame", frame, FRAMES)
         if frame != "ENU/FLU" and not system.group:
             remedy = "A robot on a fixed base has no axes of its own: leave it out."
             raise InvalidInput("frame", "ENU/FLU", frame, remedy)

@@ -1,7 +1,4 @@
 """Small compiled mathematics: linear algebra, rotations and poses. No robotics.
 
-Importing this package sets the cache folder of compiled kernels, see `cache`; every package that
-defines kernels imports it first.
+Whoever defines a kernel imports `kernels`, or `cache`, which set the folder of compiled kernels.
 """
-
-from . import cache as cache

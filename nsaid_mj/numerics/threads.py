@@ -8,20 +8,28 @@ import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache, partial
-from typing import TypeVar
-
-import scipy.linalg.blas  # noqa: F401 (SciPy's own BLAS must be loaded before it can be limited)
-from threadpoolctl import threadpool_limits
+from functools import cache, partial, wraps
+from typing import ParamSpec, TypeVar
 
 from .stopwatch import exclude, excluded
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 _LONG = 32  # steps that take many times as long as waking a thread
 
-single_threaded = threadpool_limits.wrap(limits=1)
-"""Decorator of functions during which BLAS and OpenMP use a single thread."""
+
+def single_threaded(function: Callable[P, T]) -> Callable[P, T]:
+    """Decorator of functions during which BLAS and OpenMP use a single thread."""
+
+    @wraps(function)
+    def limited(*given: P.args, **named: P.kwargs) -> T:
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(limits=1):
+            return function(*given, **named)
+
+    return limited
 
 
 def beside(steps: int, call: Callable[..., T], *given: object) -> Callable[[], T]:

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from ..evaluation import OWN, Truth, common_factor, energy, force_units
+from ..evaluation import OWN, Truth, common_factor, force_units
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.figures import midpoints
 from ..evaluation.panels import LAWS, local_rms
-from ..evaluation.summary import law_of
 from ..experiment.loop import Run
 from ..nullspace import Nullspace
 from ..parameters import Array, Indices, ParameterSpace
@@ -209,6 +208,8 @@ def intervals(run: Run, summary: dict[str, Any], rows: Indices) -> list[Curves]:
 
 def _colour(run: Run, name: str, k: int) -> int:
     """Place of the colour of the run's law, whose name is empty, or of its k-th rival."""
+    from ..evaluation.summary import law_of
+
     return LAWS.get(name or law_of(run.scenario.identifier), k)
 
 
@@ -252,6 +253,8 @@ def _predictions(run: Run, rows: Indices) -> list[Curves]:
 
 def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list[Curves]:
     """Curves that compare the estimates with the truth."""
+    from ..evaluation import energy
+
     record, space, t = run.record, run.system.space, run.record["t"][rows]
     theta_hat, true = record.rows("theta_hat", rows), truth.theta_at(t)
     components = [f"direction {i} [–]" for i in range(1, nullspace.P_perp.shape[1] + 1)]

@@ -3,38 +3,16 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal
 
-from ..errors import BadRobot, UnknownName
-from ..resources import (
-    MORE_ROBOTS,
-    asset,
-    example_robots,
-    folder,
-    has_example_robots,
-    known_robots,
-    packed_robots,
-    path_of,
-)
+from ..errors import BadRobot
+from .files import REMEDY, robot_file
 from .findings import Finding
-from .mjcf import load_mjcf
 from .model import RobotModel
-from .urdf import load_urdf
 from .xml import read_xml
 
 Base = Literal["held", "free"]
 """Whether a floating base is fixed to a stand or free."""
-
-REMEDY = "Give the path of a file ending in .urdf, .xml or .mjb (MJCF), or a vehicle's .toml."
-_CUT_IN_CODE = "talos_legs"  # the only one whose loader removes joints in its file
-
-
-class RobotFile(NamedTuple):
-    """The file that describes a robot."""
-
-    path: Path  # path of its URDF or MJCF
-    named: bool = False  # whether it was given by a name
-    floats: bool = False  # whether its base floats although its file does not state it
 
 
 def load_robot(name: str, base: Base = "held") -> RobotModel:
@@ -91,43 +69,6 @@ def load_tree(
     return replace(found, name=name, source=None, findings=findings)
 
 
-def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
-    """The file that describes a robot, by its path or name; `others` are further names to suggest.
-
-    Raises:
-        BadRobot: there is no such file, or no file describes the robot of this name.
-        UnknownName: there is no robot of this name.
-    """
-    path, packed = path_of(name), {**packed_robots(), **packed_folders()}
-    if name in packed:
-        return RobotFile(packed[name], named=True)
-    if path.is_dir() and name not in example_robots():  # a folder hides no robot of its name
-        reason = "no such file, but a folder without a vehicle.toml"
-        raise BadRobot(name or ".", "", reason, REMEDY)
-    if path.is_file():
-        return RobotFile(path)
-    if path.suffix or path.name != name:
-        raise BadRobot(name, "", "no such file", REMEDY)
-    if name not in example_robots():
-        remedy = REMEDY if has_example_robots() else f"{REMEDY} {MORE_ROBOTS}"
-        raise UnknownName("robot", name, [*known_robots(), *packed_folders(), *others], remedy)
-    from example_robot_data.robots_loader import getModelPath
-
-    loader = example_robots()[name]
-    file = Path(loader.path, loader.urdf_subpath, loader.urdf_filename)
-    if file.suffix != ".urdf" or name == _CUT_IN_CODE:
-        reason = "example-robot-data has no URDF file of it"
-        raise BadRobot(name, "", reason, "Choose another robot.")
-    return RobotFile(Path(getModelPath(str(file))) / file, True, bool(loader.free_flyer))
-
-
-def packed_folders() -> dict[str, Path]:
-    """The robots in assets, each described by a URDF or MJCF of its folder's name."""
-    names = sorted(path.name for path in folder("assets").iterdir())
-    files = [(name, asset(name, name + end)) for name in names for end in (".urdf", ".xml")]
-    return {name: file for name, file in files if file.is_file()}
-
-
 def _read(
     path: Path, lock: Sequence[str], joints: Sequence[str] | None, base: Base | None = None
 ) -> RobotModel:
@@ -135,12 +76,15 @@ def _read(
     if path.suffix.lower() == ".xacro":
         remedy = f"Convert it first: `xacro {path.name} > {path.stem}.urdf`."
         raise BadRobot(str(path), "", "it is a xacro template, not a URDF", remedy)
-    if path.suffix.lower() == ".mjb":
+    compiled = path.suffix.lower() == ".mjb"
+    root, encoding = (None, "") if compiled else read_xml(path)
+    if root is None or root.tag == "mujoco":
+        from .mjcf import load_mjcf
+
         return load_mjcf(path, lock, joints, base)
-    root, encoding = read_xml(path)
     if root.tag == "robot":
+        from .urdf import load_urdf
+
         return load_urdf(path, root, encoding, lock, joints, base)
-    if root.tag == "mujoco":
-        return load_mjcf(path, lock, joints, base)
     reason = f"its root element is <{root.tag}>, neither <robot> nor <mujoco>"
     raise BadRobot(str(path), "", reason, REMEDY)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from lxml import etree
@@ -21,7 +21,6 @@ from ..parameters import Array
 from ..structure.joints import body_names, joint_names
 from ..structure.optional import coal, pin
 from .findings import Finding
-from .identified import Identified, remarks
 from .inertias import check_inertias, make_physical
 from .model import RobotModel, check_tree, home, locked_joints, reduced
 from .shapes import Shape, Shapes, resolve_meshes, shapes_of_geometry
@@ -35,6 +34,9 @@ from .urdf_checks import (
     warn_of_mimics,
 )
 from .xml import numbers, read_xml, write_xml
+
+if TYPE_CHECKING:
+    from .identified import Identified
 
 _HELD = "this floating joint was taken as fixed"
 _REMEDY = "Correct the URDF; `check_urdf` of ROS may say more."
@@ -241,6 +243,8 @@ def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
         also += (
             f"Springs were identified, which a URDF cannot hold: {sprung}. The MJCF has them.",
         )
+    from .identified import remarks
+
     write_xml(path, root, remarks(robot, values, also))
 
 

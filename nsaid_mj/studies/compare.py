@@ -17,9 +17,11 @@ import numpy as np
 from .. import evaluation
 from ..baselines import BATCH, Estimate, Method, Problem, follow
 from ..baselines.sysid import BUDGET, sysid
-from ..errors import InvalidInput, NoEstimate, NsaidError, UnknownName
+from ..errors import InvalidInput, NoEstimate, NsaidError
 from ..evaluation.bound import bound_figures, cramer_rao
 from ..evaluation.result import Result
+from ..experiment.choices import LAWS as OURS
+from ..experiment.choices import METHODS, check_choice
 from ..experiment.scenario import Scenario
 from ..experiment.setup import Setup, is_sound
 from ..laws import ConventionalAID, IdentifierConfig, NullspaceAID
@@ -28,7 +30,7 @@ from ..numerics.threads import single_threaded
 from ..pages.page import Page
 from ..resources import write_json
 from . import compare_report
-from .compare_report import BOUND, DEFAULT, METHODS, OURS, PRIOR, Cell, sensors
+from .compare_report import BOUND, DEFAULT, PRIOR, Cell, sensors
 from .study import Study, carried_out, write_csv
 
 FILES = ("compare.json", "compare.csv")
@@ -56,8 +58,7 @@ class Plan(Study):
 
     def __post_init__(self) -> None:
         for name in self.methods:
-            if name not in METHODS:
-                raise UnknownName("method", name, METHODS)
+            check_choice("method", name, METHODS)
         for name in ("methods", "seeds", "durations", "noises"):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):

@@ -7,15 +7,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any
 
 import numpy as np
 
-from ..baselines import BATCH
 from ..evaluation.panels import BAD, COLOURS, INK, LAWS
 from ..evaluation.result import Figure as Numbers
 from ..evaluation.result import Result
-from ..laws import NullspaceAID
+from ..experiment.choices import LAWS as OURS
+from ..experiment.choices import METHODS
 from ..pages import plots
 from ..pages.page import Cell as Written
 from ..pages.page import Figure, Figures, Page, Section, Table, Text, count
@@ -31,9 +31,6 @@ BOUND = "bound"
 
 _REFERENCES = (PRIOR, BOUND)
 
-OURS: tuple[str, ...] = get_args(get_type_hints(NullspaceAID)["law"])
-
-METHODS = ("conventional", *OURS, *BATCH, "sysid")
 DEFAULT = METHODS[:-1]  # all but sysid, which takes minutes
 
 FIGURES = (

@@ -10,7 +10,7 @@ import itertools
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -22,7 +22,7 @@ from rich.progress import Progress as Bar
 
 from ..bounds import without_nonfinite
 from ..errors import BadRun, InvalidInput, NotWritten
-from ..experiment.scenario import Scenario, field_path, field_value, with_fields
+from ..experiment.scenario import Scenario, with_fields
 from ..pages.progress import counted
 from ..resources import atomic_write, check_own, locked, write_json, writing
 from .study import Study, check_count
@@ -100,27 +100,6 @@ class Plan(Study):
             master_seed=self.scenario.seed,
             runs=len(self),
         )
-
-
-def varied(texts: Sequence[str], scenario: Scenario) -> dict[str, tuple[Any, ...]]:
-    """Parses varied fields and their values from `field=value,value`.
-
-    Raises:
-        UnknownName: there is no such field, or several.
-        InvalidInput: a text is not of this form, a value is not of its field's type, or a field is
-            given twice.
-    """
-    found: dict[str, tuple[Any, ...]] = {}
-    for text in texts:
-        name, equals, values = text.partition("=")
-        if not equals:
-            remedy = "Such as identifier.gain=0.1,1."
-            raise InvalidInput("--vary", "field=value,value", text, remedy)
-        path = field_path(name, scenario)
-        if path in found:
-            raise InvalidInput("--vary", "every field once", path, "Give all its values together.")
-        found[path] = tuple(field_value(path, value, scenario) for value in values.split(","))
-    return found
 
 
 def run(

@@ -16,12 +16,12 @@ from typing import Any
 
 import joblib
 
-from ..errors import InvalidInput, UnknownName
+from ..errors import InvalidInput
+from ..experiment.choices import ENGINES, check_choice
 from ..experiment.scenario import Scenario
 from .study import MOST_JOBS, check_count
 from .sweep_worker import Job, supervised
 
-ENGINES = ("loky", "dask")
 _UNFIT = "Run `python -m nsaid_mj.studies.sweep_worker` on a worker's machine to see why."
 
 
@@ -42,8 +42,7 @@ class Engine:
     timeout: float | None = None
 
     def __post_init__(self) -> None:
-        if self.name not in ENGINES:
-            raise UnknownName("engine", self.name, ENGINES)
+        check_choice("engine", self.name, ENGINES)
         if (self.name == "loky") != (self.address is None):
             expected = "none for loky, which is local" if self.address else "a cluster's"
             raise InvalidInput("address", expected, self.address, "tcp://host:8786 is Dask's form.")

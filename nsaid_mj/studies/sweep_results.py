@@ -19,10 +19,10 @@ from ..errors import BadRun
 from ..evaluation.result import Figure, Result
 from ..pages.page import Table, count
 from ..parameters import ABSENT, rounded
-from ..resources import atomic_write, json_of
+from ..resources import SWEEP, atomic_write, json_of, no_sweep
 from ..robot.findings import Finding
 
-MANIFEST, ROWS, TABLE = "manifest.json", "rows.jsonl", "results.parquet"
+MANIFEST, ROWS, TABLE = SWEEP
 FIGURES = {
     "theta_perp_ratio": ("distance at end", "%"),
     "time_to_converge": ("converged after", "s"),
@@ -171,11 +171,7 @@ def _manifest(folder: Path) -> dict[str, Any]:
             f"{MANIFEST} is missing, so the sweep of its rows is unknown",
             f"Restore the file; or delete {ROWS}, to make all runs again",
         )
-    raise BadRun(
-        folder,
-        f"not a sweep folder: {MANIFEST} is missing",
-        "Give a folder that `nsaid sweep` has written",
-    )
+    raise no_sweep(folder)
 
 
 def _row(line: bytes, manifest: dict[str, Any]) -> Row | None:

@@ -6,20 +6,20 @@ Every law gets the same prior, Λ, K_d and bandwidth of adaptation, and the same
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 
 from ..bounds import without_nonfinite
 from ..control.adaptive import AdaptiveTracking, Tracker
-from ..control.adaptive.tracker import Law
 from ..control.driver import Driver
-from ..errors import InvalidInput, UnknownName
+from ..errors import InvalidInput
 from ..evaluation import Truth
 from ..evaluation.panels import COLOURS, Panel, local_rms
 from ..evaluation.panels import LAWS as COLOUR_OF
 from ..evaluation.result import Explains, Figure, Result
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
+from ..experiment.choices import TRACKING_LAWS, check_choice
 from ..experiment.following import Following
 from ..experiment.setup import Setup
 from ..experiment.source import informing_steps
@@ -33,7 +33,6 @@ from ..resources import write_json
 from ..robot.findings import Finding
 from .study import Study, write_csv
 
-LAWS: tuple[str, ...] = get_args(Law)
 FILES = ("tracking.json", "tracking.csv")
 _LAST = 1 / 3  # of the duration, over which rms errors are taken
 
@@ -52,13 +51,12 @@ class Plan(Study):
         InvalidInput: the scenario's excitation does not track, or there are no seeds.
     """
 
-    laws: tuple[str, ...] = LAWS
+    laws: tuple[str, ...] = TRACKING_LAWS
     seeds: tuple[int, ...] = tuple(range(10))
 
     def __post_init__(self) -> None:
         for law in self.laws:
-            if law not in LAWS:
-                raise UnknownName("tracking law", law, LAWS)
+            check_choice("tracking law", law, TRACKING_LAWS)
         if not self.laws or not self.seeds:
             raise InvalidInput("--laws, --seeds", "at least one of each", "none", "Leave them out.")
         if not isinstance(self.scenario.excitation, AdaptiveTracking):

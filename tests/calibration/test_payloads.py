@@ -7,7 +7,8 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.calibration.identify import identify
-from nsaid_mj.calibration.links import Load, carrier, check_loads, load_of, payloads, with_mass
+from nsaid_mj.calibration.links import carrier, check_loads, payloads, with_mass
+from nsaid_mj.calibration.loads import Load, load_of
 from nsaid_mj.calibration.models import load_robot_model
 from nsaid_mj.errors import InvalidInput, UnknownName
 from nsaid_mj.resources import asset

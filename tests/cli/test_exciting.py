@@ -4,8 +4,8 @@ import json
 
 import pytest
 
+from nsaid_mj.cli.checks import without_excitation
 from nsaid_mj.cli.commands import command
-from nsaid_mj.cli.exciting import without_excitation
 from nsaid_mj.errors import BadRun, InvalidInput
 from nsaid_mj.experiment.library import load
 

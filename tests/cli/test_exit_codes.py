@@ -79,6 +79,7 @@ def test_run(verdict: str, code: int, monkeypatch: Patch) -> None:
 )
 def test_verify(words: tuple[Any, ...], code: int, monkeypatch: Patch) -> None:
     verdicts = [Verdict("Theorem 1", "Δv vanishes", word, None, None, "") for word in words]
+    put(monkeypatch, "cli.commands.record_file", None)
     put(monkeypatch, "evaluation.verify.verify_folder", (None, verdicts))
     assert shell("verify", "--run", "out", "--quiet")[0] == code
 
@@ -117,7 +118,7 @@ def rows(*converged: float | None, failure: str | None = None) -> list[dict[str,
 def test_sweep(found: list[dict[str, Any]], code: int, monkeypatch: Patch) -> None:
     manifest = {"vary": {}, "runs": len(found), "script": "scalar_rov", "arguments": []}
     put(monkeypatch, "studies.sweep.run", Sweep(Path("out"), manifest, found))
-    put(monkeypatch, "studies.sweep.varied", {})
+    put(monkeypatch, "experiment.scenario.varied", {})
     code_, said = shell("sweep", "scalar_rov", "--vary", "law=paper", "--quiet")
     assert (code_, said.err) == (code, "")
 
@@ -153,6 +154,7 @@ def test_excite(explains: Any, code: int, monkeypatch: Patch) -> None:
 @pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1)])
 def test_identify(explains: str, code: int, monkeypatch: Patch) -> None:
     result = identification(("one",), explains=explains)
+    put(monkeypatch, "cli.identifying.check_identify", None)
     put(monkeypatch, "cli.identifying.servos_of", None)
     put(monkeypatch, "calibration.identify.identify", result)
     put(monkeypatch, "cli.identifying.write", (Page("", result), []))
@@ -179,6 +181,7 @@ def test_inspect_ends_as_identify_does(
     findings: tuple[Finding, ...], code: int, monkeypatch: Patch
 ) -> None:
     found = SimpleNamespace(findings=findings, channels=(), robot=None)
+    put(monkeypatch, "cli.identifying.check_inspect", None)
     put(monkeypatch, "logs.read_tables", ())
     put(monkeypatch, "calibration.inspection.inspect", found)
     put(monkeypatch, "pages.inspection.draw", Path("inspection.png"))
@@ -188,6 +191,7 @@ def test_inspect_ends_as_identify_does(
         raise UnusableLog(findings)
 
     if findings[0].level == "refusal":
+        put(monkeypatch, "cli.identifying.check_identify", None)
         put(monkeypatch, "cli.identifying.servos_of", None)
         monkeypatch.setattr("nsaid_mj.calibration.identify.identify", refuse)
         said = shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")

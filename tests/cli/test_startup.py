@@ -2,12 +2,22 @@
 
 import subprocess
 import sys
+from pathlib import Path
+from typing import get_args, get_type_hints
 
 import example_robot_data
 import pytest
 
+from nsaid_mj.baselines import BATCH
+from nsaid_mj.calibration.joints import COLUMNS
+from nsaid_mj.calibration.vehicles import EXTRA
+from nsaid_mj.control.adaptive.tracker import Law
 from nsaid_mj.errors import BadRobot
+from nsaid_mj.experiment import choices
+from nsaid_mj.laws import NullspaceAID
+from nsaid_mj.resources import scenarios
 from nsaid_mj.robot.loading import load_robot
+from scripts.entered import entered, files
 
 
 def modules_after(code: str) -> set[str]:
@@ -52,3 +62,123 @@ def test_a_robot_that_no_urdf_describes_is_refused(name):
     assert load_robot("ur5").visuals.parts
     with pytest.raises(BadRobot, match=name):
         load_robot(name)
+
+
+# -- answers before anything heavy is imported ---------------------------------------------------
+
+HEAVY = {"numba", "mujoco", "pinocchio", "scipy", "matplotlib", "pyarrow", "rerun", "lxml"}
+
+WRONG = [
+    "run nosuch",
+    "run ur5 --nosuch 1",
+    "run ur5 --duration abc",
+    "run ur5 --duration -1",
+    "run arm --robot nosuch",
+    "run bluerov2 --vehicle nosuch",
+    "run ur5 --excitation other",
+    "run ur5 --excitation designed:nosuch",
+    "identify nosuch",
+    "identify --model nosuch.urdf --log log.csv",
+    "identify tx40 --log nosuch.csv",
+    "identify tx40 --log empty.csv",
+    "identify tx40 --log log.csv --validate nosuch.csv",
+    "identify tx40 --log log.csv --map nosuch.toml",
+    "identify tx40 --log log.csv --map no.toml",
+    "identify tx40 --log log.csv --map odd.toml",
+    "identify tx40 --nosuch",
+    "identify tx40 --law nosuch",
+    "identify tx40 --delay abc",
+    "identify tx40 --known abc",
+    "identify tx40 --load abc",
+    "identify tx40 --columns nosuch",
+    "inspect nosuch.csv",
+    "inspect log.csv --map nosuch.toml",
+    "inspect log.csv --model nosuch",
+    "live --model nosuch",
+    "live --model ur5 --law nosuch",
+    "live --model ur5 --frame nosuch",
+    "track nosuch",
+    "track track_ur5 --laws nosuch",
+    "track track_ur5 --seeds abc",
+    "excite nosuch",
+    "excite --model nosuch",
+    "excite ur5 --limits nosuch.toml",
+    "excite ur5 --criterion nosuch",
+    "excite ur5 --noise abc",
+    "compare nosuch",
+    "compare ur5 --methods nosuch",
+    "compare ur5 --sensors nosuch",
+    "compare --log nosuch.csv --models ur5",
+    "compare --log log.csv --models nosuch.xml",
+    "sweep nosuch",
+    "sweep ur5 --vary nosuch=1",
+    "sweep ur5 --vary identifier.gain=abc",
+    "sweep ur5 --engine nosuch",
+    "montecarlo ur5 --runs abc",
+    "verify nosuch",
+    "verify --run nosuch",
+    "report nosuch",
+    "view nosuch",
+]
+
+
+@pytest.mark.parametrize("command", WRONG)
+def test_a_wrong_argument_is_answered_before_anything_heavy_is_imported(
+    command: str, tmp_path: Path
+) -> None:
+    (tmp_path / "log.csv").write_text("t,q\n0,0\n")
+    (tmp_path / "empty.csv").write_text("")
+    (tmp_path / "no.toml").write_text("a = [\n")
+    (tmp_path / "odd.toml").write_text("[nonsense]\nx = 1\n")
+    code, modules = entered(command.split(), tmp_path)
+    assert code == 2
+    assert not modules & HEAVY
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "log.csv", "empty.csv", "no.toml", "odd.toml",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("command", ["--help", "run --help", "identify --help", "list"])
+def test_help_imports_neither_numpy_nor_pydantic(command: str) -> None:
+    code, modules = entered(command.split())
+    assert code == 0
+    assert not modules & (HEAVY | {"numpy", "pydantic"})
+
+
+def test_the_help_of_a_scenario_imports_nothing_that_simulates_or_compiles() -> None:
+    code, modules = entered(["run", "uvms", "--help"])
+    assert code == 0
+    assert not modules & HEAVY
+
+
+@pytest.mark.parametrize("name", sorted(scenarios()))
+def test_a_scenario_is_read_without_anything_that_simulates_or_compiles(name: str) -> None:
+    code = f"from nsaid_mj.experiment.library import load; load({name!r}).to_json()"
+    assert not modules_after(code) & HEAVY
+
+
+def test_identify_is_imported_without_what_it_needs_to_fit() -> None:
+    assert not modules_after("from nsaid_mj import identify") & HEAVY
+
+
+def test_a_simulated_run_enters_nothing_of_logs_of_real_robots_or_of_other_plans(
+    tmp_path: Path,
+) -> None:
+    short = ["--duration", "1", "--held-out", "0.5", "--pe-window", "0.5", "--out", "run"]
+    code, modules = entered(["run", "double_pendulum", *short], tmp_path)
+    assert code in (0, 1)
+    rooms = {name.partition(".")[0] for name in files(modules)}
+    assert not rooms & {"calibration", "logs", "design", "studies", "baselines"}
+    own = {name for name in files(modules) if name.startswith(("plants.", "control.", "robot."))}
+    assert not own & {"plants.underwater", "plants.uvms", "control.quadrotor", "robot.mjcf"}
+
+
+# -- words of commands ---------------------------------------------------------------------------
+
+
+def test_words_to_choose_from_are_those_that_the_code_knows() -> None:
+    assert get_args(get_type_hints(NullspaceAID)["law"]) == choices.LAWS
+    assert ("conventional", *choices.LAWS, *BATCH, "sysid") == choices.METHODS
+    assert get_args(Law) == choices.TRACKING_LAWS
+    assert set(choices.JOINT_COLUMNS) == set(COLUMNS)
+    assert set(choices.VEHICLE_COLUMNS) == set(EXTRA)

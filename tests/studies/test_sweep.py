@@ -23,9 +23,9 @@ from nsaid_mj.cli.process import NOT_EXPLAINED, UNUSABLE
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run as run_alone
-from nsaid_mj.experiment.scenario import Scenario, field_at
+from nsaid_mj.experiment.scenario import Scenario, field_at, varied
 from nsaid_mj.laws import Status
-from nsaid_mj.studies.sweep import Plan, run, seed_of, varied
+from nsaid_mj.studies.sweep import Plan, run, seed_of
 from nsaid_mj.studies.sweep_engine import Engine
 from nsaid_mj.studies.sweep_report import write
 from nsaid_mj.studies.sweep_results import ROWS, TABLE, Sweep, _column, read

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.calibration.links import Load
+from nsaid_mj.calibration.loads import Load
 from nsaid_mj.calibration.servos import ServoIdentification
 from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale
 from nsaid_mj.calibration.servos.words import masses, parameters, servo, weighed

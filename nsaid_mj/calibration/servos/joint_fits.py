@@ -18,7 +18,8 @@ from scipy import optimize
 from ...logs import signals
 from ...parameters import Array, Indices
 from ...robot.model import RobotModel
-from ..links import Load, carrier, with_mass
+from ..links import carrier, with_mass
+from ..loads import Load
 from .fit import (
     ARMATURE,
     DAMPING,

@@ -25,7 +25,7 @@ from ...robot.model import RobotModel, Servos
 from ...robot.target_profile import followed
 from ...structure.joints import positions
 from ...structure.optional import pin
-from ..links import Load
+from ..loads import Load
 from .simulation import STEP, JointLog, move_arm
 
 DELAYS = np.arange(0.0, 0.31, 0.01)

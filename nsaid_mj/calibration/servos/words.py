@@ -11,7 +11,7 @@ from ...evaluation.result import Explains, Parameter, Result, Status
 from ...parameters import Array
 from ...robot.findings import Finding
 from ...robot.model import RobotModel
-from ..links import Load
+from ..loads import Load
 from .estimate import JointEstimate, MassScale
 from .fit import ARMATURE, GRAVITY
 from .follow import Followed

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...errors import InvalidInput, NsaidError, printable
-from ...experiment.record import FILE
+from ...resources import RECORD
 from ..unusable import MissingExtra, UnreadableLog
 
 LIMIT = 4.0
@@ -64,7 +64,7 @@ class Format(NamedTuple):
 
 _BAGS = (b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\x00")
 FORMATS = (
-    Format("run", "Arrow", inside=FILE),
+    Format("run", "Arrow", inside=RECORD),
     Format("lerobot", "Arrow", inside="meta/info.json"),
     Format("arrow", "Arrow", (b"PAR1", b"ARROW1", b"\xff\xff\xff\xff")),
     Format("npz", "NumPy", (b"PK\x03\x04",)),
@@ -98,6 +98,15 @@ def read(path: Path) -> list[Columns]:
         UnreadableLog: there is no such file, or its content is damaged, empty or beyond the limit.
         MissingExtra: the library for its format is not installed.
     """
+    return _read(form_of(path), path)
+
+
+def form_of(path: Path) -> Format:
+    """The format of a log file, or of a folder that is a log, by its first bytes.
+
+    Raises:
+        UnreadableLog: there is no such file, or it is empty or of no known format.
+    """
     if not path.exists():
         raise UnreadableLog(path, "there is no such file", "Check the path.")
     head = b""
@@ -108,7 +117,7 @@ def read(path: Path) -> list[Columns]:
             raise UnreadableLog(path, "the file is empty", "Record the log again.")
     found = next((form for form in (*FORMATS, TEXT) if form.recognises(path, head)), None)
     if found is not None or (path.is_file() and b"\x00" not in head):
-        return _read(found or TEXT, path)
+        return found or TEXT
     remedy = "Known are CSV, Parquet, Arrow, npz, ROS bags, MCAP, ULog, DataFlash, LeRobot, Rerun."
     raise UnreadableLog(path, "no known format", remedy)
 

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.links import Load, with_mass
+from nsaid_mj.calibration.links import with_mass
+from nsaid_mj.calibration.loads import Load
 from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo_mjcf
 from nsaid_mj.calibration.servos.joint_fits import Arm
 from nsaid_mj.calibration.servos.logs import weighed, without_armature

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.calibration.links import Load
+from nsaid_mj.calibration.loads import Load
 from nsaid_mj.calibration.servos import identify_servos, servo_logs, write_servo_mjcf
 from nsaid_mj.calibration.servos.estimate import JointEstimate, MassScale, _moderated
 from nsaid_mj.calibration.servos.fit import Spread

@@ -17,7 +17,6 @@ from pydantic import Field, model_validator
 from ....bounds import Config, Name, NonNegative, Number, Positive, config
 from ....errors import InvalidInput, UnknownName
 from ....parameters import Array, Indices
-from ....structure.payload import carrier, point_mass
 
 if TYPE_CHECKING:
     from ....structure.system import SecondOrderSystem
@@ -240,10 +239,14 @@ class Payload(PlantFault):
 
     def added(self, system: SecondOrderSystem) -> Array:
         """The inertial parameters of a point mass; in water also its weight and moment."""
+        from ....structure.payload import point_mass
+
         return point_mass(system.space, self.mass, np.array(self.place), self.link)
 
     def what(self, system: SecondOrderSystem) -> str:
         """Such as `1 kg on link 6 is picked up`."""
+        from ....structure.payload import carrier
+
         return f"{self.mass:g} kg on {self.link or carrier(system.space)} is picked up"
 
 
