@@ -14,6 +14,7 @@ from ..experiment.choices import IDENTIFICATION_LAWS, check_choice
 from ..logs.unusable import UnreadableLog, UnusableLog
 from ..numerics.threads import single_threaded
 from ..resources import asset
+from ..robot.files import mjcf_of
 
 if TYPE_CHECKING:
     from ..logs.mapping import Map
@@ -145,10 +146,13 @@ def _fitted(
 ) -> Identification:
     """The result of the fit to all rows, and of a law along them if one is named."""
     from .calibrate import calibrate
-    from .law import with_law
 
     found = calibrate(robot, recordings, validation, options, report)
-    return found if law == "batch" else with_law(found, law, folder, report)
+    if law == "batch":
+        return found
+    from .law import with_law
+
+    return with_law(found, law, folder, report)
 
 
 def servos_of(
@@ -160,15 +164,18 @@ def servos_of(
     loads: Sequence[Load] = (),
 ) -> ServoLogs | None:
     """An arm of position servos and its logs of targets; None of any other robot or logs."""
-    from ..logs import read_tables
-    from ..robot.model import RobotModel
-    from .servos.identify import read_servos, servo_logs
-
-    if isinstance(model, RobotModel):
-        if model.servos is None or not logs:
+    if isinstance(model, str | Path):
+        if mjcf_of(str(model)) is None:
             return None
-        return read_servos(model, read_tables(logs, mapping), mapping, loads)
-    return servo_logs(model, logs, mapping, lock, joints, loads)
+        from .servos.identify import servo_logs
+
+        return servo_logs(model, logs, mapping, lock, joints, loads)
+    if model.servos is None or not logs:
+        return None
+    from ..logs import read_tables
+    from .servos.identify import read_servos
+
+    return read_servos(model, read_tables(logs, mapping), mapping, loads)
 
 
 def _load(load: str | Load) -> Load:

@@ -16,7 +16,6 @@ import numpy as np
 
 from ..errors import InvalidInput, UnknownName
 from ..parameters import Array, Block, Indices
-from ..plants.arm import extent
 from ..structure.blocks import link_block
 from ..structure.joints import body_names, positions
 from ..structure.optional import pin
@@ -96,6 +95,8 @@ def weight_of(model: pin.Model, coordinates: Array) -> Array:
 
 def link_blocks(model: pin.Model) -> list[Block]:
     """The links' blocks of θ."""
+    from ..plants.arm import extent
+
     names, blocks = body_names(model), []
     for i in range(1, model.njoints):
         inertia = model.inertias[i]

@@ -1,28 +1,27 @@
 """Any robot to identify: a tree of joints from its file, or a vehicle from its sheet."""
 
+from __future__ import annotations
+
 import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import plants
-from ..bounds import kinds_of
 from ..errors import BadRobot, InvalidInput, NsaidError, UnknownName
 from ..experiment.library import load
-from ..experiment.setup import published
-from ..laws.cone.prior import drawn_inside
-from ..plants import ParametricPlantConfig, PlantConfig
-from ..plants.world.blueprint import VehiclePlant
 from ..resources import scenarios, vehicle_files
 from ..robot.files import is_vehicle, packed_vehicles
 from ..robot.loading import load_tree
 from ..robot.model import RobotModel
-from ..structure.system import SecondOrderSystem
+
+if TYPE_CHECKING:
+    from ..plants import PlantConfig
+    from ..structure.system import SecondOrderSystem
 
 _STEP = 1e-3  # any time step: a structure has none [s]
 
@@ -55,6 +54,10 @@ def load_robot_model(
     if lock or joints is not None:
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
+    from ..experiment.setup import published
+    from ..laws.cone.prior import drawn_inside
+    from ..plants import ParametricPlantConfig
+
     packed = model in scenarios()
     config = load(model).plant if packed else plant_of(vehicle_files(model).sheet)
     if not isinstance(config, ParametricPlantConfig):
@@ -82,6 +85,8 @@ def load_robot_model(
 
 def _top_speed(config: PlantConfig) -> float:
     """The speed of a multicopter's rotors at full command [rad/s]; inf if its sheet has none."""
+    from ..plants.world.blueprint import VehiclePlant
+
     sheet = config.sheet.of(config.vehicle) if isinstance(config, VehiclePlant) else None
     return getattr(getattr(sheet, "rotors", None), "top_speed", np.inf)
 
@@ -130,9 +135,12 @@ def plant_of(sheet: Path) -> PlantConfig:
 
 def _families() -> list[type[Any]]:
     """The plants made from a vehicle's TOML file, without special cases of others."""
+    from .. import plants
+    from ..bounds import kinds_of
+
     for file in iter_modules(plants.__path__, f"{plants.__name__}."):
         import_module(file.name)
-    known = kinds_of(ParametricPlantConfig).values()
+    known = kinds_of(plants.ParametricPlantConfig).values()
     found = [kind for kind in known if "vehicle" in {field.name for field in fields(kind)}]
     return [f for f in found if not any(f is not g and issubclass(f, g) for g in found)]
 

@@ -5,11 +5,9 @@ A run and a Monte Carlo study both feed an identifier one segment of measurement
 identifiers, the record and the observers.
 """
 
-from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,10 +15,8 @@ from ..laws import Estimates, FaultEvent, Identifier, State, Status
 from ..log import Log, Measurement
 from ..nullspace import PersistenceMonitor
 from ..numerics.stopwatch import clock
-from ..parameters import Array
-from ..plants import Looks
 from ..resources import write_json
-from ..structure.system import SecondOrderSystem
+from .observer import Observer, Robot
 from .record import BATCH_SECONDS, RecordWriter
 from .scenario import Scenario
 from .source import Segment, Source
@@ -130,40 +126,6 @@ class Cost:
     identifier: float = 0.0  # time in the identifiers [s]
     steps: int = 0  # number of time steps
     compile: float = 0.0  # time spent compiling kernels [s]; 0 if all were cached on disk
-
-
-class Robot(NamedTuple):
-    """The structure, prior and meshes of a robot, without true values."""
-
-    system: SecondOrderSystem
-    prior: Array  # (p,) θ̂(0)
-    looks: Looks | None  # its visual meshes; None if there are none
-
-
-class Observer(ABC):
-    """Callbacks during a run, for a progress bar or a live viewer.
-
-    Attributes:
-        period: largest interval between two calls of `see`, in simulated time [s].
-    """
-
-    period: float = np.inf
-
-    @abstractmethod
-    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
-        """Called at the first measurement."""
-
-    @abstractmethod
-    def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
-        """Called after every segment of the run, with the samples since the call before.
-
-        `states` are the identifiers' states at the last one, by name, "" for the first; `levels`
-        are ε₀ of (2) and of (75) over the current window.
-        """
-
-    @abstractmethod
-    def stop(self) -> None:
-        """Called at the end of the run, also after an error."""
 
 
 def segment_steps(scenario: Scenario) -> int:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cache
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import (
@@ -18,12 +19,14 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bar
 
-from ..experiment.loop import Observer, Robot, columns
-from ..experiment.scenario import Scenario
-from ..laws import State
-from ..log import Log, Measurement
+from ..experiment.observer import Observer, Robot
 from ..numerics.stopwatch import clock, on_compiling
-from ..structure.system import SecondOrderSystem
+
+if TYPE_CHECKING:
+    from ..experiment.scenario import Scenario
+    from ..laws import State
+    from ..log import Log, Measurement
+    from ..structure.system import SecondOrderSystem
 
 COMPILING = "compiling, once (half a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
@@ -127,6 +130,8 @@ class Progress(Observer):
 
 def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
     """The approximate cost of a run of an hour or more, or of a large record; "" for others."""
+    from ..experiment.loop import columns
+
     hours = scenario.steps * _STEP * (1 + len(scenario.rivals)) / 3600
     widths = columns(system, scenario).values()
     size = 8 * scenario.steps / scenario.record_every * sum(max(width, 1) for width in widths)

@@ -1,8 +1,11 @@
 """Recordings of identifications: logs with the robot moving, commands or positions, estimates."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rerun as rr
@@ -11,7 +14,6 @@ import rerun.blueprint as rrb
 from ..calibration import words
 from ..calibration.result import Curves as Commands
 from ..calibration.result import Identification, recording_shifts, shifts
-from ..calibration.servos import Replayed, ServoIdentification
 from ..evaluation.confidence import INTERVAL
 from ..pages.page import Text, panels
 from ..pages.parameters import folds, table
@@ -23,6 +25,9 @@ from .plots import Plots
 from .scene import Camera, Scene
 from .series import Curves, path
 from .stream import write
+
+if TYPE_CHECKING:
+    from ..calibration.servos import Replayed, ServoIdentification
 
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
 _POINTS = 30_000  # of a curve, at most; the viewer thins them by zoom

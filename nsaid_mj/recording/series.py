@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from ..evaluation import OWN, Truth, common_factor, energy, force_units
+from ..evaluation import OWN, Truth, common_factor, force_units
 from ..evaluation.confidence import INTERVAL
 from ..evaluation.figures import midpoints
 from ..evaluation.panels import LAWS, local_rms
@@ -251,6 +251,8 @@ def _predictions(run: Run, rows: Indices) -> list[Curves]:
 
 def _judged(run: Run, nullspace: Nullspace, rows: Indices, truth: Truth) -> list[Curves]:
     """Curves that compare the estimates with the truth."""
+    from ..evaluation import energy
+
     record, space, t = run.record, run.system.space, run.record["t"][rows]
     theta_hat, true = record.rows("theta_hat", rows), truth.theta_at(t)
     components = [f"direction {i} [–]" for i in range(1, nullspace.P_perp.shape[1] + 1)]

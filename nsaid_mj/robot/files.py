@@ -67,6 +67,13 @@ def packed_folders() -> dict[str, Path]:
     return {name: file for name, file in files if file.is_file()}
 
 
+def mjcf_of(model: str) -> Path | None:
+    """The MJCF file of a model, by its path or of a packed robot by its name; None without one."""
+    packed = asset(model, f"{model}.xml") if model == Path(model).name else Path(model)
+    path = packed if packed.is_file() else Path(model)
+    return path if path.suffix.lower() == ".xml" and path.is_file() else None
+
+
 def packed_vehicles() -> list[str]:
     """The vehicles that have a folder in assets and a scenario of their own."""
     return sorted({path.name for path in folder("assets").iterdir()} & set(scenarios()))

@@ -80,8 +80,8 @@ def test_light_commands_import_no_heavy_package(words: str) -> None:
 
 
 def test_the_check_for_heavy_modules_detects_them() -> None:
-    loaded, _ = loaded_by("run", "ur5", "--help")
-    assert {"numpy", "mujoco"} <= loaded
+    loaded, _ = loaded_by("run", "ur5", "--help")  # reads the scenario, and simulates nothing
+    assert loaded == {"numpy"}
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import pytest
 
 from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.cli.process import code_of
-from nsaid_mj.control import multisine, tracking
+from nsaid_mj.control import multisine, series
 from nsaid_mj.evaluation import result_of
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.record import BATCH_SECONDS, Record
@@ -99,7 +99,7 @@ def gained(gain: float) -> Scenario:
 
 
 BLIND_ROV, BLIND_ARM = replace(ROV, sensors="noisy"), replace(PENDULUM, sensors="noisy")
-SINE, TORQUE = multisine._MultisineDriver, tracking.ComputedTorque
+SINE, TORQUE = multisine._MultisineDriver, series.ComputedTorque
 
 FAULTS = {
     "vehicle diverges": Fault(

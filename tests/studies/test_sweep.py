@@ -21,7 +21,7 @@ from nsaid_mj.cli.process import NOT_EXPLAINED, UNUSABLE
 from nsaid_mj.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run as run_alone
-from nsaid_mj.experiment.scenario import Scenario, field_at
+from nsaid_mj.experiment.scenario import Scenario, field_at, varied
 from nsaid_mj.laws import Status
 from nsaid_mj.studies.engine import Engine
 from nsaid_mj.studies.folder import ROWS, TABLE, _column, read
@@ -29,7 +29,7 @@ from nsaid_mj.studies.one_run import time_to_converge
 from nsaid_mj.studies.runs import Runs
 from nsaid_mj.studies.study import seed_of
 from nsaid_mj.studies.sweep import plan as plan_of
-from nsaid_mj.studies.sweep import run, scenario_of, varied
+from nsaid_mj.studies.sweep import run, scenario_of
 from nsaid_mj.studies.sweep_report import write
 from tests.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict

@@ -11,7 +11,7 @@ from ...errors import InvalidInput
 from ...logs import Map, Table, read_map, read_tables
 from ...numerics.threads import single_threaded
 from ...parameters import Array
-from ...resources import asset
+from ...robot.files import mjcf_of
 from ...robot.findings import Finding
 from ...robot.model import RobotModel
 from ...robot.target_profile import followed
@@ -60,11 +60,10 @@ def servo_logs(
     Raises:
         NsaidError: a file cannot be read or used.
     """
-    packed = asset(str(model), f"{model}.xml") if str(model) == Path(model).name else Path(model)
-    if packed.is_file() and not logs:
-        logs = sorted(packed.parent.glob("*.csv.gz"))
-    path = packed if packed.is_file() else Path(model)
-    if path.suffix.lower() != ".xml" or not path.is_file() or not logs:
+    path = mjcf_of(str(model))
+    if path is not None and not logs:
+        logs = sorted(path.parent.glob("*.csv.gz"))
+    if path is None or not logs:
         return None
     chosen = read_map(mapping) if isinstance(mapping, Path) else mapping
     robot = load_robot_model(str(path), lock, joints)
