@@ -13,8 +13,7 @@ import numpy as np
 
 from ..baselines import BATCH
 from ..evaluation.panels import BAD, COLOURS, INK, LAWS
-from ..evaluation.result import Figure as Numbers
-from ..evaluation.result import Result
+from ..evaluation.result import Result, Statistic
 from ..laws import NullspaceAID
 from ..pages import plots
 from ..pages.page import Cell as Written
@@ -150,7 +149,7 @@ def result_of(found: Sequence[Row]) -> Result:
             + f" ({best.log})."
         )
     figures = [
-        Numbers(
+        Statistic(
             label, "s" if key == "wall_s" else "%",
             {f"{row.log}: {row.method}": row.median[key] for row in found},
             {f"{row.log}: {row.method}": row.worst[key] for row in found if row.several},
@@ -168,7 +167,7 @@ def result_of(found: Sequence[Row]) -> Result:
     return Result(
         explains="no" if not able else "yes" if len(able) == len(own) else "partly",
         verdict=text,
-        figures=tuple(figures),
+        statistics=tuple(figures),
         findings=tuple(failures),
     )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..evaluation.result import Figure, Result
+from ..evaluation.result import Result, Statistic
 from ..laws import Status
 from ..numerics.threads import single_threaded
 from ..pages.page import Page, Section, Table, count
@@ -109,9 +109,9 @@ def result_of(sweep: Sweep) -> Result:
         )
         for row in gone
     )  # fmt: skip
-    figures = (Figure(*FIGURES[key], values) for key, values in quantiles(sweep).items())
+    figures = (Statistic(*FIGURES[key], values) for key, values in quantiles(sweep).items())
     own = sweep_results.result_of(sweep)
-    return replace(own, figures=tuple(figures), findings=tuple(failures), complete=not gone)
+    return replace(own, statistics=tuple(figures), findings=tuple(failures), complete=not gone)
 
 
 def page_of(sweep: Sweep) -> Page:
@@ -119,7 +119,7 @@ def page_of(sweep: Sweep) -> Page:
     result = result_of(sweep)
     lines = [
         [f"{f.name} [{f.unit}]", *(digits(value, f.unit) for value in f.values.values())]
-        for f in result.figures
+        for f in result.statistics
     ]
     shared = sweep.manifest["montecarlo"]["shared"]
     many = count(len(sweep.rows), "prior" if shared else "plant")

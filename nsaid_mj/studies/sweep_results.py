@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..errors import BadRun
-from ..evaluation.result import Figure, Result
+from ..evaluation.result import Result, Statistic
 from ..pages.page import Table, count
 from ..parameters import ABSENT, rounded
 from ..resources import atomic_write, json_of
@@ -275,7 +275,7 @@ def result_of(sweep: Sweep) -> Result:
     missing = sweep.manifest["runs"] - runs
     unfinished = Finding("refusal", "missing", "not finished", f"{missing} of the runs")
     figures = [
-        Figure(
+        Statistic(
             f"{label}, {name}", unit,
             {words(group): group.quantile(key, share) for group in sweep.groups},
         )
@@ -285,7 +285,7 @@ def result_of(sweep: Sweep) -> Result:
     return Result(
         explains="yes" if converged == runs else "partly" if found.results else "no",
         verdict=f"{sentence}.",
-        figures=tuple(figures),
+        statistics=tuple(figures),
         findings=(*([unfinished] if missing else []), *map(sweep.failure, lost)),
         complete=not lost,
     )

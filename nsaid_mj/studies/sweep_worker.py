@@ -252,7 +252,7 @@ def figures(run: SimulatedRun) -> dict[str, Any]:
 
     truth = evaluation.truth_of(run)
     converged = {"time_to_converge": time_to_converge(run, truth)}
-    summary = evaluation.summarize(run, truth)
+    summary = evaluation.summary_of(evaluation.evaluate(run, truth))
     return {"failure": None} | converged | _plain(summary)
 
 

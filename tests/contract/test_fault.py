@@ -14,7 +14,7 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import energy, result_of, summarize, truth_of
+from nsaid_mj.evaluation import energy, result_of, summarize, summary_of, truth_of
 from nsaid_mj.evaluation.figures import held_out_rows, residual_ratio
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import SimulatedRun, run
@@ -256,11 +256,11 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
 
 
 def test_recording_report_and_rebuild_include_the_fault(failed: SimulatedRun):
-    summary = postprocessing.finish(failed)
+    summary = summary_of(postprocessing.finish(failed))
     assert "thrust_3 loses 40\N{NO-BREAK SPACE}% at 12 s" in (
         failed.folder / "report.html"
     ).read_text("utf-8")
-    again = postprocessing.rebuild(failed.folder)
+    again = summary_of(postprocessing.rebuild(failed.folder))
     rounded = {"identifier_us_per_step", "plant_us_per_step"}  # times over steps, times steps
     assert {k: again[k] for k in again.keys() - rounded} == {
         k: summary[k] for k in summary.keys() - rounded
