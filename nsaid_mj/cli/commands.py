@@ -41,7 +41,7 @@ from .process import (
 
 if TYPE_CHECKING:
     from ..evaluation import RunResult
-    from ..evaluation.verify import Verdict
+    from ..evaluation.verify import Verification
     from ..experiment.loop import Run
     from ..experiment.scenario import Scenario
     from . import grammar
@@ -142,7 +142,7 @@ def _command(arguments: Sequence[str]) -> int:
     if isinstance(chosen, grammar.Verify):
         from ..evaluation.verify import verify_folder
 
-        return _judged(chosen.run.name, *verify_folder(chosen.run), chosen.json, chosen.quiet)
+        return _judged(chosen.run.name, verify_folder(chosen.run), chosen.json, chosen.quiet)
     if isinstance(chosen, grammar.View):
         return _view(chosen.run, chosen.web, chosen.rebuild)
     if isinstance(chosen, grammar.List):
@@ -169,28 +169,27 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
 def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "verify")
     from ..evaluation import truth_of
-    from ..evaluation.verify import verify, write
+    from ..evaluation.verify import verify
 
-    verdicts = verify(finished, truth_of(finished), result)
-    write(finished, verdicts)
-    code = _judged(title, finished, verdicts, output.json, output.quiet)
+    found = verify(finished, truth_of(finished), result)
+    found.write()
+    code = _judged(title, found, output.json, output.quiet)
     return code or _code(finished, result)
 
 
-def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quiet: bool) -> int:
+def _judged(name: str, found: Verification, as_json: bool, quiet: bool) -> int:
     """Prints the verdicts and returns the exit code."""
     from rich.console import Console
 
-    from ..evaluation.verify import FILE, document, result_of
-    from ..pages.report import verdicts_page
+    from ..pages.report import verification_page
     from ..pages.terminal import print_page
 
     if as_json:
-        print_json(document(result, verdicts))
+        print_json(found.document())
     elif not quiet:
-        page = verdicts_page(name, result, verdicts)
-        print_page(page, Console(highlight=False), [f"verdicts   {result.folder / FILE}"])
-    return code_of(result_of(verdicts))
+        page = verification_page(name, found)
+        print_page(page, Console(highlight=False), [f"verdicts   {found.file}"])
+    return code_of(found)
 
 
 def _carry_out(

@@ -109,7 +109,7 @@ def _gains(result: RunResult, run: Run, rows: Indices, true: Array | None) -> Pa
         f"{over}, relative to the mean [–]",
         level=1.0,
         band_name="95 % interval, as stated at the end",
-        key=("share",) if len(k) > 1 else (),
+        key=() if len(k) < 2 else ("gains_over_prior",) if true is None else ("share",),
     )
     stated = {} if result.confidence is None else result.confidence.actuators
     end = t >= t[0] + _TAIL * (t[-1] - t[0])

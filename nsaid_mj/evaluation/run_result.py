@@ -28,7 +28,14 @@ from .statistics import (
     Theory,
     Unobservable,
 )
-from .wording import OWN, STATISTICS, share_in_words
+from .wording import (
+    OWN,
+    STATISTICS,
+    confidence_lines,
+    observable_line,
+    share_in_words,
+    unobservable_lines,
+)
 
 _SAMPLES = {
     "gaps": ("gap", "gaps"),
@@ -91,6 +98,21 @@ class RunResult(Result):
     def labels(self) -> dict[str, str]:
         """The parameters' labels, by name."""
         return {row.name: row.label for row in self.estimates}
+
+    @property
+    def confidence_in_words(self) -> list[str]:
+        """The confidence that the law states; empty if it states none."""
+        return confidence_lines(self.confidence, self.labels)
+
+    @property
+    def observable_in_words(self) -> str:
+        """How many directions of θ the motion can reveal, as a sentence without its end."""
+        return observable_line(self.dimensions)
+
+    @property
+    def unobservable_in_words(self) -> list[tuple[str, str]]:
+        """(direction, remedy) of the unobservable directions."""
+        return unobservable_lines(self.unobservable)
 
 
 def judged(result: RunResult, space: ParameterSpace | None = None) -> RunResult:

@@ -7,7 +7,6 @@ about every time step either hold or fail.
 """
 
 from collections import Counter
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -44,7 +43,7 @@ _HOLD, _FAIL = ("hold", "holds"), ("fail", "fails")  # of several, and of one
 
 
 @dataclass(frozen=True)
-class Verdict:
+class StatementVerdict:
     """The outcome of checking one statement."""
 
     statement: str  # name and equation of the statement
@@ -55,8 +54,40 @@ class Verdict:
     words: str  # figure and bound in words, or why the statement does not apply
 
 
+@dataclass(frozen=True, kw_only=True)
+class Verification(Result):
+    """The result of a check of the paper's statements on a run.
+
+    Attributes:
+        statements: the statements with their verdicts.
+        status: how the run ended, in words.
+        end: time of its last row [s].
+        scenario_hash: digest of its scenario.
+        file: path of verify.json.
+    """
+
+    statements: tuple[StatementVerdict, ...]
+    status: str
+    end: float
+    scenario_hash: str
+    file: Path
+
+    def document(self) -> dict[str, Any]:
+        """The content of verify.json."""
+        return {
+            "status": self.status,
+            "scenario_hash": self.scenario_hash,
+            "settled": SETTLED,
+            "statements": [asdict(verdict) for verdict in self.statements],
+        }
+
+    def write(self) -> None:
+        """Writes verify.json into the run's folder, atomically."""
+        write_json(self.file, self.document())
+
+
 _Outcome = tuple[Word, float | None, float | None, str]
-"""Verdict, figure, bound and words of a `Verdict`."""
+"""Verdict, figure, bound and words of a `StatementVerdict`."""
 
 
 def _no(why: str) -> _Outcome:
@@ -65,7 +96,7 @@ def _no(why: str) -> _Outcome:
 
 
 @single_threaded
-def verify(run: Run, truth: Truth | None, result: RunResult | None = None) -> list[Verdict]:
+def verify(run: Run, truth: Truth | None, result: RunResult | None = None) -> Verification:
     """Checks the paper's statements on a finished run, completed or not.
 
     Without the truth of its plant, statements about the true θ are not applicable. `result` is what
@@ -95,7 +126,27 @@ def verify(run: Run, truth: Truth | None, result: RunResult | None = None) -> li
             accuracy, premises, no_limit, excited[0]
         ),
     }
-    return [Verdict(*statement, *outcome) for statement, outcome in outcomes.items()]
+    statements = tuple(StatementVerdict(*what, *outcome) for what, outcome in outcomes.items())
+    return verification_of(run, statements)
+
+
+def verification_of(run: Run, statements: tuple[StatementVerdict, ...]) -> Verification:
+    """The result of a check: whether the statements that apply hold; without a verdict if none."""
+    counts = Counter(verdict.verdict for verdict in statements)
+    apply = len(statements) - counts["not applicable"]
+    said = [f"{counts['holds']} of the {apply} statements that apply {_HOLD[counts['holds'] == 1]}"]
+    said += [f"{counts['not yet']} not yet"] * bool(counts["not yet"])
+    said += [f"{counts['fails']} {_FAIL[counts['fails'] == 1]}"] * bool(counts["fails"])
+    settled: Explains = "partly" if counts["not yet"] else "yes"
+    return Verification(
+        explains=("no" if counts["fails"] else settled) if apply else None,
+        verdict=f"{', '.join(said)}.",
+        statements=statements,
+        status=run.ending.status.words,
+        end=float(run.record["t"][-1]),
+        scenario_hash=run.scenario.hash,
+        file=run.folder / FILE,
+    )
 
 
 def _check_length(folder: Path, record: Record) -> None:
@@ -213,7 +264,7 @@ def _no_limit(run: Run, result: RunResult) -> str:
 
 
 @single_threaded
-def verify_folder(folder: Path) -> tuple[Run, list[Verdict]]:
+def verify_folder(folder: Path) -> Verification:
     """Checks the statements on a run's folder, from its record alone, and writes verify.json.
 
     Raises:
@@ -223,37 +274,8 @@ def verify_folder(folder: Path) -> tuple[Run, list[Verdict]]:
     _check_length(folder, record)
     run = reopen(folder, record)
     try:
-        verdicts = verify(run, truth_of(run))
+        found = verify(run, truth_of(run))
     except np.linalg.LinAlgError as error:
         raise BadRun(folder, "its record is damaged", "Run the scenario again") from error
-    write(run, verdicts)
-    return run, verdicts
-
-
-def document(run: Run, verdicts: Sequence[Verdict]) -> dict[str, Any]:
-    """The content of verify.json."""
-    return {
-        "status": run.ending.status.words,
-        "scenario_hash": run.scenario.hash,
-        "settled": SETTLED,
-        "statements": [asdict(verdict) for verdict in verdicts],
-    }
-
-
-def write(run: Run, verdicts: Sequence[Verdict]) -> None:
-    """Writes verify.json into the run's folder, atomically."""
-    write_json(run.folder / FILE, document(run, verdicts))
-
-
-def result_of(verdicts: Sequence[Verdict]) -> Result:
-    """The result of a check: whether the statements that apply hold; without a verdict if none."""
-    counts = Counter(verdict.verdict for verdict in verdicts)
-    apply = len(verdicts) - counts["not applicable"]
-    said = [f"{counts['holds']} of the {apply} statements that apply {_HOLD[counts['holds'] == 1]}"]
-    said += [f"{counts['not yet']} not yet"] * bool(counts["not yet"])
-    said += [f"{counts['fails']} {_FAIL[counts['fails'] == 1]}"] * bool(counts["fails"])
-    settled: Explains = "partly" if counts["not yet"] else "yes"
-    return Result(
-        explains=("no" if counts["fails"] else settled) if apply else None,
-        verdict=f"{', '.join(said)}.",
-    )
+    found.write()
+    return found

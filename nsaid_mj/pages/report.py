@@ -12,15 +12,8 @@ from ..evaluation import RunResult
 from ..evaluation.panels import Comparison, HeatMap
 from ..evaluation.panels import Panel as Curves
 from ..evaluation.result import Mark, Result
-from ..evaluation.verify import Verdict
-from ..evaluation.verify import result_of as verified
-from ..evaluation.wording import (
-    confidence_lines,
-    observable_line,
-    share_in_words,
-    statistic,
-    unobservable_lines,
-)
+from ..evaluation.verify import Verification
+from ..evaluation.wording import share_in_words, statistic
 from ..experiment.loop import Run
 from ..parameters import ABSENT, rounded
 from ..resources import RECORDING
@@ -55,13 +48,15 @@ from nsaid_mj import Scenario, run
 run(Scenario.from_json(Path("scenario.json").read_text()), Path("again"))"""
 
 
-def page(run: Run, result: RunResult, verdicts: Sequence[Verdict] = (), command: str = "") -> Page:
+def page(
+    run: Run, result: RunResult, checks: Verification | None = None, command: str = ""
+) -> Page:
     """The page of a run.
 
     Args:
         run: a finished run with at least one row in its record.
         result: what `evaluate` makes of it, with its curves.
-        verdicts: on the paper's statements; empty for a run that is too short for them.
+        checks: of the paper's statements; None for a run that is too short for them.
         command: command line of the run, to be repeated; empty if it is not known.
     """
     from .drawings import figures_of as drawn  # imported late: matplotlib takes half a second
@@ -87,7 +82,7 @@ def page(run: Run, result: RunResult, verdicts: Sequence[Verdict] = (), command:
         Section("Correlations of what is identified",
                 _correlated(drawn(_correlations(result)))),
         Section("The paper's statements on this run",
-                [*statements(verdicts), *_checks(result)]),
+                [*statements(checks), *_checks(result)]),
     ]  # fmt: skip
     return replace(
         made,
@@ -162,7 +157,7 @@ def _statistics(result: Result) -> Table:
 
 def _confidence(result: RunResult) -> list[Panel]:
     """The stated confidence in words; empty if none is stated."""
-    lines = confidence_lines(result.confidence, result.labels)
+    lines = result.confidence_in_words
     return [Items(lines)] if lines else []
 
 
@@ -220,11 +215,11 @@ def _checks(result: RunResult) -> list[Panel]:
     return [Text(" ".join(said), note=True)] if said else []
 
 
-def statements(verdicts: Sequence[Verdict]) -> list[Panel]:
+def statements(checks: Verification | None) -> list[Panel]:
     """The paper's statements with their verdicts, then those that do not apply, by reason."""
     kinds = {"holds": ("✔", "good"), "not yet": ("◐", "fair"), "fails": ("✘", "poor")}
     lines, apart = [], dict[str, list[str]]()
-    for v in verdicts:
+    for v in checks.statements if checks is not None else ():
         if v.verdict in kinds:
             lines.append([v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words])
         else:
@@ -237,21 +232,22 @@ def statements(verdicts: Sequence[Verdict]) -> list[Panel]:
     ]
 
 
-def verdicts_page(name: str, run: Run, verdicts: Sequence[Verdict]) -> Page:
+def verification_page(name: str, found: Verification) -> Page:
     """The page of a check of the paper's statements on a run, for the terminal."""
-    lines = [f"{v.verdict:15} {v.statement}: {v.claim}\n{' ' * 20}{v.words}" for v in verdicts]
-    end = float(run.record["t"][-1])
+    lines = [
+        f"{v.verdict:15} {v.statement}: {v.claim}\n{' ' * 20}{v.words}" for v in found.statements
+    ]
     return Page(
         heading=name,
-        result=verified(verdicts),
-        lead=f"{run.ending.status.words}, {end:.4g} s simulated",
+        result=found,
+        lead=f"{found.status}, {found.end:.4g} s simulated",
         sections=[Section("", [Items(lines)], brief=True)],
     )
 
 
 def unobservable(result: RunResult) -> list[Panel]:
     """The five directions that concern most parameters, and the others by block."""
-    entries = unobservable_lines(result.unobservable)
+    entries = result.unobservable_in_words
     sizes = {one.direction: len(one.labels) for one in result.unobservable}
     scales = [entry for entry in entries if entry[0].startswith("common scale")]
     others = sorted(
@@ -265,7 +261,7 @@ def unobservable(result: RunResult) -> list[Panel]:
         groups.setdefault(part, []).append((what, fix))
     first = ". First those that concern most parameters:" if groups else ":" if ordered else "."
     return [
-        Text(f"{observable_line(result.dimensions)}{first}"),
+        Text(f"{result.observable_in_words}{first}"),
         *([Items(ordered[:_FIRST], ordered=True)] if ordered else []),
         *(Fold(name, [Items(some)], small=str(len(some))) for name, some in groups.items()),
     ]

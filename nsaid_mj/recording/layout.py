@@ -58,7 +58,7 @@ def blueprint(
     story = {
         "velocity": "Velocity, measured and predicted (pale)",
         "force": "Forces that the motion needs and actuator forces (pale)",
-        "share": "Actuators relative to the prior, over their mean",
+        "gains_over_prior": "Actuators relative to the prior, over their mean",
     }
     if judged:
         story = {

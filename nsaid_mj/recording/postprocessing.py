@@ -78,11 +78,11 @@ def _finish(
     if not _drawable(run.record):
         return result
     say("writing recording and report")
-    verdicts = verify(run, truth, result) if len(run.record) >= ROWS else []
+    checks = verify(run, truth, result) if len(run.record) >= ROWS else None
     result = with_curves(result, run, truth)
     if recording.available():
-        recording.write(run, result, truth, verdicts)
-    write_html(report.page(run, result, verdicts, command), run.folder)
+        recording.write(run, result, truth, checks)
+    write_html(report.page(run, result, checks, command), run.folder)
     return result
 
 

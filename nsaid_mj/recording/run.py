@@ -1,6 +1,5 @@
 """run.rrd: a finished run, and its robot with forces or torques, link inertias and faults."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from ..evaluation import RunResult, Truth, common_factor
 from ..evaluation.curves import shared
 from ..evaluation.panels import spread
-from ..evaluation.verify import Verdict
+from ..evaluation.verify import Verification
 from ..experiment.loop import Run
 from ..experiment.record import Record
 from ..laws.faults import FaultEvent
@@ -31,7 +30,7 @@ _SHORT = "The run is too short for a verdict."
 
 
 def write(
-    run: Run, result: RunResult, truth: Truth | None, verdicts: Sequence[Verdict] = ()
+    run: Run, result: RunResult, truth: Truth | None, checks: Verification | None = None
 ) -> Path:
     """Writes a run's recording atomically, and returns its path.
 
@@ -39,14 +38,14 @@ def write(
         run: a finished run with at least one row, completed or not.
         result: what `evaluate` makes of it, with its curves.
         truth: true parameters of its plant; None leaves out everything that needs it.
-        verdicts: on the paper's statements, for a separate page.
+        checks: of the paper's statements, for a separate page.
     """
     lines = lines_of(result.curves)
     robot = Robot(run, truth)
     name = run.folder.resolve().name
     documents = {
         "result": markdown(brief(name, result)),
-        "statements": "\n".join(panels(statements(verdicts))) or _SHORT,
+        "statements": "\n".join(panels(statements(checks))) or _SHORT,
         "unknown": "\n".join(panels(unobservable(result))),
     }
     space, plots = run.system.space, Plots(lines, float(run.record["t"][-1]))

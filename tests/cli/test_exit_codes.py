@@ -12,8 +12,11 @@ import nsaid_mj.cli
 from nsaid_mj.cli import commands
 from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
+from nsaid_mj.evaluation import RunResult
+from nsaid_mj.evaluation.misfit import Misfit
 from nsaid_mj.evaluation.result import Result
-from nsaid_mj.evaluation.verify import Verdict
+from nsaid_mj.evaluation.statistics import Accuracy, RunEnding
+from nsaid_mj.evaluation.verify import StatementVerdict, verification_of
 from nsaid_mj.laws import Status
 from nsaid_mj.logs.unusable import UnusableLog
 from nsaid_mj.pages.page import Page
@@ -24,6 +27,7 @@ from nsaid_mj.studies.compare_report import rows as compared
 from nsaid_mj.studies.sweep_results import Sweep
 from tests.support.faulty import call, shell
 from tests.support.identification import identification
+from tests.support.summaries import run_result
 
 ROOT = Path(nsaid_mj.cli.__file__).parents[2]
 Patch = pytest.MonkeyPatch
@@ -38,11 +42,10 @@ def put(patch: Patch, name: str, value: Any) -> None:
     patch.setattr(f"nsaid_mj.{name}", lambda *_, **__: value)
 
 
-def run_of(patch: Patch, verdict: str, status: Status = Status.completed) -> None:
-    result = SimpleNamespace(ending=SimpleNamespace(status=status), folder=Path("out"))
+def run_of(patch: Patch, result: RunResult, status: Status = Status.completed) -> None:
+    finished = SimpleNamespace(ending=SimpleNamespace(status=status), folder=Path("out"))
     output = SimpleNamespace(json=False, quiet=True)
-    summary = {"verdict": verdict, "rivals": {}, "confidence": None, "sensor_noise": ""}
-    put(patch, "cli.commands._carry_out", ("rov", result, summary, output))
+    put(patch, "cli.commands._carry_out", ("rov", finished, result, output))
 
 
 @pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1), (None, 0)])
@@ -51,20 +54,34 @@ def test_a_verdict_that_is_poor_is_not_explained(explains: Any, code: int) -> No
     assert code_of(Result(explains=explains, complete=False)) == NOT_EXPLAINED
 
 
+def distances(first: float, last: float) -> Accuracy:
+    return Accuracy(theta_perp_ratio_initial=first, theta_perp_ratio=last)
+
+
 @pytest.mark.parametrize(
-    ("verdict", "code"),
+    ("verdict", "changes", "code"),
     [
-        ("converged: 0.1 % from the true set", EXPLAINED),
-        ("still converging: 8 % from the true set", EXPLAINED),
-        ("not converging: 90 % from the true set", NOT_EXPLAINED),
-        ("the motion contradicts this structure: look for a delay", NOT_EXPLAINED),
-        ("ended early: diverged at t = 1 s", NOT_EXPLAINED),
+        ("converged", {"accuracy": distances(0.9, 0.001)}, EXPLAINED),
+        ("still converging", {"accuracy": distances(0.9, 0.08)}, EXPLAINED),
+        ("not converging", {"accuracy": distances(0.1, 0.9)}, NOT_EXPLAINED),
+        (
+            "the motion contradicts this structure",
+            {"misfit": Misfit("contradicts", (1.0,), 2.0, 3.0, 0.0)},
+            NOT_EXPLAINED,
+        ),
+        (
+            "ended early",
+            {"ending": RunEnding(status="plant diverged", status_time=1.0)},
+            NOT_EXPLAINED,
+        ),
     ],
 )
-def test_run(verdict: str, code: int, monkeypatch: Patch) -> None:
-    run_of(monkeypatch, verdict)
+def test_run(verdict: str, changes: dict[str, Any], code: int, monkeypatch: Patch) -> None:
+    result = run_result(**changes)
+    assert result.verdict.startswith(f"{verdict}: ")
+    run_of(monkeypatch, result)
     assert shell("run", "scalar_rov")[0] == code
-    run_of(monkeypatch, verdict, Status.interrupted)
+    run_of(monkeypatch, result, Status.interrupted)
     assert shell("run", "scalar_rov")[0] == 130
 
 
@@ -78,8 +95,16 @@ def test_run(verdict: str, code: int, monkeypatch: Patch) -> None:
     ],
 )
 def test_verify(words: tuple[Any, ...], code: int, monkeypatch: Patch) -> None:
-    verdicts = [Verdict("Theorem 1", "Δv vanishes", word, None, None, "") for word in words]
-    put(monkeypatch, "evaluation.verify.verify_folder", (None, verdicts))
+    verdicts = tuple(
+        StatementVerdict("Theorem 1", "Δv vanishes", word, None, None, "") for word in words
+    )
+    run = SimpleNamespace(
+        ending=SimpleNamespace(status=Status.completed),
+        record={"t": [0.0]},
+        scenario=SimpleNamespace(hash=""),
+        folder=Path("out"),
+    )
+    put(monkeypatch, "evaluation.verify.verify_folder", verification_of(run, verdicts))  # pyright: ignore[reportArgumentType]
     assert shell("verify", "--run", "out", "--quiet")[0] == code
 
 
