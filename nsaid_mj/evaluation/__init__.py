@@ -9,7 +9,6 @@ the paper's V, `excitation` the motion; `verify` checks the paper's statements a
 `wording` how numbers are phrased.
 """
 
-from ..structure.sensing import velocity_labels as velocity_labels
 from .curves import with_curves as with_curves
 from .figures import Judge as Judge
 from .figures import common_factor as common_factor
@@ -17,11 +16,9 @@ from .figures import converged_at as converged_at
 from .lyapunov import energy as energy
 from .run_evaluation import evaluate as evaluate
 from .run_evaluation import versions as versions
+from .run_result import OWN as OWN
 from .run_result import RunResult as RunResult
 from .summary import read_summary as read_summary
 from .summary import summary_of as summary_of
 from .truth import Truth as Truth
-from .truth import nullspace_of as nullspace_of
 from .truth import truth_of as truth_of
-from .wording import OWN as OWN
-from .wording import force_units as force_units

@@ -12,12 +12,12 @@ from ..parameters import Array, Indices, ParameterSpace
 from ..structure.sensing import velocity_labels
 from .confidence import INTERVAL
 from .figures import CONVERGED, common_factor, forces_of, midpoints
-from .labels import EXCITATION_LEVELS, command_names, groups, velocity_names
+from .labels import EXCITATION_LEVELS, command_names, force_units, groups, velocity_names
 from .lyapunov import energy as energy_of
 from .panels import COLOURS, LAWS, Comparison, Panel, local_rms, spread
-from .run_result import RunResult
+from .run_result import OWN, RunResult
 from .truth import Truth
-from .wording import OWN, force_units, statistic
+from .wording import statistic
 
 _POINTS = 4000  # of a curve over time, at most; more than the width of a screen
 _NUMBERS = 400_000  # entries of θ̂ over all curves, at most: a minute's recording stays below 20 MB
@@ -186,7 +186,7 @@ def _conserved(run: Run, rows: Indices) -> list[Panel]:
         return []
     now = identifier.conserved(record.rows("theta_hat", rows)) + record["spent"][rows]
     drift = now / float(identifier.conserved(record.rows("theta_hat", 0))) - 1
-    size = np.maximum(np.abs(drift), np.finfo(float).eps)
+    size = np.abs(drift) if drift.any() else np.full(len(drift), np.finfo(float).eps)
     panel = _recorded(
         "conserved", "Relative drift of the conserved quantity (30)", "drift [–]", logarithmic=True
     )

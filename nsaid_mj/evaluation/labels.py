@@ -50,3 +50,11 @@ def command_names(system: SecondOrderSystem) -> list[str]:
 
 EXCITATION_LEVELS = ("all directions, (2) [N·m·s]", "observable directions, (75) [N·m·s]")
 """Names of the online excitation levels."""
+
+
+_FORCE_UNITS = {"m/s": "N", "rad/s": "N·m"}  # of a generalised force, by unit of its velocity
+
+
+def force_units(system: SecondOrderSystem) -> list[str]:
+    """The unit of the generalised force of each velocity."""
+    return [_FORCE_UNITS.get(unit, "SI") for unit in system.velocity_units]

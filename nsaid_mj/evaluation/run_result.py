@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..laws.faults import FaultEvent
-from ..parameters import ParameterSpace
+from ..parameters import ParameterSpace, phrase
 from ..robot.findings import Finding
 from .confidence import INTERVAL
 from .figures import CONVERGED, common_factor
@@ -28,14 +28,20 @@ from .statistics import (
     Theory,
     Unobservable,
 )
-from .wording import (
-    OWN,
-    STATISTICS,
-    confidence_lines,
-    observable_line,
-    share_in_words,
-    unobservable_lines,
+from .wording import share_in_words
+
+OWN = "NS-AID"
+"""Label of the scenario's own identifier in tables and plots that also show its rivals."""
+
+STATISTICS = (
+    ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at the start", "theta_perp_ratio_initial", "%"),
+    ("distance to the true set ‖θ̄_P⊥‖/‖θ̂‖, at the end", "theta_perp_ratio", "%"),
+    ("direction error of the plant's own parameters", "plant_direction_error", "%"),
+    ("error of gain ratios", "actuator_ratio_error", "%"),
+    ("force residual on a held-out trajectory", "force_residual_ratio", "%"),
+    ("rms Δv over the last tenth of the run", "velocity_error_rms", ""),
 )
+"""The statistics shown for every identifier: label, name in `Accuracy`, and % for ratios."""
 
 _SAMPLES = {
     "gaps": ("gap", "gaps"),
@@ -102,17 +108,46 @@ class RunResult(Result):
     @property
     def confidence_in_words(self) -> list[str]:
         """The confidence that the law states; empty if it states none."""
-        return confidence_lines(self.confidence, self.labels)
+        stated, labels = self.confidence, self.labels
+        if stated is None:
+            return []
+        worst = phrase(labels[name] for name in stated.worst_known[0].parameters)
+        low = stated.below_noise
+        lines = [
+            f"{stated.directions} observable directions, known with a standard deviation of "
+            f"{share_in_words(stated.deviation_median)} of ‖θ̂‖ in the median, of "
+            f"{share_in_words(stated.deviation_largest)} at worst ({worst})"
+            + (f"; {low} below the noise" if low else "")
+        ]
+        if (covered := stated.covered) is not None:
+            lines.append(f"the 95 % intervals contain the truth in {100 * covered:.0f} % of them")
+        if (covered := stated.forces_covered) is not None:
+            lines.append(
+                f"on a held-out motion, {100 * covered:.0f} % of the forces are within the 95 % "
+                "intervals of their predictions"
+            )
+        return lines
 
     @property
     def observable_in_words(self) -> str:
         """How many directions of θ the motion can reveal, as a sentence without its end."""
-        return observable_line(self.dimensions)
+        r, p = self.dimensions.r, self.dimensions.p
+        seen = p - r
+        return (
+            f"{seen} of {p} directions of θ {'is' if seen == 1 else 'are'} observable; "
+            f"{r} {'is' if r == 1 else 'are'} not"
+        )
 
     @property
     def unobservable_in_words(self) -> list[tuple[str, str]]:
-        """(direction, remedy) of the unobservable directions."""
-        return unobservable_lines(self.unobservable)
+        """(direction, remedy) of the unobservable directions; single parameters share one line."""
+        directions = self.unobservable
+        alone = [one.labels[0] for one in directions if len(one.labels) == 1]
+        found = [(one.direction, one.fix) for one in directions if len(one.labels) > 1]
+        if alone:
+            words = f"{phrase(alone)}: no effect on the motion"
+            found.insert(1, (words, "has to be known beforehand"))
+        return found
 
 
 def judged(result: RunResult, space: ParameterSpace | None = None) -> RunResult:

@@ -252,7 +252,7 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
     def nobody_knows(*args: object) -> None:
         raise AssertionError("the truth was asked for")
 
-    monkeypatch.setattr(metrics, "energy", nobody_knows)
+    monkeypatch.setattr("nsaid_mj.evaluation.curves.energy_of", nobody_knows)
     for name in ("distance", "theta_at", "nullspace_at"):
         monkeypatch.setattr(metrics.Truth, name, nobody_knows)
     monkeypatch.setattr(type(done.plant), "truth_at", nobody_knows)

@@ -13,8 +13,8 @@ from rich.console import Console
 
 import nsaid_mj
 from nsaid_mj import recording
+from nsaid_mj.evaluation.run_result import STATISTICS
 from nsaid_mj.evaluation.statistics import Conditions, Dimensions, Unobservable
-from nsaid_mj.evaluation.wording import STATISTICS, observable_line
 from nsaid_mj.laws.faults import FaultEvent
 from nsaid_mj.pages.report import print_result
 from nsaid_mj.pages.terminal import print_findings
@@ -40,7 +40,7 @@ def dimensions(p: int, r: int) -> Dimensions:
     ],
 )
 def test_the_count_of_directions_is_grammatical(p: int, r: int, words: str) -> None:
-    assert observable_line(dimensions(p, r)) == words
+    assert run_result(dimensions=dimensions(p, r)).observable_in_words == words
 
 
 def test_a_fault_found_is_printed_with_its_time_and_confidence(capsys) -> None:
