@@ -8,14 +8,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..bounds import shown, without_nonfinite
 from ..errors import InvalidInput
 from ..laws.faults import FaultEvent
 from ..parameters import ParameterSpace
-from ..resources import json_of
 from .misfit import CONTRADICTS, LEVELS, Misfit
 from .run_result import RunResult, judged
 from .statistics import (
@@ -141,23 +139,6 @@ def _plain(value: Any, known: bool) -> Any:
 _REMEDY = "Delete the file: `nsaid view --rebuild` then makes it again from the record."
 
 
-def read_summary(file: Path, space: ParameterSpace | None = None) -> RunResult:
-    """Reads the result of a run, without curves, from its summary.json.
-
-    Without a space, parameters have no blocks.
-
-    Raises:
-        OSError: there is no such file, or it cannot be read.
-        InvalidInput: it is not a run's summary; the error names the first value that is missing or
-            of a wrong type.
-    """
-    try:
-        found = json_of(file.read_bytes())
-    except ValueError as error:
-        raise InvalidInput(str(file), "a run's summary in JSON", error, _REMEDY) from error
-    return result_from(found, space, str(file))
-
-
 def result_from(found: Any, space: ParameterSpace | None = None, name: str = FILE) -> RunResult:
     """The result, without curves, whose `summary_of` is a value of JSON.
 
@@ -167,7 +148,8 @@ def result_from(found: Any, space: ParameterSpace | None = None, name: str = FIL
         name: name of the file, for errors.
 
     Raises:
-        InvalidInput: as of `read_summary`.
+        InvalidInput: it is not a run's summary; the error names the first value that is missing or
+            of a wrong type.
     """
     if not isinstance(found, dict):
         raise InvalidInput(

@@ -11,9 +11,8 @@ from .. import evaluation, recording
 from ..bounds import LARGEST
 from ..calibration.measured import reopen_measured
 from ..errors import BadRun, InvalidInput
-from ..evaluation import RunResult, summary_of, with_curves
+from ..evaluation import RunResult, result_from, summary_of, with_curves
 from ..evaluation.summary import FILE as SUMMARY
-from ..evaluation.summary import result_from
 from ..evaluation.verify import ROWS, verify
 from ..experiment.loop import Cost, Ending, Run, reopen
 from ..experiment.record import Record
