@@ -37,8 +37,8 @@ scenario = Scenario(
     sensors="noisy",
 )
 result = run(scenario, Path("runs/example-arm"))
-summary = finish(result)  # summary.json, report.html and, with Rerun, run.rrd
-summary["status"]
+outcome = finish(result)  # summary.json, report.html and, with Rerun, run.rrd
+outcome.ending.status
 
 # %% [markdown]
 # ## How close is it?
@@ -48,11 +48,13 @@ summary["status"]
 
 # %%
 print(
-    f"distance to the true set: {summary['theta_perp_ratio_initial']:.1%} at the start, "
-    f"{summary['theta_perp_ratio']:.3%} at the end"
+    f"distance to the true set: {outcome.accuracy.theta_perp_ratio_initial:.1%} at the start, "
+    f"{outcome.accuracy.theta_perp_ratio:.3%} at the end"
 )
-print(f"largest error of a gain relative to the others: {summary['actuator_ratio_error']:.2%}")
-print(f"force residual on another trajectory: {summary['force_residual_ratio']:.2e}")
+print(
+    f"largest error of a gain relative to the others: {outcome.accuracy.actuator_ratio_error:.2%}"
+)
+print(f"force residual on another trajectory: {outcome.accuracy.force_residual_ratio:.2e}")
 
 # %% [markdown]
 # ## The gains while the robot moves
@@ -80,8 +82,8 @@ plt.show()
 # Of the 84 dimensions of θ, 27 do not affect any motion. Each is listed with the one number that would settle it.
 
 # %%
-for direction in summary["unobservable"][:5]:
-    print(f"- {direction['direction'][:110]}\n  {direction['fix'][:110]}")
+for direction in outcome.unobservable[:5]:
+    print(f"- {direction.direction[:110]}\n  {direction.fix[:110]}")
 
 # %% [markdown]
 # `nsaid view runs/example-arm` shows the run in three dimensions; `runs/example-arm/report.html` is a page to send.

@@ -39,8 +39,8 @@ scenario = Scenario(
     record_every=2,
 )
 result = run(scenario, Path("runs/example-rov"))
-summary = finish(result)
-summary["status"]
+outcome = finish(result)
+outcome.ending.status
 
 # %% [markdown]
 # ## The gains before and after
@@ -75,9 +75,9 @@ plt.show()
 # Masses and drags come out up to one common scale: weigh the vehicle, and all of them are in SI units.
 
 # %%
-print(f"distance to the true set: {summary['theta_perp_ratio']:.2e}")
+print(f"distance to the true set: {outcome.accuracy.theta_perp_ratio:.2e}")
 print(
-    f"largest error of a thruster's gain relative to the others: {summary['actuator_ratio_error']:.2e}"
+    f"largest error of a thruster's gain relative to the others: {outcome.accuracy.actuator_ratio_error:.2e}"
 )
-for direction in summary["unobservable"]:
-    print(f"- {direction['direction'][:110]}\n  {direction['fix'][:110]}")
+for direction in outcome.unobservable:
+    print(f"- {direction.direction[:110]}\n  {direction.fix[:110]}")

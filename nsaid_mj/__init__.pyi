@@ -24,6 +24,7 @@ from .control.tracking import FourierTracking as FourierTracking
 from .control.vehicle_manipulator import HoverAndReach as HoverAndReach
 from .control.vehicle_manipulator import SwimAndReach as SwimAndReach
 from .errors import NsaidError as NsaidError
+from .evaluation.run_result import RunResult as RunResult
 from .experiment.loop import run as run
 from .experiment.record import Record as Record
 from .experiment.scenario import Scenario as Scenario

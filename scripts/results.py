@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from nsaid_mj import NullspaceAID, Scenario, Status
-from nsaid_mj.evaluation import summarize, truth_of
+from nsaid_mj.evaluation import evaluate, summary_of, truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.resources import scenarios
@@ -54,7 +54,7 @@ def worst(name: str, scenario: Scenario, seeds: range | list[int], typical: bool
     for seed in seeds:
         with tempfile.TemporaryDirectory() as folder:
             result = run(replace(scenario, seed=seed), Path(folder))
-            summaries.append(summarize(result, truth_of(result)))
+            summaries.append(summary_of(evaluate(result, truth_of(result))))
         print(f"  {name} seed {seed}: {result.ending.status.words}", file=sys.stderr)
     of, figures = np.median if typical else np.max, []
     for key in WORST:

@@ -14,7 +14,7 @@ import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
 from nsaid_mj.cli.process import code_of
-from nsaid_mj.evaluation import result_of
+from nsaid_mj.evaluation.summary import result_from
 from nsaid_mj.experiment.setup import trajectory
 from nsaid_mj.resources import known_robots, scenarios
 from tests.support.faulty import shell
@@ -279,7 +279,7 @@ def test_the_readmes_commands_identify_the_users_own_urdf(workplace: Path) -> No
         short = ["--duration", "0.3", "--held-out", "0.2", "--pe-window", "0.1"]
         code, said = shell(*words, *short, "--out", f"out{number}", "--quiet")
         summary = json.loads((workplace / f"out{number}" / "summary.json").read_text("utf-8"))
-        assert code == code_of(result_of(summary)), said.err  # so short a run may end with ✘
+        assert code == code_of(result_from(summary)), said.err  # so short a run may end with ✘
 
 
 # -- links and references ----------------------------------------------------------------------

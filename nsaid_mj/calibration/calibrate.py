@@ -25,8 +25,8 @@ from .result import (
     JointFit,
     Options,
     Structured,
-    figures_of,
     recording_shifts,
+    statistics_of,
 )
 from .statements import (
     combinations_in_words,
@@ -175,7 +175,7 @@ def _identification(
         deviation=exact.deviation,
         covariance=exact.covariance,
         friction=nearest_friction(problem, fit.theta),
-        figures=figures_of(joints),
+        statistics=statistics_of(joints),
         predictions=_curves(problem, fit.theta, recordings),
         validation=checked,
         law=None,

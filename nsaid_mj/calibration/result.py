@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..evaluation.result import Figure, Result
+from ..evaluation.result import Result, Statistic
 from ..experiment.loop import Run
 from ..laws import Status
 from ..logs.recordings import Recordings
@@ -106,7 +106,7 @@ class Curves:
     usable: Mask  # (N, k) whether the row was used
 
 
-def figures_of(joints: Sequence[JointFit]) -> tuple[Figure, ...]:
+def statistics_of(joints: Sequence[JointFit]) -> tuple[Statistic, ...]:
     """The NRMSE of every joint, beside least squares and on the validation log if there is one."""
     kinds = {
         "held out": "held_out",
@@ -114,7 +114,7 @@ def figures_of(joints: Sequence[JointFit]) -> tuple[Figure, ...]:
         "validation log": "validation",
     }
     found = (
-        Figure(name, "%", {joint.name: getattr(joint, key) for joint in joints})
+        Statistic(name, "%", {joint.name: getattr(joint, key) for joint in joints})
         for name, key in kinds.items()
     )
     return tuple(f for f in found if any(value is not None for value in f.values.values()))

@@ -3,7 +3,7 @@
 import math
 
 from ..evaluation.result import EXPLAINS, Mark
-from ..evaluation.words import estimate, figure
+from ..evaluation.wording import estimate, statistic
 from ..parameters import ABSENT, number
 from ..structure.joints import slides
 from .result import AlongLog, Identification, JointFit
@@ -14,7 +14,7 @@ UNKNOWN = math.log(30.0)
 
 def nrmse(value: float | None) -> str:
     """An NRMSE in percent; – if there is none."""
-    return figure(None if value is None or not math.isfinite(value) else value, "%")
+    return statistic(None if value is None or not math.isfinite(value) else value, "%")
 
 
 def quality(held_out: float) -> Mark:

@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from .. import __version__
 from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, printable
@@ -42,7 +42,8 @@ from .process import (
 )
 
 if TYPE_CHECKING:
-    from ..evaluation.verify import Verdict
+    from ..evaluation import RunResult
+    from ..evaluation.verify import Verification
     from ..experiment.loop import Run
     from ..experiment.scenario import Scenario
     from . import grammar
@@ -144,7 +145,7 @@ def _command(arguments: Sequence[str]) -> int:
         record_file(chosen.run)
         from ..evaluation.verify import verify_folder
 
-        return _judged(chosen.run.name, *verify_folder(chosen.run), chosen.json, chosen.quiet)
+        return _judged(chosen.run.name, verify_folder(chosen.run), chosen.json, chosen.quiet)
     if isinstance(chosen, grammar.View):
         return _view(chosen.run, chosen.web, chosen.rebuild)
     if isinstance(chosen, grammar.List):
@@ -157,47 +158,47 @@ def _command(arguments: Sequence[str]) -> int:
 
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
-    title, result, summary, output = _carry_out(name, default, arguments, "run")
-    from ..pages.report import print_summary
+    title, finished, result, output = _carry_out(name, default, arguments, "run")
+    from ..evaluation import summary_of
+    from ..pages.report import print_result
 
     if output.json:
-        print_json(summary)
+        print_json(summary_of(result))
     elif not output.quiet:
-        print_summary(title, summary, result.folder, result.system.space)
-    return _code(result, summary)
+        print_result(title, result, finished.folder)
+    return _code(finished, result)
 
 
 def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
-    title, result, summary, output = _carry_out(name, default, arguments, "verify")
+    title, finished, result, output = _carry_out(name, default, arguments, "verify")
     from ..evaluation import truth_of
-    from ..evaluation.verify import verify, write
+    from ..evaluation.verify import verify
 
-    verdicts = verify(result, truth_of(result), summary)
-    write(result, verdicts)
-    code = _judged(title, result, verdicts, output.json, output.quiet)
-    return code or _code(result, summary)
+    found = verify(finished, truth_of(finished), result)
+    found.write()
+    code = _judged(title, found, output.json, output.quiet)
+    return code or _code(finished, result)
 
 
-def _judged(name: str, result: Run, verdicts: list[Verdict], as_json: bool, quiet: bool) -> int:
+def _judged(name: str, found: Verification, as_json: bool, quiet: bool) -> int:
     """Prints the verdicts and returns the exit code."""
     from rich.console import Console
 
-    from ..evaluation.verify import FILE, document, result_of
-    from ..pages.report import verdicts_page
+    from ..pages.report import verification_page
     from ..pages.terminal import print_page
 
     if as_json:
-        print_json(document(result, verdicts))
+        print_json(found.document())
     elif not quiet:
-        page = verdicts_page(name, result, verdicts)
-        print_page(page, Console(highlight=False), [f"verdicts   {result.folder / FILE}"])
-    return code_of(result_of(verdicts))
+        page = verification_page(name, found)
+        print_page(page, Console(highlight=False), [f"verdicts   {found.file}"])
+    return code_of(found)
 
 
 def _carry_out(
     name: str, default: Scenario, arguments: Sequence[str], asked: str
-) -> tuple[str, Run, dict[str, Any], grammar.Run]:
-    """Runs and post-processes a scenario; returns its title, run, summary and output options."""
+) -> tuple[str, Run, RunResult, grammar.Run]:
+    """Runs and post-processes a scenario; returns its title, run, result and output options."""
     from .checks import check_excitation, check_plant, without_excitation
     from .folders import folder_for, title_of
     from .options import parse, repeated
@@ -226,30 +227,29 @@ def _carry_out(
 
             command += f" --excitation {given}"
             scenario = replace(scenario, excitation=designed(scenario, given, progress))
-        result = run(scenario, folder, progress, *watchers)
-        return title, result, _finish(result, progress.say, command), output
+        finished = run(scenario, folder, progress, *watchers)
+        return title, finished, _finish(finished, progress.say, command), output
 
 
-def _finish(result: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
+def _finish(finished: Run, say: Callable[[str], None], command: str) -> RunResult:
     """Post-processes a run; if interrupted or out of disk space, says how to resume."""
     from ..recording.postprocessing import finish
 
-    again = f"`nsaid view --rebuild {shlex.quote(str(result.folder))}` finishes the run"
+    again = f"`nsaid view --rebuild {shlex.quote(str(finished.folder))}` finishes the run"
     try:
-        return finish(result, say, command)
+        return finish(finished, say, command)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(again) from None
     except NotWritten as error:
         raise NotWritten(error.path, error.reason, f"Make room on the disk; {again}") from error
 
 
-def _code(result: Run, summary: dict[str, Any]) -> int:
+def _code(finished: Run, result: RunResult) -> int:
     """The exit code of a finished run: that of its verdict, unless it was interrupted."""
-    from ..evaluation import result_of
     from ..laws import Status
 
-    interrupted = result.ending.status is Status.interrupted
-    return INTERRUPTED if interrupted else code_of(result_of(summary))
+    interrupted = finished.ending.status is Status.interrupted
+    return INTERRUPTED if interrupted else code_of(result)
 
 
 def _list() -> int:

@@ -76,12 +76,12 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
         document = files.document(found, predicted, ranks, folder.name)
         progress.say("trying the experiment on a draw of the prior")
         trial = prediction.tried(found)
-        page = pages.page(name, document, trial, folder)
+        page = pages.page(name, document, trial, found, folder)
         written.append(write_html(page, folder))
         if recording.available():
             from ..recording.design import FILE, record
 
-            written.append(record(found, trial, name, folder / FILE))
+            written.append(record(page, found, folder / FILE))
     if chosen.json:
         print_json(document)
     elif not chosen.quiet:

@@ -129,7 +129,7 @@ def write(
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     report("writing the report")
     from ..pages.identification import report as pages
-    from ..pages.page import markdown, write_html
+    from ..pages.page import write_html
 
     page = pages.page(result, command)
     files.append(write_html(page, folder))
@@ -137,7 +137,7 @@ def write(
 
     if recording.available():
         report("writing the recording")
-        files.append(recording.record(result, folder / recording.FILE, markdown(page)))
+        files.append(recording.record(page, folder / recording.FILE))
     if result.law is not None:
         from ..recording.postprocessing import finish
 
@@ -194,7 +194,7 @@ def identify_given(
     write_json(path, without_nonfinite(result.summary()))
     from .. import recording
     from ..pages.identification import servos
-    from ..pages.page import markdown, write_html
+    from ..pages.page import write_html
 
     commands, folder, files = [repeated(chosen)], path.parent, [path, model_file]
     if recording.available():
@@ -202,8 +202,7 @@ def identify_given(
     page = servos.page(result, commands, replay)
     if recording.available():
         progress.say("writing the recording")
-        file = folder / recording.FILE
-        files.append(recording.record_servos(result, replay, file, markdown(page)))
+        files.append(recording.record_servos(page, replay, folder / recording.FILE))
     return page, [*files, write_html(page, folder)]
 
 

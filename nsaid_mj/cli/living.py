@@ -23,13 +23,12 @@ _SHOWN = 1.0  # time between two printed estimates [s]
 def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
     check_live(chosen)
-    from ..bounds import without_nonfinite
     from ..calibration.measured import LiveRobot, measured_scenario
     from ..calibration.session import Session
-    from ..evaluation import result_of
+    from ..evaluation import summary_of
     from ..logs.stream import bound
     from ..pages.progress import Progress
-    from ..pages.report import print_summary
+    from ..pages.report import print_result
     from ..recording.postprocessing import finish
 
     name = Path(chosen.model).stem
@@ -63,13 +62,13 @@ def follow_robot(chosen: Live) -> int:
         run = session.run(lines, folder, show, every, observers)
         command = shlex.join(["nsaid", "live", "--model", chosen.model, "--law", chosen.law])
         with Progress(name, quiet=quiet) as progress:
-            summary = finish(run, progress.say, command)
+            result = finish(run, progress.say, command)
     if chosen.json:
-        plain = without_nonfinite({"summary": summary})
-        print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
+        found = {"summary": summary_of(result)}
+        print(json.dumps(found, ensure_ascii=False, allow_nan=False))
     elif not chosen.quiet:
-        print_summary(f"{name} live", summary, folder, run.system.space)
-    return code_of(result_of(summary))
+        print_result(f"{name} live", result, folder)
+    return code_of(result)
 
 
 def _send(estimate: Estimate) -> None:
@@ -78,7 +77,7 @@ def _send(estimate: Estimate) -> None:
 
 
 def _print(estimate: Estimate) -> None:
-    from ..evaluation.words import estimate as written
+    from ..evaluation.wording import estimate as written
     from ..parameters import number
 
     gains = "  ".join(

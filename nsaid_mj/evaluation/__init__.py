@@ -1,10 +1,12 @@
-"""Evaluation of a finished run: figures of the estimate, of the Lyapunov function, of excitation.
+"""Evaluation of a finished run: its accuracy, the Lyapunov function, excitation, what is drawn.
 
-`truth` provides the true parameters, the true set and the distance to it; every function that takes
-them also accepts None, for a run whose truth is unknown. `figures` evaluates the estimate of any
-method, `lyapunov` the paper's V, `excitation` the motion. `summary` assembles summary.json, `words`
-phrases it, and `verify` checks the paper's statements against a run. `result` defines the result
-that every command reports.
+`evaluate` makes one `RunResult`, from which everything else is made: summary.json by `summary_of`,
+the page, the terminal's text and the recording. `result_from` reads it back. `truth` provides the
+true parameters, the true set and the distance to it; every function that takes them also accepts
+None, for a run whose truth is unknown. `figures` evaluates the estimate of any method, `lyapunov`
+the paper's V, `excitation` the motion; `verify` checks the paper's statements against a run.
+`result` defines the result that every command reports, `statistics` what is special to a run's,
+`wording` how numbers are phrased.
 
 The names are listed in `__init__.pyi`; each is imported on first use.
 """

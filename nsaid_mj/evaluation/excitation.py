@@ -1,21 +1,48 @@
 """Persistence of excitation of a run's motion, and the decay of the excited error."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..experiment.loop import Run
 from ..nullspace import level, split
 from ..parameters import Array
 from .figures import last_tenth, states, stride_of
+from .statistics import Excitation, finite
 from .truth import Truth
 
 _WINDOW_ROWS = 100  # regressors per window, about
 
 
-def persistence_figures(run: Run, truth: Truth | None) -> dict[str, float | None]:
+def excitation_of(run: Run, truth: Truth | None) -> Excitation:
+    """Excitation by a run's motion, and decay of the errors that the theory sends to zero."""
+    record, system = run.record, run.system
+    level_, level_perp, share_perp = _levels(run, truth)
+    dv = first_tenth(record["v_hat"] - record["v"])
+    found = Excitation(pe_level=finite(level_), velocity_error_rms_initial=finite(_rms(dv)))
+    if truth is None:
+        return found
+    stride = stride_of(len(record), system)
+    t, x, v, u = states(record.log, stride)
+    _, W = system.evaluate(t, x, v, u, truth.theta_at(t))
+    since = truth.epoch(t) == truth.epoch(t[-1])
+    stack = (W[since] * system.space.scale).reshape(-1, system.p)
+    error = np.einsum("kij,kj->ki", W, record.rows("theta_hat", slice(None, None, stride)))
+    return replace(
+        found,
+        pe_level_perp=finite(level_perp),
+        pe_share_perp=finite(share_perp),
+        r_excited=split(stack).r,
+        excited_error_rms_initial=finite(_rms(first_tenth(error))),
+        excited_error_rms=finite(_rms(last_tenth(error))),
+    )
+
+
+def _levels(run: Run, truth: Truth | None) -> tuple[float, float | None, float | None]:
     """Smallest levels of excitation over the run's complete windows; 0 if there is no window.
 
-    `pe_level` is ε₀ of (2) for W(t, x, v̂, θ̂) [N·m·s]. If the truth is known, `pe_level_perp` is ε₀
-    of (75), and `pe_share_perp` the smallest ratio of a window's level to its total excitation
+    The first is ε₀ of (2) for W(t, x, v̂, θ̂) [N·m·s]. If the truth is known, the second is ε₀ of
+    (75), and the third the smallest ratio of a window's level to its total excitation
     (δ₀ ∫ ‖W‖² dτ)^½, None if no window has enough rows to excite every direction. Windows in which
     a fault changes the truth are skipped.
     """
@@ -46,39 +73,10 @@ def persistence_figures(run: Run, truth: Truth | None) -> dict[str, float | None
                 shares.append(perpendicular[-1] / (everything or np.inf))
         _, W = system.evaluate(t[k], x[k], v_hat[k], u[k], theta_hat[k])
         full.append(level(W * system.space.scale, dt))
-    found: dict[str, float | None] = {"pe_level": min(full, default=0.0)}
-    if truth is not None:
-        found["pe_level_perp"] = min(perpendicular, default=0.0)
-        found["pe_share_perp"] = float(min(shares)) if shares else None
-    return found
-
-
-def motion_figures(run: Run, truth: Truth | None) -> dict[str, float | int]:
-    """Directions not excited by the run's motion, and errors that the theory sends to zero.
-
-    `velocity_error_rms_initial` is rms Δv over the first tenth of the run [SI], see Theorem 1 (70);
-    `judge` gives that of the last tenth. If the truth is known, `r_excited` counts the directions
-    that the motion leaves unexcited, after the fault if there is one, and `excited_error_rms` and
-    `excited_error_rms_initial` are the rms of W(t, x, v, θ) θ̂ = W(t, x, v, θ) P̄_⊥ θ̄_P⊥ over the
-    last and the first tenth, see Lemma 1 (74).
-    """
-    record, system = run.record, run.system
-    dv = first_tenth(record["v_hat"] - record["v"])
-    settled: dict[str, float | int] = {"velocity_error_rms_initial": _rms(dv)}
     if truth is None:
-        return settled
-    stride = stride_of(len(record), system)
-    t, x, v, u = states(record.log, stride)
-    _, W = system.evaluate(t, x, v, u, truth.theta_at(t))
-    since = truth.epoch(t) == truth.epoch(t[-1])
-    stack = (W[since] * system.space.scale).reshape(-1, system.p)
-    error = np.einsum("kij,kj->ki", W, record.rows("theta_hat", slice(None, None, stride)))
-    return {
-        "r_excited": split(stack).r,
-        **settled,
-        "excited_error_rms_initial": _rms(first_tenth(error)),
-        "excited_error_rms": _rms(last_tenth(error)),
-    }
+        return min(full, default=0.0), None, None
+    share = float(min(shares)) if shares else None
+    return min(full, default=0.0), min(perpendicular, default=0.0), share
 
 
 def first_tenth(rows: Array) -> Array:

@@ -1,6 +1,6 @@
 """Figures of merit of an estimate from any method, and the forces that it predicts."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from ..nullspace import regressor_stack, split
 from ..parameters import Array, Indices
 from ..structure.system import SecondOrderSystem
 from .confidence import INTERVAL, known
+from .statistics import Accuracy, finite
 from .truth import Truth, nullspace_of
 
 NUMBERS = 20_000_000
@@ -72,11 +73,11 @@ class Judge:
         }
 
 
-def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
-    """The figures of one identifier's last estimate.
+def judge(run: Run, name: str, truth: Truth | None) -> Accuracy:
+    """How good one identifier's last estimate is.
 
-    With the truth they include the distance to the true set and the force residual on a held-out
-    trajectory; without it, the force residual over the last tenth of the run itself.
+    The force residual is that on a held-out trajectory or, without the truth, that over the last
+    tenth of the run itself.
 
     The identifier "" is the scenario's own.
     """
@@ -84,25 +85,26 @@ def judge(run: Run, name: str, truth: Truth | None) -> dict[str, Any]:
     record, system = run.record, run.system
     theta = record.rows(f"theta_hat{suffix}", np.array([0, -1]))
     dv = record[f"v_hat{suffix}"] - record["v"]
-    error = float(np.sqrt(np.mean(last_tenth(dv) ** 2)))
+    error = finite(float(np.sqrt(np.mean(last_tenth(dv) ** 2))))
     if truth is None:
-        found: dict[str, Any] = {}
+        residual = None
         if run.scenario.record_every == 1:  # else some commands are not in the record
             late = record.log.last(max(2, len(record) // 10)) if len(record) > 1 else None
             W = None if late is None else averaged_rows(system, late)[1]
-            found["force_residual_ratio_measured"] = residual_ratio(system, W, theta[-1])
-        return found | {"velocity_error_rms": error}
+            residual = residual_ratio(system, W, theta[-1])
+            residual = np.nan if residual is None else residual
+        return Accuracy(force_residual_ratio_measured=residual, velocity_error_rms=error)
     ratio = truth.distance(record["t"][[0, -1]], theta)
-    return {
-        "theta_perp_ratio": float(ratio[1]),
-        "theta_perp_ratio_initial": float(ratio[0]),
-        "plant_direction_error": plant_direction_error(system, theta[-1], truth.theta),
-        "actuator_ratio_error": actuator_ratio_error(system, theta[-1], truth.theta),
-        "force_residual_ratio": residual_ratio(
-            system, held_out_rows(system, truth.held_out, truth.exact), theta[-1]
-        ),
-        "velocity_error_rms": error,
-    }
+    direction_error = plant_direction_error(system, theta[-1], truth.theta)
+    held_out = held_out_rows(system, truth.held_out, truth.exact)
+    return Accuracy(
+        theta_perp_ratio=finite(float(ratio[1])),
+        theta_perp_ratio_initial=finite(float(ratio[0])),
+        plant_direction_error=finite(direction_error),
+        actuator_ratio_error=finite(actuator_ratio_error(system, theta[-1], truth.theta)),
+        force_residual_ratio=finite(residual_ratio(system, held_out, theta[-1])),
+        velocity_error_rms=error,
+    )
 
 
 def last_tenth(rows: Array) -> Array:

@@ -1,6 +1,7 @@
 """The Lyapunov function V (66) along a run, bounds on integration error, and assumption (46)."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,15 @@ def conserved_drift(run: Run) -> float | None:
     return float(np.max(np.abs(conserved / conserved[0] - 1)))
 
 
-def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
+class Rises(NamedTuple):
+    """Rises of V between the rows of a record."""
+
+    violations: int  # time steps in which V rose beyond the error bound
+    largest: float  # the largest rise, over V(0)
+    bound: float  # the largest rise that integrator and memory explain, over V(0)
+
+
+def rises_of(run: Run, truth: Truth) -> Rises | None:
     """Number and size of the steps in which V, under the true θ, rose beyond the error bound.
 
     None for a law without a proof. Steps in which V is undefined, as for a law in the cone after an
@@ -35,7 +44,7 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
     """
     record, identifier = run.record, run.identifiers[""]
     if not isinstance(identifier, NullspaceIdentifier):
-        return dict.fromkeys(("lyapunov_violations", "lyapunov_largest_rise", "lyapunov_bound"))
+        return None
     V = energy(run, truth)
     rises, bound = lyapunov_rises(V, identifier, record)
     rises[np.diff(truth.epoch(record["t"])) > 0] = 0.0  # a fault changes the truth, and V with it
@@ -48,11 +57,11 @@ def lyapunov_figures(run: Run, truth: Truth) -> dict[str, float | int | None]:
     else:
         rises[stepped] = 0.0  # the slack of an implicit step needs every measurement
     bound = np.where(undefined | ~np.isfinite(bound), 0.0, bound)
-    return {
-        "lyapunov_violations": int(np.count_nonzero(rises > bound)),
-        "lyapunov_largest_rise": float(rises.max(initial=0.0) / (V[0] or np.inf)),
-        "lyapunov_bound": float(np.max(bound, initial=0.0) / (V[0] or np.inf)),
-    }
+    return Rises(
+        violations=int(np.count_nonzero(rises > bound)),
+        largest=float(rises.max(initial=0.0) / (V[0] or np.inf)),
+        bound=float(np.max(bound, initial=0.0) / (V[0] or np.inf)),
+    )
 
 
 def energy(run: Run, truth: Truth, rows: NDArray[np.intp] | None = None) -> Array:

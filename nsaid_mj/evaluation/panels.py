@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}
 """SVG dash patterns of matplotlib's line styles."""
 
 MEASURED, PREDICTED, INTERVAL = "measured", "predicted", "95 % interval"
+TARGET = "target"
 DIFFERENCE = "error, rms over short intervals"
 UNSURE = "not identified by itself"
 _INTERVALS = 150  # number of intervals over which errors are averaged
@@ -44,11 +45,24 @@ class Curve:
     t: Array  # (N,) times [s]
     values: Array  # (N,) values; NaN interrupts the line
     name: str  # entry in the legend
-    colour: str  # colour of the line
-    dash: str = "-"  # line style of matplotlib
+    place: int = 0  # of its colour in `COLOURS`; past their end the line style changes
     # (N,) lower ends of a band around the line, NaN where there is none; None for no band
     low: Array | None = None
     high: Array | None = None  # (N,) upper ends of that band
+    # entity of a recording below its panel's; curves with one part and one time axis share it
+    part: tuple[str, ...] = ()
+    pale: bool = False  # whether a recording draws it paler, as a reference
+    steps: bool = False  # whether a recording draws it as a zero-order hold
+
+    @property
+    def colour(self) -> str:
+        """The line's colour."""
+        return COLOURS[self.place % len(COLOURS)]
+
+    @property
+    def dash(self) -> str:
+        """The line's style, one of matplotlib's."""
+        return list(DASHES)[self.place // len(COLOURS) % len(DASHES)]
 
 
 @dataclass
@@ -66,6 +80,8 @@ class Panel:
     event_name: str = "fault"  # entry of those lines in the legend
     curves: list[Curve] = field(default_factory=list)  # added by `add`
     wide: bool = False
+    key: tuple[str, ...] = ()  # entity in recordings; empty if they leave it out
+    page: bool = True  # whether pages draw it; recordings draw every panel with a key
 
     def add(
         self,
@@ -73,17 +89,28 @@ class Panel:
         values: Array,
         name: str = "",
         band: tuple[Array, Array] | None = None,
-        colour: str = "",
+        place: int | None = None,
+        part: tuple[str, ...] = (),
     ) -> None:
-        """Adds a curve (N,) over times t (N,) [s]; once all colours are used, the dash changes.
+        """Adds a curve (N,) over times t (N,) [s].
 
         `band` holds (N,) lower and (N,) upper ends of an interval around the values; the default
-        colour is the next one.
-        """  # fmt: skip
-        round_, next_ = divmod(len(self.curves), len(COLOURS))
-        dash = list(DASHES)[round_ % len(DASHES)]
-        colour = colour or COLOURS[next_]
-        self.curves.append(Curve(t, values, name, colour, dash, *(band or (None, None))))
+        place of its colour is the next one.
+        """
+        place = len(self.curves) if place is None else place
+        self.curves.append(Curve(t, values, name, place, *(band or (None, None)), part=part))
+
+    def add_columns(
+        self,
+        t: Array,
+        values: Array,
+        names: Sequence[str],
+        part: tuple[str, ...] = (),
+        pale: bool = False,
+    ) -> None:
+        """Adds a curve for each column of values (N, k), with colours from the first on."""
+        for place, name in enumerate(names):
+            self.curves.append(Curve(t, values[:, place], name, place, part=part, pale=pale))
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:
@@ -163,6 +190,17 @@ class Comparison:
     # (k,) number of a row's segment, with which lines end; None for one segment
     segment: Indices | None = None
     wide: bool = False
+    key: tuple[str, ...] = ()  # entity in recordings; empty if they leave it out
+    computed: str = PREDICTED  # what a recording calls the predicted quantity
+    target: Array | None = None  # (k,) commanded values, which a recording shows; None for none
+
+    def first(self, rows: int) -> Comparison:
+        """The first rows, on a time axis that begins at 0."""
+        parts = {
+            name: None if (values := getattr(self, name)) is None else values[:rows]
+            for name in ("measured", "predicted", "half", "used", "segment", "target")
+        }
+        return replace(self, t=self.t[:rows] - self.t[0], **parts)
 
     @property
     def legend(self) -> list[tuple[str, str, str]]:
@@ -179,6 +217,12 @@ class Comparison:
 
 AnyPanel = Panel | Forest | HeatMap | Comparison
 """What `plots.draw` draws."""
+
+
+def spread(length: int, most: int) -> Indices:
+    """Indices of at most about `most` of `length` rows, evenly spaced, including first and last."""
+    stride = max(1, -(-length // most))
+    return np.unique(np.append(np.arange(0, length, stride), length - 1))
 
 
 def thin(rows: int, points: int = POINTS) -> Indices:

@@ -1,18 +1,12 @@
-"""The `Result` that every command reports at its end; that of a run is read from its summary."""
+"""The `Result` that every command reports at its end; `run_result` has that of a run."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, NamedTuple
 
-import numpy as np
-
-from ..parameters import ParameterSpace
 from ..robot.findings import Finding, Level
-from .confidence import INTERVAL
-from .figures import common_factor
 from .panels import AnyPanel
-from .words import FIGURES, OWN
 
 Explains = Literal["yes", "partly", "no"]
 Status = Literal["identified", "known", "only in combination", "below the noise", "not excited", ""]
@@ -136,8 +130,8 @@ def counts(parameters: Iterable[Parameter]) -> list[Mark]:
     ]
 
 
-class Figure(NamedTuple):
-    """A figure of everything that is compared: identifiers, methods, laws, joints, experiments.
+class Statistic(NamedTuple):
+    """A number for each of what is compared: identifiers, methods, laws, joints, experiments.
 
     Attributes:
         name: what it is.
@@ -161,7 +155,7 @@ class Result:
         explains: whether the structure explains the motion, or a study has its answer; None if
             that was not judged.
         verdict: the same in one sentence, with the figures that carry it.
-        figures: of the estimates, and of what they are compared with.
+        statistics: of the estimates, and of what they are compared with.
         parameters: all parameters, in order of θ.
         curves: what is drawn, the first ones carry the verdict.
         findings: everything noticed, the gravest first.
@@ -170,7 +164,7 @@ class Result:
 
     explains: Explains | None = None
     verdict: str = ""
-    figures: tuple[Figure, ...] = ()
+    statistics: tuple[Statistic, ...] = ()
     parameters: tuple[Parameter, ...] = ()
     curves: tuple[AnyPanel, ...] = ()
     findings: tuple[Finding, ...] = ()
@@ -199,101 +193,3 @@ class Result:
     def bodies(self) -> set[str]:
         """Names of the blocks that hold inertial parameters of a body."""
         return {p.block for p in self.parameters if p.unit == "kg" and p.label.startswith("mass")}
-
-
-_OUTCOMES: dict[str, Explains] = {"converged": "yes", "still converging": "partly"}
-_STREAM = {
-    "gaps": ("gap", "gaps"),
-    "missing": ("sample missing in {}", "samples missing in {}"),
-    "not_finite": ("not finite",) * 2,
-    "duplicates": ("repeated",) * 2,
-    "late": ("out of order",) * 2,
-    "unreadable": ("unreadable",) * 2,
-}  # what may be wrong with the samples of a live robot: one, several
-
-
-def result_of(summary: dict[str, Any], space: ParameterSpace | None = None) -> Result:
-    """The result of a run from its summary.json; without a space, parameters have no blocks."""
-    verdict = summary.get("verdict")  # summaries of earlier versions have none
-    return Result(
-        explains=_OUTCOMES.get(verdict.partition(":")[0], "no") if verdict else None,
-        verdict=verdict or "",
-        figures=_figures(summary),
-        parameters=_parameters(summary, space),
-        findings=_findings(summary),
-    )
-
-
-def _figures(summary: dict[str, Any]) -> tuple[Figure, ...]:
-    """The figures of all identifiers of a run; those that none of them has are left out."""
-    identifiers = {OWN: summary, **summary["rivals"]}
-    return tuple(
-        Figure(
-            label if unit else f"{label} [{', '.join(summary['velocity_units'])}]",
-            unit,
-            {name: found.get(key) for name, found in identifiers.items()},
-        )
-        for label, key, unit in FIGURES
-        if any(key in found for found in identifiers.values())
-    )
-
-
-def _parameters(summary: dict[str, Any], space: ParameterSpace | None) -> tuple[Parameter, ...]:
-    """The parameters; where the truth is known, times the factor that makes the gains' mean exact.
-
-    Intervals are at a fixed mean of the gains, and so is the ratio of a gain to the others.
-    """
-    rows, stated = summary.get("parameters", []), summary["confidence"] or {}
-    known, gains = stated.get("parameters", {}), stated.get("actuators", {})
-    blocks = [] if space is None else [b.name for b in space.blocks for _ in b.names]
-    factor = 1.0
-    if rows and all("true" in row for row in rows):
-        at = [k for k, row in enumerate(rows) if row["name"] in gains]
-        estimate, true, scale = np.array(
-            [[row[key] for key in ("estimate", "true", "scale")] for row in rows]
-        ).T
-        actuators = np.array(at, dtype=np.intp) if space is None else space.actuators
-        factor = float(common_factor(estimate, true, scale, actuators))
-    found = []
-    for k, row in enumerate(rows):
-        value, own = factor * row["estimate"], known.get(row["name"])
-        half = INTERVAL * abs(factor) * own["deviation"] if own else 0.0
-        status: Status = ""
-        if known:
-            status = "only in combination" if own is None else "identified"
-            status = "below the noise" if own and own["below_noise"] else status
-        relative = INTERVAL * gains[row["name"]] if row["name"] in gains else None
-        found.append(
-            Parameter(
-                row["name"], row["label"], blocks[k] if blocks else "", row["unit"],
-                value, value - half, value + half, factor * row["prior"], status,
-                relative=relative if len(gains) > 1 else None, true=row.get("true"),
-            )
-        )  # fmt: skip
-    return tuple(found)
-
-
-def _findings(summary: dict[str, Any]) -> tuple[Finding, ...]:
-    """How a run ended early, and its deviations from the paper's assumptions."""
-    found = []
-    if summary.get("status", "completed") != "completed":
-        signal = f" ({summary['status_signal']})" if summary["status_signal"] else ""
-        text = f"{summary['status']} at t = {summary['status_time']:.4g} s{signal}"
-        ended = Finding("refusal", "ended", "ended early", text, summary["status_remedy"])
-        found.append(ended)
-    if summary.get("fault"):
-        found.append(Finding("warning", "fault", "fault in the plant", summary["fault"]))
-    for fault in summary.get("faults", []):
-        text = f"{fault['words']}, {100 * fault['confidence']:.4g} % sure"
-        where = f"fault found at {fault['found']:.4g} s"
-        found.append(Finding("warning", "fault_found", where, text))
-    for mismatch in summary.get("mismatch", []):
-        found.append(Finding("warning", "mismatch", "not in the structure", mismatch))
-    counts = summary.get("stream", {})
-    wrong = [f"{counts[k]} {w[counts[k] != 1]}" for k, w in _STREAM.items() if counts.get(k)]
-    if wrong:
-        text = ", ".join(wrong).format("it" if counts.get("gaps") == 1 else "them")
-        found.append(Finding("note", "samples", "samples", text))
-    if summary["sensor_noise"]:
-        found.append(Finding("note", "noise", "sensors", summary["sensor_noise"]))
-    return tuple(found)

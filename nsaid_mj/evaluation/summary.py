@@ -1,30 +1,58 @@
-"""Assembles a run's summary.json."""
+"""summary.json: a view of a run's result, and its only reader.
 
-import platform
+A topic of statistics is a stretch of the file: its fields are the keys, in their order.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
+from ..bounds import shown, without_nonfinite
+from ..errors import InvalidInput
+from ..laws import FaultEvent
+from ..parameters import ParameterSpace
+from .run_result import RunResult, judged
+from .statistics import (
+    COMPARED,
+    OPTIONAL,
+    Accuracy,
+    Conditions,
+    Definiteness,
+    Dimensions,
+    Estimated,
+    Excitation,
+    LawUsed,
+    Origin,
+    Rival,
+    RunCost,
+    RunEnding,
+    StatedConfidence,
+    Theory,
+    Unobservable,
+)
 
-from ..bounds import without_nonfinite
-from ..experiment.loop import Run
-from ..laws import ConventionalAID, IdentifierConfig, NullspaceAID
-from ..nullspace import directions
-from ..numerics.threads import single_threaded
-from ..parameters import ParameterSpace, rounded
-from .confidence import Determined, determined, known
-from .excitation import motion_figures, persistence_figures
-from .figures import held_out_rows, judge, residual_floor
-from .lyapunov import assumption_46, conserved_drift, lyapunov_figures
-from .run_misfit import misfit_of
-from .truth import Truth, nullspace_of
-from .words import verdict
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
-_CORRELATED = 40  # parameters whose correlations are kept, at most
-_PACKAGES = ("mujoco", "pin", "numpy", "scipy", "numba", "rerun-sdk", "pyarrow")
+    from ..watch import Misfit
 
-_OF_THE_TRUTH = (
+FILE = "summary.json"
+
+_WITHOUT_ROWS = (
+    "velocity_error_rms",
+    "velocity_error_rms_initial",
+    "conserved_drift",
+    "pe_level",
+    "confidence",
+)
+"""Keys that are null if the run ended before its first row."""
+
+_WITHOUT_ROWS_COMPARED = (
     "r_excited",
     "theta_perp_ratio_initial",
     "theta_perp_ratio",
@@ -38,233 +66,241 @@ _OF_THE_TRUTH = (
     "excited_error_rms",
     "excited_error_rms_initial",
 )
-"""Keys that are null if the run ended before its first row, even though its truth is known."""
-
-_OF_THE_RECORD = (
-    "velocity_error_rms",
-    "velocity_error_rms_initial",
-    "conserved_drift",
-    "pe_level",
-    "confidence",
-)
-"""Keys that are null if the run ended before its first row."""
+"""Keys that are null in such a run, even though its truth is known."""
 
 
-@single_threaded
-def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:
-    """Computes every key of the summary.json of a run, completed or not.
+def summary_of(result: RunResult) -> dict[str, Any]:
+    """The content of summary.json.
 
-    Without the truth of its plant, the keys that need it are absent, and the unobservable
-    directions are those at the last estimate. Figures that are not finite are None, as JSON cannot
-    represent them.
+    Keys of statistics that compare with an unknown truth are absent. Numbers that are not finite
+    are None, as JSON cannot represent them.
     """
-    summary = without_nonfinite(_summary(run, truth))
-    return summary | {"verdict": verdict(summary)}
-
-
-def _summary(run: Run, truth: Truth | None) -> dict[str, Any]:
-    if len(run.record):
-        found = _findings(run, truth)
-    else:
-        keys = _OF_THE_RECORD + (_OF_THE_TRUTH if truth else ())
-        found = dict.fromkeys(keys) | {"rivals": {}}
-    ending, cost, system, scenario = run.ending, run.cost, run.system, run.scenario
-    sim, steps = float(run.record["t"][-1]) if len(run.record) else 0.0, max(cost.steps, 1)
-    nullspace = nullspace_of(run, truth)
-    return {
-        "status": ending.status.words,
-        "status_time": ending.time,
-        "status_signal": ending.signal,
-        "status_remedy": ending.status.remedy,
-        "n": system.n,
-        "velocity_units": list(dict.fromkeys(system.velocity_units)),
-        "p": system.p,
-        "r": nullspace.r,
-        "rank_tolerance": nullspace.tolerance,
-        "rank_gap": [float(s) for s in nullspace.gap],
-        **found,
-        "law": scenario.identifier.name,
-        "gains_held": isinstance(scenario.identifier, ConventionalAID),
-        "gamma": gamma_of(scenario.identifier),
-        "sensors": scenario.sensors,
-        "sensor_noise": sensor_noise(run),
-        **({"mismatch": list(truth.mismatches), "fault": truth.fault} if truth else {}),
-        "faults": [fault.keys() for fault in run.faults],
-        **({"stream": run.stream} if run.stream else {}),
-        "unobservable": [
-            {
-                "direction": d.words,
-                "fix": d.fix,
-                "parameters": list(d.parameters),
-                "labels": [system.space.labels[system.space.index(name)] for name in d.parameters],
-            }
-            for d in directions(nullspace, system.space)
-        ],
-        "wall_s": cost.wall,
-        "compile_s": cost.compile,
-        "sim_s": sim,
-        "real_time_factor": sim / cost.wall if cost.wall else 0.0,
-        "identifier_us_per_step": 1e6 * cost.identifier / steps,
-        "plant_us_per_step": 1e6 * cost.plant / steps,
-        "seed": scenario.seed,
-        "versions": versions(),
-        "scenario_hash": scenario.hash,
+    known = result.truth_known
+    document = {
+        **_keys_of(result.ending, known),
+        **_keys_of(result.dimensions, known),
+        **(_evaluated(result) if result.recorded else _without_rows(known)),
+        **_keys_of(result.law, known),
+        **_keys_of(result.conditions, known),
+        "faults": [fault.keys() for fault in result.faults],
+        **({"stream": dict(result.samples)} if result.samples else {}),
+        "unobservable": [_keys_of(one, known) for one in result.unobservable],
+        **_keys_of(result.cost, known),
+        **_keys_of(result.origin, known),
+        "verdict": result.verdict,
     }
+    return without_nonfinite(document)
 
 
-def _findings(run: Run, truth: Truth | None) -> dict[str, Any]:
+def _evaluated(result: RunResult) -> dict[str, Any]:
     """The keys that are computed from a record of at least one row."""
-    record = run.record
-    found: dict[str, Any] = judge(run, "", truth)
-    found["conserved_drift"] = conserved_drift(run)
-    if truth is not None:
-        found["force_residual_floor"] = force_residual_floor(truth)
-        found |= lyapunov_figures(run, truth)
-    found |= persistence_figures(run, truth)
-    found |= motion_figures(run, truth)
-    if truth is not None:
-        found["assumption_46_margin"], found["least_mass_eigenvalue"] = assumption_46(run, truth)
-    found["least_estimated_pivot"] = float(record["pivot"][1:].min()) if len(record) > 1 else None
-    found["rivals"] = {
-        name: judge(run, name, truth) | {"status": run.statuses[name].words}
-        for name in record.rivals
+    known, stated = result.truth_known, result.confidence
+    return {
+        **_keys_of(result.accuracy, known),
+        **_keys_of(result.theory, known),
+        **_keys_of(result.excitation, known),
+        **_keys_of(result.definiteness, known),
+        "rivals": {name: _keys_of(rival, known) for name, rival in result.rivals.items()},
+        **({} if result.misfit is None else result.misfit.keys()),
+        "confidence": None if stated is None else _keys_of(stated, known),
+        "parameters": [_keys_of(row, known) for row in result.estimates],
     }
-    misfit = misfit_of(run)
-    found |= misfit.keys() if misfit else {}
-    found["confidence"] = confidence(run, truth, misfit.widening if misfit else 1.0)
-    found["parameters"] = parameters(run, truth)
+
+
+def _without_rows(known: bool) -> dict[str, Any]:
+    """The same keys for a run without any row."""
+    keys = _WITHOUT_ROWS + (_WITHOUT_ROWS_COMPARED if known else ())
+    return dict.fromkeys(keys) | {"rivals": {}}
+
+
+def _keys_of(topic: Any, known: bool) -> dict[str, Any]:
+    """The keys of a topic, whose statistics are compared with the truth if that is `known`."""
+    found = {}
+    for one in fields(topic):
+        value = getattr(topic, one.name)
+        absent = (one.metadata.get(COMPARED) and not known) or (
+            one.metadata.get(OPTIONAL) and value is None
+        )
+        if not absent:
+            found[one.name] = _plain(value, known)
     return found
 
 
-def parameters(run: Run, truth: Truth | None) -> list[dict[str, Any]]:
-    """Name, unit, scale, prior, last estimate and, if known, true value of every parameter."""
-    space, estimate = run.system.space, run.record.rows("theta_hat", -1)
-    rows: list[dict[str, Any]] = []
-    for i, (name, label) in enumerate(zip(space.names, space.labels, strict=True)):
-        row: dict[str, Any] = {"name": name, "label": label, "unit": space.units[i]}
-        row["scale"] = float(space.scale[i])
-        if truth is not None:
-            row["true"] = float(truth.theta[i])
-        rows.append(row | {"prior": float(run.prior[i]), "estimate": float(estimate[i])})
-    return rows
+def _plain(value: Any, known: bool) -> Any:
+    """A value for JSON."""
+    if is_dataclass(value):
+        return _keys_of(value, known)
+    if isinstance(value, Mapping):
+        return {key: _plain(item, known) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(item, known) for item in value]
+    return value
 
 
-def force_residual_floor(truth: Truth) -> float | None:
-    """Share of the actuator forces on a held-out trajectory that no θ of the structure explains.
+# -- the reader ------------------------------------------------------------------------------------
 
-    0 if the structure describes the plant exactly; None if there is no held-out trajectory.
+_REMEDY = "Delete the file: `nsaid view --rebuild` then makes it again from the record."
+
+
+def result_from(found: Any, space: ParameterSpace | None = None, name: str = FILE) -> RunResult:
+    """The result, without curves, whose `summary_of` is a value of JSON.
+
+    Args:
+        found: the content of a summary.json.
+        space: the parameters; without it, those of the result have no blocks.
+        name: name of the file, for errors.
+
+    Raises:
+        InvalidInput: it is not a run's summary; the error names the first value that is missing or
+            of a wrong type.
     """
-    if truth.held_out is None:
-        return None
-    if not truth.mismatches:
-        return 0.0
-    return residual_floor(truth.system, held_out_rows(truth.system, truth.held_out, None))
+    if not isinstance(found, dict):
+        raise InvalidInput(
+            name, "an object with the keys of a run's summary", shown(found), _REMEDY
+        )
+    read = _Reader(found, name)
+    recorded = "parameters" in found
+    result = RunResult(
+        truth_known="mismatch" in found,
+        recorded=recorded,
+        ending=read.topic(RunEnding),
+        dimensions=read.topic(Dimensions),
+        accuracy=read.topic(Accuracy),
+        theory=read.topic(Theory),
+        excitation=read.topic(Excitation),
+        definiteness=read.topic(Definiteness),
+        rivals=read.rivals(),
+        misfit=read.misfit() if "misfit" in found else None,
+        confidence=read.value("confidence", StatedConfidence | None),
+        estimates=read.value("parameters", tuple[Estimated, ...]) if recorded else (),
+        law=read.topic(LawUsed),
+        conditions=read.topic(Conditions),
+        faults=read.faults(),
+        samples=read.value("stream", dict[str, int]) if "stream" in found else {},
+        unobservable=read.value("unobservable", tuple[Unobservable, ...]),
+        cost=read.topic(RunCost),
+        origin=read.topic(Origin),
+    )
+    _check_names(result, name)
+    return judged(result, space)
 
 
-def sensor_noise(run: Run) -> str:
-    """The sensors' levels with units, in words; empty if the sensors are exact.
+def _check_names(result: RunResult, name: str) -> None:
+    """Checks that parts of a summary speak of each other.
 
-    Identifiers use these levels, so they are no mismatch.
+    Raises:
+        InvalidInput: the confidence names a parameter that is not in the list, or has no direction;
+            or a motion contradicts the structure at no time.
     """
-    scenario, noise = run.scenario, run.scenario.noise
-    if scenario.sensors != "noisy":
-        return ""
-    rates = dict.fromkeys(run.system.velocity_units)
-    velocity, position = " and ".join(rates), " and ".join(u.removesuffix("/s") for u in rates)
-    words = f"noise of {rounded(noise.position)} {position}, {rounded(noise.velocity)} {velocity}"
-    if noise.encoder_step:
-        words += f"; positions quantised to {rounded(noise.encoder_step)} {position}"
-    return words
-
-
-def gamma_of(identifier: IdentifierConfig) -> str:
-    """How Γ was chosen: `scale` or `simulated`; `own` by a law from outside the package."""
-    if isinstance(identifier, NullspaceAID):
-        return identifier.gamma
-    return "scale" if isinstance(identifier, ConventionalAID) else "own"
-
-
-def confidence(run: Run, truth: Truth | None, widening: float = 1.0) -> dict[str, Any] | None:
-    """The identifier's stated per-direction standard deviations, compared with the truth if known.
-
-    They are widened by a misfit of the structure; see `misfit`.
-
-    None if the law states no covariance, or if the run was read from its record and no earlier
-    summary has it.
-    """
-    stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
+    misfit, stated = result.misfit, result.confidence
+    if misfit is not None and misfit.level == "contradicts" and not misfit.contradictions:
+        where = f"{name}, misfit_contradictions"
+        raise InvalidInput(where, "at least one time", "none", _REMEDY)
     if stated is None:
-        return run.confidence
-    from ..watch import widened
+        return
+    if not stated.worst_known:
+        where = f"{name}, confidence.worst_known"
+        raise InvalidInput(where, "at least one direction", "none", _REMEDY)
+    correlations, known = stated.correlations, result.labels
+    sizes = [len(row) for row in correlations.lower]
+    if sizes != list(range(len(correlations.parameters))):
+        where = f"{name}, confidence.correlations"
+        raise InvalidInput(where, "one more number in every row", sizes, _REMEDY)
+    named = [*stated.actuators, *stated.parameters, *correlations.parameters]
+    named += [parameter for one in stated.worst_known for parameter in one.parameters]
+    for parameter in named:
+        if parameter not in known:
+            where = f"{name}, confidence"
+            raise InvalidInput(where, "names of parameters", parameter, _REMEDY)
 
-    stated = widened(stated, widening)
-    theta, space = run.record.rows("theta_hat", -1), run.system.space
-    nullspace = nullspace_of(run, None)
-    found = known(stated, theta, nullspace, space)
-    single = determined(stated, theta, nullspace, space)
-    covered: dict[str, float] = {}
-    if truth is not None:
-        covered["covered"] = found.covered(theta / space.scale, truth.theta / space.scale)
-        W = held_out_rows(run.system, truth.held_out, truth.exact)
-        if W is not None:
-            covered["forces_covered"] = found.forces_covered(theta / space.scale, W * space.scale)
-    worst = slice(None, -6, -1)
-    return {
-        "directions": len(found.deviation),
-        "below_noise": int(found.below_noise.sum()),
-        **covered,
-        "deviation_median": float(np.median(found.deviation)),
-        "deviation_largest": float(found.deviation.max()),
-        "independent_samples": [float(blocks) for blocks in found.blocks],
-        "actuators": {
-            space.names[k]: float(s) for k, s in zip(space.actuators, found.actuators, strict=True)
-        },
-        "parameters": {
-            space.names[i]: {"deviation": float(s), "below_noise": bool(low)}
-            for i, s, low in zip(single.indices, single.deviation, single.below_noise, strict=True)
-        },
-        "correlations": _correlations(single, space),
-        "worst_known": [
-            {
-                "deviation": float(s),
-                "below_noise": bool(low),
-                "parameters": {space.names[i]: float(d[i]) for i in np.argsort(-np.abs(d))[:3]},
-            }
-            for s, low, d in zip(
-                found.deviation[worst],
-                found.below_noise[worst],
-                found.directions[worst],
-                strict=True,
-            )
-        ],
+
+_Topic = TypeVar("_Topic", bound="DataclassInstance")
+
+
+class _Reader:
+    """Reads typed values from the content of a file.
+
+    Args:
+        found: its keys and values.
+        name: its name, for errors.
+    """
+
+    def __init__(self, found: dict[str, Any], name: str):
+        self._found, self._name = found, name
+
+    def topic(self, kind: type[_Topic]) -> _Topic:
+        """The statistics of a topic, whose fields are keys of the file."""
+        own = {f.name: self._found[f.name] for f in fields(kind) if f.name in self._found}
+        return _with_undefined(self._checked(own, kind, ()), own)
+
+    def rivals(self) -> dict[str, Rival]:
+        """How good the last estimates of the other identifiers are."""
+        found = self.value("rivals", dict[str, Rival])
+        given = self._found["rivals"]
+        return {name: _with_undefined(rival, given[name]) for name, rival in found.items()}
+
+    def value(self, key: str, kind: Any) -> Any:
+        """The value of a key, of a type."""
+        if key not in self._found:
+            raise self._error((key,), "a value", "none")
+        return self._checked(self._found[key], kind, (key,))
+
+    def misfit(self) -> Misfit:
+        """The misfit of the structure, whose keys begin with `misfit`."""
+        from ..watch import LEVELS, Misfit
+
+        level = self._found["misfit"]
+        if level not in LEVELS:
+            raise self._error(("misfit",), f"one of {', '.join(LEVELS)}", shown(level))
+        return Misfit(
+            level=level,
+            contradictions=self.value("misfit_contradictions", tuple[float, ...]),
+            innovations=self.value("misfit_innovations", float),
+            seconds=self.value("misfit_seconds", float),
+            chance=self.value("misfit_chance", float),
+            widening=self.value("misfit_widening", float),
+            drift=self.value("misfit_drift", float),
+        )
+
+    def faults(self) -> tuple[FaultEvent, ...]:
+        """The faults that the law found."""
+        found = self.value("faults", list[dict[str, Any]])
+        try:
+            return tuple(FaultEvent.of(keys) for keys in found)
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._error(("faults",), "a list of faults", repr(error)) from error
+
+    def _checked(self, value: Any, kind: Any, where: tuple[str, ...]) -> Any:
+        """A value of JSON as a type; numbers are neither text nor true or false."""
+        from pydantic import ValidationError
+
+        try:
+            return _adapter(kind).validate_json(json.dumps(value), strict=True)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            parts = (*where, *(str(part) for part in first["loc"]))
+            if first["type"] == "missing":
+                raise self._error(parts, "a value", "none") from error
+            expected = first["msg"].removeprefix("Input should be ").replace("a valid ", "a ")
+            raise self._error(parts, expected, shown(first["input"])) from error
+
+    def _error(self, where: tuple[str, ...], expected: str, got: object) -> InvalidInput:
+        return InvalidInput(f"{self._name}, {'.'.join(where)}", expected, got, _REMEDY)
+
+
+def _with_undefined(topic: Any, given: Mapping[str, Any]) -> Any:
+    """Statistics of a topic, with NaN for those that may be left out but are null in the file."""
+    undefined = {
+        one.name: math.nan
+        for one in fields(topic)
+        if one.metadata.get(OPTIONAL) and one.name in given and given[one.name] is None
     }
-
-
-def _correlations(found: Determined, space: ParameterSpace) -> dict[str, Any]:
-    """Names and lower triangle of the correlations: actuators first, links' inertias last."""
-    inertial = {
-        i for b, s in space if b.geometry == "pseudo_inertia" for i in range(s.start, s.stop)
-    }
-    order = sorted(
-        (n for n, low in enumerate(found.below_noise) if not low and found.deviation[n] > 0),
-        key=lambda n: (found.indices[n] not in space.actuators, found.indices[n] in inertial, n),
-    )[:_CORRELATED]
-    rows = [
-        [round(float(r), 3) for r in found.correlation[n, order[:i]]] for i, n in enumerate(order)
-    ]
-    return {"parameters": [space.names[found.indices[n]] for n in order], "lower": rows}
-
-
-def versions() -> dict[str, str]:
-    """Versions of this package, Python and the dependencies that a run's numbers depend on."""
-    own = {"nsaid-mj": version("nsaid-mj"), "python": platform.python_version()}
-    return own | {name: found for name in _PACKAGES if (found := _version_of(name))}
+    return replace(topic, **undefined)
 
 
 @cache
-def _version_of(package: str) -> str:
-    """Version of an installed package; empty if it is not installed, as some are optional."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return ""
+def _adapter(kind: Any) -> Any:
+    """Pydantic's validator of a type; its import takes a fifth of a second."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind)

@@ -48,7 +48,6 @@ class Run:
         ending: how the run ended.
         cost: computing times.
         states: the identifiers' last states, by name; empty if the run was read from its record.
-        confidence: from an earlier summary of the run, if it was read from its record.
         looks: visual meshes of the robot; None if there are none.
         stream: faults of a live robot's samples, in words and numbers; empty for a run without
             measurements from outside.
@@ -64,7 +63,6 @@ class Run:
     ending: Ending
     cost: Cost
     states: dict[str, State] = field(default_factory=dict)
-    confidence: dict[str, Any] | None = None
     looks: Looks | None = None
     stream: dict[str, int] = field(default_factory=dict)
 

@@ -6,13 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from ..design.designing import Design
 from ..design.limits import RANDOM
 from ..design.prediction import Trial
+from ..evaluation import versions
 from ..evaluation.confidence import INTERVAL
+from ..evaluation.labels import command_names, velocity_names
 from ..evaluation.panels import Panel as Curves
-from ..evaluation.result import Figure, Result
-from ..evaluation.summary import versions
-from ..parameters import number, rounded
+from ..evaluation.result import Result, Statistic
+from ..parameters import Array, number, rounded
 from .page import Items, Page, Panel, Section, Table, Text, count
 
 HALVES = ("half", "before")
@@ -23,15 +25,18 @@ _WEAK = (
     "the published values."
 )
 _HELP = "Deviations for the published values, each over that of the design."
+_RATE = 30.0  # drawn rows of the motion per second
+_SHOWN = 12  # numbers whose intervals a recording draws
+_LEAST = 1e-12  # an error of 0 has no logarithm
 _ALONE = 0.5  # share of a parameter that motion must reveal for its own interval to mean anything
 
 
-def result_of(document: dict[str, Any], trial: Trial | None = None) -> Result:
-    """The result of a design, from its `design.files.document`.
+def result_of(document: dict[str, Any], trial: Trial | None, found: Design) -> Result:
+    """The result of a design, from it and its `design.files.document`.
 
-    Its figures are the predicted rms deviations of the requested numbers, relative to their sizes;
-    its verdict is the improvement over random motions, and its curves show the `trial` on a draw of
-    the prior.
+    Its statistics are the predicted rms deviations of the requested numbers, relative to their
+    sizes; its verdict is the improvement over random motions, and its curves show the `trial` on a
+    draw of the prior.
     """
     own, asked = document["predicted_deviation"], document["asked"]
     squares = np.square(document["predicted_deviation_of_random_motions"])
@@ -53,8 +58,8 @@ def result_of(document: dict[str, Any], trial: Trial | None = None) -> Result:
     return Result(
         explains="yes" if random > own else "partly",
         verdict=words,
-        figures=(Figure(f"predicted rms deviation of the {asked}", "%", deviations),),
-        curves=_curves(document, trial),
+        statistics=(Statistic(f"predicted rms deviation of the {asked}", "%", deviations),),
+        curves=_curves(document, trial, found),
     )
 
 
@@ -106,11 +111,13 @@ def _remedy_rows(document: dict[str, Any]) -> list[list[str]]:
     ]
 
 
-def page(robot: str, document: dict[str, Any], trial: Trial | None, folder: Path) -> Page:
+def page(
+    robot: str, document: dict[str, Any], trial: Trial | None, found: Design, folder: Path
+) -> Page:
     """The page of a design in a folder; the arguments are those of `result_of`."""
     from .drawings import figures_of  # imported late: matplotlib takes half a second
 
-    result, weak = result_of(document, trial), _weak_rows(document)
+    result, weak = result_of(document, trial, found), _weak_rows(document)
     determined: list[Panel] = [Items(statements(document))]
     if weak:
         heads = ["weak direction", "deviation left", "best remedy", "left then"]
@@ -124,7 +131,7 @@ def page(robot: str, document: dict[str, Any], trial: Trial | None, folder: Path
         eyebrow=f"design of an experiment · {folder.name}",
         lead=f"{document['duration']:g} s of motion for {document['asked']}, before anything "
         "moves.",
-        carrying=figures_of(result.curves),
+        carrying=figures_of([p for p in result.curves if isinstance(p, Curves) and p.page]),
         sections=[
             Section("What the experiment will determine", determined, brief=True),
             Section("What would help", [helps, Text(_HELP)], brief=True),
@@ -144,19 +151,49 @@ def page(robot: str, document: dict[str, Any], trial: Trial | None, folder: Path
     )  # fmt: skip
 
 
-def _curves(document: dict[str, Any], trial: Trial | None) -> tuple[Curves, ...]:
-    """The trial's largest deviations and errors over time."""
+def _curves(document: dict[str, Any], trial: Trial | None, found: Design) -> tuple[Curves, ...]:
+    """The trial's largest deviations and errors over time; then, for recordings, those of numbers.
+
+    Also for recordings: velocities and commands of the motion.
+    """
+    motion = _motion(found)
     if trial is None:
-        return ()
+        return motion
     title = f"Predicted and reached: {document['asked']}"
     panel = Curves(title, "largest relative error [–]", True)
-    for values, label in (
-        (INTERVAL * trial.predicted, "predicted 95 %"),
-        (INTERVAL * trial.stated, "stated by the law, 95 %"),
-        (trial.error, "error in the trial"),
-    ):
+    sides = _sides(trial)
+    for label, values in sides.items():
         panel.add(trial.t, values.max(axis=1), label)
-    return (panel,)
+    space, names = found.experiment.system.space, found.asked.names
+    single = []
+    for k in np.argsort(-trial.predicted[-1])[:_SHOWN].tolist():
+        title, key = space.labels[space.index(names[k])], ("interval", names[k])
+        own = Curves(title, "relative error [–]", True, key=key, page=False)
+        values = np.maximum(np.column_stack([side[:, k] for side in sides.values()]), _LEAST)
+        own.add_columns(trial.t, values, list(sides))
+        single.append(own)
+    return (panel, *single, *motion)
+
+
+def _sides(trial: Trial) -> dict[str, Array]:
+    """What is compared over time, by name."""
+    return {
+        "predicted 95 %": INTERVAL * trial.predicted,
+        "stated by the law, 95 %": INTERVAL * trial.stated,
+        "error in the trial": trial.error,
+    }
+
+
+def _motion(found: Design) -> tuple[Curves, Curves]:
+    """Velocities and commands of the motion, for recordings."""
+    log, system = found.logs[0], found.experiment.system
+    every = max(1, round(1 / (_RATE * found.experiment.scenario.dt)))
+    t, _, v, u = (part[::every] for part in log)
+    velocity = Curves("Velocities", "v [SI]", key=("motion", "velocity"), page=False)
+    velocity.add_columns(t, v, velocity_names(system, ""))
+    command = Curves("Commands", "u [–]", key=("motion", "command"), page=False)
+    command.add_columns(t, u, command_names(system))
+    return velocity, command
 
 
 def _intervals(document: dict[str, Any]) -> Table:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..evaluation.panels import Forest, HeatMap, Points
 from ..evaluation.result import STATUSES, Parameter, Result, counts
-from ..evaluation.words import estimate
+from ..evaluation.wording import estimate
 from ..parameters import ABSENT, Array, number
 from .page import Cell, Fold, Link, Table
 

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from ..evaluation.panels import COLOURS, GRID, INK, Panel
+from ..evaluation.panels import COLOURS, GRID, INK, Panel, thin
 from ..parameters import Array
 from .page import VARIABLES
 from .page import Figure as PageFigure
@@ -87,11 +87,13 @@ def curves(panel: Panel, axis: Axes) -> None:
     for t in panel.events:
         axis.axvline(t, color=COLOURS[8], linestyle=":")
     for curve in panel.curves:
+        rows = thin(len(curve.t))
+        t = curve.t[rows]
         if curve.low is not None and curve.high is not None:
-            low, high = (np.clip(end, -_HUGE, _HUGE) for end in (curve.low, curve.high))
-            band(axis, curve.t, low, high, curve.colour, panel.band_name, curve.name)
+            low, high = (np.clip(end[rows], -_HUGE, _HUGE) for end in (curve.low, curve.high))
+            band(axis, t, low, high, curve.colour, panel.band_name, curve.name)
         style = {"color": curve.colour, "label": curve.name or None}
-        line(axis, curve.t, curve.values, curve.name, curve.dash, **style)
+        line(axis, t, curve.values[rows], curve.name, curve.dash, **style)
     axis.margins(x=0.0)
     axis.set_xlabel("t [s]")
     axis.set_ylabel(panel.label)

@@ -4,20 +4,18 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from rich.console import Console
 
-from .. import evaluation
-from ..evaluation import Truth, result_of
-from ..evaluation.curves import curves_of
+from ..evaluation import RunResult
 from ..evaluation.panels import Comparison, HeatMap
+from ..evaluation.panels import Panel as Curves
 from ..evaluation.result import Mark, Result
-from ..evaluation.verify import ROWS, Verdict, verify
-from ..evaluation.verify import result_of as verified
+from ..evaluation.verify import Verification
+from ..evaluation.wording import share_in_words, statistic
 from ..experiment.loop import Run
-from ..parameters import ParameterSpace, rounded
+from ..parameters import ABSENT, rounded
 from ..resources import RECORDING
 from .page import FILE, Figure, Figures, Fold, Items, Page, Panel, Section, Table, Text
 from .parameters import CORRELATIONS, correlations, folds, forests, gains_of
@@ -51,30 +49,23 @@ run(Scenario.from_json(Path("scenario.json").read_text()), Path("again"))"""
 
 
 def page(
-    run: Run,
-    summary: dict[str, Any],
-    truth: Truth | None,
-    verdicts: Sequence[Verdict] = (),
-    command: str = "",
+    run: Run, result: RunResult, checks: Verification | None = None, command: str = ""
 ) -> Page:
     """The page of a run.
 
     Args:
         run: a finished run with at least one row in its record.
-        summary: the content of its summary.json.
-        truth: true parameters of its plant; None if it is unknown, as on a robot's log. Comparisons
-            with the truth are then left out.
-        verdicts: on the paper's statements; computed if there are none.
+        result: what `evaluate` makes of it, with its curves.
+        checks: of the paper's statements; None for a run that is too short for them.
         command: command line of the run, to be repeated; empty if it is not known.
     """
-    verdicts = verdicts or (verify(run, truth, summary) if len(run.record) >= ROWS else [])
     from .drawings import figures_of as drawn  # imported late: matplotlib takes half a second
 
     robot, folder = _robot(run), shlex.quote(str(run.folder))
-    made = brief(robot, summary, run.system.space)
-    result = replace(made.result, curves=curves_of(run, summary, truth))
+    made = brief(robot, result)
     forces = [panel for panel in result.curves if isinstance(panel, Comparison)]
-    curves = [panel for panel in result.curves if not isinstance(panel, Comparison)]
+    curves = [panel for panel in result.curves if isinstance(panel, Curves) and panel.page]
+    origin = result.origin
     more, figures, gains, *rest = drawn(curves[2:]), *made.sections
     shown = drawn(forests([p for p in result.gains if p.relative is not None]))
     sections = [
@@ -82,20 +73,19 @@ def page(
         Section("Time histories", [Figures(more)] if more else []),
         Section("Predicted against measured forces", [
             Figures(drawn(forces), "velocities", 6),
-            Text(f"{_FORCES[truth is not None]} Error: rms over rms of the measured force.", True),
+            Text(f"{_FORCES[result.truth_known]} Error: rms over rms of the measured force.", True),
         ] if forces else []),
         replace(gains, panels=[*([Figures(shown)] if shown else []), *gains.panels]),
         *rest,
         Section("Parameters", [Text(_relative_to(result)), *folds(result, gains=False)]),
-        Section("Least known directions of θ/scale", _least_known(summary)),
+        Section("Least known directions of θ/scale", _least_known(result)),
         Section("Correlations of what is identified",
-                _correlated(drawn(_correlations(summary)))),
+                _correlated(drawn(_correlations(result)))),
         Section("The paper's statements on this run",
-                [*statements(verdicts), *_checks(summary)]),
+                [*statements(checks), *_checks(result)]),
     ]  # fmt: skip
     return replace(
         made,
-        result=result,
         eyebrow=f"run {run.folder.name}",
         tab=f"{robot} · {run.folder.name}",
         carrying=drawn(curves[:2]),
@@ -104,31 +94,28 @@ def page(
             *filter(None, [command]), _SCRIPT,
             f"nsaid view {folder}", f"nsaid verify --run {folder}",
         ],
-        notes=[_FILES.format(**summary)],
-        versions=summary["versions"],
+        notes=[_FILES.format(seed=origin.seed, scenario_hash=origin.scenario_hash)],
+        versions=dict(origin.versions),
     )  # fmt: skip
 
 
-def brief(heading: str, summary: dict[str, Any], space: ParameterSpace | None = None) -> Page:
-    """The page of a run as far as its summary alone has it, which terminal and recording show."""
-    result = result_of(summary, space)
+def brief(heading: str, result: RunResult) -> Page:
+    """The page of a run without its drawings, which terminal and recording show."""
     held = [Text(_HELD)] if any(p.relative for p in result.gains) else []
     return Page(
         heading=heading,
         result=result,
-        lead=_lead(summary),
+        lead=_lead(result),
         sections=[
-            Section("Figures", [_figures(result)], brief=True),
+            Section("Figures", [_statistics(result)], brief=True),
             Section("Actuator gains", [*gains_of(result), *held], brief=True),
-            Section("Confidence", _confidence(summary), brief=True),
-            Section("What cannot be known from motion", unobservable(summary), brief=True),
+            Section("Confidence", _confidence(result), brief=True),
+            Section("What cannot be known from motion", unobservable(result), brief=True),
         ],
     )  # fmt: skip
 
 
-def print_summary(
-    name: str, summary: dict[str, Any], folder: Path, space: ParameterSpace | None = None
-) -> None:
+def print_result(name: str, result: RunResult, folder: Path) -> None:
     """Prints the verdict on a run, the figures behind it, and the paths of its files."""
     file = folder / RECORDING
     seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
@@ -136,7 +123,7 @@ def print_summary(
         f"recording  {seen if file.is_file() else _NO_RERUN}",
         f"report     {folder / FILE}",
     )
-    print_page(brief(name, summary, space), Console(highlight=False), files)
+    print_page(brief(name, result), Console(highlight=False), files)
 
 
 def _robot(run: Run) -> str:
@@ -146,48 +133,49 @@ def _robot(run: Run) -> str:
     return Path(chosen).stem if chosen else type(plant).__name__.removesuffix("Plant")
 
 
-def _lead(summary: dict[str, Any]) -> str:
-    done, compiled = "followed" if "stream" in summary else "simulated", summary["compile_s"]
+def _lead(result: RunResult) -> str:
+    done = "followed" if result.samples else "simulated"
+    law, conditions, cost = result.law.law, result.conditions, result.cost
     said = (
-        f"Law {summary['law']}, {summary['sensors']} sensors, seed {summary['seed']}: "
-        f"{summary['n']} velocities, {summary['p']} parameters; {summary['sim_s']:.4g} s {done} in "
-        f"{summary['wall_s']:.1f} s ({summary['real_time_factor']:.1f} × real time)"
+        f"Law {law}, {conditions.sensors} sensors, seed {result.origin.seed}: "
+        f"{result.dimensions.n} velocities, {result.dimensions.p} parameters; "
+        f"{cost.sim_s:.4g} s {done} in {cost.wall_s:.1f} s "
+        f"({cost.real_time_factor:.1f} × real time)"
     )
-    compiling = f", plus {compiled:.0f} s of one-time compilation"
-    return f"{said}{compiling if compiled > _COMPILED else ''}."
+    compiling = f", plus {cost.compile_s:.0f} s of one-time compilation"
+    return f"{said}{compiling if cost.compile_s > _COMPILED else ''}."
 
 
-def _figures(result: Result) -> Table:
-    """The table of figures, one column for each identifier."""
+def _statistics(result: Result) -> Table:
+    """The table of statistics, one column for each identifier."""
     lines = [
-        [f.name, *(evaluation.figure(value, f.unit) for value in f.values.values())]
-        for f in result.figures
+        [one.name, *(statistic(value, one.unit) for value in one.values.values())]
+        for one in result.statistics
     ]
-    return Table(["figures", *(result.figures[0].values if result.figures else ())], lines)
+    return Table(["figures", *(result.statistics[0].values if result.statistics else ())], lines)
 
 
-def _confidence(summary: dict[str, Any]) -> list[Panel]:
+def _confidence(result: RunResult) -> list[Panel]:
     """The stated confidence in words; empty if none is stated."""
-    lines = evaluation.confidence_lines(summary)
+    lines = result.confidence_in_words
     return [Items(lines)] if lines else []
 
 
-def _least_known(summary: dict[str, Any]) -> list[Panel]:
+def _least_known(result: RunResult) -> list[Panel]:
     """The least known directions; empty if no confidence is stated."""
-    stated = summary["confidence"]
+    stated, labels = result.confidence, result.labels
     if stated is None:
         return []
-    label = {row["name"]: row["label"] for row in summary["parameters"]}
     worst = [
         [
             ", ".join(
-                f"{weight:+.2f} {label[name]}".replace("-", "−", 1)
-                for name, weight in row["parameters"].items()
+                f"{weight:+.2f} {labels[name]}".replace("-", "−", 1)
+                for name, weight in direction.parameters.items()
             ),
-            f"±{rounded(100 * row['deviation'], 2)} %",
-            "below the noise" if row["below_noise"] else "",
+            ABSENT if direction.deviation is None else f"±{share_in_words(direction.deviation)}",
+            "below the noise" if direction.below_noise else "",
         ]
-        for row in stated["worst_known"]
+        for direction in stated.worst_known
     ]
     return [Table(["largest components", "standard deviation / ‖θ̂/scale‖", ""], worst)]
 
@@ -210,27 +198,28 @@ def _correlated(figures: Sequence[Figure]) -> list[Panel]:
     return [Figures(figures), Text(f"{CORRELATIONS} {_HELD}", note=True)] if figures else []
 
 
-def _checks(summary: dict[str, Any]) -> list[Panel]:
+def _checks(result: RunResult) -> list[Panel]:
     """Agreement of the run with the theory: conserved quantity and excitation."""
     said = []
-    if (drift := summary.get("conserved_drift")) is not None:
+    if (drift := result.theory.conserved_drift) is not None:
         said.append(f"Relative drift of the conserved quantity θ̂ᵀΓ⁻¹θ̂: {rounded(drift, 2)}.")
+    motion = result.excitation
     levels = [
-        f"{rounded(summary[key], 2)} N·m·s in ({equation})"
-        for key, equation in (("pe_level_perp", "75"), ("pe_level", "2"))
-        if summary.get(key) is not None
+        f"{rounded(level, 2)} N·m·s in ({equation})"
+        for level, equation in ((motion.pe_level_perp, "75"), (motion.pe_level, "2"))
+        if level is not None
     ]
-    measured = ("pe_level_perp", "pe_level", "pe_share_perp")  # 0 or None without a window
-    if levels and any(summary.get(key) for key in measured):
+    measured = (motion.pe_level_perp, motion.pe_level, motion.pe_share_perp)
+    if levels and any(measured):  # 0 or None without a window
         said.append(f"Smallest level of excitation ε₀ of any window: {', '.join(levels)}.")
     return [Text(" ".join(said), note=True)] if said else []
 
 
-def statements(verdicts: Sequence[Verdict]) -> list[Panel]:
+def statements(checks: Verification | None) -> list[Panel]:
     """The paper's statements with their verdicts, then those that do not apply, by reason."""
     kinds = {"holds": ("✔", "good"), "not yet": ("◐", "fair"), "fails": ("✘", "poor")}
     lines, apart = [], dict[str, list[str]]()
-    for v in verdicts:
+    for v in checks.statements if checks is not None else ():
         if v.verdict in kinds:
             lines.append([v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words])
         else:
@@ -243,27 +232,27 @@ def statements(verdicts: Sequence[Verdict]) -> list[Panel]:
     ]
 
 
-def verdicts_page(name: str, run: Run, verdicts: Sequence[Verdict]) -> Page:
+def verification_page(name: str, found: Verification) -> Page:
     """The page of a check of the paper's statements on a run, for the terminal."""
-    lines = [f"{v.verdict:15} {v.statement}: {v.claim}\n{' ' * 20}{v.words}" for v in verdicts]
-    end = float(run.record["t"][-1])
+    lines = [
+        f"{v.verdict:15} {v.statement}: {v.claim}\n{' ' * 20}{v.words}" for v in found.statements
+    ]
     return Page(
         heading=name,
-        result=verified(verdicts),
-        lead=f"{run.ending.status.words}, {end:.4g} s simulated",
+        result=found,
+        lead=f"{found.status}, {found.end:.4g} s simulated",
         sections=[Section("", [Items(lines)], brief=True)],
     )
 
 
-def unobservable(summary: dict[str, Any]) -> list[Panel]:
+def unobservable(result: RunResult) -> list[Panel]:
     """The five directions that concern most parameters, and the others by block."""
-    lines = summary["unobservable"]
-    entries = evaluation.unobservable_lines(summary)
-    sizes = {line["direction"]: len(line["labels"]) for line in lines}
+    entries = result.unobservable_in_words
+    sizes = {one.direction: len(one.labels) for one in result.unobservable}
     scales = [entry for entry in entries if entry[0].startswith("common scale")]
     others = sorted(
         (entry for entry in entries if entry not in scales),
-        key=lambda entry: -sizes.get(entry[0], len(lines)),
+        key=lambda entry: -sizes.get(entry[0], len(result.unobservable)),
     )
     ordered = [(what, f"{fix}.") for what, fix in scales + others]
     groups: dict[str, list[tuple[str, str]]] = {}
@@ -272,17 +261,18 @@ def unobservable(summary: dict[str, Any]) -> list[Panel]:
         groups.setdefault(part, []).append((what, fix))
     first = ". First those that concern most parameters:" if groups else ":" if ordered else "."
     return [
-        Text(f"{evaluation.observable_line(summary)}{first}"),
+        Text(f"{result.observable_in_words}{first}"),
         *([Items(ordered[:_FIRST], ordered=True)] if ordered else []),
         *(Fold(name, [Items(some)], small=str(len(some))) for name, some in groups.items()),
     ]
 
 
-def _correlations(summary: dict[str, Any]) -> list[HeatMap]:
+def _correlations(result: RunResult) -> list[HeatMap]:
     """Correlations of the parameters that are identified."""
-    stated = (summary["confidence"] or {}).get("correlations", {"parameters": [], "lower": []})
-    label = {row["name"]: row["label"] for row in summary["parameters"]}
-    r = np.eye(len(stated["lower"]))
-    for i, row in enumerate(stated["lower"]):
-        r[i, :i] = r[:i, i] = row
-    return correlations([label[name] for name in stated["parameters"]], r)
+    if result.confidence is None:
+        return []
+    stated, labels = result.confidence.correlations, result.labels
+    r = np.eye(len(stated.lower))
+    for i, row in enumerate(stated.lower):
+        r[i, :i] = r[:i, i] = np.array(row, dtype=float)
+    return correlations([labels[name] for name in stated.parameters], r)

@@ -1,7 +1,7 @@
 """Recordings for the Rerun viewer: run.rrd of a finished run, and live streaming during a run.
 
 Only this package imports rerun, which the extra `view` installs; its names are imported on first
-use. `scene` draws the robot, `forces` the actuator forces, `series` the curves; `layout` arranges
+use. `scene` draws the robot, `forces` the actuator forces, `lines` the panels; `layout` arranges
 them in the viewer. `run` writes a finished run, `live` streams a running one, and `viewer` finds
 and starts Rerun's viewer.
 """

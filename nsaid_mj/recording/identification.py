@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,52 +12,46 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..calibration import words
-from ..calibration.result import Curves as Commands
-from ..calibration.result import Identification, recording_shifts, shifts
-from ..evaluation.confidence import INTERVAL
-from ..pages.page import Text, panels
+from ..calibration.result import Identification, recording_shifts
+from ..evaluation.panels import Comparison
+from ..evaluation.panels import Panel as Curves
+from ..pages.page import Page, Text, markdown, panels
 from ..pages.parameters import folds, table
-from ..parameters import Array, Indices
+from ..parameters import Array
 from ..robot.model import RobotModel
-from ..structure.joints import moving_joints, slides
 from .layout import RIGHT, beside, result, robot, whole
+from .lines import LOGARITHM, lines_of, path
 from .plots import Plots
 from .scene import Camera, Scene
-from .series import Curves, path
 from .stream import write
 
 if TYPE_CHECKING:
-    from ..calibration.servos import Replayed, ServoIdentification
+    from ..calibration.servos import Replayed
 
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
-_POINTS = 30_000  # of a curve, at most; the viewer thins them by zoom
 _FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
 
 
-def record(result: Identification, file: Path, document: str) -> Path:
+def record(page: Page, file: Path) -> Path:
     """Writes a recording of the training logs, atomically, and returns its path.
 
     Logs are concatenated on the timeline `sim_time`; see `calibration.result.shifts`.
 
     Args:
-        result: result of an identification.
+        page: the page of an identification.
         file: path of the recording, ending in .rrd.
-        document: the result in Markdown.
     """
-    shifts = recording_shifts(result.recordings)
-    moving = zip(shifts, (segment.log for segment in result.recordings.segments), strict=True)
+    result = page.result
+    assert isinstance(result, Identification)
+    moved = recording_shifts(result.recordings)
+    moving = zip(moved, (segment.log for segment in result.recordings.segments), strict=True)
     camera, draw = moving_robot(result.robot, [(log.t + s, log.q, log.v) for s, log in moving])
-    series = [_commands(result, result.predictions, "")]
-    if result.validation is not None:
-        series.append(_commands(result, result.validation, "validation/"))
-    ends = [float(times[-1]) for times, _ in series if len(times)]
-    history = _history(result)
-    if result.law is not None:
-        series.append((result.law.t, [curve for _, curve in history]))
-    plots = Plots([c for _, curves in series for c in curves], max(ends) if ends else None)
-    layout = _blueprint(result, camera, sorted({block for block, _ in history}), plots)
-    documents = {"result": document, "parameters": "\n".join(panels(folds(result)))}
-    return write(file, result.robot.name, layout, documents, series, draw)
+    lines = lines_of(result.curves)
+    ends = [float(p.t[-1]) for p in result.curves if isinstance(p, Comparison) and len(p.t)]
+    plots = Plots(lines, max(ends) if ends else None)
+    layout = _blueprint(result, camera, plots)
+    documents = {"result": markdown(page), "parameters": "\n".join(panels(folds(result)))}
+    return write(file, result.robot.name, layout, documents, lines, draw)
 
 
 def moving_robot(
@@ -97,96 +91,12 @@ def moving_robot(
     return camera, draw
 
 
-def _commands(
-    result: Identification, commands: Commands, prefix: str
-) -> tuple[Array, list[Curves]]:
-    """(N,) times [s], and measured and predicted command and residual of every joint."""
-    if not len(commands.segment):
-        return np.zeros(0), []
-    sides = {"measured": commands.measured, "predicted": commands.predicted}
-    names, own = [fit.name for fit in result.joints], (f"{prefix}command", f"{prefix}residual")
-    return _compared(commands.t, commands.segment, sides, names, *own)
-
-
-_LOOKS = {  # label, colour and paleness of curves, which are drawn in the order of their names
-    "command": ("target", 8, True),
-    "measured": ("measured", 1, True),
-    "predicted": ("predicted", 0, False),
-    "simulated": ("simulated", 0, False),
-    "unused": ("left out of the fit", 10, False),  # red
-}
-
-
-def _compared(
-    t: Array, segment: Indices, sides: Mapping[str, Array], names: Sequence[str],
-    entity: str, residual: str, factor: float = 1.0,
-) -> tuple[Array, list[Curves]]:  # fmt: skip
-    """Curves of joints over several logs, thinned, and residuals measured - computed.
-
-    t (N,) are times on the common axis [s], `segment` (N,) the numbers of the logs, `sides` (N, n)
-    values by name in `_LOOKS`. Residuals are multiplied by a factor. Returns (M,) times [s], and
-    the curves, which are NaN after every log but the last.
-    """
-    stride = max(1, -(-len(segment) // _POINTS))
-    last = np.append(np.flatnonzero(np.diff(segment)), len(segment) - 1)
-    rows = np.unique(np.concatenate([np.arange(0, len(segment), stride), last]))
-    gaps = np.flatnonzero(np.diff(segment[rows])) + 1  # a NaN after each log ends its line
-    shown = {side: np.insert(x[rows], gaps, np.nan, axis=0) for side, x in sides.items()}
-    computed = "simulated" if "simulated" in sides else "predicted"
-    curves: list[Curves] = []
-    for j, name in enumerate(names):
-        for side, values in shown.items():
-            label, color, pale = _LOOKS[side]
-            if np.isfinite(values).any():
-                own = f"{entity}/{path(name)}/{side}"
-                curves.append(Curves(own, [label], values[:, j, None], pale=pale, color=color))
-        difference = factor * (shown["measured"] - shown[computed])[:, j, None]
-        own, label = f"{residual}/{path(name)}", f"measured - {computed}"
-        curves.append(Curves(own, [label], difference, color=2))
-    return np.insert(t[rows], gaps, t[rows][gaps - 1] + 1e-6), curves
-
-
-def _history(result: Identification) -> list[tuple[str, Curves]]:
-    """(block, curves) of a law's gains and frictions along the log, with the gains' intervals.
-
-    Gains have intervals relative to the mean of all, as the common scale is unobservable.
-    """
-    if result.law is None:
-        return []
-    theta = result.law.theta
-    found: list[tuple[str, Curves]] = []
-    groups: dict[str, list[int]] = {}
-    for k, parameter in enumerate(result.parameters):
-        if parameter.block not in result.bodies:
-            groups.setdefault(parameter.block, []).append(k)
-    half = INTERVAL * result.law.deviation
-    gains = {int(k): i for i, k in enumerate(result.law.actuators)}
-    for block, members in groups.items():
-        for color, k in enumerate(members):
-            p = result.parameters[k]
-            entity = path("estimate", block, p.label)
-            name = f"{p.label} [{p.unit}]"
-            found.append(
-                (block, Curves(f"{entity}/value", [name], theta[:, k : k + 1], color=color))
-            )
-            if k in gains and np.isfinite(half).any():
-                own = np.where(half[:, gains[k]] < words.UNKNOWN, half[:, gains[k]], np.nan)
-                ends = theta[:, k, None] * np.exp(np.stack([-own, own], axis=1))
-                names = ["95 % interval"] * 2
-                interval = Curves(f"{entity}/interval", names, ends, True, color=8, alike=True)
-                found.append((block, interval))
-    return found
-
-
-def _blueprint(
-    found: Identification, camera: Camera | None, blocks: Sequence[str], plots: Plots
-) -> rrb.Blueprint:
+def _blueprint(found: Identification, camera: Camera | None, plots: Plots) -> rrb.Blueprint:
     """Layout of a recording.
 
     Args:
-        found: the identification.
+        found: the identification, with its curves.
         camera: camera of the robot; None leaves the 3D view out.
-        blocks: blocks of parameters whose estimates along the log are in the recording.
         plots: makes the plots.
     """
     units = [words.quantity(found, j)[1] for j in range(len(found.joints))]
@@ -201,6 +111,8 @@ def _blueprint(
             for fit, unit in zip(found.joints, units, strict=True)
         ]
         pages += paged("Validation", plots, _titles("validation/command", checked))
+    over_time = [panel for panel in found.curves if isinstance(panel, Curves)]
+    blocks = sorted(panel.key[1] for panel in over_time if not panel.page)
     gains = [p for p in found.gains if p.block in blocks]
     note = " and its 95 % interval, the common scale aside"
     shown = [(path("estimate", p.block, p.label), f"{p.label} [{p.unit}]{note}") for p in gains]
@@ -211,6 +123,12 @@ def _blueprint(
         (path("estimate", b), f"{b} [{min(of)}]" if len(of) == 1 else b) for b, of in kinds.items()
     ]
     pages += paged("Friction along the log", plots, shown)
+    relative = [
+        (LOGARITHM + path(*panel.key), f"{panel.title} over the batch fit, log₁₀")
+        for panel in over_time
+        if panel.page
+    ]
+    pages += paged("Over the batch fit", plots, relative)
     return whole(*pages, parameters())
 
 
@@ -231,11 +149,10 @@ def joint_pages(
     joints: Sequence[_Joint],
     entity: str,
     computed: str,
-    prefix: str = "",
 ) -> list[rrb.Container]:
     """Verdict and robot beside the joints with the largest errors; pages of all, if these are more.
 
-    Residuals, measured - computed, in units with a prefix, have pages of their own.
+    Residuals, measured - computed, have pages of their own.
     """
     shown = _titles(entity, joints)
     left: list[rrb.View | rrb.Container] = [result("Verdict")]
@@ -248,7 +165,7 @@ def joint_pages(
     pages: list[rrb.Container] = [beside(left, grid, "Overview", [1, 1])]
     if len(joints) > _FIRST:
         pages += paged(f"{entity.capitalize()}s", plots, shown)
-    units = [(name, unit and f" [{prefix}{unit}]") for name, unit, *_ in joints]
+    units = [(name, unit and f" [{unit}]") for name, unit, *_ in joints]
     residuals = [(f"residual/{path(j)}", f"{j}: measured - {computed}{unit}") for j, unit in units]
     return pages + paged("Residuals", plots, residuals, legend=False)
 
@@ -281,50 +198,42 @@ def columns_of(views: int) -> int:
 _SHOWN = 20.0  # of a long log, around the cursor [s]: in minutes no motion can be seen
 
 
-def record_servos(
-    found: ServoIdentification, replayed: Replayed, file: Path, document: str
-) -> Path:
+def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
     """Writes a recording of the logs and their replay, atomically, and returns its path.
 
     Args:
-        found: result of an identification of servos.
+        page: the page of an identification of servos, with the replay.
         replayed: the logs, and simulations of them with the exported model.
         file: path of the recording, ending in .rrd.
-        document: the result in Markdown.
     """
-    logs = replayed.logs
-    moved = shifts([(log.source, log.t[0], log.t[-1]) for log in logs])
-    times = [log.t + shift for log, shift in zip(logs, moved, strict=True)]
+    from ..calibration.servos import ServoIdentification
+
+    found = page.result
+    assert isinstance(found, ServoIdentification)
+    comparisons = [panel for panel in found.curves if isinstance(panel, Comparison)]
+    t, logs = comparisons[0].t, replayed.logs
+    times = np.split(t, np.cumsum([len(log.t) for log in logs])[:-1])
     motion = [
-        (t, log.position, np.gradient(log.position, t, axis=0))
-        for t, log in zip(times, logs, strict=True)
+        (own, log.position, np.gradient(log.position, own, axis=0))
+        for own, log in zip(times, logs, strict=True)
     ]
     camera, draw = moving_robot(found.robot, motion)
-    position = np.concatenate([log.position for log in logs])
-    sides = {
-        "command": np.concatenate([log.target for log in logs]),
-        "measured": position,
-        "simulated": np.concatenate(replayed.simulated),
-        "unused": np.where(replayed.used[:, None] > 0, np.nan, position),
-    }
-    segment, names = np.repeat(np.arange(len(logs)), list(map(len, times))), found.robot.joints
-    series = _compared(np.concatenate(times), segment, sides, names, "position", "residual", 1e3)
-    t, curves = series
-    plots = Plots(curves, float(t[-1]), _SHOWN if t[-1] > 2 * _SHOWN else None)
-    units = ["m" if slides(joint) else "rad" for joint in moving_joints(found.robot.model)]
+    lines = lines_of(comparisons)
+    plots = Plots(lines, float(t[-1]), _SHOWN if t[-1] > 2 * _SHOWN else None)
     joints = [
-        (servo.name, unit, servo.error, f"error of the fit {1e3 * servo.error:.1f} m{unit}")
-        for servo, unit in zip(found.servos, units, strict=True)
-    ]
-    pages = joint_pages(camera, plots, joints, "position", "simulated", "m")
+        (servo.name, panel.unit, servo.error,
+         f"error of the fit {1e3 * servo.error:.1f} m{panel.unit}")
+        for servo, panel in zip(found.servos, comparisons, strict=True)
+    ]  # fmt: skip
+    pages = joint_pages(camera, plots, joints, "position", "simulated")
     by_joint = [
         panel
-        for name in names
+        for name in found.robot.joints
         for panel in (
             Text(name, head=True),
             table([p for p in found.parameters if p.label.endswith(f" of {name}")]),
         )
     ]
-    documents = {"result": document, "parameters": "\n".join(panels(by_joint))}
+    documents = {"result": markdown(page), "parameters": "\n".join(panels(by_joint))}
     layout = whole(*pages, parameters())
-    return write(file, found.robot.name, layout, documents, [series], draw)
+    return write(file, found.robot.name, layout, documents, lines, draw)

@@ -6,10 +6,11 @@ from typing import Any, Literal
 import rerun as rr
 import rerun.blueprint as rrb
 
+from ..evaluation.labels import ParameterGroup, groups
 from ..parameters import Block, ParameterSpace
+from .lines import PALETTE, path
 from .plots import Plots
 from .scene import CENTRE, PATH, ROBOT, TRAIL, Camera
-from .series import PALETTE, Group, groups
 from .text import drawable
 
 _LINKS_ON_A_PAGE = 3
@@ -22,7 +23,7 @@ _EXCITATION = "Persistence of excitation over a window [N·m·s]"
 _CHECKS = {
     "theta_perp": "Components of the error along observable directions [–]",
     "lyapunov": "Lyapunov function [J]",
-    "conserved": "Relative drift of the conserved quantity (30) [log₁₀]",
+    "log_conserved": "Relative drift of the conserved quantity (30) [log₁₀]",
     "velocity_error": _ERROR,
     "excitation": _EXCITATION,
     "velocity": "Measured velocity",
@@ -57,6 +58,7 @@ def blueprint(
     story = {
         "velocity": "Velocity, measured and predicted (pale)",
         "force": "Forces that the motion needs and actuator forces (pale)",
+        "gains_over_prior": "Actuators relative to the prior, over their mean",
     }
     if judged:
         story = {
@@ -232,15 +234,17 @@ def beside(
     return rrb.Horizontal(column, right, column_shares=[1 - RIGHT, RIGHT], name=name)
 
 
-def _driven(space: ParameterSpace) -> list[Group]:
+def _driven(space: ParameterSpace) -> list[ParameterGroup]:
     """The first parameters of every block of actuators."""
     found = {group.block: group for group in reversed(groups(space))}
     return [found[block.name] for block in space.blocks if block.actuator]
 
 
-def _estimate(plots: Plots, group: Group, judged: bool, width: float) -> rrb.TimeSeriesView:
+def _estimate(
+    plots: Plots, group: ParameterGroup, judged: bool, width: float
+) -> rrb.TimeSeriesView:
     true = "; true direction (pale)" if judged else ""
-    return plots(group.path, f"Estimate of {group.title}{true}", width)
+    return plots(path(*group.key), f"Estimate of {group.title}{true}", width)
 
 
 def whole(

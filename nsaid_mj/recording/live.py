@@ -9,6 +9,7 @@ import numpy as np
 import rerun as rr
 
 from ..errors import InvalidInput
+from ..evaluation.labels import EXCITATION_LEVELS, groups, velocity_names
 from ..experiment.loop import Observer, Robot
 from ..experiment.scenario import Scenario
 from ..laws import State
@@ -16,8 +17,8 @@ from ..log import Log, Measurement
 from ..structure.system import SecondOrderSystem
 from .forces import ESTIMATED, Arrows, mounts_of
 from .layout import live_blueprint, words
+from .lines import Lines, path
 from .scene import Scene
-from .series import Curves, excitation, groups, velocity_names
 from .text import application
 from .viewer import GRPC_PORT, LOCAL, WEB_PORT, free_port, has_display, listening, program, serving
 
@@ -117,8 +118,8 @@ class Live(Observer):
         self._scene.log_shapes(rec, camera, ghost=self._arrows is not None)
         if self._arrows:
             self._arrows.log_style(rec, ESTIMATED)
-        for curve in _curves(system):
-            curve.log_style(rec)
+        for lines in _streamed(system):
+            lines.log_style(rec)
         self._rec = rec
 
     def _open(self) -> str:
@@ -153,7 +154,7 @@ class Live(Observer):
         rec.set_time("sim_time", duration=measurement.t)
         rec.log("velocity_error", rr.Scalars(state.v_hat - measurement.v))
         for group in self._groups:
-            rec.log(f"{group.path}/estimated", rr.Scalars(state.theta_hat[group.indices]))
+            rec.log(path(*group.key, "estimated"), rr.Scalars(state.theta_hat[group.indices]))
         rec.log("excitation/all", rr.Scalars(levels[0]))
         rec.log("excitation/perpendicular", rr.Scalars(levels[1]))
         begin = time.perf_counter()
@@ -214,8 +215,16 @@ def _target(port: int) -> str:
     return f"rerun+http://{LOCAL}:{port}/proxy"
 
 
-def _curves(system: SecondOrderSystem) -> list[Curves]:
+def _streamed(system: SecondOrderSystem) -> list[Lines]:
     """The streamed curves, without values."""
+    entities = {"velocity_error": velocity_names(system)}
+    entities |= {path(*g.key, "estimated"): g.names for g in groups(system.space)}
     none = np.zeros(0)
-    found = [Curves("velocity_error", velocity_names(system), none), *excitation(none, none)]
-    return found + [Curves(f"{g.path}/estimated", g.names, none) for g in groups(system.space)]
+    found = [
+        Lines(entity, names, none, none, range(len(names))) for entity, names in entities.items()
+    ]
+    for place, (entity, name) in enumerate(
+        zip(("excitation/all", "excitation/perpendicular"), EXCITATION_LEVELS, strict=True)
+    ):
+        found.append(Lines(entity, [name], none, none, [place], steps=True))
+    return found

@@ -7,11 +7,8 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from .series import Curves
+from .lines import LOGARITHM, Lines
 from .text import drawable
-
-LOGARITHM = "log_"
-"""Prefix of entities of logarithms; their axes show whole powers of ten."""
 
 _WINDOW, _AXIS = 1600.0, 60.0  # assumed width of the window, and of a plot's axis [pixels]
 _LETTER, _MARGIN, _WIDEST = 7.0, 55.0, 0.6  # of a legend [pixels], and its largest share of a plot
@@ -32,14 +29,14 @@ class Plots:
     """Makes plots whose legends stand beside the curves, in an empty part of the time axis.
 
     Args:
-        curves: curves of the recording, whose names are in the legends.
+        curves: lines of the recording, whose names are in the legends.
         end: end of the run [s]; None if unknown, as in a running one.
         window: time that a plot shows, most of it after the cursor [s]; None for the whole run.
     """
 
     def __init__(
         self,
-        curves: Sequence[Curves] = (),
+        curves: Sequence[Lines] = (),
         end: float | None = None,
         window: float | None = None,
     ):
@@ -109,11 +106,12 @@ class Plots:
 
     def _decades(self, entity: str) -> tuple[float, float] | None:
         """The powers of ten that enclose all curves below an entity; None if unknown."""
-        ends = [f(c.values) for c in self._below(entity) if len(c.values) for f in (np.min, np.max)]
+        values = [lines.values for lines in self._below(entity) if len(lines.values)]
+        ends = [f(v) for v in values if np.isfinite(v).any() for f in (np.nanmin, np.nanmax)]
         if not ends:
             return None
         low, high = float(np.floor(min(ends))), float(np.ceil(max(ends)))
         return low - _BELOW * (high - low), high
 
-    def _below(self, entity: str) -> list[Curves]:
+    def _below(self, entity: str) -> list[Lines]:
         return [c for c in self._curves if f"{c.path}/".startswith(f"{entity}/")]

@@ -4,13 +4,14 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import Any
 
 import numpy as np
 
 from .. import evaluation, recording
 from ..bounds import LARGEST
-from ..errors import BadRun
+from ..errors import BadRun, InvalidInput
+from ..evaluation import RunResult, result_from, summary_of, with_curves
+from ..evaluation.summary import FILE as SUMMARY
 from ..evaluation.verify import ROWS, verify
 from ..experiment.loop import Cost, Ending, Run, reopen
 from ..experiment.record import Record
@@ -23,14 +24,17 @@ from ..resources import json_of, locked, write_json, write_text
 
 _BLOCK = 10_000  # rows of a record, which may be large, in memory at once
 
-SUMMARY, SCENARIO = "summary.json", "scenario.json"
+SCENARIO = "scenario.json"
 
 
 @single_threaded
 def finish(
-    run: Run, say: Callable[[str], None] = lambda _: None, command: str = ""
-) -> dict[str, Any]:
-    """Writes summary.json, scenario.json, run.rrd and report.html; returns the summary.
+    run: Run,
+    say: Callable[[str], None] = lambda _: None,
+    command: str = "",
+    earlier: RunResult | None = None,
+) -> RunResult:
+    """Evaluates a run and writes summary.json, scenario.json, run.rrd and report.html.
 
     A run without any row, or with figures beyond 1e15, has no recording and no report; without
     Rerun there is no recording.
@@ -39,6 +43,11 @@ def finish(
         run: a finished run, completed or not.
         say: called with the name of each stage, for a progress display.
         command: command line of the run, for the report; empty if unknown.
+        earlier: an earlier result of a run that was read from its record, for the confidence, which
+            the record does not hold.
+
+    Returns:
+        The result, with its curves if it could be drawn.
 
     Raises:
         FolderInUse: another run is writing into the folder.
@@ -50,25 +59,29 @@ def finish(
             raise BadRun(run.folder, "it holds another run's record", "Run the scenario again")
         if run.ending.status is Status.completed and not len(run.record):
             raise BadRun(run.folder, "its record is empty", "Run the scenario again")
-        return _finish(run, say, command)
+        return _finish(run, say, command, earlier)
 
 
-def _finish(run: Run, say: Callable[[str], None], command: str) -> dict[str, Any]:
+def _finish(
+    run: Run, say: Callable[[str], None], command: str, earlier: RunResult | None
+) -> RunResult:
     say("evaluating the estimate")
     # half a second of matplotlib, which the page needs last
     Thread(target=import_module, args=["..pages.drawings", __package__], daemon=True).start()
     truth = evaluation.truth_of(run)
-    summary = evaluation.summarize(run, truth)
-    write_json(run.folder / SUMMARY, summary)
+    stated_before = None if earlier is None else earlier.confidence
+    result = evaluation.evaluate(run, truth, stated_before)
+    write_json(run.folder / SUMMARY, summary_of(result))
     write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
     if not _drawable(run.record):
-        return summary
+        return result
     say("writing recording and report")
-    verdicts = verify(run, truth, summary) if len(run.record) >= ROWS else []
+    checks = verify(run, truth, result) if len(run.record) >= ROWS else None
+    result = with_curves(result, run, truth)
     if recording.available():
-        recording.write(run, summary, truth, verdicts)
-    write_html(report.page(run, summary, truth, verdicts, command), run.folder)
-    return summary
+        recording.write(run, result, truth, checks)
+    write_html(report.page(run, result, checks, command), run.folder)
+    return result
 
 
 def _drawable(record: Record) -> bool:
@@ -81,11 +94,15 @@ def _drawable(record: Record) -> bool:
     return all(part.min() >= -LARGEST and part.max() <= LARGEST for part in parts)
 
 
-def rebuild(folder: Path) -> dict[str, Any]:
+def rebuild(folder: Path) -> RunResult:
     """Post-processes a run, such as one that was killed, from its record alone.
+
+    What a record does not hold, as the ending, costs and confidence, is taken from summary.json, if
+    that is the summary of this record.
 
     Raises:
         BadRun: the folder has no readable record, or one with fewer than two rows.
+        InvalidInput: a value in this record's summary.json is missing or of a wrong type.
     """
     from ..calibration.measured import reopen_measured  # no simulated run needs it
 
@@ -93,34 +110,57 @@ def rebuild(folder: Path) -> dict[str, Any]:
     if len(record) < 2:
         raise BadRun(folder, f"its record has {len(record)} rows", "Run the scenario again")
     run = reopen_measured(folder, record) or reopen(folder, record)
-    _recall_ending(run)
+    earlier = _earlier(run)
+    if earlier is not None:
+        _recall(run, earlier)
     with Progress(folder.name) as progress:
         try:
-            return finish(run, progress.say)
+            return finish(run, progress.say, earlier=earlier)
         except np.linalg.LinAlgError as error:
             raise BadRun(folder, "its record is damaged", "Run the scenario again") from error
 
 
-def _recall_ending(run: Run) -> None:
-    """Restores ending, confidence and cost from summary.json, if that belongs to this record."""
+def _earlier(run: Run) -> RunResult | None:
+    """The result in summary.json if that belongs to this record, else None: a killed run has none.
+
+    Raises:
+        InvalidInput: it belongs to this record, and a value is missing or of a wrong type.
+    """
+    file, scenario = run.folder / SUMMARY, run.scenario
     try:
-        summary = json_of((run.folder / SUMMARY).read_bytes())
-    except (OSError, ValueError):  # a killed run has none
-        return
-    scenario, end, words = run.scenario, float(run.record["t"][-1]), {s.words: s for s in Status}
-    try:
-        since = summary["status_time"] - end
-        near = -1e-9 < since < (scenario.record_every + 0.5) * scenario.dt
-        if summary["scenario_hash"] != scenario.hash or not near or not run.record.complete:
-            return
-        ending = Ending(words[summary["status"]], summary["status_time"], summary["status_signal"])
-        rivals = {name: words[rival["status"]] for name, rival in summary["rivals"].items()}
-        steps = round(end / scenario.dt)
-        compiled = float(summary.get("compile_s", 0.0))  # absent in earlier versions
-        plant, own = (1e-6 * summary[f"{of}_us_per_step"] * steps for of in ("plant", "identifier"))
-        cost = Cost(float(summary["wall_s"]), float(plant), float(own), steps, compiled)
-        confidence = summary.get("confidence")
-    except (AttributeError, KeyError, TypeError, ValueError):  # not a run's summary
-        return
-    run.ending, run.confidence, run.cost = ending, confidence, cost
-    run.statuses.update(rivals)
+        found = json_of(file.read_bytes())
+    except (OSError, ValueError):
+        return None
+    ours = isinstance(found, dict) and found.get("scenario_hash") == scenario.hash
+    if not ours or not run.record.complete:
+        return None
+    result = result_from(found, run.system.space, str(file))
+    since = result.ending.status_time - float(run.record["t"][-1])
+    near = -1e-9 < since < (scenario.record_every + 0.5) * scenario.dt
+    return result if near else None
+
+
+def _recall(run: Run, earlier: RunResult) -> None:
+    """Restores ending and cost of a run that was read from its record from an earlier result.
+
+    Raises:
+        InvalidInput: an ending is not one of `Status`.
+    """
+    ending, cost = earlier.ending, earlier.cost
+    statuses = {name: _status(run, rival.status) for name, rival in earlier.rivals.items()}
+    run.ending = Ending(_status(run, ending.status), ending.status_time, ending.status_signal)
+    run.statuses.update(statuses)
+    steps = round(float(run.record["t"][-1]) / run.scenario.dt)
+    plant = 1e-6 * cost.plant_us_per_step * steps
+    identifier = 1e-6 * cost.identifier_us_per_step * steps
+    run.cost = Cost(cost.wall_s, plant, identifier, steps, cost.compile_s)
+
+
+def _status(run: Run, words: str) -> Status:
+    """The status that has these words."""
+    for status in Status:
+        if status.words == words:
+            return status
+    expected = f"one of {', '.join(status.words for status in Status)}"
+    file = run.folder / SUMMARY
+    raise InvalidInput(f"{file}, status", expected, words, "Delete the file and rebuild again.")

@@ -1,15 +1,15 @@
 """run.rrd: a finished run, and its robot with forces or torques, link inertias and faults."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ..evaluation import Truth, common_factor, nullspace_of
-from ..evaluation.verify import Verdict
+from ..evaluation import RunResult, Truth, common_factor
+from ..evaluation.curves import shared
+from ..evaluation.panels import spread
+from ..evaluation.verify import Verification
 from ..experiment.loop import Run
 from ..experiment.record import Record
 from ..laws import FaultEvent
@@ -20,45 +20,40 @@ from ..parameters import Array, Indices, ParameterSpace
 from ..structure.system import SecondOrderSystem
 from . import FILE, forces, inertia, torques
 from .layout import blueprint, words
+from .lines import lines_of
 from .plots import Plots
 from .scene import BODY, Scene
-from .series import curves, intervals, shared, spread
 from .stream import write as write_file
 from .text import drawable
 
-_POINTS = 4000  # of a curve, at most; more than the width of a screen
 _SHORT = "The run is too short for a verdict."
-_NUMBERS = 400_000  # entries of θ̂ over all curves, at most: a minute stays below 20 MB
 
 
 def write(
-    run: Run, summary: dict[str, Any], truth: Truth | None, verdicts: Sequence[Verdict] = ()
+    run: Run, result: RunResult, truth: Truth | None, checks: Verification | None = None
 ) -> Path:
     """Writes a run's recording atomically, and returns its path.
 
     Args:
         run: a finished run with at least one row, completed or not.
-        summary: the content of its summary.json.
+        result: what `evaluate` makes of it, with its curves.
         truth: true parameters of its plant; None leaves out everything that needs it.
-        verdicts: on the paper's statements, for a separate page.
+        checks: of the paper's statements, for a separate page.
     """
-    t = run.record["t"]
-    rows = spread(len(t), min(_POINTS, max(1000, _NUMBERS // run.system.p)))
-    nullspace = nullspace_of(run, truth)
+    lines = lines_of(result.curves)
     robot = Robot(run, truth)
-    shown = curves(run, nullspace, rows, truth) + intervals(run, summary, rows)
     name = run.folder.resolve().name
     documents = {
-        "result": markdown(brief(name, summary, run.system.space)),
-        "statements": "\n".join(panels(statements(verdicts))) or _SHORT,
-        "unknown": "\n".join(panels(unobservable(summary))),
+        "result": markdown(brief(name, result)),
+        "statements": "\n".join(panels(statements(checks))) or _SHORT,
+        "unknown": "\n".join(panels(unobservable(result))),
     }
-    space, plots = run.system.space, Plots(shown, float(t[-1]))
-    kind = "" if truth is None else _kind(space, shared(space, nullspace.r, truth.theta))
+    space, plots = run.system.space, Plots(lines, float(run.record["t"][-1]))
+    kind = "" if truth is None else _kind(space, shared(space, result.dimensions.r, truth.theta))
     layout = blueprint(
         space, robot.camera, plots, survey=robot.survey, drawn=robot.words, shared=kind
     )
-    return write_file(run.folder / FILE, name, layout, documents, [(t[rows], shown)], robot.log)
+    return write_file(run.folder / FILE, name, layout, documents, lines, robot.log)
 
 
 def _kind(space: ParameterSpace, chosen: Indices) -> str:

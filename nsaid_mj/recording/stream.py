@@ -12,9 +12,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 import rerun_bindings
 
-from ..parameters import Array
 from ..resources import atomic_write
-from .series import Curves
+from .lines import Lines
 from .text import application, drawable
 
 _MARKDOWN = rr.MediaType.MARKDOWN
@@ -25,7 +24,7 @@ def write(
     name: str,
     layout: rrb.Blueprint,
     documents: Mapping[str, str],
-    series: Sequence[tuple[Array, Sequence[Curves]]],
+    lines: Sequence[Lines],
     draw: Callable[[rr.RecordingStream], None],
 ) -> Path:
     """Writes a recording atomically.
@@ -35,7 +34,7 @@ def write(
         name: name of the recording.
         layout: layout of the viewer.
         documents: Markdown, by entity.
-        series: (N,) times [s] and the curves over them.
+        lines: the curves.
         draw: logs the robot.
 
     Raises:
@@ -48,11 +47,8 @@ def write(
         for entity, text in documents.items():
             rec.log(entity, rr.TextDocument(drawable(text), media_type=_MARKDOWN), static=True)
         draw(rec)
-        for t, curves in series:
-            time = rr.TimeColumn("sim_time", duration=t)
-            for curve in curves:
-                curve.log_style(rec)
-                rec.send_columns(curve.path, [time], rr.Scalars.columns(scalars=curve.values))
+        for one in lines:
+            one.log(rec)
         with atomic_write(file) as partial, partial.open("wb") as stream:
             stream.write(memory.drain_as_bytes())
     finally:

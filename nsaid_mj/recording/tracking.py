@@ -1,6 +1,5 @@
 """The recording of tracking laws on one plant: their errors together, one robot, the reference."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -8,64 +7,56 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ..control.adaptive import Tracker
-from ..evaluation.panels import LAWS
+from ..evaluation.panels import Panel, spread
 from ..evaluation.tracking import Motion
-from ..experiment.loop import Looks
+from ..experiment.setup import Setup
+from ..pages.page import Page, markdown
 from ..parameters import Array
 from ..structure.joints import JointTree, bones
 from ..structure.system import SecondOrderSystem
 from .layout import RIGHT, beside, result, robot, whole
+from .lines import LOGARITHM, lines_of, path
 from .plots import Plots
 from .scene import ROBOT, Scene
-from .series import Curves, command_names, path, spread
 from .stream import write
 
-_FRAMES, _POINTS = 2000, 4000  # at most
+_FRAMES = 2000  # of the robot, at most
 _REFERENCE = f"{ROBOT}/reference"
 _GHOST = (64, 214, 224)
-_LEAST = 1e-9  # an error of 0 has no logarithm
 
 
 def record(
-    file: Path,
-    system: SecondOrderSystem,
-    looks: Looks,
-    motions: Mapping[str, Motion],
-    tracker: Tracker,
-    document: str,
+    page: Page, setup: Setup, law: str, motion: Motion, tracker: Tracker, file: Path
 ) -> Path:
     """Writes a recording, atomically, and returns its path.
 
     Args:
+        page: the page of a study.
+        setup: the plant that all laws controlled.
+        law: the law under which the robot is drawn.
+        motion: its motion.
+        tracker: has the reference, which is drawn in cyan.
         file: path of the recording, ending in .rrd.
-        system: the structure.
-        looks: meshes of the robot.
-        motions: the motions by law; the robot is drawn under the first one.
-        tracker: has the limits of commands, and the reference, which is drawn in cyan.
-        document: the result in Markdown.
     """
-    first, (low, high) = next(iter(motions.values())), tracker.limits
-    t, q, v = first.t, first.q, first.v
+    system, curves = setup.system, page.result.curves
+    t, q, v = motion.t, motion.q, motion.v
     aims = [tracker.reference.desired(now)[0] for now in t.tolist()]
     desired = system.position(np.array(aims))
-    units = [unit for unit in ("rad", "m") if f"{unit}/s" in system.velocity_units]
-    frames, rows = spread(len(t), _FRAMES), spread(len(t), _POINTS)
-    scene = Scene(system, looks)
+    frames = spread(len(t), _FRAMES)
+    scene = Scene(system, setup.plant)
     camera = None if scene.empty else scene.camera(q[frames], v[frames])
-    curves, names = [], command_names(system)
-    for law, of in motions.items():
-        for unit in units:
-            size = np.sqrt(np.mean(of.error_of(system, unit) ** 2, axis=1))
-            values = np.log10(np.maximum(size, _LEAST))[rows, None]
-            curves.append(Curves(path("error", unit, law), [law], values, color=LAWS[law]))
-        shares = of.u / np.where(of.u < 0, -low, high)
-        curves.append(Curves(path("command", law), names, shares[rows]))
-    plots = Plots(curves, float(t[-1]))
-    story = [plots(path("error", u), f"Tracking error [log₁₀ of {u}]", RIGHT) for u in units]
+    lines = lines_of(curves)
+    plots = Plots(lines, float(t[-1]))
+    errors = [panel for panel in curves if isinstance(panel, Panel) and panel.page]
+    story = [
+        plots(LOGARITHM + path(*panel.key), f"{panel.title} as a power of ten", RIGHT)
+        for panel in errors
+    ]
     left: list[rrb.View | rrb.Container] = [result()]
     if camera:
-        left.insert(0, robot(camera, f"Robot under {next(iter(motions))}; its reference (cyan)"))
-    efforts = [plots(path("command", law), f"{law}: commands over their limits") for law in motions]
+        left.insert(0, robot(camera, f"Robot under {law}; its reference (cyan)"))
+    commands = [panel for panel in curves if isinstance(panel, Panel) and not panel.page]
+    efforts = [plots(path(*panel.key), panel.title) for panel in commands]
     layout = whole(
         beside(left, rrb.Vertical(*story), "Tracking", [3, 2]),
         plots.grid(efforts, min(2, len(efforts)), "Commands"),
@@ -77,7 +68,7 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write(file, file.parent.name, layout, {"result": document}, [(t[rows], curves)], draw)
+    return write(file, file.parent.name, layout, {"result": markdown(page)}, lines, draw)
 
 
 def _log_reference(

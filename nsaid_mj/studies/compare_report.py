@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..evaluation.panels import BAD, COLOURS, INK, LAWS
-from ..evaluation.result import Figure as Numbers
-from ..evaluation.result import Result
+from ..evaluation.result import Result, Statistic
 from ..experiment.choices import LAWS as OURS
 from ..experiment.choices import METHODS
 from ..pages import plots
@@ -157,7 +156,7 @@ def result_of(runs: Runs) -> Result:
         )
     names = {f"{log_of(group)}: {method_of(group)}": group for group in groups}
     figures = [
-        Numbers(
+        Statistic(
             label,
             "s" if key == "wall_s" else "%",
             {name: group.median(key) for name, group in names.items()},
@@ -178,7 +177,7 @@ def result_of(runs: Runs) -> Result:
     return Result(
         explains="no" if not able else "yes" if len(able) == len(rivals) else "partly",
         verdict=text,
-        figures=tuple(figures),
+        statistics=tuple(figures),
         findings=tuple(failures),
     )
 

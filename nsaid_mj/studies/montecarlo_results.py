@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..evaluation.result import Figure, Result
+from ..evaluation.result import Result, Statistic
 from ..laws import Status
 from ..numerics.threads import single_threaded
 from ..pages.page import Page, Section, Table, count
@@ -111,9 +111,9 @@ def result_of(runs: Runs) -> Result:
         )
         for row in gone
     )  # fmt: skip
-    figures = (Figure(*FIGURES[key], values) for key, values in quantiles(runs).items())
+    statistics = (Statistic(*FIGURES[key], values) for key, values in quantiles(runs).items())
     own = sweep.result_of(runs)
-    return replace(own, figures=tuple(figures), findings=tuple(failures), complete=not gone)
+    return replace(own, statistics=tuple(statistics), findings=tuple(failures), complete=not gone)
 
 
 def page_of(runs: Runs) -> Page:
@@ -121,7 +121,7 @@ def page_of(runs: Runs) -> Page:
     result = result_of(runs)
     lines = [
         [f"{f.name} [{f.unit}]", *(digits(value, f.unit) for value in f.values.values())]
-        for f in result.figures
+        for f in result.statistics
     ]
     shared = runs.manifest["montecarlo"]["shared"]
     many = count(len(runs.rows), "prior" if shared else "plant")

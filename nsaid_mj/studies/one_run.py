@@ -68,7 +68,7 @@ def figures(run: SimulatedRun) -> dict[str, Any]:
     """Scalar entries of a run's summary by key, dotted if nested, and `time_to_converge`."""
     truth = evaluation.truth_of(run)
     converged = {"time_to_converge": time_to_converge(run, truth)}
-    return converged | _scalars(evaluation.summarize(run, truth))
+    return converged | _scalars(evaluation.summary_of(evaluation.evaluate(run, truth)))
 
 
 def _scalars(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:

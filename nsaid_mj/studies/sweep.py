@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InvalidInput
-from ..evaluation.result import Figure, Result
+from ..evaluation.result import Result, Statistic
 from ..experiment.scenario import Scenario, with_fields
 from ..pages.page import Table, count
 from ..robot.findings import Finding
@@ -187,7 +187,7 @@ def result_of(runs: Runs) -> Result:
     missing = runs.manifest["runs"] - done
     unfinished = Finding("refusal", "missing", "not finished", f"{missing} of the runs")
     figures = [
-        Figure(
+        Statistic(
             f"{label}, {name}", unit,
             {words(group): group.quantile(key, share) for group in runs.groups},
         )
@@ -197,7 +197,7 @@ def result_of(runs: Runs) -> Result:
     return Result(
         explains="yes" if converged == done else "partly" if found.results else "no",
         verdict=f"{sentence}.",
-        figures=tuple(figures),
+        statistics=tuple(figures),
         findings=(*([unfinished] if missing else []), *map(runs.failure, runs.lost)),
         complete=not runs.lost,
     )

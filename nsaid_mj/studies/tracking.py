@@ -15,9 +15,10 @@ from ..control.adaptive import AdaptiveTracking, Tracker
 from ..control.driver import Driver
 from ..errors import InvalidInput
 from ..evaluation import Truth
-from ..evaluation.panels import COLOURS, Panel, local_rms
+from ..evaluation.labels import command_names
 from ..evaluation.panels import LAWS as COLOUR_OF
-from ..evaluation.result import Explains, Figure, Result
+from ..evaluation.panels import Panel, local_rms, spread
+from ..evaluation.result import Explains, Result, Statistic
 from ..evaluation.tracking import Motion, figures, lyapunov_rises
 from ..experiment.choices import TRACKING_LAWS, check_choice
 from ..experiment.following import Following
@@ -35,6 +36,7 @@ from ..robot.findings import Finding
 from .study import Study, write_csv
 
 FILES = ("tracking.json", "tracking.csv")
+_POINTS = 4000  # of a command over time, at most
 _LAST = 1 / 3  # of the duration, over which rms errors are taken
 
 
@@ -200,7 +202,7 @@ def medians(study: Study, done: list[Course]) -> dict[str, dict[str, float]]:
 _ERROR = "error"  # the name of the figure that compares with the conventional law
 
 
-def figures_of(study: Study, done: list[Course]) -> tuple[Figure, ...]:
+def figures_of(study: Study, done: list[Course]) -> tuple[Statistic, ...]:
     """The figures of every law that has run.
 
     Medians over the seeds of rms and peak errors, of the conventional law's rms error over the
@@ -229,19 +231,19 @@ def figures_of(study: Study, done: list[Course]) -> tuple[Figure, ...]:
     found = []
     for unit in (u for u in ("rad", "m") if any(f"rms_{u}" in rows[0] for rows in laws.values())):
         found += [
-            Figure("rms", unit, of(f"rms_{unit}", np.median), of(f"rms_{unit}", np.max)),
-            Figure(_ERROR, "", ratio(f"rms_{unit}")),
-            Figure("peak", unit, of(f"peak_{unit}", np.median)),
+            Statistic("rms", unit, of(f"rms_{unit}", np.median), of(f"rms_{unit}", np.max)),
+            Statistic(_ERROR, "", ratio(f"rms_{unit}")),
+            Statistic("peak", unit, of(f"peak_{unit}", np.median)),
         ]
     return (
         *found,
-        Figure("effort", "%", of("effort", np.max)),
-        Figure("at limit", "%", of("saturated", np.median)),
-        Figure("V rises", "", of("v_rises", np.sum)),
+        Statistic("effort", "%", of("effort", np.max)),
+        Statistic("at limit", "%", of("saturated", np.median)),
+        Statistic("V rises", "", of("v_rises", np.sum)),
     )
 
 
-def table_of(study: Study, figures: Sequence[Figure]) -> Table:
+def table_of(study: Study, figures: Sequence[Statistic]) -> Table:
     """The table of such figures: a line for each law, with the worst seed's in brackets."""
     heads = [f"{f.name} [m{f.unit}]" if f.unit in {"rad", "m"} else f.name for f in figures]
     several, ran = len(study.seeds) > 1, figures[-1].values
@@ -250,7 +252,7 @@ def table_of(study: Study, figures: Sequence[Figure]) -> Table:
     return Table(["law", *heads], lines, spare=spare)
 
 
-def _cell(figure: Figure, law: str, several: bool) -> str:
+def _cell(figure: Statistic, law: str, several: bool) -> str:
     value, worst = (of.get(law) for of in (figure.values, figure.worst))
     if value is None:
         return "" if figure.name == _ERROR else "–"
@@ -288,8 +290,8 @@ def result_of(study: Study, done: list[Course]) -> Result:
     return Result(
         explains=better if ratios else None,
         verdict=f"Tracking error (rms) compared with the conventional law's: {said}.",
-        figures=figures,
-        curves=tuple(_errors(shown, unit) for unit in units),
+        statistics=figures,
+        curves=(*(_errors(shown, unit) for unit in units), *map(_commands, shown)),
         findings=tuple(findings),
         complete=not findings,
     )
@@ -310,10 +312,22 @@ def _errors(shown: list[Course], unit: str) -> Panel:
     """Every law's error over time, in the unit of some coordinates."""
     faults = shown[0].setup.plant.faults
     events = [t for fault in faults for t in (fault.time, fault.until) if t is not None]
-    panel = Panel(f"Tracking error [{unit}]", f"rms error [{unit}]", True, events=events)
+    title, label, key = f"Tracking error [{unit}]", f"rms error [{unit}]", ("error", unit)
+    panel = Panel(title, label, True, events=events, key=key)
     for c in shown:
         error = c.motion.error_of(c.setup.system, unit)
-        panel.add(*local_rms(c.motion.t, error), c.law, colour=COLOURS[COLOUR_OF[c.law]])
+        panel.add(*local_rms(c.motion.t, error), c.law, place=COLOUR_OF[c.law], part=(c.law,))
+    return panel
+
+
+def _commands(course: Course) -> Panel:
+    """A law's commands over their limits, for recordings."""
+    motion, (low, high) = course.motion, course.tracker.limits
+    rows = spread(len(motion.t), _POINTS)
+    shares = motion.u / np.where(motion.u < 0, -low, high)
+    title = f"{course.law}: commands over their limits"
+    panel = Panel(title, "u [–]", key=("command", course.law), page=False)
+    panel.add_columns(motion.t[rows], shares[rows], command_names(course.setup.system))
     return panel
 
 

@@ -11,7 +11,7 @@ from ..evaluation.result import Result
 from ..numerics.threads import single_threaded
 from ..pages import plots
 from ..pages.drawings import figures_of
-from ..pages.page import Figures, Page, Section, Text, count, markdown
+from ..pages.page import Figures, Page, Section, Text, count
 from ..pages.picture import picture
 from ..recording import available
 from .study import Study, carried_out, repeated
@@ -39,22 +39,23 @@ def drawn(folder: Path, study: Study, done: list[Course]) -> tuple[Page, list[Pa
     page, files = page_of(folder, study, done), [folder / name for name in FILES]
     if not done:
         return page, files
-    panels = [panel for panel in page.result.curves if isinstance(panel, Panel)]
+    panels = [p for p in page.result.curves if isinstance(p, Panel) and p.page]
     lines = [{panel.title: partial(plots.curves, panel) for panel in panels}]
     files.append(plots.png_of(lines, (1.0 + 6.0 * len(panels), 3.4), folder / PICTURE))
     if available():
         from ..recording.tracking import record
 
-        shown, setup = [c for c in done if c.seed == done[0].seed], done[0].setup
-        moved = setup.system, setup.plant, {c.law: c.motion for c in shown}, shown[0].tracker
-        files.append(record(folder / RECORDING, *moved, markdown(page)))
+        first = done[0]
+        files.append(
+            record(page, first.setup, first.law, first.motion, first.tracker, folder / RECORDING)
+        )
     return page, files
 
 
 def page_of(folder: Path, study: Study, done: list[Course]) -> Page:
     """The page of a study."""
     result, seed = result_of(study, done), done[0].seed if done else study.seeds[0]
-    figures = figures_of(result.curves, 1)
+    figures = figures_of([p for p in result.curves if isinstance(p, Panel) and p.page], 1)
     sketch = [picture(done[0].setup.plant, done[0].motion.q[0], "the robot")] if done else []
     averaged = "Root mean square over the coordinates and over short intervals"
     note = (
@@ -64,7 +65,7 @@ def page_of(folder: Path, study: Study, done: list[Course]) -> Page:
     )
     sections = [
         Section("Tracking errors", [
-            table_of(study, result.figures), Text(medians_in_words(study)),
+            table_of(study, result.statistics), Text(medians_in_words(study)),
         ], brief=True),
         Section("", [Text(f"Curves and robot: seed {seed}. {note}", note=True)]),
         Section("Over time", [

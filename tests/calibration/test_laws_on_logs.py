@@ -96,10 +96,10 @@ def test_a_law_on_a_log_and_live_give_the_same_bits(arm, tmp_path):
 def test_a_record_of_a_log_is_opened_again(arm, tmp_path):
     found = identified(arm, "memory", tmp_path)
     assert found.law is not None
-    summary = finish(found.law.run)
-    assert (tmp_path / "report.html").is_file() and summary["law"] == "memory"
+    result = finish(found.law.run)
+    assert (tmp_path / "report.html").is_file() and result.law.law == "memory"
     again = rebuild(tmp_path)
-    assert again["parameters"] == summary["parameters"]
+    assert again.estimates == result.estimates
     assert len(Record.read(tmp_path)) == len(found.law.run.record)
 
 

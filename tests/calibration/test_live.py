@@ -16,6 +16,7 @@ from nsaid_mj.calibration.live import _LINE
 from nsaid_mj.calibration.measured import LiveRobot, measured_scenario
 from nsaid_mj.calibration.session import Estimate, Session
 from nsaid_mj.errors import InvalidInput, UnknownName
+from nsaid_mj.evaluation import summary_of
 from nsaid_mj.evaluation.run_misfit import filter_of
 from nsaid_mj.evaluation.running import RunningMisfit
 from nsaid_mj.experiment.library import load
@@ -121,7 +122,7 @@ def test_a_law_goes_on_after_a_gap_as_it_was(law: str, log: Log, tmp_path: Path)
 def test_result_and_page_tell_the_gap_and_judge_around_it(log: Log, tmp_path: Path):
     kept = lines(log)[:300] + lines(log)[370:]
     run = session().run(io.BytesIO(b"".join(kept)), tmp_path, lambda _: None)
-    summary = finish(run)
+    summary = summary_of(finish(run))
     assert summary["stream"]["missing"] == 70
     assert summary["misfit"] != "contradicts" and summary["misfit_contradictions"] == []
     assert "1 gap, 70 samples missing in it" in (tmp_path / "report.html").read_text("utf-8")
@@ -133,9 +134,7 @@ def test_a_killed_live_run_is_rebuilt_from_its_record(log: Log, tmp_path: Path):
     first = finish(run)
     (tmp_path / "summary.json").unlink()
     again = rebuild(tmp_path)
-    assert [row["estimate"] for row in again["parameters"]] == [
-        row["estimate"] for row in first["parameters"]
-    ]
+    assert [row.estimate for row in again.estimates] == [row.estimate for row in first.estimates]
     assert Record.read(tmp_path).complete
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from nsaid_mj.bounds import shown
 from nsaid_mj.calibration.measured import LiveRobot, measured_scenario
 from nsaid_mj.calibration.session import Session
+from nsaid_mj.evaluation import summary_of
 from nsaid_mj.experiment.scenario import field_at
 from nsaid_mj.recording.postprocessing import finish
 from nsaid_mj.resources import scenarios
@@ -212,7 +213,7 @@ def samples(rng: random.Random, here: Path) -> Kind:
         shutil.rmtree(here / "out", ignore_errors=True)
         (here / "out").mkdir()
         run = session.run(io.BytesIO(b"\n".join(sent)), here / "out", lambda _: None)
-        summary = finish(run)
+        summary = summary_of(finish(run))
         json.dumps(summary, allow_nan=False)
         counted = sum(run.stream[key] for key in run.stream if key not in ("gaps", "missing"))
         lost = len([line for line in sent if line.strip()]) - counted

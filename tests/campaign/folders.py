@@ -13,6 +13,7 @@ from pathlib import Path
 
 from nsaid_mj import Record, run
 from nsaid_mj.errors import NsaidError
+from nsaid_mj.evaluation import summary_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import FAULTS
 from nsaid_mj.laws import FaultEvent
@@ -68,7 +69,7 @@ def damaged_run(rng: random.Random, here: Path) -> Kind:
         with contextlib.suppress(NsaidError):
             Record.read(out)
         with contextlib.suppress(NsaidError):
-            json.dumps(postprocessing.rebuild(out), allow_nan=False)
+            json.dumps(summary_of(postprocessing.rebuild(out)), allow_nan=False)
         run(SCENARIO, out)
         return "" if Record.read(out).complete else "the record is not complete"
 

@@ -18,7 +18,7 @@ from nsaid_mj import ArmPlant, NullspaceAID, Scenario
 from nsaid_mj.cli import grammar, identifying, process
 from nsaid_mj.cli.folders import folder_for, title_of
 from nsaid_mj.cli.options import MAIN, Run, parse, repeated
-from nsaid_mj.evaluation import result_of
+from nsaid_mj.evaluation.summary import result_from
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.scenario import field_paths
 from nsaid_mj.resources import known_robots, scenarios
@@ -452,7 +452,7 @@ ALONE = ("--duration", "0.2", "--held-out", "0.5", "--out", "out", "--pe-window"
 def check_alone(folder: Path, code: int, out: str, err: str) -> None:
     """What a script with the flags above says and leaves in an empty folder."""
     summary = strict(out)
-    assert (code, err) == (process.code_of(result_of(summary)), "")
+    assert (code, err) == (process.code_of(result_from(summary)), "")
     assert summary["status"] == "completed" and summary["sim_s"] == pytest.approx(0.2, abs=0.01)
     assert sorted(file.name for file in (folder / "out").iterdir()) == sorted(FILES)
     assert [file.name for file in folder.iterdir()] == ["out"]

@@ -12,16 +12,20 @@ import nsaid_mj.cli
 from nsaid_mj.cli import commands
 from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.errors import NsaidError
+from nsaid_mj.evaluation import RunResult
 from nsaid_mj.evaluation.result import Result
-from nsaid_mj.evaluation.verify import Verdict
+from nsaid_mj.evaluation.statistics import Accuracy, RunEnding
+from nsaid_mj.evaluation.verify import StatementVerdict, verification_of
 from nsaid_mj.laws import Status
 from nsaid_mj.logs.unusable import UnusableLog
 from nsaid_mj.pages.page import Page
 from nsaid_mj.robot.findings import Finding
 from nsaid_mj.studies.compare_report import PRIOR, result_of, row_of, runs_of
 from nsaid_mj.studies.runs import Runs
+from nsaid_mj.watch import Misfit
 from tests.support.faulty import call, shell
 from tests.support.identification import identification
+from tests.support.summaries import run_result
 
 ROOT = Path(nsaid_mj.cli.__file__).parents[2]
 Patch = pytest.MonkeyPatch
@@ -36,11 +40,10 @@ def put(patch: Patch, name: str, value: Any) -> None:
     patch.setattr(f"nsaid_mj.{name}", lambda *_, **__: value)
 
 
-def run_of(patch: Patch, verdict: str, status: Status = Status.completed) -> None:
-    result = SimpleNamespace(ending=SimpleNamespace(status=status), folder=Path("out"))
+def run_of(patch: Patch, result: RunResult, status: Status = Status.completed) -> None:
+    finished = SimpleNamespace(ending=SimpleNamespace(status=status), folder=Path("out"))
     output = SimpleNamespace(json=False, quiet=True)
-    summary = {"verdict": verdict, "rivals": {}, "confidence": None, "sensor_noise": ""}
-    put(patch, "cli.commands._carry_out", ("rov", result, summary, output))
+    put(patch, "cli.commands._carry_out", ("rov", finished, result, output))
 
 
 @pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1), (None, 0)])
@@ -49,20 +52,34 @@ def test_a_verdict_that_is_poor_is_not_explained(explains: Any, code: int) -> No
     assert code_of(Result(explains=explains, complete=False)) == NOT_EXPLAINED
 
 
+def distances(first: float, last: float) -> Accuracy:
+    return Accuracy(theta_perp_ratio_initial=first, theta_perp_ratio=last)
+
+
 @pytest.mark.parametrize(
-    ("verdict", "code"),
+    ("verdict", "changes", "code"),
     [
-        ("converged: 0.1 % from the true set", EXPLAINED),
-        ("still converging: 8 % from the true set", EXPLAINED),
-        ("not converging: 90 % from the true set", NOT_EXPLAINED),
-        ("the motion contradicts this structure: look for a delay", NOT_EXPLAINED),
-        ("ended early: diverged at t = 1 s", NOT_EXPLAINED),
+        ("converged", {"accuracy": distances(0.9, 0.001)}, EXPLAINED),
+        ("still converging", {"accuracy": distances(0.9, 0.08)}, EXPLAINED),
+        ("not converging", {"accuracy": distances(0.1, 0.9)}, NOT_EXPLAINED),
+        (
+            "the motion contradicts this structure",
+            {"misfit": Misfit("contradicts", (1.0,), 2.0, 3.0, 0.0)},
+            NOT_EXPLAINED,
+        ),
+        (
+            "ended early",
+            {"ending": RunEnding(status="plant diverged", status_time=1.0)},
+            NOT_EXPLAINED,
+        ),
     ],
 )
-def test_run(verdict: str, code: int, monkeypatch: Patch) -> None:
-    run_of(monkeypatch, verdict)
+def test_run(verdict: str, changes: dict[str, Any], code: int, monkeypatch: Patch) -> None:
+    result = run_result(**changes)
+    assert result.verdict.startswith(f"{verdict}: ")
+    run_of(monkeypatch, result)
     assert shell("run", "scalar_rov")[0] == code
-    run_of(monkeypatch, verdict, Status.interrupted)
+    run_of(monkeypatch, result, Status.interrupted)
     assert shell("run", "scalar_rov")[0] == 130
 
 
@@ -76,9 +93,17 @@ def test_run(verdict: str, code: int, monkeypatch: Patch) -> None:
     ],
 )
 def test_verify(words: tuple[Any, ...], code: int, monkeypatch: Patch) -> None:
-    verdicts = [Verdict("Theorem 1", "Δv vanishes", word, None, None, "") for word in words]
+    verdicts = tuple(
+        StatementVerdict("Theorem 1", "Δv vanishes", word, None, None, "") for word in words
+    )
+    run = SimpleNamespace(
+        ending=SimpleNamespace(status=Status.completed),
+        record={"t": [0.0]},
+        scenario=SimpleNamespace(hash=""),
+        folder=Path("out"),
+    )
     put(monkeypatch, "cli.commands.record_file", None)
-    put(monkeypatch, "evaluation.verify.verify_folder", (None, verdicts))
+    put(monkeypatch, "evaluation.verify.verify_folder", verification_of(run, verdicts))  # pyright: ignore[reportArgumentType]
     assert shell("verify", "--run", "out", "--quiet")[0] == code
 
 
@@ -156,7 +181,7 @@ def test_identify(explains: str, code: int, monkeypatch: Patch) -> None:
     result = identification(("one",), explains=explains)
     put(monkeypatch, "cli.identifying.check_identify", None)
     put(monkeypatch, "cli.identifying.servos_of", None)
-    put(monkeypatch, "calibration.identify.identify", result)
+    put(monkeypatch, "calibration.identify.identify_forces", result)
     put(monkeypatch, "cli.identifying.write", (Page("", result), []))
     assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
     put(monkeypatch, "cli.identifying.servos_of", object())
@@ -193,7 +218,7 @@ def test_inspect_ends_as_identify_does(
     if findings[0].level == "refusal":
         put(monkeypatch, "cli.identifying.check_identify", None)
         put(monkeypatch, "cli.identifying.servos_of", None)
-        monkeypatch.setattr("nsaid_mj.calibration.identify.identify", refuse)
+        monkeypatch.setattr("nsaid_mj.calibration.identify.identify_forces", refuse)
         said = shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")
         assert said[0] == code and "something is wrong" in said[1].err
 

@@ -14,8 +14,9 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import energy, result_of, summarize, truth_of
+from nsaid_mj.evaluation import energy, summary_of, truth_of
 from nsaid_mj.evaluation.figures import held_out_rows, residual_ratio
+from nsaid_mj.evaluation.summary import result_from
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.experiment.scenario import Scenario
@@ -35,6 +36,7 @@ from nsaid_mj.plants import (
 from nsaid_mj.plants.world.faults.kinds import gains_of
 from nsaid_mj.recording import postprocessing
 from tests.support.plants import name_of, path, random_commands, start_of
+from tests.support.summaries import summarize
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 EXACT = [
@@ -256,11 +258,11 @@ def test_a_gain_lost_in_mid_run_is_followed_and_the_others_come_back(law, seed, 
 
 
 def test_recording_report_and_rebuild_include_the_fault(failed: SimulatedRun):
-    summary = postprocessing.finish(failed)
+    summary = summary_of(postprocessing.finish(failed))
     assert "thrust_3 loses 40\N{NO-BREAK SPACE}% at 12 s" in (
         failed.folder / "report.html"
     ).read_text("utf-8")
-    again = postprocessing.rebuild(failed.folder)
+    again = summary_of(postprocessing.rebuild(failed.folder))
     rounded = {"identifier_us_per_step", "plant_us_per_step"}  # times over steps, times steps
     assert {k: again[k] for k in again.keys() - rounded} == {
         k: summary[k] for k in summary.keys() - rounded
@@ -306,7 +308,7 @@ def test_a_fault_from_the_command_line(tmp_path: Path, capsys):
     fault = ["--faults", "loss 0.4 of 3 at 1 s"]
     code = command(["run", "bluerov2", *fault, *words.split(), str(tmp_path / "out")])
     summary = json.loads((tmp_path / "out" / "summary.json").read_text(encoding="utf-8"))
-    assert code == code_of(result_of(summary))
+    assert code == code_of(result_from(summary))
     assert "fault in the plant: thrust_3 loses 40 % at 1 s" in capsys.readouterr().out
     with pytest.raises(InvalidInput, match=r"faults\.actuator"):
         command(["run", "bluerov2", "--faults", "loss 0.4 of 9", "--out", f"{tmp_path}/no"])

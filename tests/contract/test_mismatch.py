@@ -14,7 +14,8 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import result_of, summarize, truth_of
+from nsaid_mj.evaluation import truth_of
+from nsaid_mj.evaluation.summary import result_from
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
@@ -36,6 +37,7 @@ from nsaid_mj.plants import (
 )
 from tests.support.fossen import apart, commands, ends, flown, true_numbers, vehicle
 from tests.support.plants import name_of, path, random_commands, start_of
+from tests.support.summaries import summarize
 from tests.support.vehicles import VEHICLES, acceleration, coordinate_map
 
 FLOW = (0.4, -0.3, 0.2)
@@ -389,7 +391,7 @@ def test_a_run_from_the_command_line(tmp_path, capsys):
     words = "--plant.mismatch.lag 0.1 --duration 2 --held-out 1 --pe-window 1 --json --out"
     code = command(["run", "bluerov2", *words.split(), str(tmp_path / "out")])
     summary = json.loads(capsys.readouterr().out)
-    assert code == code_of(result_of(summary))
+    assert code == code_of(result_from(summary))
     assert summary["status"] == "completed" and summary["mismatch"] == ["actuators lag by 0.1 s"]
     stored = Scenario.from_json((tmp_path / "out/scenario.json").read_text(encoding="utf-8"))
     assert stored.plant.mismatch == Mismatch(lag=0.1)

@@ -273,7 +273,7 @@ def test_a_study_writes_table_page_and_recording(tmp_path: Path, capsys: Any):
         other.submit(run_study, plan, tmp_path).result()
     result, done = run_study(plan, tmp_path)
     assert len(done) == 4 and result.complete and result.explains in {"yes", "partly"}
-    errors = next(f for f in result.figures if (f.name, f.unit) == ("rms", "rad")).values
+    errors = next(f for f in result.statistics if (f.name, f.unit) == ("rms", "rad")).values
     assert set(errors) == set(laws) and [c.name for c in result.curves[0].curves] == list(laws)
     rows = json.loads((tmp_path / "tracking.json").read_text())["rows"]
     assert [(row["law"], row["seed"]) for row in rows] == [(k, i) for i in (0, 1) for k in laws]

@@ -93,13 +93,13 @@ def judge_online(
 def _judge_intervals(found: Judgement, stated: Stated, system: SecondOrderSystem) -> None:
     confidence, k = stated.confidence, system.space.actuators
     assert confidence is not None
-    vague = confidence["below_noise"] / max(confidence["directions"], 1)
+    vague = confidence.below_noise / max(confidence.directions, 1)
     if vague >= VAGUE:
         found.unsure.append(f"{vague:.0%} of the directions as uncertain as the prior")
-    found.coverage = confidence["covered"]
-    widths = [confidence["deviation_median"], confidence["deviation_largest"]]
+    found.coverage = confidence.covered
+    widths = [confidence.deviation_median, confidence.deviation_largest]
     found.figures |= {"deviation_median": widths[0], "below_noise": vague}
-    deviation = np.array([confidence["actuators"][system.space.names[i]] for i in k])
+    deviation = np.array([confidence.actuators[system.space.names[i]] for i in k], float)
     if not np.isfinite([*widths, *deviation, found.coverage or 0.0]).all():
         found.wrong.append("an interval is not a number")
         return

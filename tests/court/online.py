@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from nsaid_mj.evaluation.run_evaluation import confidence_of
 from nsaid_mj.evaluation.run_misfit import misfit_of
-from nsaid_mj.evaluation.summary import confidence
+from nsaid_mj.evaluation.statistics import StatedConfidence
 from nsaid_mj.evaluation.truth import Truth
 from nsaid_mj.experiment.loop import Cost, Ending, SimulatedRun
 from nsaid_mj.experiment.record import Record
@@ -49,7 +49,7 @@ class Stated:
         truth: (p,) the true θ at the end.
         misfit: its level; None if there is none.
         innovations: mean squared normalised innovation of the misfit's filter; None without one.
-        confidence: the entry of summary.json; None if the law states none.
+        confidence: as in the run's result; None if the law states none.
         events: the faults found.
     """
 
@@ -58,7 +58,7 @@ class Stated:
     truth: Array
     misfit: str | None
     innovations: float | None
-    confidence: dict[str, Any] | None
+    confidence: StatedConfidence | None
     events: tuple[FaultEvent, ...]
 
 
@@ -94,7 +94,7 @@ def identified(simulated: Simulated) -> Stated:
         return Stated(state.status.words, theta, true, None, None, None, state.faults)
     misfit = misfit_of(run)
     level = misfit.level if misfit else None
-    stated = confidence(run, truth, misfit.widening if misfit else 1.0)
+    stated = confidence_of(run, truth, misfit.widening if misfit else 1.0)
     innovations = misfit.innovations if misfit else None
     return Stated("completed", theta, true, level, innovations, stated, state.faults)
 

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from nsaid_mj.evaluation.statistics import Correlations, StatedConfidence
 from nsaid_mj.laws import FaultEvent
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.kinds import Loss
@@ -129,14 +130,18 @@ def stated(
     theta=(2.0, 1.0, 1.0), covered=1.0, deviation=0.01, misfit: str | None = "none", events=()
 ) -> Stated:
     """What a law might say where the truth is 1 for all gains."""
-    confidence = {
-        "directions": 2,
-        "below_noise": 0,
-        "covered": covered,
-        "deviation_median": 0.01,
-        "deviation_largest": 0.02,
-        "actuators": {"k_1": deviation, "k_2": deviation},
-    }
+    confidence = StatedConfidence(
+        directions=2,
+        below_noise=0,
+        covered=covered,
+        deviation_median=0.01,
+        deviation_largest=0.02,
+        independent_samples=(),
+        actuators={"k_1": deviation, "k_2": deviation},
+        parameters={},
+        correlations=Correlations(),
+        worst_known=(),
+    )
     values = np.array(theta), np.array([2.0, 1.0, 1.0])
     return Stated("completed", *values, misfit, 1.0, confidence, tuple(events))
 
@@ -173,7 +178,7 @@ def test_a_planted_wrong_result_is_wrong_and_confident(planted: Stated):
 def test_wide_intervals_are_unsure_and_a_misfit_is_a_flag():
     vague = stated()
     assert vague.confidence is not None
-    vague.confidence["below_noise"] = 2
+    vague = replace(vague, confidence=replace(vague.confidence, below_noise=2))
     assert said(vague) == "right, unsure"
     assert said(stated(misfit="contradicts")) == "right, flagged"
     assert said(stated(theta=(2.0, 1.3, 1.0), deviation=0.1)) == "right, confident"

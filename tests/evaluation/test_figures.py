@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from nsaid_mj.evaluation import summarize, truth_of
+from nsaid_mj.evaluation import evaluate, truth_of
 from nsaid_mj.evaluation.confidence import INTERVAL, Known
 from nsaid_mj.evaluation.figures import last_tenth
-from nsaid_mj.evaluation.result import result_of
+from nsaid_mj.evaluation.statistics import (
+    Correlations,
+    Estimated,
+    KnownParameter,
+    StatedConfidence,
+)
 from nsaid_mj.experiment.loop import run
 from tests.support.faulty import ROV
+from tests.support.summaries import run_result
 
 
 def test_an_interval_is_that_of_95_percent_of_a_normal_distribution():
@@ -35,22 +41,23 @@ def test_intervals_of_the_right_width_cover_95_percent():
 
 
 def test_the_plus_minus_of_a_gain_is_half_its_95_percent_interval():
-    rows = [
-        {"name": name, "label": name, "unit": "N", "scale": 1.0, "prior": 1.0,
-         "estimate": value, "true": true}
+    rows = tuple(
+        Estimated(name=name, label=name, unit="N", scale=1.0, true=true, prior=1.0, estimate=value)
         for name, value, true in (("one", 2.0, 3.9), ("two", 8.0, 16.4))
-    ]  # fmt: skip
-    known = {name: {"deviation": 0.1, "below_noise": False} for name in ("one", "two")}
-    stated = {"actuators": {"one": 0.01, "two": 0.03}, "parameters": known}
-    found = result_of(
-        {
-            "verdict": "converged: 0",
-            "confidence": stated,
-            "parameters": rows,
-            "sensor_noise": "",
-            "rivals": {},
-        }
-    ).gains
+    )
+    known = KnownParameter(deviation=0.1, below_noise=False)
+    stated = StatedConfidence(
+        directions=1,
+        below_noise=0,
+        deviation_median=0.1,
+        deviation_largest=0.1,
+        independent_samples=(1.0,),
+        actuators={"one": 0.01, "two": 0.03},
+        parameters={"one": known, "two": known},
+        correlations=Correlations(),
+        worst_known=(),
+    )
+    found = run_result(confidence=stated, estimates=rows).gains
     assert [p.relative for p in found] == pytest.approx([0.0196, 0.0588], rel=1e-3)
     factor = found[0].value / 2.0
     assert found[1].value == pytest.approx(8.0 * factor)  # one factor for all: their mean is exact
@@ -65,11 +72,11 @@ def test_the_last_tenth_has_a_tenth_of_the_rows_and_at_least_one(rows, expected)
 
 def test_the_velocity_error_is_that_of_the_last_tenth_of_the_time(tmp_path):
     done = run(replace(ROV, duration=4.0, sensors="noisy"), tmp_path)
-    summary, record = summarize(done, truth_of(done)), done.record
+    accuracy, record = evaluate(done, truth_of(done)).accuracy, done.record
     late = record["t"] > 0.9 * done.ending.time + 1e-9
     assert late.sum() == len(record) // 10 > 10
     dv = record["v_hat"] - record["v"]
     rms = np.sqrt(np.mean(dv[late] ** 2))
-    assert summary["velocity_error_rms"] == pytest.approx(rms, rel=1e-12)
+    assert accuracy.velocity_error_rms == pytest.approx(rms, rel=1e-12)
     for other in (dv, dv[-1:], dv[~late]):  # which differ, so that the test can fail
         assert rms != pytest.approx(np.sqrt(np.mean(other**2)), rel=1e-3)

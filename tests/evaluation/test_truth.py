@@ -23,7 +23,7 @@ from nsaid_mj import (
     Scenario,
     recording,
 )
-from nsaid_mj.evaluation import converged_at, summarize, truth_of
+from nsaid_mj.evaluation import converged_at, summary_of, truth_of
 from nsaid_mj.evaluation.figures import averaged_rows, residual_ratio
 from nsaid_mj.evaluation.verify import verify
 from nsaid_mj.experiment.loop import Run, SimulatedRun, run
@@ -34,6 +34,7 @@ from nsaid_mj.pages.page import FILE
 from nsaid_mj.recording import postprocessing
 from tests.support.faulty import ROV
 from tests.support.recordings import entities_of
+from tests.support.summaries import evaluated, summarize, unknown
 
 NOISY = replace(
     ROV,
@@ -78,13 +79,6 @@ OF_THE_TRUTH = {
     "mismatch",
     "fault",
 }
-
-
-def unknown(done: SimulatedRun) -> Run:
-    """A run as a robot's log would give it: nothing of the plant is left."""
-    parts: dict[str, Any] = {field.name: getattr(done, field.name) for field in fields(Run)}
-    parts["looks"] = None
-    return Run(**parts)
 
 
 @pytest.fixture(scope="module", params=SCENARIOS)
@@ -157,8 +151,9 @@ def test_a_gap_in_a_measured_log_does_not_enter_its_residual(done):
 def test_without_recorded_commands_there_is_no_measured_residual(tmp_path):
     done = unknown(run(replace(ROV, record_every=2), tmp_path))
     assert "force_residual_ratio_measured" not in summarize(done, None)
-    done = postprocessing.finish(done)
-    assert (tmp_path / recording.FILE).is_file() and "velocity_error_rms" in done
+    result = postprocessing.finish(done)
+    assert (tmp_path / recording.FILE).is_file()
+    assert result.accuracy.velocity_error_rms is not None
 
 
 def test_a_run_without_rows_has_null_figures(tmp_path):
@@ -174,12 +169,14 @@ def test_a_run_without_rows_has_null_figures(tmp_path):
 def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     shutil.copy(done.folder / RECORD, tmp_path)  # results are written beside their own record only
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
-    summary = postprocessing.finish(bare)
+    summary = summary_of(postprocessing.finish(bare))
     assert json.loads((tmp_path / postprocessing.SUMMARY).read_text(encoding="utf-8")) == summary
     page = (tmp_path / FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
     seen = entities_of(tmp_path / recording.FILE)
     wanted = {"/velocity", "/velocity/predicted", "/force/motion", "/force/actuators"}
+    if len(bare.system.space.actuators) > 1:
+        wanted.add("/gains_over_prior")
     assert wanted <= seen.keys()
     absent = ("/distance", "/share", "/lyapunov", "/theta_perp", "/robot/body/force/commanded")
     assert not [path for path in seen if path.startswith(absent) or "true_direction" in path]
@@ -188,7 +185,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
 def test_a_recording_without_a_truth_shows_the_robot_move(tmp_path):
     done = run(BOAT, tmp_path)
     bare = Run(**{field.name: getattr(done, field.name) for field in fields(Run)})
-    recording.write(bare, summarize(bare, None), None)
+    recording.write(bare, evaluated(bare, None), None)
     seen = entities_of(tmp_path / recording.FILE)
     assert "/robot/body" in seen and "/robot/body/force/estimated" in seen
     assert "/robot/body/force/commanded" not in seen
@@ -196,7 +193,7 @@ def test_a_recording_without_a_truth_shows_the_robot_move(tmp_path):
 
 
 def test_without_a_truth_only_the_conserved_quantity_is_verified(done):
-    said = {v.statement: v.verdict for v in verify(unknown(done), None)}
+    said = {v.statement: v.verdict for v in verify(unknown(done), None).statements}
     own = said.pop("(30) in (45)")
     assert set(said.values()) == {"not applicable"} and own == "holds"
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Mismatch
-from nsaid_mj.evaluation import summarize, truth_of
+from nsaid_mj.evaluation import RunResult, evaluate, summary_of, truth_of
 from nsaid_mj.evaluation.figures import residual_floor
-from nsaid_mj.evaluation.words import verdict
+from nsaid_mj.evaluation.run_result import verdict_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.setup import Setup
@@ -26,7 +26,7 @@ NEED_A_TRUTH = (
 
 
 @cache
-def summary(name: str, law: str, duration: float, delay: float = 0.0, **more: float) -> dict:
+def result(name: str, law: str, duration: float, delay: float = 0.0, **more: float) -> RunResult:
     scenario = load(name)
     scenario = replace(
         scenario,
@@ -37,82 +37,97 @@ def summary(name: str, law: str, duration: float, delay: float = 0.0, **more: fl
     )
     with tempfile.TemporaryDirectory() as folder:
         done = run(scenario, Path(folder))
-        return summarize(done, truth_of(done))
+        return evaluate(done, truth_of(done))
 
 
-def without_truth(found: dict[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in found.items() if key not in NEED_A_TRUTH}
+def without_truth(found: RunResult, **accuracy: Any) -> RunResult:
+    unknown = dict.fromkeys(NEED_A_TRUTH) | accuracy
+    return replace(found, accuracy=replace(found.accuracy, **unknown))
+
+
+def with_misfit(found: RunResult, **changes: Any) -> RunResult:
+    assert found.misfit is not None
+    return replace(found, misfit=found.misfit._replace(**changes))
 
 
 def test_a_memory_converges_in_seconds():
-    found = summary("scalar_rov", "memory", 10.0)
-    assert found["verdict"].startswith("converged: ")
-    assert found["theta_perp_ratio"] < 0.01
-    assert "from the true set" in found["verdict"]
+    found = result("scalar_rov", "memory", 10.0)
+    assert found.verdict.startswith("converged: ") and found.explains == "yes"
+    assert summary_of(found)["theta_perp_ratio"] < 0.01
+    assert "from the true set" in found.verdict
 
 
 def test_the_verdict_on_a_slow_law_recommends_the_efficient_law():
-    found = summary("ur5", "paper", 10.0)
-    assert found["verdict"].startswith("still converging: ")
-    assert "--law efficient does in seconds what this law does in hours" in found["verdict"]
+    found = result("ur5", "paper", 10.0)
+    assert found.verdict.startswith("still converging: ") and found.explains == "partly"
+    assert "--law efficient does in seconds what this law does in hours" in found.verdict
 
 
 def test_the_verdict_on_a_short_memory_run_recommends_no_law():
-    found = summary("ur5", "memory", 0.1)
-    assert "converging: " in found["verdict"] and "--law" not in found["verdict"]
+    found = result("ur5", "memory", 0.1)
+    assert "converging: " in found.verdict and "--law" not in found.verdict
 
 
 def test_an_unmodelled_delay_contradicts_the_structure():
-    found = summary("ur5", "memory", 6.0, delay=0.01)
-    assert found["verdict"].startswith("the motion contradicts this structure: ")
-    assert 0.01 < found["force_residual_floor"] <= found["force_residual_ratio"]
-    assert found["misfit"] == "contradicts"  # from the measurements alone
-    assert found["misfit_widening"] > 3 and found["confidence"]["covered"] >= 0.8
-    assert found["confidence"]["forces_covered"] >= 0.9  # where no θ is true
-    blind = verdict({k: v for k, v in without_truth(found).items() if k != "force_residual_floor"})
-    assert blind == found["verdict"]
+    found = result("ur5", "memory", 6.0, delay=0.01)
+    assert found.verdict.startswith("the motion contradicts this structure: ")
+    assert found.explains == "no"
+    numbers = summary_of(found)
+    assert 0.01 < numbers["force_residual_floor"] <= numbers["force_residual_ratio"]
+    assert numbers["misfit"] == "contradicts"  # from the measurements alone
+    assert numbers["misfit_widening"] > 3 and numbers["confidence"]["covered"] >= 0.8
+    assert numbers["confidence"]["forces_covered"] >= 0.9  # where no θ is true
+    without_floor = replace(found.theory, force_residual_floor=None)
+    blind = verdict_of(replace(without_truth(found), theory=without_floor))
+    assert blind == (found.explains, found.verdict)
 
 
 def test_without_the_delay_the_same_run_converges():
-    found = summary("ur5", "memory", 6.0)
-    assert found["verdict"].startswith("converged: ") and found["misfit"] == "none"
-    assert found["confidence"]["below_noise"] < found["confidence"]["directions"]
-    assert found["confidence"]["forces_covered"] >= 0.9
+    found = result("ur5", "memory", 6.0)
+    numbers = summary_of(found)
+    assert found.verdict.startswith("converged: ") and numbers["misfit"] == "none"
+    assert numbers["confidence"]["below_noise"] < numbers["confidence"]["directions"]
+    assert numbers["confidence"]["forces_covered"] >= 0.9
 
 
 def test_what_the_structure_leaves_over_is_told_with_the_widening_of_the_intervals():
-    found = summary("ur5", "memory", 6.0) | {"misfit": "some", "misfit_widening": 3.21}
-    assert found["verdict"] in verdict(found) and "3.2 times wider" in verdict(found)
+    found = result("ur5", "memory", 6.0)
+    _, said = verdict_of(with_misfit(found, level="some", widening=3.21))
+    assert found.verdict in said and "3.2 times wider" in said
 
 
 def test_an_adaptation_that_is_too_fast_ends_early():
-    found = summary("scalar_rov", "paper", 10.0, gain=1e6)
-    assert found["verdict"].startswith(f"ended early: {found['status']} at t = ")
+    found = result("scalar_rov", "paper", 10.0, gain=1e6)
+    assert found.verdict.startswith(f"ended early: {found.ending.status} at t = ")
+    assert found.explains == "no"
 
 
 def test_moving_away_from_the_true_set_is_not_converging():
-    found = summary("ur5", "paper", 10.0)
-    away = found | {"theta_perp_ratio": 1.1 * found["theta_perp_ratio_initial"]}
-    assert verdict(away).startswith("not converging: ")
+    found = result("ur5", "paper", 10.0)
+    farther = 1.1 * summary_of(found)["theta_perp_ratio_initial"]
+    away = replace(found, accuracy=replace(found.accuracy, theta_perp_ratio=farther))
+    explains, said = verdict_of(away)
+    assert said.startswith("not converging: ") and explains == "no"
 
 
 @pytest.mark.parametrize(
     "case", [("scalar_rov", "memory", 10.0), ("ur5", "memory", 6.0), ("ur5", "paper", 10.0)]
 )
 def test_without_a_truth_the_verdict_is_the_same(case):
-    found = summary(*case)
-    blind = verdict(without_truth(found))
-    assert blind.partition(":")[0] == found["verdict"].partition(":")[0]
+    found = result(*case)
+    explains, blind = verdict_of(without_truth(found))
+    assert blind.partition(":")[0] == found.verdict.partition(":")[0]
+    assert explains == found.explains
     assert "true set" not in blind
 
 
 def test_a_residual_that_is_noise_is_told_as_noise_and_does_not_judge():
-    found = without_truth(summary("ur5", "memory", 6.0)) | {"force_residual_ratio": 0.26}
-    assert found["misfit"] == "none"
-    told = verdict(found)
+    found = without_truth(result("ur5", "memory", 6.0), force_residual_ratio=0.26)
+    assert found.misfit is not None and found.misfit.level == "none"
+    _, told = verdict_of(found)
     assert told.startswith("converged: ")
     assert told.endswith("force residual 26 % by noise of the measured accelerations")
-    other = verdict(found | {"misfit": "some", "misfit_widening": 2.0})
+    _, other = verdict_of(with_misfit(found, level="some", widening=2.0))
     assert other.startswith("still converging: ") and "noise" not in other
 
 

@@ -13,7 +13,7 @@ import pytest
 from nsaid_mj import ConventionalAID, Scenario
 from nsaid_mj.errors import BadRun
 from nsaid_mj.evaluation import truth_of
-from nsaid_mj.evaluation.verify import Verdict, verify
+from nsaid_mj.evaluation.verify import StatementVerdict, verify
 from nsaid_mj.experiment.loop import SimulatedRun, columns, run
 from nsaid_mj.experiment.record import FILE, Record, RecordWriter
 from nsaid_mj.parameters import Array
@@ -24,11 +24,11 @@ NAMES = ["Theorem 1 (69)", "Theorem 1 (70)", "(30) in (45)", "Lemma 1 (74)", "(7
 FLAGS = ("--duration", "60", "--held-out", "0.5", "--pe-window", "10")
 
 
-def judged(run: SimulatedRun) -> list[Verdict]:
-    return verify(run, truth_of(run))
+def judged(run: SimulatedRun) -> tuple[StatementVerdict, ...]:
+    return verify(run, truth_of(run)).statements
 
 
-def words(verdicts: list[Verdict]) -> dict[str, str]:
+def words(verdicts: tuple[StatementVerdict, ...]) -> dict[str, str]:
     assert [v.statement for v in verdicts] == NAMES
     return {v.statement: v.verdict for v in verdicts}
 

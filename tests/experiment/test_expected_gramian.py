@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from nsaid_mj.control import DriverConfig, MultisineCommand
 from nsaid_mj.control.driver import Driver
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import summarize, truth_of
+from nsaid_mj.evaluation import truth_of
 from nsaid_mj.experiment import expected_gramian as simulation
 from nsaid_mj.experiment import loop as experiment
 from nsaid_mj.experiment import setup
@@ -32,6 +32,7 @@ from nsaid_mj.plants.world.simulated import SimulatedRobot
 from nsaid_mj.structure.system import SecondOrderSystem
 from tests.support.bench import TwoVehicles
 from tests.support.strategies import seeds
+from tests.support.summaries import summarize
 from tests.support.vehicles import VEHICLES
 
 FEW = settings(deadline=None, max_examples=25)

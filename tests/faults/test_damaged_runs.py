@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,13 @@ import pyarrow as pa
 import pytest
 
 from nsaid_mj import Record, run
-from nsaid_mj.errors import BadRun, NsaidError
+from nsaid_mj.errors import BadRun, InvalidInput, NsaidError
+from nsaid_mj.evaluation import summary_of
+from nsaid_mj.evaluation.summary import result_from
 from nsaid_mj.evaluation.verify import verify_folder
 from nsaid_mj.logs.formats.run import read as read_log
+from nsaid_mj.pages.page import markdown
+from nsaid_mj.pages.report import brief
 from nsaid_mj.recording import postprocessing
 from tests.support.faulty import ROV
 
@@ -79,15 +83,64 @@ def test_metadata_that_are_no_runs_are_refused(metadata, reader, out):
         READERS[reader](out)
 
 
-@pytest.mark.parametrize("key", ["status", "status_time", "rivals", "wall_s", "scenario_hash"])
 @pytest.mark.parametrize("value", [None, [], {}, "x", -1, [["x"]]])
-def test_a_summary_of_another_program_is_ignored(key: str, value: Any, out: Path):
+def test_a_summary_of_another_record_is_ignored(value: Any, out: Path):
+    changed(out, "scenario_hash", value)
+    again = postprocessing.reopen(out, Record.read(out))
+    assert postprocessing._earlier(again) is None
+
+
+@pytest.mark.parametrize("key", ["status", "status_time", "rivals", "wall_s"])
+@pytest.mark.parametrize("value", [None, [], "x", [["x"]]])
+def test_a_wrong_value_in_a_summary_is_refused_by_name(key: str, value: Any, out: Path):
+    changed(out, key, value)
+    with pytest.raises(InvalidInput, match=rf"summary\.json, {key}: expected .+, got .+Delete"):
+        postprocessing.rebuild(out)
+
+
+def test_a_missing_value_in_a_summary_is_refused_by_name(out: Path):
     file = out / "summary.json"
     summary = json.loads(file.read_text(encoding="utf-8"))
+    del summary["wall_s"]
+    file.write_text(json.dumps(summary), encoding="utf-8")
+    with pytest.raises(InvalidInput, match=r"summary\.json, wall_s: expected a value, got none"):
+        postprocessing.rebuild(out)
+
+
+def changed(folder: Path, key: str, value: Any) -> None:
+    """Changes a value of a run's summary.json."""
+    file = folder / "summary.json"
+    summary = json.loads(file.read_text(encoding="utf-8"))
     file.write_text(json.dumps(summary | {key: value}), encoding="utf-8")
-    again = postprocessing.reopen(out, Record.read(out))
-    postprocessing._recall_ending(again)
-    assert again.ending.status.words == "completed"
+
+
+def variants(found: Any) -> Iterator[Any]:
+    """JSON values with one value, at any depth, missing or replaced by another one."""
+    if isinstance(found, dict):
+        for key, value in found.items():
+            yield {name: other for name, other in found.items() if name != key}
+            yield from ({**found, key: variant} for variant in variants(value))
+    elif isinstance(found, list) and found:
+        yield from ([variant, *found[1:]] for variant in variants(found[0]))
+    yield from (None, [], {}, "x", -1, 0.5, True, [["x"]], {"x": 1})
+
+
+def test_no_changed_value_of_a_summary_ends_in_a_traceback(made: Path):
+    """Each is refused with the value's name, or gives a result that can be shown and written."""
+    summary = json.loads((made / "summary.json").read_text(encoding="utf-8"))
+    refused, taken = 0, 0
+    for variant in variants(summary):
+        try:
+            result = result_from(variant)
+        except InvalidInput as error:
+            refused += 1
+            assert error.name.startswith("summary.json") and error.remedy
+            continue
+        taken += 1
+        assert result.verdict
+        json.dumps(summary_of(result), allow_nan=False)
+        markdown(brief("robot", result))
+    assert refused > 500 and taken > 50
 
 
 @pytest.mark.parametrize("content", ["", "3", "[3]", '[{"time": "x"}]', "[" * 100_000])

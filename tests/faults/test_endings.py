@@ -17,7 +17,8 @@ import pytest
 from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.control import multisine, series
-from nsaid_mj.evaluation import result_of
+from nsaid_mj.evaluation import summary_of
+from nsaid_mj.evaluation.summary import result_from
 from nsaid_mj.experiment.loop import Observer, run
 from nsaid_mj.experiment.record import BATCH_SECONDS, Record
 from nsaid_mj.laws import Status
@@ -254,7 +255,7 @@ def test_a_rebuilt_faulty_run_keeps_its_status(ended: Ended, capfd: object) -> N
         if ended.fault.status is Status.interrupted:
             patch.undo()  # it would interrupt the held-out trajectory too
         patch.setattr("nsaid_mj.pages.drawings.draw", lambda panel: "<svg></svg>")  # as before
-        after = postprocessing.rebuild(ended.folder)
+        after = summary_of(postprocessing.rebuild(ended.folder))
     keys = (
         "status",
         "status_time",
@@ -299,7 +300,7 @@ def test_too_fast_an_adaptation_is_reported_even_at_the_last_step(tmp_path: Path
 def test_a_failing_rival_does_not_end_the_run(tmp_path: Path) -> None:
     rivals = {"fast": NullspaceAID(K=10.0, gain=300.0), "known": ConventionalAID(K=10.0, gain=1.0)}
     result = run(replace(ROV, rivals=rivals), tmp_path)
-    summary = postprocessing.finish(result)
+    summary = summary_of(postprocessing.finish(result))
     assert summary["status"] == "completed" and len(result.record) == ROV.steps + 1
     assert summary["rivals"]["fast"]["status"] == Status.estimate_not_positive_definite.words
     assert summary["rivals"]["known"]["status"] == "completed"
@@ -333,7 +334,7 @@ def test_ctrl_c_from_an_observer_ends_at_that_row(tmp_path: Path) -> None:
     assert result.ending.status is Status.interrupted
     assert result.ending.time == result.record["t"][-1] == pytest.approx(1.5)
     assert len(result.record) == 151 and result.record.complete
-    assert postprocessing.finish(result)["status"] == "interrupted"
+    assert postprocessing.finish(result).ending.status == "interrupted"
 
 
 def test_ctrl_c_in_the_middle_of_compiled_code_is_not_lost(
@@ -404,5 +405,5 @@ def test_an_unusual_but_valid_scenario_completes_with_all_its_files(
     code, said = script(scenario, "--out", tmp_path / "out", "--json")
     summary = strict(said.out)
     assert summary["status"] == "completed"
-    assert code == code_of(result_of(summary)) and said.err == ""
+    assert code == code_of(result_from(summary)) and said.err == ""
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(FILES)

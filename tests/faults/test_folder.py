@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import NsaidError, recording
+from nsaid_mj.evaluation import summary_of
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import FILE, Record
 from nsaid_mj.recording import live, postprocessing
@@ -36,12 +37,12 @@ def test_other_files_in_the_folder_are_kept(tmp_path: Path) -> None:
 
 
 def test_a_rebuilt_run_has_the_same_summary(tmp_path: Path) -> None:
-    before = postprocessing.finish(run(SHORT, tmp_path))
+    before = summary_of(postprocessing.finish(run(SHORT, tmp_path)))
     record = (tmp_path / FILE).read_bytes()
     for name in FILES:
         if name not in (FILE, postprocessing.SUMMARY):
             (tmp_path / name).unlink()
-    after = postprocessing.rebuild(tmp_path)
+    after = summary_of(postprocessing.rebuild(tmp_path))
     assert after["status"] == "completed"
     cost = ("wall_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step")
     assert {key: after[key] for key in cost} == pytest.approx({key: before[key] for key in cost})
@@ -54,14 +55,14 @@ def test_a_rebuilt_run_has_the_same_summary(tmp_path: Path) -> None:
 
 def test_a_complete_record_without_summary_is_a_completed_run(tmp_path: Path) -> None:
     run(SHORT, tmp_path)
-    assert postprocessing.rebuild(tmp_path)["status"] == "completed"
+    assert postprocessing.rebuild(tmp_path).ending.status == "completed"
 
 
 @pytest.mark.parametrize("summary", ["", "not JSON", '{"status": "plant diverged"}', "[]"])
 def test_a_corrupt_summary_is_ignored(summary: str, tmp_path: Path) -> None:
     run(SHORT, tmp_path)
     (tmp_path / postprocessing.SUMMARY).write_text(summary)
-    assert postprocessing.rebuild(tmp_path)["status"] == "completed"
+    assert postprocessing.rebuild(tmp_path).ending.status == "completed"
 
 
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
@@ -74,7 +75,7 @@ def test_a_record_that_ends_in_zeros_is_cut_where_they_begin(share: float, tmp_p
     found = Record.read(tmp_path)
     assert 0 < len(found) < len(whole) and not found.complete
     assert all(np.array_equal(found[key], whole[key][: len(found)]) for key in found.columns)
-    assert postprocessing.rebuild(tmp_path)["status"] == "interrupted"
+    assert postprocessing.rebuild(tmp_path).ending.status == "interrupted"
 
 
 @pytest.mark.parametrize("seed", [0, 7])
@@ -83,7 +84,7 @@ def test_an_earlier_runs_summary_is_not_taken_for_this_runs(seed: int, tmp_path:
     whole = (tmp_path / FILE).read_bytes()
     run(replace(SHORT, duration=5.0), tmp_path)
     (tmp_path / FILE).write_bytes((tmp_path / FILE).read_bytes()[: len(whole)])
-    assert postprocessing.rebuild(tmp_path)["status"] == "interrupted"
+    assert postprocessing.rebuild(tmp_path).ending.status == "interrupted"
 
 
 @pytest.mark.parametrize("out", ["file", "file/below", "folder"])

@@ -57,7 +57,9 @@ def test_a_disk_full_during_the_run_ends_typed_with_a_readable_record(tmp_path: 
     assert "out/record.arrow: it cannot be written" in line and "nsaid view --rebuild" in line
     record = Record.read(tmp_path / "out")
     assert not record.complete and 1.0 < record["t"][-1] < 5.0
-    assert postprocessing.rebuild(tmp_path / "out")["status"] == "interrupted"  # with room again
+    assert (
+        postprocessing.rebuild(tmp_path / "out").ending.status == "interrupted"
+    )  # with room again
 
 
 def test_a_disk_full_while_finishing_ends_within_30_s_and_typed(tmp_path: Path) -> None:
@@ -103,7 +105,7 @@ def test_ctrl_c_while_finishing_names_how_to_finish(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(evaluation, "summarize", interrupted)
+    monkeypatch.setattr(evaluation, "evaluate", interrupted)
     code, said = shell("run", "scalar_rov", *SHORT, "--out", tmp_path, "--quiet")
     assert code == 130
     assert said.err == (f"nsaid: interrupted. `nsaid view --rebuild {tmp_path}` finishes the run\n")

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nsaid_mj.evaluation.words import verdict
+from nsaid_mj.evaluation.statistics import Accuracy, LawUsed
 from nsaid_mj.laws.cone.prior import drawn_covariance
 from nsaid_mj.laws.efficient.filter import filter_at
 from nsaid_mj.parameters import Block, ParameterSpace
 from nsaid_mj.plants.world.faults.text import parse_faults
-from nsaid_mj.watch import drift_of
+from nsaid_mj.watch import Misfit, drift_of
 from nsaid_mj.watch.drift import Rival, Rivals, walks
+from tests.support.summaries import run_result
 
 from .test_never_wrong import known_of, misfit, ran, system_of
 
@@ -92,7 +93,10 @@ def test_gains_walk_in_addition_to_all_of_theta() -> None:
 
 
 def test_a_verdict_names_the_drift() -> None:
-    summary = {"status": "completed", "misfit": "some", "law": "efficient"}
-    summary |= {"theta_perp_ratio": 1e-3, "misfit_drift": 0.098, "misfit_widening": 1.0}
-    assert verdict(summary).endswith("gains drift by up to 9.8 % a minute")
-    assert "drift" not in verdict(summary | {"misfit_drift": 0.0})
+    drifting = Misfit("some", (), innovations=1.0, seconds=1.0, chance=0.0, drift=0.098)
+    result = run_result(
+        law=LawUsed(law="efficient"), accuracy=Accuracy(theta_perp_ratio=1e-3), misfit=drifting
+    )
+    assert result.verdict.endswith("gains drift by up to 9.8 % a minute")
+    constant = run_result(accuracy=result.accuracy, misfit=drifting._replace(drift=0.0))
+    assert "drift" not in constant.verdict

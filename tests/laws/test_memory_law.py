@@ -14,9 +14,10 @@ from nsaid_mj import evaluation as metrics
 from nsaid_mj.cli.options import parse
 from nsaid_mj.control import Driver
 from nsaid_mj.errors import InvalidInput
+from nsaid_mj.evaluation import summary_of
 from nsaid_mj.evaluation.confidence import Known, known
 from nsaid_mj.evaluation.figures import actuator_ratio_error
-from nsaid_mj.evaluation.lyapunov import energy, lyapunov_figures
+from nsaid_mj.evaluation.lyapunov import energy, rises_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import FILE
@@ -37,6 +38,7 @@ from nsaid_mj.quotient.cost import Quotient, Remembered
 from nsaid_mj.recording.postprocessing import rebuild
 from tests.support.bench import followed, identify
 from tests.support.remembered import Log, driven, noisy, scenario_plant
+from tests.support.summaries import summarize
 
 NOISE = SensorNoise()
 NAMES = ["bluerov2", "double_pendulum", "f1tenth"]
@@ -187,7 +189,8 @@ def test_a_rise_of_v_beyond_its_bound_is_counted(implicit, tmp_path):
     """Thrice the bound in one step is a violation; a bound 100 times wider would hide it."""
     done = run(scenario("bluerov2", duration=6.0), tmp_path)
     truth, record = metrics.truth_of(done), done.record
-    assert lyapunov_figures(done, truth)["lyapunov_violations"] == 0
+    rises = rises_of(done, truth)
+    assert rises is not None and rises.violations == 0
     own = done.identifiers[""]
     assert isinstance(own, NullspaceIdentifier)
     stepped = own.implicit(record["t"])
@@ -205,7 +208,8 @@ def test_a_rise_of_v_beyond_its_bound_is_counted(implicit, tmp_path):
     v_hat[k + 1] = record["v"][k + 1]
     lacking = 3 * allowed + V[k] - energy(done, truth)[k + 1]
     v_hat[k + 1, 0] += np.sqrt(2 * lacking / M[0, 0])
-    assert lyapunov_figures(done, truth)["lyapunov_violations"] == 1
+    rises = rises_of(done, truth)
+    assert rises is not None and rises.violations == 1
 
 
 # -- where it stays ------------------------------------------------------------------------------
@@ -482,7 +486,7 @@ def finished(request, tmp_path_factory):
 
 
 def test_the_record_has_what_was_spent_and_the_summary_the_confidence(finished):
-    record, summary = finished.record, metrics.summarize(finished, metrics.truth_of(finished))
+    record, summary = finished.record, summarize(finished, metrics.truth_of(finished))
     steps = np.flatnonzero(np.diff(record["spent"])) + 1
     number = record["t"][steps] / 0.5
     np.testing.assert_allclose(number, np.round(number), atol=1e-9)
@@ -510,7 +514,7 @@ def test_a_log_is_replayed_to_the_bit(finished):
 def test_a_killed_run_is_rebuilt_from_its_record(finished, tmp_path):
     whole = (finished.folder / FILE).read_bytes()
     (tmp_path / FILE).write_bytes(whole[: round(0.8 * len(whole))])
-    summary = rebuild(tmp_path)
+    summary = summary_of(rebuild(tmp_path))
     assert summary["status"] == "interrupted" and summary["sim_s"] > 1
     assert summary["confidence"] is None  # a record has no memory
     assert summary["conserved_drift"] < 1e-4  # what was spent is in the record

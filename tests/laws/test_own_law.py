@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation.summary import summarize
+from nsaid_mj.evaluation import evaluate, summary_of
 from nsaid_mj.evaluation.truth import truth_of
 from nsaid_mj.evaluation.verify import verify
 from nsaid_mj.experiment.library import load
@@ -72,12 +72,15 @@ def test_a_run_of_an_own_law_is_summarised_verified_and_shown_by_its_name(tmp_pa
     )
     done = run(scenario, tmp_path)
     truth = truth_of(done)
-    summary = summarize(done, truth)
+    result = evaluate(done, truth)
+    summary = summary_of(result)
     assert summary["law"] == "own words" and summary["gamma"] == "own"
     assert summary["status"] == "completed" and "misfit" not in summary
     own, rival = summary["theta_perp_ratio"], summary["rivals"]["compiled"]["theta_perp_ratio"]
     assert own == pytest.approx(rival, rel=1e-6)
-    words = {verdict.statement: verdict.verdict for verdict in verify(done, truth, summary)}
+    words = {
+        verdict.statement: verdict.verdict for verdict in verify(done, truth, result).statements
+    }
     assert words["Theorem 1 (69)"] == words["(30) in (45)"] == "not applicable"
     assert words["Theorem 1 (70)"] != "not applicable"
     finish(done)

@@ -16,7 +16,7 @@ from rich.console import Console
 from nsaid_mj.calibration import words
 from nsaid_mj.calibration.result import Identification
 from nsaid_mj.evaluation.result import EXPLAINS, Explains
-from nsaid_mj.evaluation.words import estimate
+from nsaid_mj.evaluation.wording import estimate
 from nsaid_mj.pages import identification as pages
 from nsaid_mj.pages.drawings import extremes
 from nsaid_mj.pages.page import render_html, write_html

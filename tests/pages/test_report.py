@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import re
 import shlex
 from dataclasses import replace
@@ -17,7 +16,21 @@ import pytest
 from nsaid_mj import (
     evaluation as metrics,
 )
+from nsaid_mj.evaluation import RunResult
 from nsaid_mj.evaluation.panels import COLOURS, LAWS
+from nsaid_mj.evaluation.run_result import judged
+from nsaid_mj.evaluation.statistics import (
+    Conditions,
+    Correlations,
+    KnownDirection,
+    KnownParameter,
+    LawUsed,
+    Origin,
+    RunEnding,
+    StatedConfidence,
+    Unobservable,
+)
+from nsaid_mj.evaluation.verify import verify
 from nsaid_mj.experiment.loop import SimulatedRun, run
 from nsaid_mj.pages import report
 from nsaid_mj.pages.page import render_html
@@ -25,6 +38,7 @@ from nsaid_mj.parameters import number
 from tests.pages.drawing import points_of, words_of
 from tests.pages.markup import Page, unscripted
 from tests.support.faulty import WITH_RIVAL as ROV
+from tests.support.summaries import evaluated, unknown
 
 
 def render(*arguments: Any) -> str:
@@ -40,14 +54,18 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
 
 
 @pytest.fixture(scope="module")
-def summary(done: SimulatedRun) -> dict[str, Any]:
-    return metrics.summarize(done, metrics.truth_of(done))
+def result(done: SimulatedRun) -> RunResult:
+    return evaluated(done, metrics.truth_of(done))
 
 
 @pytest.fixture(scope="module")
-def text(done: SimulatedRun, summary: dict[str, Any]) -> str:
-    truth = metrics.truth_of(done)
-    return render(done, summary, truth)
+def summary(result: RunResult) -> dict[str, Any]:
+    return metrics.summary_of(result)
+
+
+@pytest.fixture(scope="module")
+def text(done: SimulatedRun, result: RunResult) -> str:
+    return render(done, result, verify(done, metrics.truth_of(done), result))
 
 
 def value_of(text: str) -> float:
@@ -179,75 +197,67 @@ def test_the_verdict_comes_first_with_its_figures_and_the_robots_picture(text: s
 
 
 def test_everything_from_outside_is_escaped(
-    done: SimulatedRun, summary: dict[str, Any], tmp_path: Path
+    done: SimulatedRun, result: RunResult, tmp_path: Path
 ) -> None:
-    told = copy.deepcopy(summary)
-    told |= {
-        "verdict": EVIL,
-        "status": EVIL,
-        "status_signal": EVIL,
-        "status_remedy": EVIL,
-        "mismatch": [EVIL],
-        "sensor_noise": EVIL,
-        "fault": EVIL,
-        "law": EVIL,
-        "sensors": EVIL,
-        "seed": EVIL,
-        "scenario_hash": EVIL,
-        "versions": {EVIL: EVIL},
-        "unobservable": [{"direction": EVIL, "fix": EVIL, "labels": [EVIL, EVIL]}],
-        "rivals": {EVIL: told["rivals"]["conventional"]},
-        "confidence": {
-            "directions": 2,
-            "below_noise": 0,
-            "covered": 1.0,
-            "deviation_median": 0.1,
-            "deviation_largest": 0.2,
-            "actuators": {EVIL: 0.1},
-            "parameters": {EVIL: {"deviation": 0.1, "below_noise": False}},
-            "correlations": {"parameters": [EVIL, EVIL], "lower": [[], [0.5]]},
-            "worst_known": [{"deviation": 0.2, "below_noise": True, "parameters": {EVIL: 1.0}}],
-        },
-    }
-    for row in told["parameters"]:
-        row |= {"name": EVIL, "label": EVIL, "unit": EVIL}
+    known = KnownParameter(deviation=0.1, below_noise=False)
+    stated = StatedConfidence(
+        directions=2,
+        below_noise=0,
+        covered=1.0,
+        deviation_median=0.1,
+        deviation_largest=0.2,
+        independent_samples=(1.0,),
+        actuators={EVIL: 0.1},
+        parameters={EVIL: known},
+        correlations=Correlations(parameters=(EVIL, EVIL), lower=((), (0.5,))),
+        worst_known=(KnownDirection(deviation=0.2, below_noise=True, parameters={EVIL: 1.0}),),
+    )
+    one_direction = Unobservable(
+        direction=EVIL, fix=EVIL, parameters=(EVIL, EVIL), labels=(EVIL, EVIL)
+    )
+    told = judged(
+        replace(
+            result,
+            ending=RunEnding(status=EVIL, status_time=1.0, status_signal=EVIL, status_remedy=EVIL),
+            conditions=Conditions(sensors=EVIL, sensor_noise=EVIL, mismatch=(EVIL,), fault=EVIL),
+            law=LawUsed(law=EVIL),
+            origin=Origin(seed=0, versions={EVIL: EVIL}, scenario_hash=EVIL),
+            unobservable=(one_direction,),
+            rivals={EVIL: result.rivals["conventional"]},
+            confidence=stated,
+            estimates=tuple(
+                replace(row, name=EVIL, label=EVIL, unit=EVIL) for row in result.estimates
+            ),
+        )
+    )
     evil = replace(done, folder=tmp_path / EVIL.replace("/", "|"))
-    text = render(evil, told, metrics.truth_of(done))
+    text = render(evil, told, verify(evil, metrics.truth_of(done), told))
     assert "<script" not in unscripted(text)
     assert unescape(text).count("<script>") > 20
     Page.of(text)
 
 
 def test_commands_on_the_page_quote_the_folder(
-    done: SimulatedRun, summary: dict[str, Any], tmp_path: Path
+    done: SimulatedRun, result: RunResult, tmp_path: Path
 ) -> None:
     folder = tmp_path / "it's a run"
-    text = unescape(render(replace(done, folder=folder), summary, metrics.truth_of(done)))
+    text = unescape(render(replace(done, folder=folder), result))
     for command in ("nsaid view", "nsaid verify --run"):
         assert f"{command} {shlex.quote(str(folder))}" in text
 
 
 def test_without_a_truth_everything_but_the_comparison_is_there(
-    done: SimulatedRun, summary: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+    done: SimulatedRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def nobody_knows(*args: object) -> None:
         raise AssertionError("the truth was asked for")
 
-    monkeypatch.setattr(metrics, "energy", nobody_knows)
+    monkeypatch.setattr("nsaid_mj.evaluation.curves.energy_of", nobody_knows)
     for name in ("distance", "theta_at", "nullspace_at"):
         monkeypatch.setattr(metrics.Truth, name, nobody_knows)
     monkeypatch.setattr(type(done.plant), "truth_at", nobody_knows)
-    told = copy.deepcopy(summary)
-    for found in (told, *told["rivals"].values()):
-        for key in list(found):
-            if key.startswith(("theta_perp", "lyapunov")) or key in {
-                "plant_direction_error",
-                "actuator_ratio_error",
-            }:
-                del found[key]
-    for row in told["parameters"]:
-        del row["true"]
-    text = render(done, told, None)
+    result = evaluated(unknown(done), None)
+    text = render(unknown(done), result)
     page = Page.of(text)
     labels = [drawing.get("aria-label") for drawing in drawings(text)]
     assert labels[:2] == [
@@ -262,24 +272,20 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
     told_estimates = [
         row[1] for table in page.tables for row in table.rows if "estimate" in table.heads
     ]
-    rows = sorted(told["parameters"], key=lambda row: "gain" not in row["label"])  # gains first
-    assert told_estimates == [number(row["estimate"]) for row in rows]
+    rows = sorted(result.estimates, key=lambda row: "gain" not in row.label)  # gains first
+    assert told_estimates == [number(row.estimate) for row in rows]
 
 
-def test_a_verdict_is_shown_where_there_is_one(done: SimulatedRun, summary: dict[str, Any]) -> None:
-    truth = metrics.truth_of(done)
-    said = render(done, summary | {"verdict": "converged: all is well"}, truth)
+def test_a_verdict_is_shown_where_there_is_one(done: SimulatedRun, result: RunResult) -> None:
+    said = render(done, replace(result, verdict="converged: all is well"))
     assert "converged: all is well" in said
-    silent = {key: value for key, value in summary.items() if key != "verdict"}
-    assert 'class="banner' not in render(done, silent, truth)
+    assert 'class="banner' not in render(done, replace(result, explains=None))
 
 
-def test_a_run_of_one_row_has_a_report(
-    done: SimulatedRun, summary: dict[str, Any], tmp_path: Path
-) -> None:
+def test_a_run_of_one_row_has_a_report(done: SimulatedRun, tmp_path: Path) -> None:
     columns = {name: rows[:1] for name, rows in done.record.columns.items()}
     short = replace(done, folder=tmp_path, record=replace(done.record, columns=columns))
-    text = render(short, summary, metrics.truth_of(done))
+    text = render(short, evaluated(short, metrics.truth_of(done)))
     assert len(drawings(text)) >= 4
     assert "nan" not in "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
 
@@ -291,6 +297,7 @@ def test_axes_have_labels_with_units(text: str) -> None:
 
 
 def test_reporting_a_run_twice_gives_the_same_page(
-    done: SimulatedRun, summary: dict[str, Any], text: str
+    done: SimulatedRun, result: RunResult, text: str
 ) -> None:
-    assert render(done, summary, metrics.truth_of(done)) == text
+    verdicts = verify(done, metrics.truth_of(done), result)
+    assert render(done, evaluated(done, metrics.truth_of(done)), verdicts) == text

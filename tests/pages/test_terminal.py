@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,46 +13,22 @@ from rich.console import Console
 
 import nsaid_mj
 from nsaid_mj import recording
-from nsaid_mj.evaluation import FIGURES, observable_line
-from nsaid_mj.pages.report import print_summary
+from nsaid_mj.evaluation.run_result import STATISTICS
+from nsaid_mj.evaluation.statistics import Conditions, Dimensions, Unobservable
+from nsaid_mj.laws.faults import FaultEvent
+from nsaid_mj.pages.report import print_result
 from nsaid_mj.pages.terminal import print_findings
 from nsaid_mj.robot.findings import Finding
-
-
-def summary(**changes: Any) -> dict[str, Any]:
-    base = {
-        "verdict": "converged: 0.1 % from the true set",
-        "status_remedy": "",
-        "sim_s": 10.0,
-        "wall_s": 1.0,
-        "compile_s": 0.0,
-        "real_time_factor": 10.0,
-        "mismatch": [],
-        "fault": "",
-        "faults": [],
-        "sensor_noise": "",
-        "confidence": None,
-        "rivals": {},
-        "law": "paper",
-        "sensors": "ideal",
-        "seed": 0,
-        "n": 1,
-        "p": 4,
-        "r": 1,
-        "unobservable": [
-            {
-                "direction": "common scale of mass and drag",
-                "fix": "one known number fixes it, and with it these 2: mass, drag",
-                "labels": ["mass", "drag"],
-            }
-        ],
-    }
-    return base | changes
+from tests.support.summaries import run_result
 
 
 def printed(capsys: pytest.CaptureFixture[str], folder: str = "runs/a", **changes: Any) -> str:
-    print_summary("rov", summary(**changes), Path(folder))
+    print_result("rov", run_result(**changes), Path(folder))
     return capsys.readouterr().out
+
+
+def dimensions(p: int, r: int) -> Dimensions:
+    return replace(run_result().dimensions, p=p, r=r)
 
 
 @pytest.mark.parametrize(
@@ -63,35 +40,37 @@ def printed(capsys: pytest.CaptureFixture[str], folder: str = "runs/a", **change
     ],
 )
 def test_the_count_of_directions_is_grammatical(p: int, r: int, words: str) -> None:
-    assert observable_line({"p": p, "r": r}) == words
+    assert run_result(dimensions=dimensions(p, r)).observable_in_words == words
 
 
 def test_a_fault_found_is_printed_with_its_time_and_confidence(capsys) -> None:
-    found = {"found": 12.5, "words": "thruster 3 lost 40 %", "confidence": 0.99}
-    said = printed(capsys, faults=[found])
-    assert "found at 12.5 s: thruster 3 lost 40 %, 99 % sure" in said
+    event = FaultEvent(12.0, 12.5, "loss", "thruster 3", (), 0.4, 0.3, 0.5, "1", 0.99)
+    said = printed(capsys, faults=(event,))
+    assert "found at 12.5 s: thruster 3 lost 40 % (30 … 50 %), 99 % sure" in said
 
 
 def test_the_line_ends_in_a_colon_only_if_directions_follow(capsys) -> None:
     assert "1 is not:\n" in printed(capsys)
-    assert "0 are not.\n" in printed(capsys, r=0, unobservable=[])
+    assert "0 are not.\n" in printed(capsys, dimensions=dimensions(4, 0), unobservable=())
 
 
 def test_a_long_list_is_cut_after_a_comma_and_a_short_one_is_not(capsys) -> None:
     names = [f"gain of joint_{i}" for i in range(40)]
-    line = {
-        "direction": "common scale of motor gains",
-        "fix": f"one known number fixes it, and with it these 40: {', '.join(names)}",
-        "labels": names,
-    }
-    out = printed(capsys, unobservable=[line])
+    line = Unobservable(
+        direction="common scale of motor gains",
+        fix=f"one known number fixes it, and with it these 40: {', '.join(names)}",
+        parameters=tuple(names),
+        labels=tuple(names),
+    )
+    out = printed(capsys, unobservable=(line,))
     cut = next(row for row in out.splitlines() if "these 40" in row)
     assert cut.endswith("gain of joint_3, …") and len(cut) < 130
     assert "these 2: mass, drag.\n" in printed(capsys)
 
 
 def test_sensor_noise_is_not_listed_as_unknown_to_the_structure(capsys) -> None:
-    out = printed(capsys, sensor_noise="noise of 0.0001 rad, 0.005 rad/s")
+    noise = "noise of 0.0001 rad, 0.005 rad/s"
+    out = printed(capsys, conditions=Conditions(sensors="noisy", sensor_noise=noise))
     assert "  · sensors: noise of 0.0001 rad, 0.005 rad/s.\n" in out
     assert "not in the structure" not in out
     assert "sensors:" not in printed(capsys)
@@ -125,6 +104,6 @@ def test_a_percentage_is_written_in_one_way() -> None:
 
 
 def test_every_figure_has_a_label_of_its_own() -> None:
-    labels = [label for label, _, _ in FIGURES]
+    labels = [label for label, _, _ in STATISTICS]
     assert len(set(labels)) == len(labels)
     assert not any(label.startswith("…") for label in labels)

@@ -205,8 +205,9 @@ def test_stiffnesses_are_found_from_targets_and_encoders(tmp_path):
     """Within 20 s, by the law `efficient` under noise: ratios of kp to one in a thousand."""
     from dataclasses import replace
 
-    from nsaid_mj.evaluation import summarize, truth_of
+    from nsaid_mj.evaluation import truth_of
     from nsaid_mj.experiment.loop import run
+    from tests.support.summaries import summarize
 
     scenario = load("servo_arm")
     scenario = replace(

@@ -13,7 +13,7 @@ from nsaid_mj import BlueROV2Plant
 from nsaid_mj.calibration.result import Identification, shifts
 from nsaid_mj.log import Log
 from nsaid_mj.pages.identification import page
-from nsaid_mj.pages.page import markdown, plain
+from nsaid_mj.pages.page import plain
 from nsaid_mj.recording import viewer
 from nsaid_mj.recording.identification import record
 from nsaid_mj.recording.text import drawable
@@ -29,7 +29,7 @@ def result() -> Identification:
 
 def recorded_in(result: Identification, folder: Path) -> Path:
     """A recording of a result, with the text of its page."""
-    return record(result, folder / "identification.rrd", markdown(page(result)))
+    return record(page(result), folder / "identification.rrd")
 
 
 @pytest.fixture(scope="module")

@@ -29,11 +29,12 @@ from nsaid_mj import (
 )
 from nsaid_mj.errors import NotWritten
 from nsaid_mj.evaluation import truth_of
+from nsaid_mj.evaluation.labels import groups, velocity_names
+from nsaid_mj.evaluation.panels import spread
 from nsaid_mj.experiment.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.laws import FaultEvent
 from nsaid_mj.log import Log
-from nsaid_mj.recording import forces, inertia, layout, plots, scene, series, torques, viewer
-from nsaid_mj.recording.series import spread
+from nsaid_mj.recording import forces, inertia, layout, lines, plots, scene, torques, viewer
 from nsaid_mj.recording.stream import write as write_content
 from nsaid_mj.recording.text import drawable
 from nsaid_mj.resources import write_json
@@ -46,6 +47,7 @@ from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.faulty import heard
 from tests.support.fossen import published
 from tests.support.recordings import VEHICLE, column, drawn_rows, entities_of, seconds
+from tests.support.summaries import evaluated, summarize
 
 ARM = Scenario(
     plant=ArmPlant(robot="ur5", damping=2.0, friction=1.0, armature=0.1),
@@ -60,7 +62,7 @@ ARM = Scenario(
 def recorded(scenario: Scenario, folder: Path) -> SimulatedRun:
     result = run(scenario, folder)
     truth = metrics.truth_of(result)
-    recording.write(result, metrics.summarize(result, truth), truth)
+    recording.write(result, evaluated(result, truth), truth)
     return result
 
 
@@ -88,11 +90,13 @@ def test_the_recording_of_an_arm_has_every_entity(arm: SimulatedRun) -> None:
     entities = read(arm)
     for name in (
         "velocity_error",
+        "distance/NS-AID",
         "log_distance/NS-AID",
         "theta_perp",
         "share",
         "lyapunov",
         "conserved",
+        "log_conserved",
         "excitation/all",
         "excitation/perpendicular",
         "result",
@@ -122,8 +126,8 @@ def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
     result: SimulatedRun = request.getfixturevalue(which)
     entities, space = read(result), result.plant.system.space
     seen = set()
-    for group in series.groups(space):
-        columns = entities[f"/{group.path}/estimated"]
+    for group in groups(space):
+        columns = entities["/" + lines.path(*group.key, "estimated")]
         values = [v for v in columns["Scalars:scalars"] if v]
         assert values[-1] == result.record["theta_hat"][-1, group.indices].tolist()
         seen |= set(group.indices.tolist())
@@ -134,7 +138,7 @@ def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
 
 
 def test_recorded_distances_are_those_of_the_summary(rov: SimulatedRun) -> None:
-    entities, summary = read(rov), metrics.summarize(rov, metrics.truth_of(rov))
+    entities, summary = read(rov), summarize(rov, metrics.truth_of(rov))
     for name, numbers in (("NS-AID", summary), ("conventional", summary["rivals"]["conventional"])):
         values = [v for v in entities[f"/distance/{name}"]["Scalars:scalars"] if v]
         assert values[0][0] == numbers["theta_perp_ratio_initial"]
@@ -145,8 +149,10 @@ def test_recorded_distances_are_those_of_the_summary(rov: SimulatedRun) -> None:
 def test_the_true_direction_has_the_estimates_mean_gain(vehicle: SimulatedRun) -> None:
     entities, space = read(vehicle), vehicle.plant.system.space
     truth, shown = vehicle.plant.truth, np.zeros(len(space))
-    for group in series.groups(space):
-        shown[group.indices] = entities[f"/{group.path}/true_direction"]["Scalars:scalars"][-1]
+    for group in groups(space):
+        shown[group.indices] = entities["/" + lines.path(*group.key, "true_direction")][
+            "Scalars:scalars"
+        ][-1]
     ratio = vehicle.record["theta_hat"][-1, space.actuators] / shown[space.actuators]
     assert ratio.mean() == pytest.approx(1) and np.ptp(ratio) > 0.01
     np.testing.assert_allclose(shown, truth * shown[-1] / truth[-1], atol=1e-12)
@@ -190,7 +196,7 @@ def test_no_name_or_text_has_a_stand_in_glyph(arm: SimulatedRun) -> None:
 
 @pytest.mark.parametrize("background", [0.0, 1.0])
 def test_every_colour_of_a_curve_is_readable_on_dark_and_on_light(background: float) -> None:
-    for color in series.PALETTE:
+    for color in lines.PALETTE:
         part = np.array(color) / 255
         linear = np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
         luminance = linear @ [0.2126, 0.7152, 0.0722]
@@ -199,10 +205,10 @@ def test_every_colour_of_a_curve_is_readable_on_dark_and_on_light(background: fl
 
 
 def test_legends_stand_beside_the_curves() -> None:
-    long = series.Curves(
-        "a/b", ["gain of a joint with a rather long name [N·m/A]", "x"], np.zeros((0, 2))
-    )
-    short = series.Curves("c", ["x [–]", "y [–]"], np.zeros((0, 2)))
+    t, none = np.zeros(0), np.zeros((0, 2))
+    names = ["gain of a joint with a rather long name [N·m/A]", "x"]
+    long = lines.Lines("a/b", names, t, none, [0, 1])
+    short = lines.Lines("c", ["x [–]", "y [–]"], t, none, [0, 1])
     ends = []
     for entity in ("a", "c"):
         view = plots.Plots([long, short], 10.0)(entity, "title", 0.5)
@@ -214,8 +220,9 @@ def test_legends_stand_beside_the_curves() -> None:
 
 
 def test_a_row_is_high_enough_for_its_longest_legend_and_a_curve_of_zeros_is_none() -> None:
-    many = series.Curves("gains", [f"gain {i}" for i in range(12)], np.ones((2, 12)))
-    one = series.Curves("still", ["x"], np.zeros((2, 1)))
+    t, names = np.arange(2.0), [f"gain {i}" for i in range(12)]
+    many = lines.Lines("gains", names, t, np.ones((2, 12)), range(12))
+    one = lines.Lines("still", ["x"], t, np.zeros((2, 1)), [0])
     some = plots.Plots([many, one], 10.0)
     high, low = some("gains", "many"), some("still", "one")
     heights = some.heights([high, low], [low])
@@ -296,7 +303,7 @@ def test_a_robot_without_meshes_is_drawn_by_its_joints(tmp_path: Path) -> None:
         pytest.skip("it has meshes now")
     assert not drawn.empty
     truth = metrics.truth_of(result)
-    recording.write(result, metrics.summarize(result, truth), truth)
+    recording.write(result, evaluated(result, truth), truth)
     assert "LineStrips3D:strips" in read(result)["/robot/links"]
 
 
@@ -349,8 +356,7 @@ def test_every_view_has_one_parent_only(which: str, request: pytest.FixtureReque
     result: SimulatedRun = request.getfixturevalue(which)
     space, drawn = result.plant.system.space, scene.Scene(result.system, result.plant)
     camera = drawn.camera(result.record["q"], result.record["v"])
-    rows, truth = np.arange(2), truth_of(result)
-    curves = series.curves(result, truth.nullspace, rows, truth)
+    curves = lines.lines_of(evaluated(result, truth_of(result)).curves)
     for kind in ("motor gain", ""):
         whole = layout.blueprint(space, camera, plots.Plots(curves, 1.0), shared=kind)
         found, waiting = [], [whole.root_container]
@@ -504,9 +510,9 @@ def test_planar_forces_lie_in_the_plane_and_small_ones_are_magnified(tmp_path: P
 
 
 def test_a_bodys_velocities_have_their_names(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
-    assert series.velocity_names(vehicle.system)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
-    assert series.velocity_names(vehicle.system, "")[5] == "yaw rate [rad/s]"
-    assert series.velocity_names(arm.system)[0] == "Δshoulder_pan_joint [rad/s]"
+    assert velocity_names(vehicle.system)[:4:3] == ["Δsurge [m/s]", "Δroll rate [rad/s]"]
+    assert velocity_names(vehicle.system, "")[5] == "yaw rate [rad/s]"
+    assert velocity_names(arm.system)[0] == "Δshoulder_pan_joint [rad/s]"
 
 
 def test_a_large_block_has_a_page_of_its_own(vehicle: SimulatedRun, arm: SimulatedRun) -> None:
@@ -522,7 +528,7 @@ def test_the_link_of_a_failed_joint_turns_red_when_that_is_found(tmp_path: Path)
     event = FaultEvent(0.1, 0.12, "loss", "gain", ("gain_3",), 0.4, 0.3, 0.5, "1", 1.0)
     write_json(tmp_path / FAULTS, [event.keys()])
     truth = metrics.truth_of(result)
-    recording.write(result, metrics.summarize(result, truth), truth)
+    recording.write(result, evaluated(result, truth), truth)
     mesh = "Mesh3D:albedo_factor"
     parts = {name: part for name, part in read(result).items() if mesh in part}
     red = int.from_bytes(bytes([224, 49, 49, 255]))

@@ -7,7 +7,6 @@ import pytest
 
 from nsaid_mj.calibration.servos import Replayed, ServoLog
 from nsaid_mj.pages.identification.servos import page
-from nsaid_mj.pages.page import markdown
 from nsaid_mj.recording import record_servos, viewer
 from tests.support.recordings import entities_of
 from tests.support.servos import NAMES, identified_servos
@@ -31,7 +30,7 @@ def recorded(tmp_path_factory):
     used = np.r_[np.ones(250), np.zeros(100), np.ones(50)]
     replayed = Replayed(logs, (q + 0.01, q - 0.01), used)
     found = identified_servos(used, folder / "arm.xml")
-    return record_servos(found, replayed, folder / "run.rrd", markdown(page(found))), replayed
+    return record_servos(page(found, replay=replayed), replayed, folder / "run.rrd"), replayed
 
 
 def values(entities, entity):
@@ -53,7 +52,7 @@ def test_curves_are_those_of_the_logs_and_their_replay(recorded):
             np.testing.assert_allclose(shown[np.isfinite(shown)], wanted)
             assert np.isnan(shown).sum() == 1  # the line is interrupted between the two logs
         residual = values(entities, f"/residual/{name}")
-        assert np.nanmax(np.abs(residual)) == pytest.approx(10)  # mrad
+        assert np.nanmax(np.abs(residual)) == pytest.approx(0.01)  # rad
 
 
 def test_windows_left_out_are_curves_of_their_own(recorded):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Driving, FourierTracking, MultisineCommand
-from nsaid_mj.evaluation import summarize, truth_of
+from nsaid_mj.evaluation import truth_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.scenario import Scenario
@@ -16,6 +16,7 @@ from nsaid_mj.laws import NullspaceAID, State, Status
 from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.nullspace import structural
 from nsaid_mj.plants import SensorNoise
+from tests.support.summaries import summarize
 
 
 def memorised(name: str, folder, **changes) -> dict[str, Any]:

@@ -6,8 +6,9 @@ accuracy stated there is that of the force on another trajectory, not the distan
 
 import pytest
 
-from nsaid_mj.evaluation import summarize, truth_of
+from nsaid_mj.evaluation import truth_of
 from tests.recovery import direction
+from tests.support.summaries import summarize
 
 BARS = {
     "scalar_rov": {"theta_perp_ratio": 1e-6},

@@ -37,6 +37,7 @@ from nsaid_mj.studies import montecarlo, montecarlo_results
 from nsaid_mj.studies.folder import ROWS, TABLE
 from nsaid_mj.studies.montecarlo import Course, plan
 from tests.support.studies import COSTS, monte_carlo
+from tests.support.summaries import summarize
 
 ARM = Scenario(
     ArmPlant("double_pendulum"),
@@ -113,7 +114,7 @@ def test_unshared_plants_give_the_runs_of_their_seeds(name, tmp_path):
         assert np.array_equal(part, alone.record[key])
     last = alone.record["theta_hat"][-1]
     assert rows[2]["theta_perp_ratio"] == float(course.ratio(last))
-    summary = metrics.summarize(alone, metrics.truth_of(alone))
+    summary = summarize(alone, metrics.truth_of(alone))
     for key in ("status", "status_time", "actuator_ratio_error"):
         assert rows[2][key] == summary[key], key
     for key in ("theta_perp_ratio", "theta_perp_ratio_initial"):

@@ -34,6 +34,7 @@ from nsaid_mj.studies.sweep_report import write
 from tests.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict
 from tests.support.studies import COSTS
+from tests.support.summaries import summarize
 
 PATIENCE = 90.0  # on a busy machine [s]
 FIELDS = {"identifier.gain": (0.1, 1.0), "sensors": ("ideal", "noisy")}
@@ -108,7 +109,7 @@ def test_seeds_come_from_the_master_by_spawn_key(sweep: Runs) -> None:
 
 def test_a_run_of_a_sweep_equals_the_run_alone(sweep: Runs, tmp_path: Path) -> None:
     done = run_alone(scenario_of(PLAN, 3), tmp_path)
-    summary = metrics.summarize(done, metrics.truth_of(done))
+    summary = summarize(done, metrics.truth_of(done))
     row = sweep.rows[3]
     same = {key for key in row if key in summary} - set(COSTS)
     assert {"theta_perp_ratio", "conserved_drift", "status", "scenario_hash"} <= same

@@ -15,8 +15,8 @@ from nsaid_mj.calibration.result import (
     Gain,
     Identification,
     JointFit,
-    figures_of,
     recording_shifts,
+    statistics_of,
 )
 from nsaid_mj.evaluation.result import Parameter, Status
 from nsaid_mj.experiment.loop import Ending
@@ -124,7 +124,7 @@ def identification(
         deviation=0.1 * np.abs(theta),
         covariance=np.diag(0.01 * theta**2) + 1e-4 * np.outer(theta, theta),
         friction=(np.ones(n), np.ones(n)),
-        figures=figures_of(joints),
+        statistics=statistics_of(joints),
         predictions=curves,
         validation=curves if validated else None,
         law=along if law else None,

@@ -4,17 +4,17 @@ import math
 import platform
 import shlex
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from ... import __version__
 from ...calibration import words
-from ...calibration.curves import commands_of, errors_of, histories_of
+from ...calibration.curves import with_curves
 from ...calibration.result import Identification
-from ...evaluation.panels import AnyPanel
+from ...evaluation.panels import AnyPanel, Comparison
+from ...evaluation.panels import Panel as Curves
 from ...evaluation.result import STATUSES, Mark, Parameter, counts
-from ...evaluation.words import estimate
+from ...evaluation.wording import estimate
 from ...parameters import number
 from ..page import Badges, Cell, Figure, Figures, Page, Panel, Section, Table, Text, count
 from ..parameters import CORRELATIONS, correlations, folds, forests, gains_of
@@ -52,9 +52,12 @@ def page(result: Identification, command: str = "") -> Page:
 
     row, rows = words.rows_of(result)
     n, drawn = len(result.joints), [sketch] if (sketch := picture.picture(result)) else []
-    commands, validation = commands_of(result), commands_of(result, validation=True)
-    errors, histories = errors_of(result), histories_of(result)
-    result = replace(result, curves=(errors, *commands, *validation, *histories))
+    result = with_curves(result)
+    errors, *panels = result.curves
+    compared = [panel for panel in panels if isinstance(panel, Comparison)]
+    commands = [panel for panel in compared if panel.key[0] != "validation"]
+    validation = [panel for panel in compared if panel.key[0] == "validation"]
+    histories = [panel for panel in panels if isinstance(panel, Curves) and panel.page]
     filtered = _FILTERED.format(number(result.cutoff), row)
     arm = row == "joint"
     quality, *determined = _sections(result, figures_of)

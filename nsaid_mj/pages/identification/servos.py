@@ -1,12 +1,15 @@
 """The page of identified servos, and the table of models on their logs."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ... import __version__
 from ...calibration.comparison import Score
+from ...calibration.curves import replays_of
 from ...calibration.servos import Replayed, ServoIdentification
+from ...calibration.servos.logs import ServoLog
 from ...evaluation.panels import Comparison
 from ...evaluation.result import Parameter, Result
 from ...structure.joints import moving_joints, slides
@@ -31,30 +34,29 @@ def page(
     `commands` repeat the identification and show its recording; the first log of `replay` is drawn.
     """
     sections = [Section("Servos", _servos(result), brief=True)]
+    if replay is not None:
+        result = replace(result, curves=replays_of(result, replay))
+        sections.append(_replay(result, replay.logs[0]))
     return Page(
         heading=result.robot.name,
         result=result,
         eyebrow="identification of position servos from logs",
         lead=f"{count(len(result.servos), 'servo')}, each with its 95 % intervals.",
-        sections=sections if replay is None else [*sections, _replay(result, replay)],
+        sections=sections,
         commands=commands,
         versions={"nsaid-mj": __version__},
     )
 
 
-def _replay(result: ServoIdentification, replay: Replayed) -> Section:
-    """Positions of every joint, measured and simulated; windows left out of the fit are shaded."""
-    log = replay.logs[0]
-    t = log.t[log.t <= log.t[0] + _REPLAYED] - log.t[0]
-    used, joints = replay.used[: len(t)] > 0, moving_joints(result.robot.model)
-    panels = [
-        Comparison(servo.name, "q", "m" if slides(joint) else "rad", t, log.position[: len(t), j],
-                   replay.simulated[0][: len(t), j], used=used)
-        for j, (servo, joint) in enumerate(zip(result.servos, joints, strict=True))
-    ]  # fmt: skip
+def _replay(result: ServoIdentification, log: ServoLog) -> Section:
+    """Positions along the first log, measured and simulated; what the fit left out is shaded."""
+    rows = slice(int(np.searchsorted(log.t, log.t[0] + _REPLAYED, side="right")))
+    panels = [panel.first(rows.stop) for panel in result.curves if isinstance(panel, Comparison)]
+    t = log.t[rows] - log.t[0]
+    all_used = all(panel.used is None or panel.used.all() for panel in panels)
     note = "MuJoCo with the exported file, driven by the targets alone from the first position on"
     note += f"; the first {t[-1]:.0f} s." if len(t) < len(log.t) else "."
-    note += "" if used.all() else " Shaded: left out of the fit, because of external forces."
+    note += "" if all_used else " Shaded: left out of the fit, because of external forces."
     return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
 
 
