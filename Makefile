@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: demo install test test-all bench lint docs screenshots store-directions wheel clean
+.PHONY: demo install kernels test test-all bench lint docs screenshots store-directions wheel clean
 
 demo: .venv/ready  ## install what a run needs, identify a UR5 from 20 s of noisy motion, say what was found
 	$(BIN)/nsaid run ur5 --law efficient --sensors noisy --duration 20
@@ -25,6 +25,9 @@ test: install  ## everything that a change must pass
 
 test-all: install  ## with the long studies
 	$(PYTEST)
+
+kernels: install  ## translate all kernels for this platform, after an edit of their files
+	OMP_NUM_THREADS=1 $(BIN)/python scripts/kernels.py
 
 bench: install  ## cost of a step as ratios inside one process
 	OMP_NUM_THREADS=1 $(BIN)/python scripts/benchmark.py

@@ -24,8 +24,8 @@ def main() -> None:
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
     for metric in (ConstantMetric, ConeMetric):
-        flow_in(metric.compiled)
-        adaptation_in(metric.compiled)
+        flow_in(metric)
+        adaptation_in(metric)
     begin = time.process_time()
     portable = {name: kernel for name, kernel in KERNELS.items() if not kernel.py_func.__closure__}
     for kernel in portable.values():

@@ -76,6 +76,7 @@ class NullspaceIdentifier(Identifier):
         self.prior, self.hermite = system.space.check(prior, "prior"), hermite
         self.K = positive_gain("K", K, system.n)
         self.conserves = metric.conserves
+        self._gain = np.atleast_2d(self.K)
         self._spare: list[tuple[Step, Any]] = []  # workspaces that no call uses at the moment
         fastest = np.abs(self.K).max() if self.K.ndim == 1 else np.linalg.eigvalsh(self.K)[-1]
         if not fastest * dt <= RK4_LIMIT:
@@ -174,11 +175,10 @@ class NullspaceIdentifier(Identifier):
         self, motion: Motion, v_hats: Array, theta_hats: Array, pivots: Array, first: int
     ) -> int:
         """Calls `rk4.follow` in the identifier's metric."""
-        follow = flow_in(self.metric.compiled)
+        follow = flow_in(type(self.metric))
         numbers = self.metric.numbers
-        K = np.atleast_2d(self.K)
         step, own = self._spare.pop() if self._spare else self._workspace()
-        row = follow(K, numbers, motion, v_hats, theta_hats, pivots, first, step, own)
+        row = follow(self._gain, numbers, motion, v_hats, theta_hats, pivots, first, step, own)
         self._spare.append((step, own))
         return row
 

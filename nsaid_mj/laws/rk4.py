@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from ..numerics.kernels import composed, f8, i8, kernel, matrix, routine, vector, void
+from ..numerics.kernels import f8, i8, kernel_for, matrix, routine, vector, void
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array
 from ..structure.arrays import Workspace, workspace
 from ..structure.compiled import WORKSPACE
 from ..structure.motion import MOTION, stage
-from .metric import CompiledMetric
+from .metric import Metric
 
 
 class Step(NamedTuple):
@@ -128,18 +128,19 @@ def follow(K, numbers, motion, v_hats, theta_hats, pivots, first, work, own):
 
 
 @cache
-def flow_in(metric: CompiledMetric) -> Callable[..., int]:
-    """`follow` in a metric; each is compiled when it is first called."""
+def flow_in(kind: type[Metric]) -> Callable[..., int]:
+    """`follow` in a kind of metric; each is compiled when it is first called."""
+    metric = kind.compiled
     signature = i8(
         matrix, metric.numbers, MOTION, matrix, matrix, vector, i8, STEP, metric.workspace
     )
-    own = composed(
+    return kernel_for(
+        kind,
+        signature,
         follow,
-        metric.numbers.instance_class.__name__,
         enter=metric.enter,
         leave=metric.leave,
         adapt=metric.adapt,
         hold=metric.hold,
         accurate=metric.accurate,
     )
-    return kernel(signature)(own)

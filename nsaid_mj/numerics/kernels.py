@@ -52,15 +52,24 @@ def kernel(signature: Any = None, **options: Any) -> Any:
     return lambda f: f if config.DISABLE_JIT else Kernel(f, signature, **options)
 
 
-def composed(text: Callable[..., Any], name: str, **meanings: Any) -> Callable[..., Any]:
-    """A function with another's text, in which some of the global names have other meanings.
+def kernel_for(kind: type, signature: Any, text: Callable[..., Any], **meanings: Any) -> Any:
+    """A kernel with a function's text, in which some global names have the meanings for a class.
 
-    What differs must show in the types of its arguments, by which numba's cache tells the
-    compositions of one text apart; `name` distinguishes them in messages.
+    Numba's cache does not see when one of the meanings changes, so it is used for our classes only.
     """
-    made = FunctionType(text.__code__, text.__globals__ | meanings, f"{text.__name__}_{name}")
-    made.__qualname__, made.__doc__ = made.__name__, text.__doc__
-    return made
+    ours = kind.__module__.partition(".")[0] == __name__.partition(".")[0]
+    name = f"{text.__name__}_{kind.__module__}.{kind.__qualname__}".replace(".", "_")
+    made = FunctionType(text.__code__, text.__globals__ | meanings, name)
+    made.__qualname__, made.__doc__ = name, text.__doc__
+    return kernel(signature, cache=ours)(made)
+
+
+def inlined(kernel: Any) -> Any:
+    """A kernel with a signature as a part of its callers: a call passes every array's size, too.
+
+    This saves a tenth of the time of a small step, and is compiled again with every caller.
+    """
+    return kernel if config.DISABLE_JIT else Part(kernel.py_func, kernel.signature, INLINE)
 
 
 class Compiled(ABC):
@@ -121,6 +130,9 @@ class Kernel(Compiled):
     signature, it is compiled with `FAST`; without, for the types that Python calls it with, and as
     part of every compiled function that calls it. Only compiled functions call an `inner` one, and
     Python in tests; `options` are those of `numba.njit`.
+
+    If the package brings its code (`numerics.shipped`), its text is not compiled: Python then calls
+    a thin function, which calls it by its address.
     """
 
     def __init__(
@@ -134,7 +146,6 @@ class Kernel(Compiled):
         self.symbol = f"{function.__module__}.{function.__name__}"
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         self.inner = inner
-        self.function = _njit(cache=True, no_cpython_wrapper=inner, **self._options)(function)
         self._called: Any = None  # once it is loaded, what Python calls
         if signature is not None:
             KERNELS[self.symbol] = self
@@ -156,11 +167,18 @@ class Kernel(Compiled):
         If it has no signature, the types of the arguments are given.
         """
         if self.inner or (self.signature is not None and self._shipped is not None):
-            self._called = self._caller()
-            _compile(self._called, self.signature, f"{self.symbol} from Python")
+            caller = self._caller()
+            _compile(caller, self.signature, f"{self.symbol} from Python")
         else:
             self._compile(*given)
-            self._called = self.function
+            caller = self.function
+        self._called = caller  # last: other threads may be calling it
+
+    @cached_property
+    def function(self) -> Any:
+        """Numba's function of its text."""
+        own = {"cache": True, "no_cpython_wrapper": self.inner} | self._options
+        return _njit(**own)(self.py_func)
 
     def _compile(self, *given: Any) -> None:
         """Has numba compile it after all that it calls, or loads it from numba's cache."""
@@ -175,7 +193,7 @@ class Kernel(Compiled):
         name = self.symbol.replace(".", "_")
         made: dict[str, Any] = {"kernel": self, "__name__": __name__}
         exec(compile(f"def {name}({names}): return kernel({names})", __file__, "exec"), made)
-        return _njit(cache=True, **self._options)(made[name])
+        return _njit(**{"cache": True} | self._options)(made[name])
 
     @cached_property
     def part(self) -> Any:

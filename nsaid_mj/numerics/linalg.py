@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .kernels import boolean, f8, helper, kernel, matrix, strided, vector, void
+from .kernels import boolean, f8, helper, inlined, kernel, matrix, strided, vector, void
 
 
 @kernel(f8(matrix, matrix))
@@ -58,6 +58,9 @@ def solve_positive(M, L, x):
         for k in range(i + 1, n):
             x[i] -= L[k, i] * x[k]
     return smallest
+
+
+solve_inline = inlined(solve_positive)
 
 
 @kernel(void(matrix, matrix), inner=True)

@@ -131,10 +131,15 @@ def _resolvable(module: binding.ModuleRef) -> bool:
     )
 
 
+@numba.njit(cache=True)
+def _nothing() -> None:
+    """Does nothing."""
+
+
 @cache
 def _start_runtime() -> None:
-    """Has numba tell LLVM of its functions that allocate arrays, as it does when it compiles."""
-    numba.njit(lambda: None).compile(())
+    """Has numba tell LLVM of its functions that allocate arrays, as it does with its first one."""
+    _nothing()
 
 
 @cache

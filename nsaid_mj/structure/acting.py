@@ -1,10 +1,10 @@
 """What acts on a structure beyond its bodies' own motion, for a plant that integrates the bodies.
 
-A plant calls one of two kernels with its own state: `act` if any force depends on the bodies'
+A plant calls one of two functions with its own state: `act` if any force depends on the bodies'
 poses or there is inertia beyond the bodies', `act_on_joints` otherwise.
 """
 
-from ..numerics.kernels import boolean, kernel, vector, void
+from ..numerics.kernels import boolean, helper, vector, void
 from .arrays import (
     AT,
     AT_V,
@@ -59,7 +59,7 @@ def gains_of_commands(structure: Structure) -> list[list[int]]:
     return [sorted({c.parameter for c in acting if c.input == k}) for k in commands]
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, vector, vector), inner=True)
+@helper(void(STRUCTURE, vector, vector, vector, vector, vector))
 def act_on_joints(structure, theta, angles, rates, u, force):
     """Adds the forces of columns on joints to force (n,).
 
@@ -78,12 +78,11 @@ def act_on_joints(structure, theta, angles, rates, u, force):
         )
 
 
-@kernel(
+@helper(
     void(
         STRUCTURE, vector, vector, vector, vector, vector, boolean, boolean, WORKSPACE, vector,
         vector, vector,
-    ),
-    inner=True,
+    )
 )  # fmt: skip
 def act(structure, theta, q, v, ground, u, added, flowing, work, state, F, force):
     """Writes the generalised forces F θ − C v (n,), and the lower triangle of M into work.M.

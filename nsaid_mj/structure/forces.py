@@ -1,6 +1,6 @@
 """The force regressor F at one sample, as its entries that can differ from 0."""
 
-from ..numerics.kernels import f8, helper, index, kernel, table, vector, void
+from ..numerics.kernels import f8, helper, index, inlined, kernel, table, vector, void
 from .arrays import (
     AT,
     AT_V,
@@ -42,7 +42,7 @@ def write_surroundings(state, frame, ground, x):
     unrotate(state, frame, state, ground + FALL, x, GRAVITY)
 
 
-@kernel(void(index, vector, index, f8, vector), inner=True)
+@helper(void(index, vector, index, f8, vector))
 def write_wrench(kind, c, own, command, x):
     """Writes the wrench of a column on a body, in its axes, per unit of its parameter."""
     clear(x, WRENCH, 6)
@@ -111,3 +111,6 @@ def write_forces(structure, state, q, v, u, which, x, F):
         write_wrench(kind, c, own, command, x)
         end = columns[k + 1, NONZEROS] if k + 1 < columns.shape[0] else nonzeros.shape[0]
         project(bodies, nonzeros, state, b, x, F, to, end)
+
+
+forces_inline = inlined(write_forces)

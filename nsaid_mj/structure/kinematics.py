@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..numerics.kernels import helper, index, kernel, matrix, table, vector, void
+from ..numerics.kernels import helper, index, inlined, kernel, matrix, table, vector, void
 from .arrays import (
     AT_Q,
     AT_V,
@@ -148,8 +148,11 @@ def place(structure, q, v, state):
         turn_square(state, terms[k, OWNER] * FRAME, state, at)
 
 
+_place = inlined(place)
+
+
 @kernel(void(STRUCTURE, matrix, matrix, matrix), inner=True)
 def place_along(structure, q, v, states):
     """Writes the states (N, s) at q (N, m) and v (N, n)."""
     for k in range(q.shape[0]):
-        place(structure, q[k], v[k], states[k])
+        _place(structure, q[k], v[k], states[k])

@@ -15,7 +15,7 @@ from ..numerics.linalg import copy_into
 from ..parameters import Array
 from .arrays import AT_V, COUNT, FALL, FRAME, PARENT, RATE, TEN, TWIST, StructureArrays
 from .compiled import STRUCTURE, WORKSPACE
-from .forces import ALL, COMMANDED, MOVING, write_forces
+from .forces import ALL, COMMANDED, MOVING, forces_inline, write_forces
 from .inertia import add_power, add_weight
 from .kinematics import place, place_along
 from .poses import half_way
@@ -134,7 +134,7 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
                     entries[z] = F[0, k, z]
                 elif k > 0:
                     entries[z] = F[2, k - 1, z]
-            write_forces(structure, state, position, velocity, u[k], which, work.scratch, entries)
+            forces_inline(structure, state, position, velocity, u[k], which, work.scratch, entries)
 
 
 @kernel(

@@ -16,8 +16,8 @@ with A = [A, α] without T. With h = ∫ r dm and Σ = ∫ r rᵀ dm, f = [m a +
 and the last integral is the vector of B Σ − (B Σ)ᵀ. Dᵀ f is linear in m, h and Σ alike.
 """
 
-from ..numerics.kernels import f8, helper, index, kernel, matrix, table, vector, void
-from ..numerics.linalg import solve_positive
+from ..numerics.kernels import f8, helper, index, inlined, kernel, matrix, table, vector, void
+from ..numerics.linalg import solve_inline
 from .arrays import (
     AT_V,
     COUNT,
@@ -214,7 +214,7 @@ def _gather(bodies, state, work, force):
                     inertia[parent * INERTIA + i] += inertia[b * INERTIA + i]
 
 
-@kernel(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector), inner=True)
+@helper(void(STRUCTURE, vector, vector, vector, WORKSPACE, vector))
 def write_equations(structure, state, w, theta, work, force):
     """Writes M̂'s lower triangle into work.M, and −C w (n,) with the weight of rigid bodies."""
     bodies, rotors = structure.bodies, structure.rotors
@@ -243,7 +243,10 @@ def accelerate(structure, state, F, w, theta, work, a):
     write_equations(structure, state, w, theta, work, a)
     for z in range(nonzeros.shape[0]):
         a[nonzeros[z, 0]] += F[z] * theta[nonzeros[z, 1]]
-    return solve_positive(work.M, work.L, a)  # (29)
+    return solve_inline(work.M, work.L, a)  # (29)
+
+
+_accelerate = inlined(accelerate)
 
 
 @helper(void(vector, index, vector, index, vector, vector, index))
@@ -315,7 +318,7 @@ def stage(structure, state, v, F, w, theta, work, a, gradient):
 
     v (n,) is the measured velocity; the other arguments are those of `accelerate`.
     """
-    pivot = accelerate(structure, state, F, w, theta, work, a)
+    pivot = _accelerate(structure, state, F, w, theta, work, a)
     if not pivot > 0.0:
         return pivot
     bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros

@@ -10,9 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from numba.core.caching import _CacheLocator  # names the folder; if it moves, the test is slow
 
-from nsaid_mj.numerics.cache import FOLDER, PACKAGE
 from nsaid_mj.resources import scenarios
 from tests.support.faulty import CHECKOUT, FILES, strict
 
@@ -83,25 +81,6 @@ def binaries(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return home / "bin"
 
 
-def share_kernels(packages: Path, home: Path) -> None:
-    """Makes `home` a cache in which the wheel's package finds the kernels that ours has compiled.
-
-    numba finds them by folder and time of a source. What it does not find, it compiles.
-    """
-    own = home / "nsaid-mj" / FOLDER.name
-    own.mkdir(parents=True)
-    for path in FOLDER.iterdir():
-        (own / path.name).symlink_to(path)
-    place = _CacheLocator.get_suitable_cache_subpath
-    for source in PACKAGE.rglob("*.py"):
-        copy = packages / "nsaid_mj" / source.relative_to(PACKAGE)
-        time = source.stat().st_mtime_ns
-        os.utime(copy, ns=(time, time))
-        kernels, link = FOLDER / place(str(source)), own / place(str(copy))
-        if kernels.is_dir() and not link.exists():
-            link.symlink_to(kernels)
-
-
 def test_the_wheel_has_scenarios_and_assets_and_nothing_made_by_running(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     packed = {Path(name).stem for name in names if name.startswith("nsaid_mj/_scenarios/")}
@@ -135,8 +114,6 @@ def test_the_wheel_lists_and_runs_a_scenario_from_an_empty_folder(
     listed = call(binaries / "nsaid", "list", cwd=tmp_path)
     assert (listed.returncode, listed.stderr) == (0, "")
     assert all(f"  {name}" in listed.stdout for name in scenarios())
-    (packages,) = binaries.parent.glob("lib/python*/site-packages")
-    share_kernels(packages, binaries.parent / "cache")
     words = ("run", "scalar_rov", "--duration", "2", "--quiet")
     kernels = {"NUMBA_CACHE_DIR": str(binaries.parent / "cache")}
     ran = call(binaries / "nsaid", *words, cwd=tmp_path, **kernels)

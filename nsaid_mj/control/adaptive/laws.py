@@ -13,8 +13,8 @@ import numpy as np
 from numba import boolean, f8, types, void
 
 from ...laws.cone.law import ConeMetric
-from ...laws.metric import CompiledMetric, ConstantMetric, Metric
-from ...numerics.kernels import composed, kernel
+from ...laws.metric import ConstantMetric, Metric
+from ...numerics.kernels import kernel_for
 from ...numerics.linalg import copy_into
 from ...parameters import Array, ParameterSpace
 from .reference import PriorMotion, loop_frequency
@@ -34,7 +34,7 @@ class Estimate:
     def __init__(self, prior: Array, metric: Metric | None = None):
         self.metric, self._prior = metric, np.array(prior, dtype=np.float64)
         if metric is not None:
-            self._begin, self._descend = adaptation_in(metric.compiled)
+            self._begin, self._descend = adaptation_in(type(metric))
             first, second, ahead, guess = np.empty((4, len(prior)))
             self._work = Descent(first, second, ahead, guess), metric.workspace()
         self.reset()
@@ -107,15 +107,15 @@ def descend(numbers, work, own, slope, step, eta, theta, moved):
 
 
 @cache
-def adaptation_in(metric: CompiledMetric) -> tuple[Callable[..., None], Callable[..., bool]]:
-    """`begin` and `descend` in a metric."""
+def adaptation_in(kind: type[Metric]) -> tuple[Callable[..., None], Callable[..., bool]]:
+    """`begin` and `descend` in a kind of metric."""
+    metric = kind.compiled
     numbers, own = metric.numbers, metric.workspace
-    name = numbers.instance_class.__name__
-    first = composed(begin, name, enter=metric.enter)
-    step = composed(descend, name, leave=metric.leave, adapt=metric.adapt, hold=metric.hold)
+    start = void(numbers, own, f8[::1], f8[::1])
+    step = boolean(numbers, _DESCENT, own, f8[::1], f8, f8[::1], f8[::1], f8[::1])
     return (
-        kernel(void(numbers, own, f8[::1], f8[::1]))(first),
-        kernel(boolean(numbers, _DESCENT, own, f8[::1], f8, f8[::1], f8[::1], f8[::1]))(step),
+        kernel_for(kind, start, begin, enter=metric.enter),
+        kernel_for(kind, step, descend, leave=metric.leave, adapt=metric.adapt, hold=metric.hold),
     )
 
 

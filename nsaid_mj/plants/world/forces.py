@@ -248,7 +248,7 @@ def _structure(user):
     )  # fmt: skip
 
 
-@kernel(void(types.uintp, vector, vector, vector, vector), inner=True, _nrt=True)
+@routine(void(types.uintp, vector, vector, vector, vector), _nrt=True)
 def _act_on_joints(user, u, qpos, qvel, passive):
     """Adds the forces on joints, where none depends on the bodies' poses."""
     structure = _structure(user)
@@ -263,7 +263,7 @@ def _act_on_joints(user, u, qpos, qvel, passive):
         passive[dofs[i, 0]] = force[i]
 
 
-@kernel(void(types.uintp, types.uintp, types.uintp, *(vector,) * 5), inner=True, _nrt=True)
+@routine(void(types.uintp, types.uintp, types.uintp, *(vector,) * 5), _nrt=True)
 def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
     """Adds all forces, from arrays in userdata."""
     structure = _structure(user)

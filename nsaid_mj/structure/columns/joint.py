@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from ...numerics.kernels import f8, helper, index, kernel, routine, table, vector
+from ...numerics.kernels import f8, helper, index, routine, table, vector
 from ..arrays import AT_Q, AT_V, CIRCLE, FALL, FRAME, KIND, PARENT, POSITION
 from ..spatial import add_cross, clear, dot, rotate
 from .curve import follow_curve
@@ -142,9 +142,7 @@ def force_alone(kind, c, at, angle, v, u):
     return np.nan
 
 
-@kernel(
-    f8(index, vector, index, table, index, vector, index, f8, f8, vector, f8, vector), inner=True
-)
+@routine(f8(index, vector, index, table, index, vector, index, f8, f8, vector, f8, vector))
 def joint_force(kind, c, at, bodies, b, state, ground, angle, rate, v, u, x):
     """Force of a column on the joint of body b, per unit of its parameter.
 
