@@ -83,10 +83,10 @@ def load(symbol: str) -> tuple[int, int] | None:
     """
     cached = FOLDER / f"{symbol}.o"
     found = _saved(cached)
+    if found is None and symbol not in _kernels():
+        return None
     _start_runtime()
     if found is None:
-        if symbol not in _kernels():
-            return None
         function, callback, text = _kernels()[symbol]
         module = binding.parse_assembly(text)
         if not _resolvable(module):
@@ -139,7 +139,10 @@ def _nothing() -> None:
 @cache
 def _start_runtime() -> None:
     """Has numba tell LLVM of its functions that allocate arrays, as it does with its first one."""
-    _nothing()
+    try:
+        _nothing()
+    except Exception:  # unpickling damaged bytes may raise anything
+        numba.njit(_nothing.py_func).compile(())
 
 
 @cache
