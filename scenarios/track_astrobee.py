@@ -1,6 +1,13 @@
 """Adaptive tracking: an Astrobee with nozzles and mass 40 % wrong follows a moving pose."""
 
-from nsaid_mj import AdaptiveTracking, AstrobeePlant, MemoryConfig, NullspaceAID, Scenario, main
+from nsaid_mj import (
+    AdaptiveTracking,
+    AstrobeePlant,
+    MemoryConfig,
+    NullspaceAID,
+    Scenario,
+    main,
+)
 
 scenario = Scenario(
     plant=AstrobeePlant(),

@@ -24,15 +24,15 @@ import pinocchio as pin
 from machine import machine
 
 from nsaid_mj import ArmPlant, Scenario
-from nsaid_mj.control import Driver
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.setup import Setup, trajectory
-from nsaid_mj.log import Log
-from nsaid_mj.plants import Plant
-from nsaid_mj.plants.jointed import Backend
-from nsaid_mj.studies.montecarlo import follow, grouped, simulate
-from nsaid_mj.studies.study import seed_of
+from nsaid_mj.core.log import Log
+from nsaid_mj.lab.control import Driver
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.plants import Plant
+from nsaid_mj.lab.plants.jointed import Backend
+from nsaid_mj.lab.setup import Setup, trajectory
+from nsaid_mj.plans.studies.montecarlo import follow, grouped, simulate
+from nsaid_mj.plans.studies.study import seed_of
 
 BLOCKS = 15
 STEPS = 4000  # time steps of a closed loop in a block

@@ -32,18 +32,18 @@ from pathlib import Path
 
 import numpy as np
 
-from nsaid_mj.calibration.choose.joint_search import structured_arm
-from nsaid_mj.calibration.fit import minimise, tempered, tempered_fit
-from nsaid_mj.calibration.identify import identify_forces
-from nsaid_mj.calibration.loads import Load
-from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.problem import least_squares
-from nsaid_mj.calibration.result import AlongLog, Options
-from nsaid_mj.calibration.servos import identify_servos, servo_logs
-from nsaid_mj.experiment import library
-from nsaid_mj.experiment.loop import run as simulate
-from nsaid_mj.logs import prepare, read_map, read_tables
-from nsaid_mj.resources import asset
+from nsaid_mj.base.files import asset
+from nsaid_mj.clinic.identify.choose.joint_search import structured_arm
+from nsaid_mj.clinic.identify.fit import minimise, tempered, tempered_fit
+from nsaid_mj.clinic.identify.identify import identify_forces
+from nsaid_mj.clinic.identify.loads import Load
+from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.clinic.identify.problem import least_squares
+from nsaid_mj.clinic.identify.result import AlongLog, Options
+from nsaid_mj.clinic.logs import prepare, read_map, read_tables
+from nsaid_mj.clinic.servos import identify_servos, servo_logs
+from nsaid_mj.lab import library
+from nsaid_mj.lab.loop import run as simulate
 from tests.support.simulated_logs import HeavyWrist, Simulated, nominal_model
 
 TOLD = 0.2  # relative half-width up to which a ratio is told
@@ -132,7 +132,7 @@ def loaded_arm(seed: int, folder: Path) -> np.ndarray:
 
 def servos(seed: int, folder: Path) -> np.ndarray:
     """The masses' scale over the true one, and the ends of its interval."""
-    from tests.calibration.servos import simulated
+    from tests.clinic.servos import simulated
 
     heavier = float(np.exp(np.random.default_rng([seed, 5]).uniform(-0.5, 0.5)))
     files, loads = [], []

@@ -20,16 +20,16 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from nsaid_mj.design import Design, Experiment, design
-from nsaid_mj.design.information import ranks
-from nsaid_mj.errors import NsaidError
-from nsaid_mj.evaluation import truth_of
-from nsaid_mj.evaluation.figures import actuator_ratio_error
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.laws import NullspaceAID
-from nsaid_mj.numerics.stopwatch import compile_seconds
+from nsaid_mj.base.errors import NsaidError
+from nsaid_mj.base.stopwatch import compile_seconds
+from nsaid_mj.core.laws import NullspaceAID
+from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.scenario import Scenario
+from nsaid_mj.plans.excite import Design, Experiment, design
+from nsaid_mj.plans.excite.information import ranks
 
 ARMS, VEHICLES = ("ur5", "panda", "kinova"), ("bluerov2", "crazyflie", "remus100")
 SEEDS = range(200, 210)  # none was used while the design was developed

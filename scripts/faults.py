@@ -26,16 +26,16 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 
-from nsaid_mj.evaluation import Truth
-from nsaid_mj.evaluation.confidence import known
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws import FaultEvent, NullspaceAID, Status
-from nsaid_mj.laws.base import Estimates, State
-from nsaid_mj.log import Log
-from nsaid_mj.nullspace import structural
-from nsaid_mj.plants import parse_faults
-from nsaid_mj.plants.world.faults.kinds import ActuatorFault, Bias, Friction, Payload
+from nsaid_mj.core.laws import FaultEvent, NullspaceAID, Status
+from nsaid_mj.core.laws.base import Estimates, State
+from nsaid_mj.core.log import Log
+from nsaid_mj.core.nullspace import structural
+from nsaid_mj.lab.evaluation import Truth
+from nsaid_mj.lab.evaluation.confidence import known
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants import parse_faults
+from nsaid_mj.lab.plants.world.faults.kinds import ActuatorFault, Bias, Friction, Payload
+from nsaid_mj.lab.setup import Setup
 from nsaid_mj.watch import drift_of
 
 STRIKE, SLOWLY = 6.0, 12.0

@@ -15,9 +15,9 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.collections import PolyCollection
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj.evaluation import truth_of
-from nsaid_mj.experiment.loop import SimulatedRun, reopen
-from nsaid_mj.experiment.record import Record
+from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.loop import SimulatedRun, reopen
+from nsaid_mj.lab.record import Record
 
 OUT = Path(__file__).parents[1] / "docs" / "demo.gif"
 FRAMES, RATE, LAST = 72, 12, 12.0  # pictures, pictures per second, end of the picture [s]

@@ -28,14 +28,14 @@ import numpy as np
 import pinocchio as pin
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID
-from nsaid_mj.experiment.library import load
-from nsaid_mj.laws import State
-from nsaid_mj.log import Log
-from nsaid_mj.plants.arm import nominal_scales
-from nsaid_mj.robot.loading import Base, load_robot
-from nsaid_mj.robot.tree import tree_spec
-from nsaid_mj.structure.multibody import CompiledMultibody, Multibody
-from nsaid_mj.structure.system import SecondOrderSystem
+from nsaid_mj.core.laws import State
+from nsaid_mj.core.log import Log
+from nsaid_mj.core.structure.multibody import CompiledMultibody, Multibody
+from nsaid_mj.core.structure.system import SecondOrderSystem
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants.arm import nominal_scales
+from nsaid_mj.robots.loading import Base, load_robot
+from nsaid_mj.robots.tree import tree_spec
 from tests.support.simulated_logs import Simulated
 
 from .machine import machine

@@ -1,4 +1,4 @@
-"""Translates all kernels to LLVM's code, which the package brings: see `numerics/shipped.py`.
+"""Translates all kernels to LLVM's code, which the package brings: see `core/numerics/shipped.py`.
 
 Run it after every edit of a kernel's file that is to be released: `python scripts/kernels.py`. It
 takes a few minutes. What it writes depends on the platform, numba and the sources only.
@@ -9,12 +9,12 @@ import pkgutil
 import time
 
 import nsaid_mj
-from nsaid_mj.control.adaptive.laws import adaptation_in
-from nsaid_mj.laws.cone.law import ConeMetric
-from nsaid_mj.laws.metric import ConstantMetric
-from nsaid_mj.laws.rk4 import flow_in
-from nsaid_mj.numerics import shipped
-from nsaid_mj.numerics.kernels import KERNELS
+from nsaid_mj.core.laws.cone.law import ConeMetric
+from nsaid_mj.core.laws.metric import ConstantMetric
+from nsaid_mj.core.laws.rk4 import flow_in
+from nsaid_mj.core.numerics import shipped
+from nsaid_mj.core.numerics.kernels import KERNELS
+from nsaid_mj.lab.control.adaptive.laws import adaptation_in
 
 
 def main() -> None:

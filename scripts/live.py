@@ -24,10 +24,10 @@ from pathlib import Path
 import numpy as np
 
 import nsaid_mj
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.log import Log
-from nsaid_mj.plants import parse_faults
+from nsaid_mj.core.log import Log
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants import parse_faults
+from nsaid_mj.lab.setup import Setup
 
 _RATES = {"ur5": 500.0, "bluerov2": 100.0}  # samples per second [Hz]
 _SIMULATED = 20.0  # length of the motion that is repeated [s]

@@ -19,12 +19,12 @@ from typing import Any
 import numpy as np
 
 from nsaid_mj import NullspaceAID, Scenario, Status
-from nsaid_mj.evaluation import evaluate, summary_of, truth_of
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.resources import scenarios
-from nsaid_mj.studies.montecarlo import Course, identify, simulate
-from nsaid_mj.studies.study import seed_of
+from nsaid_mj.base.files import scenarios
+from nsaid_mj.lab.evaluation import evaluate, summary_of, truth_of
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import run
+from nsaid_mj.plans.studies.montecarlo import Course, identify, simulate
+from nsaid_mj.plans.studies.study import seed_of
 
 VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee",
             "scalar_rov")  # fmt: skip

@@ -13,10 +13,10 @@ from collections import defaultdict
 
 import numpy as np
 
-from nsaid_mj.evaluation.confidence import INTERVAL
-from nsaid_mj.evaluation.running import RunningMisfit
-from nsaid_mj.laws import gain_deviations
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.laws import gain_deviations
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.evaluation.confidence import INTERVAL
+from nsaid_mj.lab.evaluation.running import RunningMisfit
 from nsaid_mj.watch import running_misfit
 from scripts.machine import machine
 from tests.court.cases import drawn

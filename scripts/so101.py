@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from nsaid_mj.calibration.servos import (
+from nsaid_mj.clinic.servos import (
     ServoLogs,
     identify_servos,
     rollout,

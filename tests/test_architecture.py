@@ -160,7 +160,7 @@ def test_importing_the_package_loads_nothing_heavy():
 def test_the_lower_rooms_load_nothing_heavy():
     rooms = ("numerics", "structure", "nullspace", "laws")
     assert not imported("import " + ", ".join(f"nsaid_mj.{room}" for room in rooms)) & HEAVY
-    assert not imported("import nsaid_mj.control") & (HEAVY - {"pinocchio"})
+    assert not imported("import nsaid_mj.lab.control") & (HEAVY - {"pinocchio"})
 
 
 def test_structures_import_neither_mujoco_nor_plants():

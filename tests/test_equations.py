@@ -45,5 +45,5 @@ def test_marks_are_found_beside_code_and_in_docstrings_but_not_in_lists_of_sizes
 
 def test_the_law_itself_is_in_the_table() -> None:
     table = equations.table()
-    assert "laws/rk4.py" in table
+    assert "core/laws/rk4.py" in table
     assert {37, 44, 45, 66, 69, 75} <= set(equations.marks())

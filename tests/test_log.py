@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws import NullspaceAID, Status
-from nsaid_mj.log import Log, Measurement
-from nsaid_mj.plants import ArmPlant
+from nsaid_mj.base.errors import InvalidInput
+from nsaid_mj.core.laws import NullspaceAID, Status
+from nsaid_mj.core.log import Log, Measurement
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants import ArmPlant
+from nsaid_mj.lab.setup import Setup
 
 PARTS = "tqvu"
 GOOD = {

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.errors import InvalidInput, NsaidError, UnknownName
-from nsaid_mj.parameters import Block, ParameterSpace, finite, number
+from nsaid_mj.base.errors import InvalidInput, NsaidError, UnknownName
+from nsaid_mj.core.parameters import Block, ParameterSpace, finite, number
 
 FEW = settings(deadline=None, max_examples=50)
 BAD = [np.nan, np.inf, -np.inf]

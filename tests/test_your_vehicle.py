@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.errors import InvalidInput
-from nsaid_mj.plants import BlueROV2Plant
+from nsaid_mj.base.errors import InvalidInput
+from nsaid_mj.lab.plants import BlueROV2Plant
 from tests.support.faulty import CHECKOUT, shell
 
 PAGE = (CHECKOUT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from nsaid_mj.plants.conversion import (
+from nsaid_mj.lab.plants.conversion import (
     Array,
     Blueprint,
     Positive,

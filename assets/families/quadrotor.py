@@ -5,7 +5,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from nsaid_mj.plants.conversion import (
+from nsaid_mj.lab.plants.conversion import (
     GRAVITY,
     Array,
     Blueprint,

@@ -5,7 +5,7 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from nsaid_mj.plants.conversion import (
+from nsaid_mj.lab.plants.conversion import (
     AXES,
     NED,
     Array,

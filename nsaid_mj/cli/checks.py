@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import BadRun, InvalidInput
-from ..experiment.choices import (
+from ..base.choices import (
     CRITERIA,
     FRAMES,
     IDENTIFICATION_LAWS,
@@ -20,11 +19,12 @@ from ..experiment.choices import (
     VEHICLE_COLUMNS,
     check_choice,
 )
-from ..resources import asset, path_of, toml_of, vehicle_files
-from ..robot.files import check_model, robot_file
+from ..base.errors import BadRun, InvalidInput
+from ..base.files import asset, path_of, toml_of, vehicle_files
+from ..robots.files import check_model, robot_file
 
 if TYPE_CHECKING:
-    from ..plants import PlantConfig
+    from ..lab.plants import PlantConfig
     from .grammar import Excite, Identify, Inspect, Live
 
 
@@ -65,7 +65,7 @@ def two_noises(text: str) -> tuple[float, float]:
 def check_logs(paths: Sequence[Path]) -> None:
     """Raises `UnreadableLog` if a file is missing, empty, or of no known format."""
     if paths:
-        from ..logs.formats import files, form_of
+        from ..clinic.logs.formats import files, form_of
 
         for path in paths:
             for file in files(path_of(path)):
@@ -75,19 +75,19 @@ def check_logs(paths: Sequence[Path]) -> None:
 def check_map(path: Path | None) -> None:
     """Raises `InvalidInput` unless the file is a map of columns; None is none."""
     if path is not None:
-        from ..logs.mapping import read_map
+        from ..clinic.logs.mapping import read_map
 
         read_map(path)
 
 
 def check_plant(plant: PlantConfig) -> None:
     """Raises an error if there is no such robot or vehicle as a plant of this package names."""
-    from ..plants.jointed import ArmPlant
+    from ..lab.plants.jointed import ArmPlant
 
     if isinstance(plant, ArmPlant):
         robot_file(plant.robot)
         return
-    from ..plants.world.blueprint import VehiclePlant
+    from ..lab.plants.world.blueprint import VehiclePlant
 
     if isinstance(plant, VehiclePlant):
         vehicle_files(plant.vehicle)
@@ -106,7 +106,7 @@ def check_identify(chosen: Identify, model: str) -> None:
                 check_choice("column", name, JOINT_COLUMNS)
     check_model(model)
     if chosen.load:
-        from ..calibration.loads import load_of
+        from ..clinic.identify.loads import load_of
 
         for text in chosen.load:
             load_of(text)
@@ -130,7 +130,7 @@ def check_inspect(chosen: Inspect) -> None:
 def check_live(chosen: Live) -> None:
     """Checks what `nsaid live` was given."""
     if chosen.law not in LAWS:
-        from ..laws import NullspaceAID
+        from ..core.laws import NullspaceAID
 
         NullspaceAID(law=chosen.law)  # type: ignore[arg-type]  # raises
     check_choice("frame", chosen.frame, FRAMES)

@@ -20,9 +20,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from .. import __version__
-from ..errors import BadRun, InvalidInput, NotWritten, NsaidError, printable
-from ..experiment.library import load
-from ..resources import (
+from ..base.errors import BadRun, InvalidInput, NotWritten, NsaidError, printable
+from ..base.files import (
     MORE_ROBOTS,
     RECORDING,
     has_example_robots,
@@ -32,29 +31,23 @@ from ..resources import (
     record_file,
     scenarios,
 )
-from .process import (
-    INTERRUPTED,
-    UNUSABLE,
-    code_of,
-    ending_like_ctrl_c,
-    open_streams,
-    silence,
-)
+from ..lab.library import load
+from .process import INTERRUPTED, UNUSABLE, code_of, ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
-    from ..evaluation import RunResult
-    from ..evaluation.verify import Verification
-    from ..experiment.loop import Run
-    from ..experiment.scenario import Scenario
+    from ..lab.evaluation import RunResult
+    from ..lab.evaluation.verify import Verification
+    from ..lab.loop import Run
+    from ..lab.scenario import Scenario
     from . import grammar
 
 
 _STUDIES = ("compare", "sweep", "montecarlo", "track")
 _HOMES = {
-    "identify": ("identifying", "identify_log"),
-    "live": ("living", "follow_robot"),
-    "excite": ("exciting", "excite"),
-    "inspect": ("identifying", "inspect_log"),
+    "identify": ("identify", "identify_log"),
+    "live": ("live", "follow_robot"),
+    "excite": ("excite", "excite"),
+    "inspect": ("identify", "inspect_log"),
     "report": ("studies", "report"),
 }
 """Module and function of commands that need no scenario's name; imported on use."""
@@ -115,7 +108,7 @@ def _with_script_errors(action: Callable[[], int]) -> int:
     except NsaidError:
         raise
     except (Exception, SystemExit) as error:
-        from ..experiment.library import script_error
+        from ..lab.library import script_error
 
         if found := script_error(error):
             raise found from error
@@ -143,7 +136,7 @@ def _command(arguments: Sequence[str]) -> int:
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
     if isinstance(chosen, grammar.Verify):
         record_file(chosen.run)
-        from ..evaluation.verify import verify_folder
+        from ..lab.evaluation.verify import verify_folder
 
         return _judged(chosen.run.name, verify_folder(chosen.run), chosen.json, chosen.quiet)
     if isinstance(chosen, grammar.View):
@@ -159,8 +152,8 @@ def _command(arguments: Sequence[str]) -> int:
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "run")
-    from ..evaluation import summary_of
-    from ..pages.report import print_result
+    from ..lab.evaluation import summary_of
+    from ..lab.evaluation.page import print_result
 
     if output.json:
         print_json(summary_of(result))
@@ -171,8 +164,8 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
 
 def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "verify")
-    from ..evaluation import truth_of
-    from ..evaluation.verify import verify
+    from ..lab.evaluation import truth_of
+    from ..lab.evaluation.verify import verify
 
     found = verify(finished, truth_of(finished), result)
     found.write()
@@ -184,8 +177,8 @@ def _judged(name: str, found: Verification, as_json: bool, quiet: bool) -> int:
     """Prints the verdicts and returns the exit code."""
     from rich.console import Console
 
-    from ..pages.report import verification_page
-    from ..pages.terminal import print_page
+    from ..lab.evaluation.page import verification_page
+    from ..report.terminal import print_page
 
     if as_json:
         print_json(found.document())
@@ -208,12 +201,12 @@ def _carry_out(
     check_plant(scenario.plant)
     check_excitation(given)
     title = title_of(name, default, scenario)
-    from ..experiment.loop import Observer, run
-    from ..pages.progress import Progress
+    from ..lab.loop import Observer, run
+    from ..report.progress import Progress
 
     watchers: list[Observer] = []
     if output.live:
-        from ..recording import Live
+        from ..report.recording import Live
 
         watchers.append(Live(title, output.live_speed))
     with (
@@ -223,7 +216,7 @@ def _carry_out(
     ):
         command = shlex.join(["nsaid", "run", name, *repeated(default, scenario)])
         if given:
-            from .exciting import designed
+            from .excite import designed
 
             command += f" --excitation {given}"
             scenario = replace(scenario, excitation=designed(scenario, given, progress))
@@ -233,7 +226,7 @@ def _carry_out(
 
 def _finish(finished: Run, say: Callable[[str], None], command: str) -> RunResult:
     """Post-processes a run; if interrupted or out of disk space, says how to resume."""
-    from ..recording.postprocessing import finish
+    from ..lab.finish import finish
 
     again = f"`nsaid view --rebuild {shlex.quote(str(finished.folder))}` finishes the run"
     try:
@@ -246,7 +239,7 @@ def _finish(finished: Run, say: Callable[[str], None], command: str) -> RunResul
 
 def _code(finished: Run, result: RunResult) -> int:
     """The exit code of a finished run: that of its verdict, unless it was interrupted."""
-    from ..laws import Status
+    from ..core.laws import Status
 
     interrupted = finished.ending.status is Status.interrupted
     return INTERRUPTED if interrupted else code_of(result)
@@ -274,10 +267,10 @@ def _view(folder: Path, web: bool, rebuild: bool) -> int:
                 folder, "there is no such run", "Give the folder of a run, e.g. runs/ur5-paper."
             )
         record_file(folder)
-        from ..recording.postprocessing import rebuild as post_process
+        from ..lab.finish import rebuild as post_process
 
         post_process(folder)
-    from ..recording import viewer_command
+    from ..report.recording import viewer_command
 
     words = viewer_command(file, web)
     if os.name == "posix":

@@ -9,12 +9,12 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import BadRun, FolderInUse
-from ..resources import RECORD, check_own, json_of, locked
+from ..base.errors import BadRun, FolderInUse
+from ..base.files import RECORD, check_own, json_of, locked
 
 if TYPE_CHECKING:
-    from ..experiment.scenario import Scenario
-    from ..laws import IdentifierConfig
+    from ..core.laws import IdentifierConfig
+    from ..lab.scenario import Scenario
 
 RUNS = Path("runs")
 _FORCE = ", or --force to write among them"
@@ -49,7 +49,7 @@ def folder_for(
 
 def _law_of(identifier: IdentifierConfig) -> str:
     """The law as given on the command line, or its own name."""
-    from ..laws import ConventionalAID, NullspaceAID
+    from ..core.laws import ConventionalAID, NullspaceAID
 
     if isinstance(identifier, NullspaceAID):
         return identifier.law

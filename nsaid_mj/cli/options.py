@@ -11,8 +11,8 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-from ..experiment.scenario import REGISTRY, Scenario, field_at, field_paths, same_end, with_fields
-from ..plants import Fault, fault_text
+from ..lab.plants import Fault, fault_text
+from ..lab.scenario import REGISTRY, Scenario, field_at, field_paths, same_end, with_fields
 from .grammar import Run
 
 MAIN = {

@@ -14,20 +14,20 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import tyro
 from tyro.conf import arg
 
-from ..errors import InvalidInput, UnknownName, printable
-from ..experiment.choices import ENGINES, FITTED, METHODS, TRACKING_LAWS, check_choice
-from ..experiment.library import load
-from ..resources import check_sweep, print_json
-from ..robot.files import check_model
+from ..base.choices import ENGINES, FITTED, METHODS, TRACKING_LAWS, check_choice
+from ..base.errors import InvalidInput, UnknownName, printable
+from ..base.files import check_sweep, print_json
+from ..lab.library import load
+from ..robots.files import check_model
 from .checks import check_logs, check_map, check_plant, numbers_in
 from .grammar_of_studies import Compare, MonteCarlo, Report, Sweep, Track
 from .process import code_of
 
 if TYPE_CHECKING:
-    from ..calibration.comparison import Score
-    from ..pages.page import Page
-    from ..robot.model import RobotModel
-    from ..studies.runs import Runs
+    from ..clinic.identify.comparison import Score
+    from ..plans.studies.runs import Runs
+    from ..report.page import Page
+    from ..robots.model import RobotModel
 
 
 _MOST_SEEDS = 10_000  # of a comparison
@@ -52,7 +52,7 @@ def compare(script: str, arguments: Sequence[str]) -> int:
     durations = (0.5 * scenario.duration, scenario.duration)
     if chosen.durations:
         durations = numbers_in("--durations", chosen.durations, _TEN)
-    from ..studies import compare as study
+    from ..plans.studies import compare as study
 
     plan = study.plan(
         **given,
@@ -94,12 +94,12 @@ def _given(
 def sweep(script: str, arguments: Sequence[str]) -> int:
     """Runs a scenario with varied fields and seeds."""
     given, chosen, folder = _given("sweep", script, arguments, Sweep)
-    from ..experiment.scenario import varied
+    from ..lab.scenario import varied
 
     vary = varied(chosen.vary, given["scenario"])
     check_choice("engine", chosen.engine, ENGINES)
-    from ..studies import engine as engines
-    from ..studies import sweep as study
+    from ..plans.studies import engine as engines
+    from ..plans.studies import sweep as study
 
     plan = study.plan(**given, vary=vary, seeds=chosen.seeds)
     engine = engines.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
@@ -107,7 +107,7 @@ def sweep(script: str, arguments: Sequence[str]) -> int:
     if chosen.json:
         print_json(study.document(found))
     elif not chosen.quiet:
-        from ..studies import sweep_report  # imported late: matplotlib takes half a second
+        from ..plans.studies import sweep_report  # imported late: matplotlib takes half a second
 
         _print(sweep_report.page_of(found), found)
     return code_of(study.result_of(found))
@@ -116,8 +116,8 @@ def sweep(script: str, arguments: Sequence[str]) -> int:
 def montecarlo(script: str, arguments: Sequence[str]) -> int:
     """Identifies from many priors."""
     given, chosen, folder = _given("montecarlo", script, arguments, MonteCarlo)
-    from ..studies import montecarlo as study
-    from ..studies import montecarlo_results
+    from ..plans.studies import montecarlo as study
+    from ..plans.studies import montecarlo_results
 
     plan = study.plan(**given, runs=chosen.runs, shared=not chosen.own_plants)
     found = montecarlo_results.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
@@ -132,8 +132,8 @@ def _print(page: Page, found: Runs) -> None:
     """Prints the page of a sweep, and the paths of its files."""
     from rich.console import Console
 
-    from ..pages.terminal import print_page
-    from ..studies.sweep import files_of
+    from ..plans.studies.sweep import files_of
+    from ..report.terminal import print_page
 
     print_page(page, Console(highlight=False), files_of(found))
 
@@ -146,7 +146,8 @@ def track(script: str, arguments: Sequence[str]) -> int:
     for law in laws:
         check_choice("tracking law", law, TRACKING_LAWS)
     seeds = _seeds(chosen.seeds)
-    from ..studies import tracking, tracking_run
+    from ..plans.track import run as tracking_run
+    from ..plans.track import tracking
 
     plan = tracking.plan(**given, laws=laws, seeds=seeds)
     result, _ = tracking_run.run(plan, folder, quiet=chosen.quiet or chosen.json)
@@ -158,8 +159,8 @@ def track(script: str, arguments: Sequence[str]) -> int:
 def report(chosen: Report) -> int:
     """Draws a sweep's page."""
     check_sweep(chosen.sweep)
-    from ..studies import sweep_report
-    from ..studies.folder import read
+    from ..plans.studies import sweep_report
+    from ..plans.studies.folder import read
 
     runs = read(chosen.sweep)
     if runs.damaged:
@@ -228,8 +229,8 @@ def compare_on_logs(arguments: Sequence[str]) -> int:
     elif not chosen.quiet:
         from rich.console import Console
 
-        from ..pages.identification.servos import scores_page
-        from ..pages.terminal import print_page
+        from ..clinic.servos.page import scores_page
+        from ..report.terminal import print_page
 
         print_page(scores_page(scores, robot.small_unit), Console())
     return 0
@@ -237,13 +238,13 @@ def compare_on_logs(arguments: Sequence[str]) -> int:
 
 def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Score, ...]]:
     """The first model, and the scores."""
-    from ..calibration.comparison import compare_arms, compare_servos
-    from ..calibration.identify import coupled, recordings_of
-    from ..calibration.models import load_robot_model
-    from ..calibration.result import Options
-    from ..calibration.servos import servo_logs
-    from ..logs import read_map
-    from ..pages.progress import Progress
+    from ..clinic.identify.comparison import compare_arms, compare_servos
+    from ..clinic.identify.identify import coupled, recordings_of
+    from ..clinic.identify.models import load_robot_model
+    from ..clinic.identify.result import Options
+    from ..clinic.logs import read_map
+    from ..clinic.servos import servo_logs
+    from ..report.progress import Progress
 
     with Progress("compare", quiet=chosen.quiet or chosen.json) as progress:
         given = servo_logs(first, chosen.log, chosen.map)

@@ -33,12 +33,12 @@ import numpy as np
 import scipy.linalg
 from scipy.special import gammaincc
 
-from ..laws import Confidence, KalmanFilter, State, gain_deviations
-from ..laws.cone.prior import drawn_inside
-from ..laws.efficient.state import EfficientState
-from ..log import Log
-from ..parameters import Array, Indices, ParameterSpace
-from ..quotient.cone import cone_of, inside
+from ..core.laws import Confidence, KalmanFilter, State, gain_deviations
+from ..core.laws.cone.prior import drawn_inside
+from ..core.laws.efficient.state import EfficientState
+from ..core.log import Log
+from ..core.parameters import Array, Indices, ParameterSpace
+from ..core.quotient.cone import cone_of, inside
 from .drift import walks
 from .replay import Replay, replay
 from .state import kept_of

@@ -11,10 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..laws.efficient.estimator import KalmanFilter
-from ..laws.efficient.filter import Along, FilterState
-from ..log import Log
-from ..parameters import Array
+from ..core.laws.efficient.estimator import KalmanFilter
+from ..core.laws.efficient.filter import Along, FilterState
+from ..core.log import Log
+from ..core.parameters import Array
 
 _PIECE = 25  # rows between two rests
 _PASSES = 6  # along the log, at most

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..laws import State
-from ..laws.efficient.state import EfficientState
-from ..log import Log
-from ..parameters import Array
+from ..core.laws import State
+from ..core.laws.efficient.state import EfficientState
+from ..core.log import Log
+from ..core.parameters import Array
 from .drift import Rivals
 from .faults.events import Loose
 from .faults.snapshots import Snapshots

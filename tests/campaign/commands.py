@@ -14,13 +14,13 @@ from unittest import mock
 
 import numpy as np
 
-from nsaid_mj.bounds import shown
-from nsaid_mj.calibration.measured import LiveRobot, measured_scenario
-from nsaid_mj.calibration.session import Session
-from nsaid_mj.evaluation import summary_of
-from nsaid_mj.experiment.scenario import field_at
-from nsaid_mj.recording.postprocessing import finish
-from nsaid_mj.resources import scenarios
+from nsaid_mj.base.bounds import shown
+from nsaid_mj.base.files import scenarios
+from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
+from nsaid_mj.clinic.session import Session
+from nsaid_mj.lab.evaluation import summary_of
+from nsaid_mj.lab.finish import finish
+from nsaid_mj.lab.scenario import field_at
 
 from ..support.faulty import strict
 from . import fields, texts
@@ -91,11 +91,11 @@ _OF_FLAGS = {
     "--run": _PLACES,
 }  # fmt: skip
 _WORK = (
-    "nsaid_mj.experiment.loop.run",
-    "nsaid_mj.studies.compare.run",
-    "nsaid_mj.studies.sweep.run",
-    "nsaid_mj.studies.montecarlo_results.rows_of",
-    "nsaid_mj.calibration.identify.identify",
+    "nsaid_mj.lab.loop.run",
+    "nsaid_mj.plans.studies.compare.run",
+    "nsaid_mj.plans.studies.sweep.run",
+    "nsaid_mj.plans.studies.montecarlo_results.rows_of",
+    "nsaid_mj.clinic.identify.identify.identify",
 )
 
 

@@ -16,11 +16,11 @@ from functools import cache
 from typing import Any
 
 from nsaid_mj import Scenario
+from nsaid_mj.base.errors import InvalidInput, UnknownName
+from nsaid_mj.base.files import scenarios
 from nsaid_mj.cli.options import parse
-from nsaid_mj.errors import InvalidInput, UnknownName
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.scenario import field_at, field_paths, with_fields
-from nsaid_mj.resources import scenarios
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.scenario import field_at, field_paths, with_fields
 
 NAN, INF = float("nan"), float("inf")
 VALUES: tuple[Any, ...] = (

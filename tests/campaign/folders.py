@@ -12,15 +12,15 @@ from functools import cache
 from pathlib import Path
 
 from nsaid_mj import Record, run
-from nsaid_mj.errors import NsaidError
-from nsaid_mj.evaluation import summary_of
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import FAULTS
-from nsaid_mj.laws import FaultEvent
-from nsaid_mj.recording import postprocessing
-from nsaid_mj.studies import sweep, sweep_report
-from nsaid_mj.studies.engine import Engine
-from nsaid_mj.studies.folder import read
+from nsaid_mj.base.errors import NsaidError
+from nsaid_mj.core.laws import FaultEvent
+from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab.evaluation import summary_of
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import FAULTS
+from nsaid_mj.plans.studies import sweep, sweep_report
+from nsaid_mj.plans.studies.engine import Engine
+from nsaid_mj.plans.studies.folder import read
 from tests.support import damaged
 
 from .tries import Draw, Kind

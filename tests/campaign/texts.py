@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from nsaid_mj.resources import folder
+from nsaid_mj.base.files import folder
 
 _LINK = """<link name="{0}"><inertial><mass value="2.0"/><origin xyz="0.2 0 0" rpy="0 0 0"/><inertia
  ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
@@ -48,8 +48,8 @@ MJCF = """<mujoco model="two"><compiler angle="radian" meshdir="m"/><option dens
 
 _SCRIPT = """import numpy as np
 from nsaid_mj import MultisineCommand, NullspaceAID, ScalarRovPlant, Scenario
-from nsaid_mj.bounds import config
-from nsaid_mj.control import Driver, DriverConfig
+from nsaid_mj.base.bounds import config
+from nsaid_mj.lab.control import Driver, DriverConfig
 
 class Mine(Driver):
     def start(self):

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from nsaid_mj.errors import NsaidError
+from nsaid_mj.base.errors import NsaidError
 
 from ..support.faulty import shell
 

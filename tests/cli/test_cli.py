@@ -15,13 +15,14 @@ import pytest
 
 import nsaid_mj
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
-from nsaid_mj.cli import grammar, identifying, process
+from nsaid_mj.base.files import known_robots, scenarios
+from nsaid_mj.cli import grammar, process
+from nsaid_mj.cli import identify as identifying
 from nsaid_mj.cli.folders import folder_for, title_of
 from nsaid_mj.cli.options import MAIN, Run, parse, repeated
-from nsaid_mj.evaluation.summary import result_from
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.scenario import field_paths
-from nsaid_mj.resources import known_robots, scenarios
+from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.scenario import field_paths
 from tests.support.faulty import FILES, code_of, flat, shell, strict
 
 HEAVY = (
@@ -435,7 +436,7 @@ def test_a_scenario_script_runs_as_main(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [str(path), *ALONE])
     if path.stem in NOT_DRAWN:
-        monkeypatch.setattr("nsaid_mj.pages.drawings.draw", lambda panel: "<svg></svg>")
+        monkeypatch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")
     code, said = code_of(lambda: runpy.run_path(str(path), run_name="__main__"))
     check_alone(tmp_path, code, said.out, said.err)
 

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
+from nsaid_mj.base.errors import BadRun, InvalidInput
 from nsaid_mj.cli.checks import without_excitation
 from nsaid_mj.cli.commands import command
-from nsaid_mj.errors import BadRun, InvalidInput
-from nsaid_mj.experiment.library import load
+from nsaid_mj.lab.library import load
 
 XML = """
 <mujoco model="two"><compiler angle="radian"/>

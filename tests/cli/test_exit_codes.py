@@ -9,19 +9,19 @@ from typing import Any
 import pytest
 
 import nsaid_mj.cli
+from nsaid_mj.base.errors import NsaidError
+from nsaid_mj.base.findings import Finding
 from nsaid_mj.cli import commands
 from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
-from nsaid_mj.errors import NsaidError
-from nsaid_mj.evaluation import RunResult
-from nsaid_mj.evaluation.result import Result
-from nsaid_mj.evaluation.statistics import Accuracy, RunEnding
-from nsaid_mj.evaluation.verify import StatementVerdict, verification_of
-from nsaid_mj.laws import Status
-from nsaid_mj.logs.unusable import UnusableLog
-from nsaid_mj.pages.page import Page
-from nsaid_mj.robot.findings import Finding
-from nsaid_mj.studies.compare_report import PRIOR, result_of, row_of, runs_of
-from nsaid_mj.studies.runs import Runs
+from nsaid_mj.clinic.logs.unusable import UnusableLog
+from nsaid_mj.core.laws import Status
+from nsaid_mj.lab.evaluation import RunResult
+from nsaid_mj.lab.evaluation.statistics import Accuracy, RunEnding
+from nsaid_mj.lab.evaluation.verify import StatementVerdict, verification_of
+from nsaid_mj.plans.studies.compare_report import PRIOR, result_of, row_of, runs_of
+from nsaid_mj.plans.studies.runs import Runs
+from nsaid_mj.report.page import Page
+from nsaid_mj.report.result import Result
 from nsaid_mj.watch import Misfit
 from tests.support.faulty import call, shell
 from tests.support.identification import identification
@@ -218,7 +218,7 @@ def test_inspect_ends_as_identify_does(
     if findings[0].level == "refusal":
         put(monkeypatch, "cli.identifying.check_identify", None)
         put(monkeypatch, "cli.identifying.servos_of", None)
-        monkeypatch.setattr("nsaid_mj.calibration.identify.identify_forces", refuse)
+        monkeypatch.setattr("nsaid_mj.clinic.identify.identify.identify_forces", refuse)
         said = shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")
         assert said[0] == code and "something is wrong" in said[1].err
 

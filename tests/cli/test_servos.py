@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from nsaid_mj.base.errors import InvalidInput
+from nsaid_mj.base.files import RECORDING
 from nsaid_mj.cli.commands import command
-from nsaid_mj.errors import InvalidInput
-from nsaid_mj.resources import RECORDING
-from tests.calibration.servos import simulated
+from tests.clinic.servos import simulated
 from tests.support.lerobot import write_dataset
 
 

@@ -8,14 +8,14 @@ from typing import get_args, get_type_hints
 import example_robot_data
 import pytest
 
-from nsaid_mj.baselines import BATCH
-from nsaid_mj.calibration.choose.columns import COLUMNS, EXTRA
-from nsaid_mj.control.adaptive.tracker import Law
-from nsaid_mj.errors import BadRobot
-from nsaid_mj.experiment import choices
-from nsaid_mj.laws import NullspaceAID
-from nsaid_mj.resources import scenarios
-from nsaid_mj.robot.loading import load_robot
+from nsaid_mj.base import choices
+from nsaid_mj.base.errors import BadRobot
+from nsaid_mj.base.files import scenarios
+from nsaid_mj.clinic.identify.choose.columns import COLUMNS, EXTRA
+from nsaid_mj.core.laws import NullspaceAID
+from nsaid_mj.lab.baselines import BATCH
+from nsaid_mj.lab.control.adaptive.tracker import Law
+from nsaid_mj.robots.loading import load_robot
 from scripts.entered import entered, files
 
 
@@ -29,8 +29,8 @@ def modules_after(code: str) -> set[str]:
 
 
 def test_a_run_and_its_report_import_only_what_they_use():
-    modules = modules_after("import nsaid_mj.recording.postprocessing, nsaid_mj.experiment.loop")
-    assert "nsaid_mj.pages.report" in modules
+    modules = modules_after("import nsaid_mj.lab.finish, nsaid_mj.lab.loop")
+    assert "nsaid_mj.lab.evaluation.page" in modules
     assert not modules & {"rerun", "matplotlib", "jinja2", "pyarrow.compute", "pebble", "dask"}
     assert not modules & {"scipy.signal", "scipy.optimize", "scipy.interpolate", "scipy.stats"}
 
@@ -152,7 +152,7 @@ def test_the_help_of_a_scenario_imports_nothing_that_simulates_or_compiles() -> 
 
 @pytest.mark.parametrize("name", sorted(scenarios()))
 def test_a_scenario_is_read_without_anything_that_simulates_or_compiles(name: str) -> None:
-    code = f"from nsaid_mj.experiment.library import load; load({name!r}).to_json()"
+    code = f"from nsaid_mj.lab.library import load; load({name!r}).to_json()"
     assert not modules_after(code) & HEAVY
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.resources import scenarios
+from nsaid_mj.base.files import scenarios
 from tests.support.faulty import CHECKOUT, FILES, strict
 
 
@@ -92,7 +92,7 @@ def test_the_wheel_has_scenarios_and_assets_and_nothing_made_by_running(wheel: P
     }
     assert {n.removeprefix("nsaid_mj/_assets/") for n in names if "/_assets/" in n} == here
     assert here
-    pages = {path.name for path in (CHECKOUT / "nsaid_mj/pages/templates").glob("*.*")}
+    pages = {path.name for path in (CHECKOUT / "nsaid_mj/report/templates").glob("*.*")}
     assert {Path(name).name for name in names if "/templates/" in name} == pages
     assert {"page.html", "plots.js"} <= pages
     assert all(name.startswith(("nsaid_mj/", "nsaid_mj-")) for name in names)

@@ -10,18 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
-from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import energy, summary_of, truth_of
-from nsaid_mj.evaluation.figures import held_out_rows, residual_ratio
-from nsaid_mj.evaluation.summary import result_from
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import SimulatedRun, run
-from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.laws import NullspaceAID
-from nsaid_mj.plants import (
+from nsaid_mj.core.laws import NullspaceAID
+from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab.evaluation import energy, summary_of, truth_of
+from nsaid_mj.lab.evaluation.figures import held_out_rows, residual_ratio
+from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import SimulatedRun, run
+from nsaid_mj.lab.plants import (
     ArmPlant,
     BlueROV2Plant,
     BMW320iPlant,
@@ -33,8 +33,8 @@ from nsaid_mj.plants import (
     PlantConfig,
     ScalarRovPlant,
 )
-from nsaid_mj.plants.world.faults.kinds import gains_of
-from nsaid_mj.recording import postprocessing
+from nsaid_mj.lab.plants.world.faults.kinds import gains_of
+from nsaid_mj.lab.scenario import Scenario
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.summaries import summarize
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers

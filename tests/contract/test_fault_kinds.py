@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsaid_mj.control import Driver
-from nsaid_mj.errors import InvalidInput, NsaidError
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.plants import (
+from nsaid_mj.base.errors import InvalidInput, NsaidError
+from nsaid_mj.lab.control import Driver
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants import (
     ArmPlant,
     BlueROV2Plant,
     Fault,
@@ -22,7 +21,8 @@ from nsaid_mj.plants import (
     QuadrotorPlant,
     parse_faults,
 )
-from nsaid_mj.plants.world.faults.text import fault_text
+from nsaid_mj.lab.plants.world.faults.text import fault_text
+from nsaid_mj.lab.scenario import Scenario
 from tests.support.plants import drive, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 

@@ -15,18 +15,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.control import FourierTracking, MultisineCommand
-from nsaid_mj.errors import InvalidInput
-from nsaid_mj.experiment import loop as experiment
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.record import FILE
-from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
-from nsaid_mj.laws.conventional import known_mask
-from nsaid_mj.laws.metric import ConstantMetric
-from nsaid_mj.laws.nullspace_aid import paper_identifier
-from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant
+from nsaid_mj.base.errors import InvalidInput
+from nsaid_mj.core.laws import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
+from nsaid_mj.core.laws.conventional import known_mask
+from nsaid_mj.core.laws.metric import ConstantMetric
+from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.lab import loop as experiment
+from nsaid_mj.lab.control import FourierTracking, MultisineCommand
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants import ArmPlant, Plant, ScalarRovPlant
+from nsaid_mj.lab.record import FILE
+from nsaid_mj.lab.scenario import Scenario
+from nsaid_mj.lab.setup import Setup
 from nsaid_mj.watch import supervised
 from tests.support.own_law import OwnConfig
 from tests.support.plants import drive

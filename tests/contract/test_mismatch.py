@@ -10,17 +10,16 @@ import mujoco
 import numpy as np
 import pytest
 
+from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
-from nsaid_mj.errors import InvalidInput
-from nsaid_mj.evaluation import truth_of
-from nsaid_mj.evaluation.summary import result_from
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.parameters import Array
-from nsaid_mj.plants import (
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.plants import (
     ArmPlant,
     AstrobeePlant,
     BlueROV2Plant,
@@ -35,6 +34,7 @@ from nsaid_mj.plants import (
     SensorNoise,
     UvmsPlant,
 )
+from nsaid_mj.lab.scenario import Scenario
 from tests.support.fossen import apart, commands, ends, flown, true_numbers, vehicle
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.summaries import summarize

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
-from nsaid_mj.plants import ArmPlant, Plant, ScalarRovPlant, arm
-from nsaid_mj.resources import known_robots
-from nsaid_mj.robot.loading import load_robot
+from nsaid_mj.base.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
+from nsaid_mj.base.files import known_robots
+from nsaid_mj.lab.plants import ArmPlant, Plant, ScalarRovPlant, arm
+from nsaid_mj.robots.loading import load_robot
 from tests.support.plants import assert_engines_agree, config_of, plant
 from tests.support.strategies import seeds
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers

@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj.experiment import loop as experiment
-from nsaid_mj.experiment import setup as wiring
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.record import FILE
-from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws import Identifier, NullspaceAID
-from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.parameters import Array, ParameterSpace
-from nsaid_mj.plants import Plant
-from nsaid_mj.resources import scenarios
+from nsaid_mj.base.files import scenarios
+from nsaid_mj.core.laws import Identifier, NullspaceAID
+from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.core.parameters import Array, ParameterSpace
+from nsaid_mj.lab import loop as experiment
+from nsaid_mj.lab import setup as wiring
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants import Plant
+from nsaid_mj.lab.record import FILE
+from nsaid_mj.lab.scenario import Scenario
+from nsaid_mj.lab.setup import Setup
 
 NOMINAL = [name for name in scenarios() if name != "rover"]
 SHORT = {"duration": 0.5, "held_out": 0.2, "pe_window": 0.2, "record_every": 1}

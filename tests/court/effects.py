@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from nsaid_mj.parameters import Array
-from nsaid_mj.plants import Plant
-from nsaid_mj.plants.world.faults.kinds import Fault, Loss, Payload, gains_of
-from nsaid_mj.plants.world.mismatch import Mismatch
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.plants import Plant
+from nsaid_mj.lab.plants.world.faults.kinds import Fault, Loss, Payload, gains_of
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
 
 from .sensors import Errors
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.laws import FaultEvent
-from nsaid_mj.plants.world.faults.kinds import Fault
-from nsaid_mj.structure.system import SecondOrderSystem
+from nsaid_mj.core.laws import FaultEvent
+from nsaid_mj.core.structure.system import SecondOrderSystem
+from nsaid_mj.lab.plants.world.faults.kinds import Fault
 
 from .effects import FAULTS
 from .online import Stated

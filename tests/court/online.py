@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from nsaid_mj.evaluation.run_evaluation import confidence_of
-from nsaid_mj.evaluation.run_misfit import misfit_of
-from nsaid_mj.evaluation.statistics import StatedConfidence
-from nsaid_mj.evaluation.truth import Truth
-from nsaid_mj.experiment.loop import Cost, Ending, SimulatedRun
-from nsaid_mj.experiment.record import Record
-from nsaid_mj.experiment.setup import with_prior_error
-from nsaid_mj.laws import FaultEvent, KalmanFilter, NullspaceAID, Status
-from nsaid_mj.numerics.threads import single_threaded
-from nsaid_mj.parameters import Array
+from nsaid_mj.base.threads import single_threaded
+from nsaid_mj.core.laws import FaultEvent, KalmanFilter, NullspaceAID, Status
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.evaluation.run_evaluation import confidence_of
+from nsaid_mj.lab.evaluation.run_misfit import misfit_of
+from nsaid_mj.lab.evaluation.statistics import StatedConfidence
+from nsaid_mj.lab.evaluation.truth import Truth
+from nsaid_mj.lab.loop import Cost, Ending, SimulatedRun
+from nsaid_mj.lab.record import Record
+from nsaid_mj.lab.setup import with_prior_error
 from nsaid_mj.watch.replay import replay
 
 from .cases import Case

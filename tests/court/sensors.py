@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nsaid_mj.log import Log
-from nsaid_mj.parameters import Array
-from nsaid_mj.plants.world.noise import SensorNoise
-from nsaid_mj.plants.world.sensors import Sensors
+from nsaid_mj.core.log import Log
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.plants.world.noise import SensorNoise
+from nsaid_mj.lab.plants.world.sensors import Sensors
 
 
 @dataclass

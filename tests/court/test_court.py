@@ -11,8 +11,8 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from nsaid_mj.evaluation.run_misfit import filter_of
-from nsaid_mj.laws import gain_deviations
+from nsaid_mj.core.laws import gain_deviations
+from nsaid_mj.lab.evaluation.run_misfit import filter_of
 from nsaid_mj.watch import judged_estimate, widened
 from tests.court.cases import LAWS, Case, drawn
 from tests.court.command import cases, line_of

@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from nsaid_mj.evaluation.statistics import Correlations, StatedConfidence
-from nsaid_mj.laws import FaultEvent
-from nsaid_mj.parameters import Block, ParameterSpace
-from nsaid_mj.plants.world.faults.kinds import Loss
+from nsaid_mj.core.laws import FaultEvent
+from nsaid_mj.core.parameters import Block, ParameterSpace
+from nsaid_mj.lab.evaluation.statistics import Correlations, StatedConfidence
+from nsaid_mj.lab.plants.world.faults.kinds import Loss
 from tests.court import command
 from tests.court.cases import LAWS, Case, drawn
 from tests.court.effects import EFFECTS

@@ -14,14 +14,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj import ConventionalAID, FourierTracking, NsaidError, NullspaceAID, Scenario
-from nsaid_mj.errors import BadRobot, BadRun, InvalidInput, UnknownName
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.record import Record
-from nsaid_mj.laws import State, Status
-from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
-from nsaid_mj.log import Measurement
-from nsaid_mj.recording.postprocessing import rebuild
-from nsaid_mj.resources import scenarios
+from nsaid_mj.base.errors import BadRobot, BadRun, InvalidInput, UnknownName
+from nsaid_mj.base.files import scenarios
+from nsaid_mj.core.laws import State, Status
+from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
+from nsaid_mj.core.log import Measurement
+from nsaid_mj.lab.finish import rebuild
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.record import Record
 from tests.campaign import fields
 from tests.support.faulty import PENDULUM, ROV, flat, shell
 

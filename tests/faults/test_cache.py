@@ -14,8 +14,8 @@ from tests.support.faulty import CHECKOUT
 
 KERNEL = """
 import resource, sys, warnings
-from nsaid_mj.numerics.kernels import f8, kernel
-from nsaid_mj.numerics.stopwatch import compile_seconds
+from nsaid_mj.core.numerics.kernels import f8, kernel
+from nsaid_mj.base.stopwatch import compile_seconds
 {before}
 @kernel(f8(f8))
 def twice(x):
@@ -91,8 +91,8 @@ def test_a_full_cache_is_told_and_the_kernel_works(script: Path, tmp_path: Path)
 
 SHARED = """
 import sys
-from nsaid_mj.numerics.kernels import kernel
-from nsaid_mj.numerics.stopwatch import compile_seconds
+from nsaid_mj.core.numerics.kernels import kernel
+from nsaid_mj.base.stopwatch import compile_seconds
 @kernel()
 def count(x):
     return len(x)
@@ -117,9 +117,9 @@ def test_processes_that_compile_for_one_cache_lose_and_mix_up_nothing(tmp_path: 
 
 APART = """
 import sys
-from nsaid_mj.numerics.cache import one_process
-from nsaid_mj.numerics.kernels import f8, kernel
-from nsaid_mj.numerics.stopwatch import compile_seconds
+from nsaid_mj.core.numerics.cache import one_process
+from nsaid_mj.core.numerics.kernels import f8, kernel
+from nsaid_mj.base.stopwatch import compile_seconds
 @kernel(f8(f8))
 def first(x):
     return x + 1.0
@@ -166,7 +166,7 @@ def test_a_process_waits_for_what_another_one_compiles_and_for_nothing_else(
 THREADS = """
 import sys, threading, warnings
 from concurrent.futures import ThreadPoolExecutor
-from nsaid_mj.numerics.kernels import f8, kernel
+from nsaid_mj.core.numerics.kernels import f8, kernel
 def made(k):
     @kernel(f8(f8))
     def shifted(x):

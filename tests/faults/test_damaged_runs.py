@@ -12,14 +12,14 @@ import pyarrow as pa
 import pytest
 
 from nsaid_mj import Record, run
-from nsaid_mj.errors import BadRun, InvalidInput, NsaidError
-from nsaid_mj.evaluation import summary_of
-from nsaid_mj.evaluation.summary import result_from
-from nsaid_mj.evaluation.verify import verify_folder
-from nsaid_mj.logs.formats.run import read as read_log
-from nsaid_mj.pages.page import markdown
-from nsaid_mj.pages.report import brief
-from nsaid_mj.recording import postprocessing
+from nsaid_mj.base.errors import BadRun, InvalidInput, NsaidError
+from nsaid_mj.clinic.logs.formats.run import read as read_log
+from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab.evaluation import summary_of
+from nsaid_mj.lab.evaluation.page import brief
+from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.evaluation.verify import verify_folder
+from nsaid_mj.report.page import markdown
 from tests.support.faulty import ROV
 
 READERS: dict[str, Callable[[Path], object]] = {

@@ -16,14 +16,14 @@ import pytest
 
 from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.cli.process import code_of
-from nsaid_mj.control import multisine, series
-from nsaid_mj.evaluation import summary_of
-from nsaid_mj.evaluation.summary import result_from
-from nsaid_mj.experiment.loop import Observer, run
-from nsaid_mj.experiment.record import BATCH_SECONDS, Record
-from nsaid_mj.laws import Status
-from nsaid_mj.plants import SensorNoise
-from nsaid_mj.recording import postprocessing
+from nsaid_mj.core.laws import Status
+from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab.control import multisine, series
+from nsaid_mj.lab.evaluation import summary_of
+from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.loop import Observer, run
+from nsaid_mj.lab.plants import SensorNoise
+from nsaid_mj.lab.record import BATCH_SECONDS, Record
 from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict
 from tests.support.recordings import entities_of
 
@@ -254,7 +254,7 @@ def test_a_rebuilt_faulty_run_keeps_its_status(ended: Ended, capfd: object) -> N
         ended.fault.patch(patch)
         if ended.fault.status is Status.interrupted:
             patch.undo()  # it would interrupt the held-out trajectory too
-        patch.setattr("nsaid_mj.pages.drawings.draw", lambda panel: "<svg></svg>")  # as before
+        patch.setattr("nsaid_mj.report.drawings.draw", lambda panel: "<svg></svg>")  # as before
         after = summary_of(postprocessing.rebuild(ended.folder))
     keys = (
         "status",

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from nsaid_mj import NullspaceAID
-from nsaid_mj.experiment.following import Following
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws import Status
-from nsaid_mj.laws.cone.law import ACCURACY
-from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.quotient.cone import cone_of, inside
+from nsaid_mj.core.laws import Status
+from nsaid_mj.core.laws.cone.law import ACCURACY
+from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.core.quotient.cone import cone_of, inside
+from nsaid_mj.lab.following import Following
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.setup import Setup
 
 
 def followed(

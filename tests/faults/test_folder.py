@@ -8,11 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj import NsaidError, recording
-from nsaid_mj.evaluation import summary_of
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.record import FILE, Record
-from nsaid_mj.recording import live, postprocessing
+from nsaid_mj import NsaidError
+from nsaid_mj.clinic import live_recording as live
+from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab.evaluation import summary_of
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.record import FILE, Record
+from nsaid_mj.report import recording
 from tests.support.faulty import FILES, ROV, script, strict
 
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)

@@ -16,9 +16,9 @@ import pyarrow as pa
 import pytest
 
 from nsaid_mj.cli import commands as cli
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.record import FILE, Record
-from nsaid_mj.recording import postprocessing
+from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.record import FILE, Record
 from tests.support.faulty import FILES, ROV, shell, start, strict
 
 PATIENCE = 90.0  # with an empty numba cache on a busy machine [s]
@@ -27,7 +27,7 @@ PATIENCE = 90.0  # with an empty numba cache on a busy machine [s]
 ENDLESS = '''"""The vehicle, as long as it lives."""
 import os
 from nsaid_mj import MultisineCommand, NullspaceAID, ScalarRovPlant, Scenario
-from nsaid_mj.experiment.record import RecordWriter
+from nsaid_mj.lab.record import RecordWriter
 
 clock = os.open("clock", os.O_CREAT | os.O_WRONLY)
 extend = RecordWriter.extend

@@ -15,22 +15,22 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.errors import BadRun, FolderInUse, NotWritten
-from nsaid_mj.experiment.loop import Observer, run
-from nsaid_mj.experiment.record import FILE, Record
-from nsaid_mj.recording import postprocessing
-from nsaid_mj.resources import atomic_write, locked, write_text
-from nsaid_mj.studies.engine import Engine
-from nsaid_mj.studies.folder import ROWS
-from nsaid_mj.studies.sweep import plan as plan_of
-from nsaid_mj.studies.sweep import run as sweep
+from nsaid_mj.base.errors import BadRun, FolderInUse, NotWritten
+from nsaid_mj.base.files import atomic_write, locked, write_text
+from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab.loop import Observer, run
+from nsaid_mj.lab.record import FILE, Record
+from nsaid_mj.plans.studies.engine import Engine
+from nsaid_mj.plans.studies.folder import ROWS
+from nsaid_mj.plans.studies.sweep import plan as plan_of
+from nsaid_mj.plans.studies.sweep import run as sweep
 from tests.support.faulty import CHECKOUT, FILES, ROV, script, shell, strict
 
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
 HOLD = """
 import sys, time
 from pathlib import Path
-from nsaid_mj.resources import locked
+from nsaid_mj.base.files import locked
 with locked(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(600)

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.record import FILE
-from nsaid_mj.recording import postprocessing
+from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.record import FILE
 from tests.support.faulty import ROV
 
 pytestmark = pytest.mark.skipif(
@@ -44,7 +44,7 @@ def test_finishing_leaves_no_threads_and_no_memory(times: int, tmp_path: Path) -
 FINISH = """
 import sys, time
 from pathlib import Path
-from nsaid_mj.recording import postprocessing
+from nsaid_mj.report.recording import postprocessing
 begin = time.monotonic()
 postprocessing.rebuild(Path(sys.argv[1]))
 # the kernel's ru_maxrss begins with that of the process that started this one
@@ -55,7 +55,7 @@ print(int(status["VmHWM"].split()[0]) / 1000, time.monotonic() - begin)
 
 @pytest.mark.slow
 def test_an_hour_at_500_hz_is_finished_in_a_minute_with_little_memory(tmp_path: Path) -> None:
-    from nsaid_mj.experiment.library import load
+    from nsaid_mj.lab.library import load
 
     run(replace(load("ur5"), dt=0.002, duration=3600.0), tmp_path)
     words = [sys.executable, "-c", FINISH, str(tmp_path)]
@@ -69,8 +69,8 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from nsaid_mj import run
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import Observer
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import Observer
 
 class Watch(Observer):
     period, seen = 36.0, []

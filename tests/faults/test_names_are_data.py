@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 
 import nsaid_mj
-from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.errors import InvalidInput, printable
-from nsaid_mj.experiment.record import Record
-from nsaid_mj.logs import tables
-from nsaid_mj.resources import folder, print_json, write_text
-from nsaid_mj.robot.loading import load_robot
+from nsaid_mj.base.errors import InvalidInput, printable
+from nsaid_mj.base.files import folder, print_json, write_text
+from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.clinic.logs import tables
+from nsaid_mj.lab.record import Record
+from nsaid_mj.robots.loading import load_robot
 from tests.support.faulty import shell
 
 PACKAGE = Path(nsaid_mj.__file__).parent

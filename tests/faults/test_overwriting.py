@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.errors import NotWritten
-from nsaid_mj.resources import folder, reading, write_text
+from nsaid_mj.base.errors import NotWritten
+from nsaid_mj.base.files import folder, reading, write_text
 from tests.support.faulty import shell
 
 SHORT = ("--duration", "0.2", "--held-out", "0.5", "--pe-window", "0.1")

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj import evaluation
-from nsaid_mj.experiment.record import FILE, Record
-from nsaid_mj.recording import postprocessing
+from nsaid_mj.lab import evaluation
+from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab.record import FILE, Record
 from tests.support.faulty import CHECKOUT, FILES, shell, start
 
 PATIENCE = 90.0  # with an empty numba cache on a busy machine [s]

@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from nsaid_mj import run
-from nsaid_mj.experiment.library import load
+from nsaid_mj.lab.library import load
 scenario = load(sys.argv[1])
 scenario = replace(scenario, duration=float(sys.argv[2]), held_out=0.5)
 with TemporaryDirectory() as folder:
@@ -28,7 +28,7 @@ with TemporaryDirectory() as folder:
 PRODUCT = """
 import hashlib
 import numpy as np
-from nsaid_mj.numerics.threads import single_threaded
+from nsaid_mj.base.threads import single_threaded
 @single_threaded
 def product():
     rng = np.random.default_rng(0)

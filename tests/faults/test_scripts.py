@@ -9,8 +9,8 @@ from tests.support.faulty import shell
 _SCRIPT = """
 import numpy as np
 from nsaid_mj import MultisineCommand, ScalarRovPlant, Scenario
-from nsaid_mj.bounds import config
-from nsaid_mj.control import CompiledDriver, DriverConfig
+from nsaid_mj.base.bounds import config
+from nsaid_mj.lab.control import CompiledDriver, DriverConfig
 
 
 class Mine(CompiledDriver):

@@ -3,8 +3,8 @@
 The owner of an arm with a CSV is in tests/test_readme.py
 (`test_the_newcomers_path_leads_to_a_calibrated_robot`), the owner of an arm of position servos in
 tests/cli/test_servos.py (`test_three_commands_lead_from_a_lerobot_dataset_to_a_calibrated_file`),
-of a robot of MuJoCo Menagerie in tests/calibration/servos/test_menagerie.py, the owner of a
-quadrotor with a ULog in tests/calibration/test_flight.py
+of a robot of MuJoCo Menagerie in tests/clinic/servos/test_menagerie.py, the owner of a
+quadrotor with a ULog in tests/clinic/identify/test_flight.py
 (`test_two_commands_lead_from_a_px4_log_to_thrust_ratios`).
 """
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from nsaid_mj.log import Measurement
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.log import Measurement
+from nsaid_mj.core.parameters import Array
 from tests.support.bench import ARMS, BENCHES, Bench, bench, estimates
 
 

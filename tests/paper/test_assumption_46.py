@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.evaluation import truth_of
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.laws import NullspaceAID, Status
-from nsaid_mj.nullspace import structural
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.laws import NullspaceAID, Status
+from nsaid_mj.core.nullspace import structural
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.scenario import Scenario
 from tests.support.bench import TwoVehicles, bench, simulate
 from tests.support.summaries import summarize
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.plants.arm import true_model
+from nsaid_mj.lab.plants.arm import true_model
 from tests.support.bench import Bench
 
 ROUNDING = 1e-12  # sums of up to 126 products of either sign, relative to the largest

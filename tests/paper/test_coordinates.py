@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.nullspace import structural
-from nsaid_mj.plants.arm import true_model
+from nsaid_mj.core.nullspace import structural
+from nsaid_mj.lab.plants.arm import true_model
 from tests.support.bench import Bench, TwoVehicles, bench
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.parameters import Array
 from tests.support.bench import accelerations, bench, columns, estimates, order, swing
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nsaid_mj.laws import ConventionalAID, NullspaceAID
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.laws import ConventionalAID, NullspaceAID
+from nsaid_mj.core.parameters import Array
 from tests.support.bench import Bench, bench, estimates
 
 

@@ -6,14 +6,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from nsaid_mj.laws import Status
-from nsaid_mj.laws.nullspace_aid import paper_identifier
-from nsaid_mj.log import Log
-from nsaid_mj.nullspace import level
-from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.structure.parts import Body, Column, Inertia, tied
-from nsaid_mj.structure.structure import Structure
-from nsaid_mj.structure.system import SecondOrderSystem
+from nsaid_mj.core.laws import Status
+from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.core.log import Log
+from nsaid_mj.core.nullspace import level
+from nsaid_mj.core.parameters import Array, Block, ParameterSpace
+from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.core.structure.structure import Structure
+from nsaid_mj.core.structure.system import SecondOrderSystem
 from tests.support.bench import accelerations, columns
 
 

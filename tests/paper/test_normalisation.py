@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.parameters import Array
 from tests.support.bench import bench
 
 

@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.laws.nullspace_aid import paper_identifier
-from nsaid_mj.nullspace import structural
+from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.core.nullspace import structural
 from tests.support.bench import Bench, TwoVehicles, bench, estimates, random_states
 from tests.support.vehicles import coordinate_map
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nsaid_mj.laws.nullspace_aid import paper_identifier
-from nsaid_mj.nullspace import PersistenceMonitor, level, structural
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.core.nullspace import PersistenceMonitor, level, structural
+from nsaid_mj.core.parameters import Array
 from tests.support.bench import (
     Bench,
     TwoVehicles,

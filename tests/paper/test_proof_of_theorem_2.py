@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.nullspace import level
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.core.nullspace import level
+from nsaid_mj.core.parameters import Array
 from tests.support.bench import accelerations, columns
 
 

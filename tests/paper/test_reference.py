@@ -1,19 +1,19 @@
-"""Compiled kernels against `nsaid_mj.paper`, the equations in plain numpy, at random states."""
+"""Compiled kernels against `nsaid_mj.core.paper`, the equations in plain numpy, at random states."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from nsaid_mj import paper
-from nsaid_mj.evaluation.lyapunov import lyapunov
-from nsaid_mj.experiment.record import Record
-from nsaid_mj.laws.nullspace_aid import paper_identifier
-from nsaid_mj.log import Log
-from nsaid_mj.nullspace import level, structural
-from nsaid_mj.paper import Bases, Moment
-from nsaid_mj.parameters import Array
-from nsaid_mj.structure.sensing import displaced
+from nsaid_mj.core import paper
+from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.core.log import Log
+from nsaid_mj.core.nullspace import level, structural
+from nsaid_mj.core.paper import Bases, Moment
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.core.structure.sensing import displaced
+from nsaid_mj.lab.evaluation.lyapunov import lyapunov
+from nsaid_mj.lab.record import Record
 from tests.support.bench import Bench, bench
 
 from .test_update_laws import positive_definite

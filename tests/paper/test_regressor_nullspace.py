@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nsaid_mj.parameters import Array
-from nsaid_mj.structure.joints import JointTree
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.core.structure.joints import JointTree
 from tests.support.bench import Bench, bench
 from tests.support.dense import Dense
 

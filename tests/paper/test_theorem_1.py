@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
 
-from nsaid_mj.laws.nullspace_aid import paper_identifier
-from nsaid_mj.log import Measurement
+from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.core.log import Measurement
 from tests.support.bench import (
     Bench,
     TwoVehicles,

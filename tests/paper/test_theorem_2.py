@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from nsaid_mj.control import Driver
-from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.laws.nullspace_aid import paper_identifier
-from nsaid_mj.log import Measurement
-from nsaid_mj.nullspace import level, structural
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.core.log import Measurement
+from nsaid_mj.core.nullspace import level, structural
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.control import Driver
+from nsaid_mj.lab.setup import trajectory
 from tests.support.bench import TwoVehicles, bench, columns, estimates, simulate
 
 TWO = np.array([2.0, 1.5, 1.0, 3.0, 1.0, 0.8, -1.2, 2.0])  # the true θ of both vehicles

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from nsaid_mj.laws.nullspace_aid import paper_identifier
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.core.parameters import Array
 from tests.support.bench import bench, estimates, followed, order, swing
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from nsaid_mj.control.adaptive import AdaptiveTracking
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import Run, run
-from nsaid_mj.resources import scenarios
+from nsaid_mj.base.files import scenarios
+from nsaid_mj.lab.control.adaptive import AdaptiveTracking
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import Run, run
 
 FOLDER = Path(__file__).parent / "directions"
 TOLERANCE = 5e-6
@@ -23,7 +23,7 @@ direction of `wrist_first`, whose last steps hardly excite some masses, that was
 def names() -> list[str]:
     """The packed scenarios that identify.
 
-    Those that track are judged by the errors of their motion (tests/control): they follow a
+    Those that track are judged by the errors of their motion (tests/lab/control): they follow a
     reference that need not tell the parameters apart, and adaptive tracking does not need it.
     """
     return [n for n in scenarios() if not isinstance(load(n).excitation, AdaptiveTracking)]

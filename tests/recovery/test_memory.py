@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Driving, FourierTracking, MultisineCommand
-from nsaid_mj.evaluation import truth_of
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.loop import run
-from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.laws import NullspaceAID, State, Status
-from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.nullspace import structural
-from nsaid_mj.plants import SensorNoise
+from nsaid_mj.core.laws import NullspaceAID, State, Status
+from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.core.nullspace import structural
+from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.plants import SensorNoise
+from nsaid_mj.lab.scenario import Scenario
+from nsaid_mj.lab.setup import Setup
 from tests.support.summaries import summarize
 
 

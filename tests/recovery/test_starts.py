@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Scenario
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import prior_for
-from nsaid_mj.laws import Status
-from nsaid_mj.quotient.cone import cone_of, inside
-from nsaid_mj.studies.montecarlo import Course, identify
-from nsaid_mj.studies.study import Row
+from nsaid_mj.core.laws import Status
+from nsaid_mj.core.quotient.cone import cone_of, inside
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.setup import prior_for
+from nsaid_mj.plans.studies.montecarlo import Course, identify
+from nsaid_mj.plans.studies.study import Row
 from scripts.results import ENOUGH, VEHICLES, course, start
 
 

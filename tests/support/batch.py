@@ -3,10 +3,10 @@
 import numpy as np
 import scipy.linalg
 
-from nsaid_mj.log import Log
-from nsaid_mj.parameters import Array
-from nsaid_mj.structure.system import SecondOrderSystem
-from nsaid_mj.structure.transition import step
+from nsaid_mj.core.log import Log
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.core.structure.system import SecondOrderSystem
+from nsaid_mj.core.structure.transition import step
 
 _BLOCK = 100  # samples whose rows enter together
 

@@ -10,18 +10,24 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from nsaid_mj.control import DriverConfig, FourierTracking, MultisineCommand, PoseHold
-from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.laws import Identifier, IdentifierConfig, NullspaceAID, State, Status
-from nsaid_mj.laws.base import Estimates
-from nsaid_mj.log import Log, Measurement
-from nsaid_mj.nullspace import Nullspace, structural
-from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.plants import ArmPlant, AstrobeePlant, BlueROV2Plant, PlantConfig, ScalarRovPlant
-from nsaid_mj.plants.world.plant import Plant
-from nsaid_mj.structure.parts import Body, Column, Inertia, tied
-from nsaid_mj.structure.structure import Structure
-from nsaid_mj.structure.system import SecondOrderSystem
+from nsaid_mj.core.laws import Identifier, IdentifierConfig, NullspaceAID, State, Status
+from nsaid_mj.core.laws.base import Estimates
+from nsaid_mj.core.log import Log, Measurement
+from nsaid_mj.core.nullspace import Nullspace, structural
+from nsaid_mj.core.parameters import Array, Block, ParameterSpace
+from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
+from nsaid_mj.core.structure.structure import Structure
+from nsaid_mj.core.structure.system import SecondOrderSystem
+from nsaid_mj.lab.control import DriverConfig, FourierTracking, MultisineCommand, PoseHold
+from nsaid_mj.lab.plants import (
+    ArmPlant,
+    AstrobeePlant,
+    BlueROV2Plant,
+    PlantConfig,
+    ScalarRovPlant,
+)
+from nsaid_mj.lab.plants.world.plant import Plant
+from nsaid_mj.lab.setup import trajectory
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ import pyarrow.feather
 import pyarrow.parquet
 from hypothesis import strategies as st
 
-from nsaid_mj.logs.tables import Table, read
-from nsaid_mj.logs.unusable import UnusableLog
+from nsaid_mj.clinic.logs.tables import Table, read
+from nsaid_mj.clinic.logs.unusable import UnusableLog
 from tests.support.bags import write_bag
 from tests.support.flight_logs import write_dataflash, write_ulog
 from tests.support.robot_logs import columns, motion
@@ -70,7 +70,7 @@ def good(kind: str) -> bytes:
 
 def write_record(path: Path, t: np.ndarray) -> None:
     """A run's record."""
-    from nsaid_mj.experiment.record import RecordWriter
+    from nsaid_mj.lab.record import RecordWriter
 
     q, v, u = motion(t)
     writer = RecordWriter(path, {"t": 0, "q": 2, "v": 2, "u": 2}, {"names": []}, 20)

@@ -6,19 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.laws.cone import chart
-from nsaid_mj.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.log import Log, Measurement, Middle
-from nsaid_mj.numerics.linalg import solve_positive
-from nsaid_mj.numerics.spatial import bracket
-from nsaid_mj.parameters import Array
-from nsaid_mj.quotient import barrier
-from nsaid_mj.quotient import cone as geometry
-from nsaid_mj.structure.arrays import FALL, FRAME
-from nsaid_mj.structure.configuration import plain
-from nsaid_mj.structure.kinematics import place
-from nsaid_mj.structure.motion import balance
-from nsaid_mj.structure.system import SecondOrderSystem, Stage
+from nsaid_mj.core.laws.cone import chart
+from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.core.log import Log, Measurement, Middle
+from nsaid_mj.core.numerics.linalg import solve_positive
+from nsaid_mj.core.numerics.spatial import bracket
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.core.quotient import barrier
+from nsaid_mj.core.quotient import cone as geometry
+from nsaid_mj.core.structure.arrays import FALL, FRAME
+from nsaid_mj.core.structure.configuration import plain
+from nsaid_mj.core.structure.kinematics import place
+from nsaid_mj.core.structure.motion import balance
+from nsaid_mj.core.structure.system import SecondOrderSystem, Stage
 
 DIFFERENCE = 1e-5  # step of central differences along v [s·(1 + |v|)]
 

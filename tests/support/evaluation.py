@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from nsaid_mj.parameters import Array, Block, ParameterSpace
-from nsaid_mj.structure.forces import ALL, write_forces
-from nsaid_mj.structure.kinematics import place
-from nsaid_mj.structure.slopes import linearise
-from nsaid_mj.structure.stage import stage
-from nsaid_mj.structure.structure import Structure
-from nsaid_mj.structure.system import SecondOrderSystem
+from nsaid_mj.core.parameters import Array, Block, ParameterSpace
+from nsaid_mj.core.structure.forces import ALL, write_forces
+from nsaid_mj.core.structure.kinematics import place
+from nsaid_mj.core.structure.slopes import linearise
+from nsaid_mj.core.structure.stage import stage
+from nsaid_mj.core.structure.structure import Structure
+from nsaid_mj.core.structure.system import SecondOrderSystem
 from tests.support.dense import transport
 
 

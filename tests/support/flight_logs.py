@@ -9,7 +9,7 @@ import numpy as np
 import scipy.signal
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj.log import Log
+from nsaid_mj.core.log import Log
 
 Topics = dict[str, tuple[dict[str, np.ndarray], np.ndarray]]
 """By topic or kind of message: fields, (N,) or (N, k) for an array of k, and times (N,) [s]."""

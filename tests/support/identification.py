@@ -7,8 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.calibration.result import (
+from nsaid_mj.base.findings import Finding
+from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.clinic.identify.result import (
     AlongLog,
     Combination,
     Curves,
@@ -18,12 +19,11 @@ from nsaid_mj.calibration.result import (
     recording_shifts,
     statistics_of,
 )
-from nsaid_mj.evaluation.result import Parameter, Status
-from nsaid_mj.experiment.loop import Ending
-from nsaid_mj.log import Log
-from nsaid_mj.logs.recordings import Recordings, Segment
-from nsaid_mj.robot.findings import Finding
-from nsaid_mj.robot.model import RobotModel
+from nsaid_mj.clinic.logs.recordings import Recordings, Segment
+from nsaid_mj.core.log import Log
+from nsaid_mj.lab.loop import Ending
+from nsaid_mj.report.result import Parameter, Status
+from nsaid_mj.robots.model import RobotModel
 
 INERTIAL = ("mass", "m·cx", "m·cy", "m·cz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 UNITS = ("kg", *["kg·m"] * 3, *["kg·m²"] * 6)

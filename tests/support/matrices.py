@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.parameters import Array
+from nsaid_mj.core.parameters import Array
 
 
 def assert_near(one: Any, other: Any, tolerance: float = 1e-11, *, floor: float = 1e-300) -> None:

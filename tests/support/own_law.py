@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj import paper
-from nsaid_mj.bounds import Positive, config
-from nsaid_mj.laws import IdentifierConfig, NumpyIdentifier
-from nsaid_mj.log import Measurement
-from nsaid_mj.parameters import Array
-from nsaid_mj.structure.system import SecondOrderSystem
+from nsaid_mj.base.bounds import Positive, config
+from nsaid_mj.core import paper
+from nsaid_mj.core.laws import IdentifierConfig, NumpyIdentifier
+from nsaid_mj.core.log import Measurement
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.core.structure.system import SecondOrderSystem
 
 
 class OwnLaw(NumpyIdentifier):

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.control.driver import Driver
-from nsaid_mj.experiment.setup import draw_prior, trajectory
-from nsaid_mj.log import Log
-from nsaid_mj.parameters import Array
-from nsaid_mj.plants import ArmPlant, FloatingBasePlant, Plant, PlantConfig, ScalarRovPlant
+from nsaid_mj.core.log import Log
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.control.driver import Driver
+from nsaid_mj.lab.plants import ArmPlant, FloatingBasePlant, Plant, PlantConfig, ScalarRovPlant
+from nsaid_mj.lab.setup import draw_prior, trajectory
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from nsaid_mj.parameters import Array
-from nsaid_mj.structure.parts import Body, Inertia
-from nsaid_mj.structure.structure import Structure
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.core.structure.parts import Body, Inertia
+from nsaid_mj.core.structure.structure import Structure
 from tests.support.evaluation import Evaluation
 
 SPACE, PLANE = (

@@ -10,7 +10,7 @@ import pyarrow as pa
 from rerun.chunk import RrdReader
 
 from nsaid_mj import BlueROV2Plant, MultisineCommand, NullspaceAID, Scenario
-from nsaid_mj.experiment.loop import SimulatedRun
+from nsaid_mj.lab.loop import SimulatedRun
 
 VEHICLE = Scenario(
     plant=BlueROV2Plant(),

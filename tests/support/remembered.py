@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import trajectory
-from nsaid_mj.laws.memory.statistics import Memory, Recorder
-from nsaid_mj.log import Log as Measured
-from nsaid_mj.log import Measurement
-from nsaid_mj.parameters import Array
-from nsaid_mj.plants import Plant, SensorNoise
+from nsaid_mj.core.laws.memory.statistics import Memory, Recorder
+from nsaid_mj.core.log import Log as Measured
+from nsaid_mj.core.log import Measurement
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants import Plant, SensorNoise
+from nsaid_mj.lab.setup import trajectory
 
 
 class Log(NamedTuple):

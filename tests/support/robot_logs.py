@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.robot.model import RobotModel
-from nsaid_mj.structure.joints import positions
+from nsaid_mj.core.structure.joints import positions
+from nsaid_mj.robots.model import RobotModel
 
 JOINTS = ("shoulder", "elbow")
 

@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nsaid_mj.parameters import Array
-from nsaid_mj.structure.parts import Body, Column, Inertia, Rotor
-from nsaid_mj.structure.structure import Structure
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.core.structure.parts import Body, Column, Inertia, Rotor
+from nsaid_mj.core.structure.structure import Structure
 
 GRAVITY = 9.81
 

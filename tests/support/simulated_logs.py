@@ -22,12 +22,12 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.calibration.models import load_robot_model
-from nsaid_mj.experiment.library import load
-from nsaid_mj.experiment.setup import Setup
-from nsaid_mj.plants.arm import true_model
-from nsaid_mj.robot.model import RobotModel
-from nsaid_mj.structure.joints import positions
+from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.core.structure.joints import positions
+from nsaid_mj.lab.library import load
+from nsaid_mj.lab.plants.arm import true_model
+from nsaid_mj.lab.setup import Setup
+from nsaid_mj.robots.model import RobotModel
 
 Array = np.ndarray
 

@@ -2,7 +2,7 @@
 
 Kirchhoff's equations in body axes with ν = [v, ω]: the momentum h = M ν changes by the forces minus
 [ω × h_v, v × h_v + ω × h_ω], which is C(ν) ν for every choice of C. Forces are written as vectors
-that act at points. Nothing here knows `nsaid_mj.structure`.
+that act at points. Nothing here knows `nsaid_mj.core.structure`.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj.parameters import Array
-from nsaid_mj.plants.scalar_rov import heaving
-from nsaid_mj.plants.world.blueprint import VehicleSheet, sheet_of
-from nsaid_mj.structure.columns.curve import odd
-from nsaid_mj.structure.parts import Column
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.core.structure.columns.curve import odd
+from nsaid_mj.core.structure.parts import Column
+from nsaid_mj.lab.plants.scalar_rov import heaving
+from nsaid_mj.lab.plants.world.blueprint import VehicleSheet, sheet_of
 from tests.support.matrices import skew
 
 Z = np.array([0.0, 0.0, 1.0])

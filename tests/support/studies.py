@@ -1,9 +1,9 @@
 """Studies in memory, and what differs when one of their runs is repeated."""
 
-from nsaid_mj.experiment.scenario import Scenario
-from nsaid_mj.numerics.threads import single_threaded
-from nsaid_mj.studies.montecarlo import plan, rows_of
-from nsaid_mj.studies.study import Row
+from nsaid_mj.base.threads import single_threaded
+from nsaid_mj.lab.scenario import Scenario
+from nsaid_mj.plans.studies.montecarlo import plan, rows_of
+from nsaid_mj.plans.studies.study import Row
 
 COSTS = (
     "wall_s", "compile_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step",

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
-from nsaid_mj.evaluation import RunResult, Truth, evaluate, summary_of, with_curves
-from nsaid_mj.evaluation.run_result import judged
-from nsaid_mj.evaluation.statistics import (
+from nsaid_mj.lab.evaluation import RunResult, Truth, evaluate, summary_of, with_curves
+from nsaid_mj.lab.evaluation.run_result import judged
+from nsaid_mj.lab.evaluation.statistics import (
     Conditions,
     Dimensions,
     LawUsed,
@@ -16,7 +16,7 @@ from nsaid_mj.evaluation.statistics import (
     RunEnding,
     Unobservable,
 )
-from nsaid_mj.experiment.loop import Run, SimulatedRun
+from nsaid_mj.lab.loop import Run, SimulatedRun
 
 
 def summarize(run: Run, truth: Truth | None) -> dict[str, Any]:

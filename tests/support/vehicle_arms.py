@@ -2,7 +2,7 @@
 
 A body with a constant 6×6 inertia I and twist V = J v, both in its axes, asks for the wrench
 I V̇ + V ×* I V; projected by Jᵀ and summed, these balance the applied wrenches. Nothing here knows
-`nsaid_mj.structure`.
+`nsaid_mj.core.structure`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.parameters import Array
-from nsaid_mj.resources import numbers
+from nsaid_mj.base.files import numbers
+from nsaid_mj.core.parameters import Array
 from tests.support.fossen import published
 from tests.support.single_bodies import about, at, rigid
 

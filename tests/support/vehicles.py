@@ -7,8 +7,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from nsaid_mj.parameters import Array
-from nsaid_mj.plants import (
+from nsaid_mj.core.parameters import Array
+from nsaid_mj.lab.plants import (
     AstrobeePlant,
     BlueROV2Plant,
     BMW320iPlant,

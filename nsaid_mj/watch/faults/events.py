@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...laws import FaultEvent
-from ...laws.efficient.filter import FilterState
-from ...parameters import Array, Indices, ParameterSpace
+from ...core.laws import FaultEvent
+from ...core.laws.efficient.filter import FilterState
+from ...core.parameters import Array, Indices, ParameterSpace
 from .hypotheses import Hypothesis
 
 _SMALL = 0.1  # share of a gain up to which a loss may be the beginning of a slow one

@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...laws.efficient.covariance import SMALL
-from ...parameters import Array, Indices, ParameterSpace
-from ...quotient.barrier import gradient_and_hessian
-from ...quotient.cone import Cone, cone_of
-from ...structure.payload import carrier, point_mass, submerged
-from ...structure.sensing import sensor_labels, sensor_units
-from ...structure.system import SecondOrderSystem, gains_by_command
+from ...core.laws.efficient.covariance import SMALL
+from ...core.parameters import Array, Indices, ParameterSpace
+from ...core.quotient.barrier import gradient_and_hessian
+from ...core.quotient.cone import Cone, cone_of
+from ...core.structure.payload import carrier, point_mass, submerged
+from ...core.structure.sensing import sensor_labels, sensor_units
+from ...core.structure.system import SecondOrderSystem, gains_by_command
 from .evidence import Jump
 
 _GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain

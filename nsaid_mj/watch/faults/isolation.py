@@ -11,21 +11,14 @@ as on a real robot's log, only an inexact structure is tried.
 
 from typing import NamedTuple
 
-from ...laws import FaultEvent
-from ...laws.efficient.estimator import KalmanFilter
-from ...laws.efficient.state import EfficientState
-from ...log import Log, Measurement
-from ...parameters import Array
+from ...core.laws import FaultEvent
+from ...core.laws.efficient.estimator import KalmanFilter
+from ...core.laws.efficient.state import EfficientState
+from ...core.log import Log, Measurement
+from ...core.parameters import Array
 from ..state import in_motion, keeping, kept_of, moving_of, saying
 from .events import UNNOTICED, event_of, grown, loosened, revoked, without_effect
-from .hypotheses import (
-    Hypothesis,
-    everything,
-    hypotheses_of,
-    inexact,
-    nothing,
-    restored,
-)
+from .hypotheses import Hypothesis, everything, hypotheses_of, inexact, nothing, restored
 from .snapshots import PERIOD, rewind, slow_change, with_snapshot
 from .trial import LEAD, onset
 from .trials import Decision, begin_trials, follow_trials, narrowed, verdict

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...laws import FaultEvent
-from ...laws.efficient.signals import Signals
-from ...structure.system import SecondOrderSystem, gains_by_command
+from ...core.laws import FaultEvent
+from ...core.laws.efficient.signals import Signals
+from ...core.structure.system import SecondOrderSystem, gains_by_command
 from .hypotheses import Hypothesis
 
 

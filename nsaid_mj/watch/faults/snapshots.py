@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...laws.efficient.filter import FilterState
-from ...parameters import Array
-from ...structure.system import SecondOrderSystem
+from ...core.laws.efficient.filter import FilterState
+from ...core.parameters import Array
+from ...core.structure.system import SecondOrderSystem
 from .evidence import most_evident, posterior, shift_jumps
 from .hypotheses import Hypothesis, most_changed, penalty, slow_changes, together
 

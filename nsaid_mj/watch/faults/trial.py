@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...laws.efficient.estimator import KalmanFilter
-from ...laws.efficient.filter import FilterState
-from ...laws.efficient.signals import Signals
-from ...log import Log
-from ...parameters import Array, ParameterSpace
-from ...structure.system import SecondOrderSystem
+from ...core.laws.efficient.estimator import KalmanFilter
+from ...core.laws.efficient.filter import FilterState
+from ...core.laws.efficient.signals import Signals
+from ...core.log import Log
+from ...core.parameters import Array, ParameterSpace
+from ...core.structure.system import SecondOrderSystem
 from .evidence import jumped
 from .hypotheses import Hypothesis, command_of, loaded, most_changed
 

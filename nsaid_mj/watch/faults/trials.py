@@ -10,11 +10,11 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ...laws.efficient.estimator import KalmanFilter
-from ...laws.efficient.filter import FilterState
-from ...laws.efficient.signals import Signals
-from ...log import Log
-from ...parameters import Array
+from ...core.laws.efficient.estimator import KalmanFilter
+from ...core.laws.efficient.filter import FilterState
+from ...core.laws.efficient.signals import Signals
+from ...core.log import Log
+from ...core.parameters import Array
 from .evidence import posterior
 from .hypotheses import Hypothesis, penalty, together
 from .signals import signals_under

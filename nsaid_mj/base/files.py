@@ -1,0 +1,358 @@
+"""Files: paths of scenarios and assets, atomic writes, and locks of folders.
+
+Scenarios and assets are beside the package in a checkout, inside it in a wheel.
+"""
+
+import ast
+import errno
+import json
+import os
+import threading
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from .errors import BadRun, FolderInUse, InvalidInput, NotWritten, UnknownName
+
+RECORDING = "run.rrd"
+"""File of a run's recording."""
+RECORD = "record.arrow"
+"""File of a run's record."""
+
+SWEEP = ("manifest.json", "rows.jsonl", "results.parquet")
+"""Files of a sweep: what it is, one row for every run, and their table."""
+
+_PACKAGE = Path(__file__).resolve().parent.parent
+
+
+def folder(name: str) -> Path:
+    """The path of the folder `assets` or `scenarios`."""
+    packed = _PACKAGE / f"_{name}"
+    return packed if packed.is_dir() else _PACKAGE.parent / name
+
+
+def asset(vehicle: str, file: str) -> Path:
+    """The path of a file in a vehicle's asset folder, whether or not it exists."""
+    return folder("assets") / vehicle / file
+
+
+def path_of(text: str | os.PathLike[str]) -> Path:
+    """A path with the home directory in place of a leading `~`, if there is such a user.
+
+    Raises:
+        InvalidInput: the operating system does not accept such a path.
+    """
+    path = Path(text)
+    with suppress(RuntimeError):  # of a file that is called ~.csv
+        path = path.expanduser()
+    try:
+        path.exists()
+    except OSError as error:  # a name of 300 letters, a folder that may not be searched
+        name, reason = f"{str(path)[:60]}…", error.strerror or str(error)
+        raise InvalidInput(
+            "path", "the name of a file", f"{name}: {reason}", "Correct it."
+        ) from error
+    return path
+
+
+def record_file(path: Path) -> Path:
+    """The record in a run's folder, or the record file itself; raises `BadRun` if there is none."""
+    file = path / RECORD if path_of(path).is_dir() else path
+    if not file.is_file():
+        raise BadRun(path, f"there is no {RECORD}", "Give the folder that a run has written")
+    return file
+
+
+def check_sweep(folder: Path) -> None:
+    """Raises `BadRun` unless a folder has a file of a sweep."""
+    if not any((folder / name).is_file() for name in SWEEP):
+        raise no_sweep(folder)
+
+
+def no_sweep(folder: Path) -> BadRun:
+    """The error to raise for a folder without a sweep."""
+    return BadRun(
+        folder,
+        f"not a sweep folder: {SWEEP[0]} is missing",
+        "Give a folder that `nsaid sweep` has written",
+    )
+
+
+class VehicleFiles(NamedTuple):
+    """The files that describe a vehicle."""
+
+    sheet: Path  # vehicle.toml, its physical parameters; the file exists
+    model: Path  # model.xml, its appearance in MuJoCo; the file may be missing
+
+
+def vehicle_files(vehicle: str) -> VehicleFiles:
+    """A vehicle's files, by its folder's name in assets or the path of a TOML file or its folder.
+
+    model.xml is sought beside the TOML file.
+
+    Raises:
+        UnknownName: there is no such vehicle; the message lists similar names.
+        InvalidInput: the folder has no vehicle.toml.
+    """
+    names = {path.parent.name for path in folder("assets").glob("*/vehicle.toml")}
+    path = asset(vehicle, "") if vehicle in names else path_of(vehicle)
+    if path.is_dir():
+        path = path / "vehicle.toml"
+        if not path.is_file():
+            raise InvalidInput(
+                str(path),
+                "a file with the vehicle's numbers",
+                "no such file",
+                "docs/your_vehicle.md shows how to write one.",
+            )
+    if path.suffix != ".toml" or not path.is_file():
+        remedy = "Give a vehicle of your own by the path of its TOML file or of its folder."
+        raise UnknownName("vehicle", vehicle, names, remedy)
+    return VehicleFiles(path, path.with_name("model.xml"))
+
+
+def scenarios() -> dict[str, Path]:
+    """All scenario scripts by name."""
+    return {path.stem: path for path in sorted(folder("scenarios").glob("[!_]*.py"))}
+
+
+def numbers(vehicle: str) -> dict[str, Any]:
+    """A vehicle's published numbers, from its vehicle.toml; sources are in its SOURCE.md."""
+    with asset(vehicle, "vehicle.toml").open("rb") as stream:
+        return tomllib.load(stream)
+
+
+def json_of(text: str | bytes) -> Any:
+    """The value of a JSON text; raises `ValueError` if it is not JSON, or nested too deeply."""
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("thousands of values inside each other") from error
+
+
+def toml_of(path: Path, flag: str, remedy: str) -> dict[str, Any]:
+    """The content of a TOML file that a flag names; raises `InvalidInput` if it is not readable."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        expected = "a readable TOML file"
+        raise InvalidInput(flag, expected, f"{path}: {error}", remedy) from error
+
+
+def print_json(value: Any) -> None:
+    """Prints a value as strict JSON; numbers that are not finite become null."""
+    from .bounds import without_nonfinite  # pydantic takes a fifth of a second
+
+    plain = without_nonfinite(value)
+    print(json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False), flush=True)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Writes a value as JSON, atomically.
+
+    Raises:
+        ValueError: a number is NaN or infinite.
+        NotWritten: the file cannot be written.
+    """
+    write_text(path, json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes text as UTF-8, atomically; halves of surrogate pairs, as in odd names, become `?`.
+
+    Raises:
+        NotWritten: the file cannot be written.
+    """
+    with atomic_write(path) as partial:
+        partial.write_text(text, encoding="utf-8", errors="replace")
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Yields a temporary path to write to; on exit the file is synced and renamed to `path`.
+
+    A reader sees either the old file or the complete new one. If writing fails, the temporary file
+    is deleted.
+
+    Raises:
+        NotWritten: the operating system refuses to write.
+    """
+    partial = path.with_name(f".{path.name}.part")
+    if _inputs and path.resolve() in _inputs:
+        raise NotWritten(path, "it is a file that was read", "Give another folder with --out")
+    with writing(path):
+        try:
+            create(partial)
+            yield partial
+            with partial.open("rb") as stream:
+                os.fsync(stream.fileno())
+            partial.replace(path)
+        finally:
+            with suppress(OSError):  # of a folder that is gone
+                partial.unlink(missing_ok=True)
+
+
+_inputs: set[Path] = set()  # files that the current command reads
+
+
+@contextmanager
+def reading(*paths: str | Path | None) -> Iterator[None]:
+    """Context in which these files are never overwritten; paths that are no files are ignored."""
+    resolved = {Path(path).resolve() for path in paths if path}
+    files = {path for path in resolved if path.is_file()} - _inputs
+    _inputs.update(files)
+    try:
+        yield
+    finally:
+        _inputs.difference_update(files)
+
+
+def check_own(folder: Path, results: Sequence[str], remedy: str = "") -> None:
+    """Checks that a command overwrites only files that it made itself.
+
+    The folder may be missing, or hold hidden files; `results` are names of files that mark it as
+    one of such results. `remedy` is an alternative to another folder.
+
+    Raises:
+        BadRun: the folder holds other files only.
+    """
+    with suppress(OSError):  # of a folder that is missing, or a file
+        there = folder.resolve()  # new/../old is `old` once new is made
+        others = [path.name for path in there.iterdir() if not path.name.startswith(".")]
+        if others and not set(others) & set(results):
+            raise BadRun(
+                folder,
+                f"it holds other files, such as {min(others)}",
+                f"Give another folder with --out{remedy}",
+            )
+
+
+def create(path: Path) -> None:
+    """Creates an empty file in place of any other, without following a symbolic link."""
+    path.unlink(missing_ok=True)
+    flags = os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0)
+    os.close(os.open(path, flags, 0o666))
+
+
+@contextmanager
+def writing(path: Path, remedy: str = "") -> Iterator[None]:
+    """Context in which an error of the operating system, while writing to a path, is `NotWritten`.
+
+    The default remedy depends on the error.
+    """
+    try:
+        yield
+    except OSError as error:
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        remedy = remedy or (
+            "Make room on the disk, or give another folder with --out"
+            if full
+            else "Give another folder, with --out"
+        )
+        reason = error.strerror or str(error)
+        raise NotWritten(path, f"it cannot be written: {reason}", remedy) from error
+
+
+# -- folders that only one run writes into -----------------------------------------------------
+
+_held: dict[tuple[int, int], int] = {}  # thread that holds a folder, by device and inode
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Creates a folder if missing, and keeps other processes and threads from writing into it.
+
+    The lock is advisory: it excludes only callers of this function. The operating system releases
+    it when the process ends for any reason. The same thread may lock a folder again. Folders that
+    were created and are still empty at the end are removed.
+
+    Raises:
+        FolderInUse: another process or thread holds the folder.
+        NotWritten: the folder cannot be created, or is not a folder.
+    """
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        status = folder.stat()
+    key, thread = (status.st_dev, status.st_ino), threading.get_ident()
+    if _held.get(key) == thread:
+        yield
+        return
+    if _held.setdefault(key, thread) != thread:
+        raise FolderInUse(folder)
+    try:
+        descriptor = _flock(folder)
+        try:
+            yield
+        finally:
+            if descriptor is not None:
+                os.close(descriptor)
+    finally:
+        del _held[key]
+        with suppress(OSError):  # not empty
+            for path in missing:
+                path.rmdir()
+
+
+def _flock(folder: Path) -> int | None:
+    """A descriptor that holds the lock of a folder; None where folders cannot be locked."""
+    from filelock import lock_descriptor  # imported late: most commands answer without a lock
+
+    if os.name == "nt":  # it has no descriptors of folders
+        return None
+    with writing(folder):
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        free = lock_descriptor(descriptor, blocking=False)
+    except OSError:  # a file system without locks
+        os.close(descriptor)
+        return None
+    if not free:
+        os.close(descriptor)
+        raise FolderInUse(folder)
+    return descriptor
+
+
+# -- robots by name ----------------------------------------------------------------------------
+
+MORE_ROBOTS = "More robots by name: pip install 'nsaid-mj[robots]'."
+"""Remedy where a name is unknown and example-robot-data is not installed."""
+
+
+def packed_robots() -> dict[str, Path]:
+    """The URDF files of the robots in assets/robots, by name."""
+    files = sorted((folder("assets") / "robots").glob("*/*.urdf"))
+    return {file.stem: file for file in files}
+
+
+def has_example_robots() -> bool:
+    """Whether example-robot-data and its loaders are installed."""
+    return find_spec("example_robot_data") is not None
+
+
+def example_robots() -> dict[str, Any]:
+    """The loaders of example-robot-data by name; empty if it is not installed."""
+    if not has_example_robots():
+        return {}
+    from example_robot_data.robots_loader import ROBOTS
+
+    return ROBOTS
+
+
+def known_robots() -> list[str]:
+    """The names of all robots that are packed or, if it is installed, in example-robot-data.
+
+    They are parsed from its source: importing it also imports Pinocchio, a quarter of a second.
+    """
+    spec = find_spec("example_robot_data")
+    if spec is None or spec.origin is None:
+        return sorted(packed_robots())
+    text = Path(spec.origin).with_name("robots_loader.py").read_text(encoding="utf-8")
+    for statement in ast.parse(text).body:
+        match statement:
+            case ast.Assign(targets=[ast.Name(id="ROBOTS")], value=ast.Dict(keys=keys)):
+                return sorted({*packed_robots(), *map(ast.literal_eval, filter(None, keys))})
+    return sorted({*packed_robots(), *example_robots()})

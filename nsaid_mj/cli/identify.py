@@ -1,0 +1,271 @@
+"""`nsaid identify` and `nsaid inspect`: files in and out; the work is in `calibration`."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from dataclasses import asdict, fields, replace
+from itertools import chain, count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..base.errors import InvalidInput, printable
+from ..base.files import asset, print_json, reading, write_json
+from .checks import check_identify, check_inspect, known_number, names_in, numbers_in
+from .folders import check_writable, folder_for_results
+from .grammar import Identify, Inspect
+from .process import EXPLAINED, UNUSABLE, code_of
+
+if TYPE_CHECKING:
+    from ..clinic.identify.inspection import Inspection
+    from ..clinic.identify.result import Identification
+    from ..clinic.servos import ServoLogs
+    from ..report.page import Page
+    from ..report.progress import Progress
+
+RESULT = "identification.json"
+
+
+def identify_log(chosen: Identify) -> int:
+    """Executes the command and returns the exit code."""
+    model = chosen.model or chosen.packed
+    if model is None:
+        raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
+    check_identify(chosen, model)
+    from ..clinic.logs import limited_to
+
+    with (
+        reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
+        folder_for_results(
+            f"{Path(model).stem}-identify", chosen.out, chosen.force, RESULT, "results"
+        ) as folder,
+        limited_to(chosen.limit * 1e9),
+    ):
+        return _identify(model, chosen, folder)
+
+
+def _identify(model: str, chosen: Identify, folder: Path) -> int:
+    from rich.console import Console
+
+    from ..clinic.logs.unusable import UnusableLog
+    from ..report.progress import Progress
+    from ..report.terminal import print_findings, print_page
+
+    quiet, ended = chosen.quiet or chosen.json, False
+    with Progress(Path(model).stem, quiet=quiet) as progress:
+        progress.say("reading the model and the log")
+        try:
+            given = servos_of(model, chosen.log, chosen)
+            if given is not None:
+                page, files = identify_given(model, given, chosen, folder / RESULT, progress)
+            else:
+                found = _identified(model, chosen, folder, progress)
+                page, files = write(found, folder, progress.say, repeated(chosen))
+                ended = found.law is not None and not found.law.completed
+        except UnusableLog as error:
+            if not quiet:  # the error itself reports the refusals
+                notes = [finding for finding in error.findings if finding.level != "refusal"]
+                print_findings(notes, Console(stderr=True))
+            raise
+    if chosen.json:
+        print((folder / RESULT).read_text(encoding="utf-8"), end="")
+    elif not chosen.quiet:
+        print_page(page, Console(), files)
+    return max(code_of(page.result), int(ended))
+
+
+def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) -> Identification:
+    """The result of logs with commands that are forces."""
+    from ..clinic.identify.identify import identify_forces
+
+    return identify_forces(
+        model,
+        chosen.log,
+        validate=chosen.validate,
+        mapping=chosen.map,
+        validate_mapping=chosen.validate_map,
+        loads=chosen.load,
+        lock=names_in(chosen.lock),
+        joints=names_in(chosen.joints) or None,
+        law=chosen.law,
+        folder=folder / chosen.law,
+        report=progress.say,
+        **_options(chosen),
+    )
+
+
+def repeated(chosen: Identify) -> str:
+    """The command line of an identification, without the options that affect only its output."""
+    words = ["nsaid", "identify", *([chosen.packed] if chosen.packed else [])]
+    for field in fields(Identify):
+        value = getattr(chosen, field.name)
+        if value == field.default or field.name in {"packed", "out", "force", "json", "quiet"}:
+            continue
+        flag, several = f"--{field.name.replace('_', '-')}", isinstance(value, tuple)
+        if field.name in {"known", "load"}:
+            words += [word for each in value for word in (flag, each)]
+        else:
+            words += [flag, *(map(str, value) if several else [str(value)])]
+    return shlex.join(words)
+
+
+def write(
+    result: Identification, folder: Path, report: Callable[[str], None], command: str = ""
+) -> tuple[Page, list[Path]]:
+    """Writes results, report, recording and calibrated models into a folder.
+
+    `command` is the command line of the identification, for the report; empty if unknown.
+
+    Returns:
+        The page, whose result has findings about the exported model, too, and the files.
+    """
+    from ..base.bounds import without_nonfinite
+    from ..clinic.identify.export import write_models
+
+    folder.mkdir(parents=True, exist_ok=True)
+    report("writing and trying the calibrated models")
+    files, followed = write_models(result, folder)
+    result = replace(result, findings=(*result.findings, *followed))
+    write_json(folder / RESULT, without_nonfinite(result.summary()))
+    report("writing the report")
+    from ..clinic.identify import page as pages
+    from ..report.page import write_html
+
+    page = pages.page(result, command)
+    files.append(write_html(page, folder))
+    from ..report import recording
+
+    if recording.available():
+        report("writing the recording")
+        files.append(recording.record(page, folder / recording.FILE))
+    if result.law is not None:
+        from ..lab.finish import finish
+
+        finish(result.law.run, report)
+        files.append(result.law.run.folder / "report.html")
+    return page, [folder / RESULT, *files]
+
+
+def _options(chosen: Identify) -> dict[str, Any]:
+    """The options of a fit to forces that differ from their defaults."""
+    delay = chosen.delay
+    return {
+        "known": dict(known_number(text) for text in chosen.known),
+        "columns": None if chosen.columns == "auto" else names_in(chosen.columns),
+        "delay": None if delay == "auto" else numbers_in("--delay", delay, "Such as 0.01."),
+        "cutoff": chosen.cutoff,
+    }
+
+
+def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
+    """The arm and its logs if they hold targets and positions, else None."""
+    from ..clinic.identify.identify import servos_of as given
+    from ..clinic.identify.loads import load_of
+    from ..clinic.logs import read_map
+
+    mapping = None if chosen.map is None else read_map(chosen.map)
+    lock, joints = names_in(chosen.lock), names_in(chosen.joints) or None
+    loads = [load_of(text) for text in chosen.load] if logs == chosen.log else []
+    return given(model, logs, mapping, lock, joints, loads)
+
+
+def identify_given(
+    model: str, given: ServoLogs, chosen: Identify, path: Path, progress: Progress
+) -> tuple[Page, list[Path]]:
+    """Identifies servos and writes the results: JSON into the path, and an MJCF beside it.
+
+    Raises:
+        InvalidInput: an option has no meaning for logs of targets.
+    """
+    from ..base.bounds import without_nonfinite
+    from ..clinic.servos import identify_servos, replayed, write_servo_mjcf
+    from ..clinic.servos.identify import check_servo_options
+
+    check_servo_options(chosen.law, **_options(chosen))
+    own = replace(chosen, map=chosen.validate_map or chosen.map)
+    others = servos_of(model, chosen.validate, own) if chosen.validate else None
+    result = identify_servos(given, progress.say)
+    progress.say("writing and trying the calibrated model")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    model_file = path.with_name(f"{result.robot.name}.xml")
+    write_servo_mjcf(result, model_file)
+    followed, replay = replayed(result, model_file, given, others)
+    result = replace(result, findings=(*result.findings, followed))
+    write_json(path, without_nonfinite(result.summary()))
+    from ..clinic.servos import page as servos
+    from ..report import recording
+    from ..report.page import write_html
+
+    commands, folder, files = [repeated(chosen)], path.parent, [path, model_file]
+    if recording.available():
+        commands.append(shlex.join(["nsaid", "view", str(folder)]))
+    page = servos.page(result, commands, replay)
+    if recording.available():
+        progress.say("writing the recording")
+        files.append(recording.record_servos(page, replay, folder / recording.FILE))
+    return page, [*files, write_html(page, folder)]
+
+
+MAP, PICTURE = "map.toml", "inspection.png"
+
+
+def inspect_log(chosen: Inspect) -> int:
+    """Executes the command and returns the exit code: unusable where `identify` would refuse.
+
+    It writes the plot and, if a model but no map is given, a first map. An existing map may have
+    been edited by hand and is kept: a new one that differs gets another name, and so does the
+    picture beside one that is not ours.
+    """
+    if not chosen.logs:
+        raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
+    check_writable(chosen.out)
+    check_inspect(chosen)
+    from ..base.files import write_text
+    from ..clinic.identify.identify import files_of
+    from ..clinic.identify.inspection import inspect
+    from ..clinic.identify.inspection_page import draw
+    from ..clinic.logs import limited_to, read_map, read_tables
+    from ..clinic.logs.first_map import first_map
+    from ..report.plots import is_own
+
+    logs, mapping = list(chosen.logs), read_map(chosen.map) if chosen.map else None
+    model, name = chosen.model, str(logs[0])
+    if len(logs) == 1 and not logs[0].exists() and asset(name, "log.csv.gz").is_file():
+        model, (logs, mapping) = model or name, files_of(name, [], mapping)
+    robot = None
+    if model is not None:
+        from ..clinic.identify.models import load_robot_model
+
+        robot = load_robot_model(model, names_in(chosen.lock), names_in(chosen.joints) or None)
+    with limited_to(chosen.limit * 1e9):
+        tables = read_tables(logs, mapping)
+    found = inspect(tables, mapping, robot)
+    with reading(*chosen.logs, chosen.map, chosen.model):
+        chosen.out.mkdir(parents=True, exist_ok=True)
+        names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
+        paths = (chosen.out / name for name in names)
+        files = [draw(found, next(p for p in paths if not p.exists() or is_own(p)))]
+        if found.robot is not None and mapping is None:
+            text = first_map(found.tables, found.robot)
+            names = map("map-new-{}.toml".format, count(2))
+            paths = (chosen.out / name for name in chain((MAP, "map-new.toml"), names))
+            path = next(p for p in paths if not p.exists() or p.read_bytes() == text.encode())
+            write_text(path, text)
+            files.append(path)
+    if chosen.json:
+        print_json(document(found))
+    else:
+        from rich.console import Console
+
+        from ..clinic.identify.inspection_page import print_inspection
+
+        print_inspection(found, Console(highlight=False))
+        for path in files:
+            print(printable(str(path)))
+    refused = any(f.level == "refusal" or f.code == "unmatched" for f in found.findings)
+    return UNUSABLE if refused else EXPLAINED
+
+
+def document(found: Inspection) -> dict[str, object]:
+    """Figures and findings as plain data."""
+    return {name: [asdict(x) for x in getattr(found, name)] for name in ("channels", "findings")}

@@ -1,0 +1,90 @@
+"""`nsaid live`: follows the samples of a robot, from standard input or over UDP."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .checks import check_live, names_in
+from .folders import folder_for
+from .grammar import Live
+from .process import code_of
+
+if TYPE_CHECKING:
+    from ..clinic.session import Estimate
+    from ..lab.loop import Observer
+
+_SHOWN = 1.0  # time between two printed estimates [s]
+
+
+def follow_robot(chosen: Live) -> int:
+    """Executes the command and returns the exit code."""
+    check_live(chosen)
+    from ..clinic.identify.measured import LiveRobot, measured_scenario
+    from ..clinic.logs.stream import bound
+    from ..clinic.session import Session
+    from ..lab.evaluation import summary_of
+    from ..lab.evaluation.page import print_result
+    from ..lab.finish import finish
+    from ..report.progress import Progress
+
+    name = Path(chosen.model).stem
+    lock, joints = names_in(chosen.lock), names_in(chosen.joints)
+    robot = LiveRobot(robot=chosen.model, lock=lock, joints=joints, gain=chosen.gain)
+    noise = chosen.position_noise, chosen.velocity_noise
+    scenario = measured_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
+    quiet = chosen.quiet or chosen.json
+    with folder_for(f"{name}-live", scenario, chosen.out, chosen.force) as folder:
+        with Progress(name, quiet=quiet) as progress:
+            progress.say("reading the model")
+            session = Session(scenario, chosen.frame)
+            progress.say("loading kernels")
+            session.warm_up()
+        lines = sys.stdin.buffer if chosen.udp is None else bound(chosen.udp)
+        space, system = session.robot.system.space, session.robot.system
+        if chosen.json:
+            widths = {"q": system.m, "v": system.n, "u": system.n_u}
+            head = {"names": space.names, "units": space.units, "widths": widths}
+            print(json.dumps(head | {"folder": str(folder)}, allow_nan=False), flush=True)
+        elif not quiet:
+            where = "standard input" if chosen.udp is None else f"UDP port {chosen.udp}"
+            print(f"{name}: waiting for samples from {where}", file=sys.stderr)
+        observers: list[Observer] = []
+        if chosen.view:
+            from ..report.recording import Live as Viewer
+
+            observers.append(Viewer(name, 0))
+        every = chosen.every if chosen.every is not None else _SHOWN
+        show = _send if chosen.json else (_print if not quiet else lambda _: None)
+        run = session.run(lines, folder, show, every, observers)
+        command = shlex.join(["nsaid", "live", "--model", chosen.model, "--law", chosen.law])
+        with Progress(name, quiet=quiet) as progress:
+            result = finish(run, progress.say, command)
+    if chosen.json:
+        found = {"summary": summary_of(result)}
+        print(json.dumps(found, ensure_ascii=False, allow_nan=False))
+    elif not chosen.quiet:
+        print_result(f"{name} live", result, folder)
+    return code_of(result)
+
+
+def _send(estimate: Estimate) -> None:
+    sys.stdout.buffer.write(estimate.line())
+    sys.stdout.buffer.flush()
+
+
+def _print(estimate: Estimate) -> None:
+    from ..core.parameters import number
+    from ..report.wording import estimate as written
+
+    gains = "  ".join(
+        f"{gain.name} {written(gain.value, gain.low, gain.high)[0]} ± "
+        f"{number(0.5 * (gain.high - gain.low), significant=2)}"
+        for gain in estimate.gains
+    )
+    doubt = f"  misfit: {estimate.misfit}" if estimate.misfit not in ("", "none") else ""
+    faults = f"  faults: {'; '.join(estimate.faults)}" if estimate.faults else ""
+    print(f"{estimate.t:8.2f} s  {gains}{doubt}{faults}", flush=True)

@@ -1,0 +1,288 @@
+"""Plant and actuators from prepared logs: structure, fit, intervals, verdict."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...base.findings import Finding, refused
+from ...core.parameters import Array
+from ...report.result import gravest_first
+from ...robots.model import RobotModel
+from ..logs.recordings import Recordings
+from ..logs.unusable import UnusableLog
+from .choose.structured import structured
+from .fit import Fit, Precision, minimise, precision, tempered, tempered_fit
+from .joints import TRUSTED, nearest_friction
+from .links import check_loads, payloads
+from .problem import Problem, folds, least_squares
+from .residuals import Followed, doubts, followed, widened, with_doubts
+from .result import (
+    Curves,
+    Fitted,
+    Identification,
+    JointFit,
+    Options,
+    Structured,
+    recording_shifts,
+    statistics_of,
+)
+from .statements import (
+    combinations_in_words,
+    common_scale,
+    idle_values,
+    parameters_in_words,
+    rescaled,
+    suggest,
+    verdict,
+    with_known,
+)
+
+_FOLDS = 5
+_POOR = 0.5  # NRMSE above which a joint's motion is not explained
+_DEFAULT = Options()
+
+
+def calibrate(
+    robot: RobotModel,
+    recordings: Recordings,
+    validation: Recordings | None = None,
+    options: Options = _DEFAULT,
+    report: Callable[[str], None] = lambda _: None,
+) -> Identification:
+    """Identifies the parameters of a robot from prepared recordings.
+
+    `validation` is a log excluded from the fit; None to hold out parts of the training logs.
+    `report` is called with the name of every stage, for progress.
+
+    Raises:
+        UnusableLog: the log cannot be used; all findings are attached.
+        UnknownName: a known parameter does not exist.
+        InvalidInput: a known value is not physical.
+    """
+    begin, known = time.perf_counter(), dict(options.known)
+    check_loads(options.loads, [segment.source for segment in recordings.segments])
+    for payload in payloads(robot.model, options.loads):
+        known |= payload.known
+    found = [*robot.findings, *recordings.findings]
+    if validation is not None:
+        found += [f for f in validation.findings if f not in found]
+    _refuse(found)
+    made = structured(robot, recordings, validation, options, report)
+    found += made.findings
+    _refuse(found)
+    report("fitting and estimating intervals")
+    fitted = _estimated(robot, made, known)
+    theta, covariance = fitted.fit.theta, fitted.exact.covariance
+    tried = made.suspects(theta)
+    left = followed(fitted.problem, theta, covariance, fitted.share, tried, made.noisier)
+    report("predicting held-out parts")
+    joints = _joints(fitted, robot)
+    doubted, exact = _judged(fitted, left, joints, robot.jointed)
+    logs, found, fitted = (recordings, validation), [*found, *doubted], fitted._replace(exact=exact)
+    result = _identification(robot, logs, fitted, joints, found, known, begin)
+    # elastic gears may cause an apparent offset in the held-out parts of one log, not in another
+    vain = {p.label for p in result.parameters if p.low <= 0 <= p.high}
+    level = options.level | {
+        joint.name
+        for joint in joints
+        if "spring" not in joint.columns and f"offset of {joint.name}" in vain
+    }
+    if options.columns is None and level != options.level:
+        report("fitting without an offset whose interval holds 0")
+        return calibrate(robot, recordings, validation, replace(options, level=level), report)
+    return result
+
+
+def _estimated(robot: RobotModel, made: Structured, known: Mapping[str, float]) -> Fitted:
+    """The fit of a structure with known values, and its precision."""
+
+    def informed(each: Problem) -> Problem:
+        return with_known(rescaled(each, known) if robot.weightless else each, known)
+
+    problem = informed(made.problem)
+    fit, share = tempered_fit(problem)
+    exact = precision(problem, fit, share)
+    changes = [_change(problem, fit, informed(other), share) for other in made.alternatives]
+    if changes:
+        exact = exact._replace(structure=np.array(changes))
+    return Fitted(made, problem, fit, exact, share)
+
+
+def _judged(
+    fitted: Fitted, left: Sequence[Followed], joints: Sequence[JointFit], arm: bool
+) -> tuple[list[Finding], Precision]:
+    """Findings about the structure, and the precision widened by them.
+
+    `left` are the suspects found. With `arm` the parts are joints; a vehicle has velocities.
+    """
+    held_out, found = np.array([joint.held_out for joint in joints]), []
+    for joint in joints:
+        if not arm and np.isnan(joint.held_out):
+            text = "no actuator drives it and it hardly moves, so its prediction is not judged"
+            remedy = "Record a motion that accelerates it."
+            found.append(Finding("note", "hardly_moved", joint.name, text, remedy))
+    problem, exact = fitted.problem, fitted.exact
+    found += doubts(problem, exact, left, held_out)
+    exact = widened(exact, left)
+    checked = [np.nan if joint.validation is None else joint.validation for joint in joints]
+    worse = np.where(np.isnan(held_out), np.nan, np.fmax(held_out, checked))
+    unexplained = structure_checks(tuple(joint.name for joint in joints), worse)
+    if unexplained:
+        share = _doubted(problem, [f.where for f in unexplained], arm)
+        structure = np.vstack([exact.structure, np.diag(exact.theta * share)])
+        exact = exact._replace(structure=structure)
+    return [*found, *unexplained], exact
+
+
+def _identification(
+    robot: RobotModel,
+    logs: tuple[Recordings, Recordings | None],
+    fitted: Fitted,
+    joints: tuple[JointFit, ...],
+    found: list[Finding],
+    known: Mapping[str, float],
+    begin: float,
+) -> Identification:
+    """The result of a fit that began at a time [s], with what was found, in words.
+
+    `logs` are those of training and of validation.
+    """
+    (made, problem, fit, exact), (recordings, others) = fitted[:4], logs
+    gain_spread = problem.spread[problem.space.actuators]
+    stated = bool((gain_spread < TRUSTED).all())
+    scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
+    found = [*found, *idle_values(problem, scale, known)]
+    judged = verdict(joints, robot.jointed)
+    explains, sentence = scale.judged(*with_doubts(*judged, found))
+    common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
+    parameters, checked = parameters_in_words(problem, fit, exact, gain_spread, common), None
+    if others is not None and made.checked is not None:
+        checked = _curves(made.checked, fit.theta, others)
+    return Identification(
+        explains=explains,
+        verdict=sentence,
+        parameters=parameters,
+        findings=gravest_first(found),
+        robot=robot,
+        recordings=recordings,
+        joints=joints,
+        combinations=combinations_in_words(problem, fit, exact),
+        anchor=scale.words,
+        suggestion="" if explains == "no" else suggest(problem, exact, parameters),
+        theta=fit.theta,
+        deviation=exact.deviation,
+        covariance=exact.covariance,
+        friction=nearest_friction(problem, fit.theta),
+        statistics=statistics_of(joints),
+        predictions=_curves(problem, fit.theta, recordings),
+        validation=checked,
+        law=None,
+        cutoff=made.cutoff,
+        seconds=time.perf_counter() - begin,
+        fitted=fitted,
+    )
+
+
+def _joints(fitted: Fitted, robot: RobotModel) -> tuple[JointFit, ...]:
+    """How well every velocity is predicted, also by least squares with the gains of the fit.
+
+    The held-out error is NaN for velocities of a vehicle that hardly moves in them.
+    """
+    made, problem, theta = fitted.made, fitted.problem, fitted.fit.theta
+    held_out, plain = _held_out(problem, fitted.share, theta)
+    if not robot.jointed:
+        held_out[problem.hardly_moved(theta, robot.system.velocity_units)] = np.nan
+    errors = {"fit": problem.nrmse(theta), "held_out": held_out, "least_squares": plain}
+    if made.checked is not None:
+        least = least_squares(problem, theta[problem.space.actuators])
+        errors["validation"] = made.checked.nrmse(theta)
+        errors["validation_least_squares"] = made.checked.nrmse(least)
+    return tuple(
+        replace(velocity, **{key: float(values[j]) for key, values in errors.items()})
+        for j, velocity in enumerate(made.velocities)
+    )
+
+
+def structure_checks(names: tuple[str, ...], held_out: Array) -> list[Finding]:
+    """Joints whose motion the structure does not explain."""
+    text = (
+        "the structure does not explain this motion: held-out NRMSE {:.0f} %, where predicting the "
+        "mean gives 100 %"
+    )
+    remedy = (
+        "Do not trust its parameters. Check the model's axis, the joint's columns in the map, "
+        "contacts, and couplings."
+    )
+    pairs = zip(names, held_out.tolist(), strict=True)
+    return [
+        Finding("warning", "unexplained", name, text.format(100 * x), remedy, {"nrmse": x})
+        for name, x in pairs
+        if x >= _POOR
+    ]
+
+
+def _doubted(problem: Problem, names: list[str], arm: bool) -> Array:
+    """(p,) 1 at parameters of velocities that the structure does not explain, else 0.
+
+    Their intervals are widened by their own size. On a vehicle every parameter acts on several
+    velocities, so all are marked.
+    """
+    if not arm:
+        return np.ones(len(problem.space))
+    own = [any(label.endswith(f" of {n}") for n in names) for label in problem.space.labels]
+    return np.array(own, dtype=np.float64)
+
+
+def _held_out(problem: Problem, share: Array, start: Array) -> tuple[Array, Array]:
+    """(n,), (n,) NRMSE of held-out fifths: of fits from `start` (p,), of weighted least squares.
+
+    Squares are summed over all fifths and divided by those of the whole log's forces, because a
+    joint may stand still in one of the fifths.
+    """
+    at, total, counts = problem.space.actuators, 0.0, np.zeros(problem.Y.shape[1])
+    for rest, own in folds(problem, _FOLDS):
+        if not rest.usable.any():
+            continue
+        theta = minimise(rest, tempered(rest, share), start).theta
+        rows = own.usable.sum(axis=0)
+        errors = [own.nrmse(x, problem) for x in (theta, least_squares(rest, theta[at]))]
+        total = total + rows * np.where(rows > 0, errors, 0.0) ** 2
+        counts += rows
+    ours, theirs = np.sqrt(np.where(counts > 0, total / np.maximum(counts, 1), np.nan))
+    return ours, theirs
+
+
+def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
+    """(p,) change of θ̂ under another structure that counts as one standard deviation.
+
+    It is the whole change, times the ratio of the residual variances if the other structure
+    explains the log less well; 0 for parameters that the other lacks.
+    """
+    _, own, theirs = np.intersect1d(problem.space.names, other.space.names, return_indices=True)
+    start, change = other.prior.copy(), np.zeros(len(problem.space))
+    start[theirs] = fit.theta[own]
+    found = minimise(other, tempered(other, share), start)
+    both = (fit.levels > 0) & (found.levels > 0)  # 0 for joints that are at rest throughout
+    plausible = np.exp(np.mean(np.log(fit.levels[both] / found.levels[both])))
+    change[own] = min(1.0, plausible) * (found.theta[theirs] - fit.theta[own])
+    return change
+
+
+def _curves(problem: Problem, theta: Array, recordings: Recordings) -> Curves:
+    """Measured and predicted commands where every velocity has an actuator, else forces."""
+    t = problem.t + recording_shifts(recordings)[problem.segment]
+    at, n = problem.space.actuators, problem.Y.shape[1]
+    measured, unit = -problem.actuation(theta), 1.0
+    if len(at) == n:
+        own = problem.Y[:, np.arange(n), at]
+        if np.count_nonzero(problem.Y[:, :, at]) <= np.count_nonzero(own):
+            measured, unit = -own, theta[at]
+    predicted = measured + problem.residual(theta) / unit
+    return Curves(t, problem.segment, measured, predicted, problem.usable)
+
+
+def _refuse(found: list[Finding]) -> None:
+    if refused(found):
+        raise UnusableLog(gravest_first(found))

@@ -1,0 +1,65 @@
+"""The cut-off of the rows' filter, from the bandwidth of the motion."""
+
+import numpy as np
+import scipy
+
+from ....core.log import Log
+from ...logs.recordings import Recordings
+from ..smoothing import Filter, noise_levels
+
+NARROWER = 0.6
+"""Another plausible cut-off over the chosen one."""
+
+_SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
+_ABOVE = 4.0  # power, relative to the noise's, from which it counts as motion
+_LOWEST, _HIGHEST = 3.0, 20.0  # cut-offs of the rows' filter [Hz]
+_SAMPLES = 10  # regressors computed per period of the rows' cut-off
+_MOST_ROWS = 20_000  # of a fit: of an hour, thinned ones determine all that its length can
+
+
+def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
+    """The filter that passes the motion.
+
+    `cutoff` of the rows [Hz] is by default three times the frequency below which 99 % of the
+    velocities' power lies, within 3 and 20 Hz.
+    """
+    rate = recordings.rate
+    if cutoff is None:
+        cutoff = float(np.clip(3 * _bandwidth(recordings), _LOWEST, _HIGHEST))
+    cutoff = min(cutoff, 0.2 * rate)
+    every = max(1, int(rate / (_SAMPLES * cutoff)))
+    computed = sum(len(segment.log.t) for segment in recordings.segments) / every
+    least = max(1, int(np.ceil(computed / _MOST_ROWS)))
+    log, derived = _longest(recordings), False
+    if log.q.shape[1] == log.v.shape[1]:
+        # drives often report filtered velocities, delayed relative to the positions: they are used
+        # only if the positions' derivative has more than three times their noise
+        position, velocity = noise_levels(log)
+        derived = bool(position * 2 * np.pi * cutoff / np.sqrt(3) <= 3 * velocity + 1e-12)
+    return Filter(cutoff, rate, every, least, derived)
+
+
+def _longest(recordings: Recordings) -> Log:
+    return max(recordings.segments, key=lambda s: len(s.log.t)).log
+
+
+def _bandwidth(recordings: Recordings) -> float:
+    """Frequency [Hz] below which 99 % of the velocities' power lies, noise excluded.
+
+    Noise and quantisation of an encoder are white in the positions: their density is estimated from
+    the upper half of the frequencies, and power below `_ABOVE` times it counts as noise.
+    """
+    longest, rate = _longest(recordings), recordings.rate
+    own = longest.q.shape == longest.v.shape
+    x = longest.q if own else longest.v
+    window = min(len(x), int(4 * rate))
+    x = scipy.signal.detrend(x, axis=0)
+    frequencies, power = scipy.signal.welch(x, fs=rate, window="hann", nperseg=window, axis=0)
+    low = frequencies < 0.4 * rate
+    if own:
+        floor = np.median(power[frequencies > 0.25 * rate], axis=0)
+        power = np.where(power > _ABOVE * floor, power - floor, 0.0)
+        power *= (2 * np.pi * frequencies[:, None]) ** 2
+    power = power / np.maximum(power[low].sum(axis=0), 1e-300)
+    total = np.cumsum(power[low].mean(axis=1))
+    return float(frequencies[low][np.searchsorted(total, _SHARE * total[-1])])

@@ -1,0 +1,25 @@
+"""The one entry to all choices: a robot and its logs become rows of the best structure."""
+
+from collections.abc import Callable
+
+from ....robots.model import RobotModel
+from ...logs.recordings import Recordings
+from ..result import Options, Structured
+from .joint_search import structured_arm
+from .vehicle_search import structured_vehicle
+
+
+def structured(
+    robot: RobotModel,
+    recordings: Recordings,
+    validation: Recordings | None,
+    options: Options,
+    report: Callable[[str], None],
+) -> Structured:
+    """Chooses what `options.OPTIONS` lists for a robot, and makes the rows of its fit.
+
+    `recordings` are training logs, `validation` is a log excluded from the fit, or None; `report`
+    is called with the name of every stage.
+    """
+    search = structured_arm if robot.jointed else structured_vehicle
+    return search(robot, recordings, validation, options, report)

@@ -1,0 +1,168 @@
+"""When and how a vehicle's commands act: the actuators' delay and lag, and the rotors' curve.
+
+All are chosen by the cost of the whole fit, see `vehicle_search`.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from ....base.findings import Finding
+from ....core.parameters import Array
+from .options import DELAY, LAG, MIX, NUMBER, improves
+
+_FINE = 0.0005  # of the best delay [s]
+_STEPS = (0.0005, 0.001, 0.01)  # first changes of delay, lag and mix by which a cost rises
+_DOUBLINGS = 6  # of a change, at most
+_RISE = 2.0  # of the cost, at two standard deviations, which count as one: residuals are correlated
+
+
+class Timing(NamedTuple):
+    """When and how commands act."""
+
+    delay: float | Array = 0.0  # that all actuators share [s]; (k,) one for each where it is given
+    # share m of the square in a rotor's force m u² + (1 − m) u of a command u held for long: 1
+    # where the command is the rotor's speed, 0 where it is its thrust
+    mix: float = 1.0
+    lag: float = 0.0  # time constant of a rotor's speed, or of another actuator's command [s]
+
+    def speeds(self, u: Array, rate: float) -> Array:
+        """(N, k) relative speeds of rotors under commands u (N, k), apart from the delay.
+
+        Force grows with their square; `rate` is in samples per second [Hz].
+        """
+        size = np.abs(u)
+        speed = np.sign(u) * np.sqrt(self.mix * size**2 + (1 - self.mix) * size)
+        if self.lag == 0:
+            return speed
+        r = 1 / (rate * self.lag)  # exact for a course that is linear between samples
+        kept, mean = np.exp(-r), -np.expm1(-r) / r
+        taps, start = [1 - mean, mean - kept], mean * speed[:1]
+        return np.asarray(scipy.signal.lfilter(taps, [1, -kept], speed, axis=0, zi=start)[0])
+
+
+def search(
+    cost: Callable[[Timing], float],
+    names: Sequence[str],
+    free: Sequence[int],
+    report: Callable[[str], None],
+) -> tuple[Timing, list[Timing], list[Finding]]:
+    """The timing that minimises a cost, equally plausible ones, and notes.
+
+    `names` are those of the actuators. `free` are the numbers of a timing that may change, see
+    `_timing_of`: 0, the delay, 1, the lag, where some commands are not measured speeds, and 2, the
+    curve, where they are of rotors.
+    """
+    report("searching for delays")
+    grid = np.array(DELAY.values)
+    costs = np.array([cost(Timing(d)) for d in grid])
+    at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
+    found, edge, notes = np.array([0.0, 0.0, 1.0]), at in (0, len(grid) - 1), []
+    if not edge:
+        least = scipy.optimize.minimize_scalar(
+            lambda d: cost(Timing(d)), bounds=(grid[at - 1], grid[at + 1]), options={"xatol": _FINE}
+        )
+        if improves(costs[zero], least.fun, DELAY.criterion):
+            found[0] = least.x
+
+    def along(x: Array) -> float:
+        timing = _timing_of(x)
+        return np.inf if timing is None else cost(timing)
+
+    if 1 in free:
+        report("choosing the actuators' curve and lag")
+        found = _with_drive(along, found, free)
+    timing = _timing_of(found) or Timing()
+    if edge and improves(costs[zero], costs[at], NUMBER) and timing == Timing():
+        text = (
+            f"the best delay of the commands, {grid[at] * 1e3:+.0f} ms, lies at the edge of the "
+            "search"
+        )
+        remedy = "Align the clocks of commands and positions in the map."
+        notes.append(Finding("warning", "delay_at_edge", "", text, remedy))
+    if timing.delay:
+        text = f"commands act {timing.delay * 1e3:.1f} ms after they were recorded"
+        notes.append(Finding("note", "delay", "", text, data=dict.fromkeys(names, timing.delay)))
+    return timing, _plausible(along, found, free), [*notes, *_drive_notes(timing, 2 in free)]
+
+
+def _timing_of(x: Array) -> Timing | None:
+    """The timing with three numbers that have distinguishable effects on the motion.
+
+    They are the sum of delay and lag [s], which slow motion cannot separate, the lag [s], and the
+    share of the square; None if there is no such timing.
+    """
+    total, lag, mix = map(float, x)
+    inside = lag >= 0 and 0 <= mix <= 1
+    return Timing(total - lag, mix, lag) if inside else None
+
+
+def _with_drive(along: Callable[[Array], float], start: Array, free: Sequence[int]) -> Array:
+    """The numbers of the timing that minimises the cost: a grid search, then a simplex.
+
+    The search starts from the best delay for rotors whose commands are their speeds, without a lag.
+    A mix is rounded to 1 or 0, and a lag to 0, if that raises the cost by less
+    than `NUMBER` demands.
+    """
+    trials = MIX.values if 2 in free else MIX.values[:1]
+    mixes = [np.array([start[0], 0.0, mix]) for mix in trials]
+    lags = [np.array([start[0], lag, min(mixes, key=along)[2]]) for lag in LAG.values]
+    best = min(lags, key=along)
+    if not improves(along(mixes[0]), along(best), NUMBER):
+        return start
+    steps = np.diag([0.01, 0.01, 0.1 - 0.2 * (best[2] > 0.5)])[free]
+
+    def placed(x: Array) -> Array:
+        found = best.copy()
+        found[free] = x
+        return found
+
+    corners = np.vstack([best, best + steps])[:, free]
+    options = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 1.0, "maxfev": 90}
+    least = scipy.optimize.minimize(
+        lambda x: along(placed(x)), corners[0], method="Nelder-Mead", options=options
+    )
+    found = placed(least.x)
+    for k, plain in ((1, 0.0), (2, 0.0), (2, 1.0)):
+        simpler = np.where(np.arange(3) == k, plain, found)
+        if k in free and not improves(along(simpler), along(found), NUMBER):
+            found = simpler
+    return found
+
+
+def _plausible(along: Callable[[Array], float], found: Array, free: Sequence[int]) -> list[Timing]:
+    """Timings that differ from the optimum by the uncertainty of each number in turn.
+
+    A number is changed in both directions until the cost rises as for two standard deviations, and
+    the larger change is used, as the cost hardly depends on a small lag.
+    """
+    others, least = [], along(found)
+    for k in free:
+        best = 0.0
+        for side in (1, -1):
+            step, rise = side * _STEPS[k], 0.0
+            for _ in range(_DOUBLINGS):
+                rise = along(found + step * np.eye(3)[k]) - least
+                if rise >= _RISE:
+                    break
+                step *= 2
+            if np.isfinite(rise):
+                size = step * np.sqrt(_RISE / max(rise, _RISE))
+                best = size if abs(size) > abs(best) else best
+        others.append(_timing_of(found + best * np.eye(3)[k]))
+    return [other for other in others if other is not None]
+
+
+def _drive_notes(timing: Timing, rotors: bool) -> list[Finding]:
+    """Describes the drives, unless commands act at once, and those of rotors are their speeds."""
+    found, mix = [], timing.mix
+    if mix != 1.0:
+        text = f"the rotors' thrust is {mix:.2f} u² + {1 - mix:.2f} u of the command u"
+        found.append(Finding("note", "curve", "", text, data={"mix": mix}))
+    if timing.lag:
+        who = "the rotors' speeds" if rotors else "the actuators"
+        text = f"{who} lag behind their commands by {timing.lag * 1e3:.0f} ms"
+        found.append(Finding("note", "lag", "", text, data={"seconds": timing.lag}))
+    return found

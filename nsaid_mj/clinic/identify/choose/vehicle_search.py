@@ -1,0 +1,175 @@
+"""Choice of a vehicle's timing, cut-off and further columns.
+
+A vehicle's forces are not linear in its commands, and several actuators act on one velocity. Delays
+are therefore chosen by the cost of the fit: first a common one, then one per actuator.
+"""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from ....base.findings import Finding
+from ....core.parameters import Array
+from ....core.structure.sensing import rate_labels
+from ....robots.model import RobotModel
+from ...logs.recordings import Recordings
+from ..fit import inflation, minimise, tempered, tempered_fit
+from ..problem import Problem
+from ..residuals import Suspect
+from ..result import JointFit, Options, Structured
+from ..suspects import command_suspects
+from ..vehicles import VehicleRows
+from .columns import EXTRA
+from .cutoff import NARROWER, filter_for
+from .options import CUTOFF, FURTHER_COLUMNS, improves
+from .timing import Timing, search
+
+_ROUNDS = 3  # of choosing timing and cut-off in turn
+_FEWEST = 200  # rows per velocity that a lower cut-off must leave
+
+
+def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Finding]]:
+    """The further columns that significantly lower the cost, and notes about them."""
+    columns, notes, cost = frozenset[str](), [], _cost(rows, frozenset(), timing)
+    best = cost(columns, timing)
+    for option in FURTHER_COLUMNS:
+        name = option.name
+        trial = cost(columns | {name}, timing)
+        if improves(best, trial, option.criterion):
+            text = f"a column of {name} per velocity lowers the cost by {best - trial:.0f}"
+            columns, best = columns | {name}, trial
+            data = {"columns": sorted(columns)}
+            notes.append(Finding("note", "columns", "", text, data=data))
+    return columns, notes
+
+
+def structured_vehicle(
+    robot: RobotModel,
+    recordings: Recordings,
+    validation: Recordings | None,
+    options: Options,
+    report: Callable[[str], None],
+) -> Structured:
+    """Chooses delays and further columns of a vehicle and makes the rows of the fit.
+
+    `recordings` are training logs, `validation` is a log excluded from the fit, or None; `report`
+    is called with the name of every stage.
+    """
+    report("filtering")
+    rows = VehicleRows(robot, recordings, filter_for(recordings, options.cutoff))
+    columns = (options.columns or frozenset()) & frozenset(EXTRA)
+    trials = [rows] if options.cutoff is not None else _narrower(rows)
+    rows = trials[len(trials) // 2]
+    for _ in range(_ROUNDS):
+        timing, others, findings = _timing(rows, columns, options.delay, report)
+        report("choosing the cut-off")
+        before, rows = rows, _most_informative(trials, columns, timing)
+        if rows is before:
+            break
+    if options.columns is None:
+        report("choosing columns")
+        columns, notes = _richer(rows, timing)
+        findings.extend(notes)
+    problem = rows.problem(columns, timing)
+    checked = None
+    if validation is not None:
+        filters = filter_for(validation, rows.chosen.cutoff)
+        checked = VehicleRows(robot, validation, filters).problem(columns, timing)
+    at = problem.space.actuators
+    labels = [problem.space.labels[i] for i in at]
+
+    def suspects(theta: Array) -> Iterator[Suspect]:
+        yield from command_suspects(problem.t, problem.Y[:, :, at] * theta[at], labels)
+        flow = rows.flow(theta, timing)
+        if flow.shape[2]:
+            remedy = "Record in still water or air, or with the speed relative to it as `linear`."
+            yield Suspect("a steady current or wind", "", flow, remedy)
+
+    own, late = tuple(sorted(columns)), float(np.median(rows.delays(timing)))
+    return Structured(
+        problem,
+        _alternatives(rows, columns, timing, others),
+        checked,
+        tuple(JointFit(name, columns=own, delay=late) for name in rate_labels(rows.system)),
+        tuple(findings),
+        rows.chosen.cutoff,
+        rows.delays(timing),
+        suspects,
+        acting=lambda u, rate: rows.acting(u, rate, timing),
+        columns=rows.further(columns),
+    )
+
+
+def _cost(
+    rows: VehicleRows, columns: frozenset[str], timing: Timing
+) -> Callable[[frozenset[str], Timing], float]:
+    """The cost of the fit, with as many rows per independent row as there are at a timing."""
+    first = rows.problem(columns, timing)
+    share = inflation(first, minimise(first).theta)
+
+    def cost(columns: frozenset[str], timing: Timing) -> float:
+        problem = rows.problem(columns, timing)
+        return minimise(problem, tempered(problem, share)).cost
+
+    return cost
+
+
+def _timing(
+    rows: VehicleRows,
+    columns: frozenset[str],
+    delay: Array | None,
+    report: Callable[[str], None],
+) -> tuple[Timing, list[Timing], list[Finding]]:
+    """The timing for rows, equally plausible ones, and notes; a given `delay` (k,) is kept."""
+    if delay is not None:
+        return Timing(delay), [], []
+    cost = _cost(rows, columns, Timing())
+    free = [0, *([1] if rows.rotors or rows.others else []), *([2] if rows.rotors else [])]
+    return search(lambda x: cost(columns, x), rows.robot.joints, free, report)
+
+
+def _with_cutoff(rows: VehicleRows, share: float) -> VehicleRows:
+    """The rows of the filter whose cut-off is `share` of that of others."""
+    narrower = filter_for(rows.recordings, share * rows.chosen.cutoff)
+    return VehicleRows(rows.robot, rows.recordings, narrower)
+
+
+def _narrower(rows: VehicleRows) -> list[VehicleRows]:
+    """The rows, and those of lower cut-offs that leave enough of them."""
+    others = [_with_cutoff(rows, share) for share in CUTOFF.values]
+    return [rows, *(other for other in others if len(other.t) >= _FEWEST)]
+
+
+def _most_informative(
+    trials: list[VehicleRows], columns: frozenset[str], timing: Timing
+) -> VehicleRows:
+    """The rows with the most information about θ, of several cut-offs.
+
+    An acceleration's noise grows with its frequency, and biases θ̂ where it exceeds the motion. The
+    information of the fit, by the determinant of its Hessian, is largest without such frequencies.
+    """
+
+    def uncertainty(rows: VehicleRows) -> float:
+        problem = rows.problem(columns, timing)
+        hessian, scale = tempered_fit(problem)[0].hessian, problem.space.scale
+        return -float(np.linalg.slogdet(hessian * np.outer(scale, scale))[1])
+
+    if len(trials) == 1:
+        return trials[0]
+    best, least = trials[0], uncertainty(trials[0])
+    for trial in trials[1:]:
+        other = uncertainty(trial)
+        if improves(least, other, CUTOFF.criterion):
+            best, least = trial, other
+    return best
+
+
+def _alternatives(
+    rows: VehicleRows, columns: frozenset[str], timing: Timing, others: list[Timing]
+) -> Iterator[Problem]:
+    """Other plausible problems: without further columns, at other timings, of a narrower filter."""
+    if columns:
+        yield rows.problem(frozenset(), timing)
+    for other in others:
+        yield rows.problem(columns, other)
+    yield _with_cutoff(rows, NARROWER).problem(columns, timing)

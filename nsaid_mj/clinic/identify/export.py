@@ -1,0 +1,203 @@
+"""Calibrated model files of an identification, and their trial by simulations on the log."""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+
+from ...base.errors import InvalidInput, NsaidError
+from ...base.findings import Finding
+from ...core.parameters import Array, number
+from ...lab.plants.world.coordinates import JointMap
+from ...lab.plants.world.quiet import quiet
+from ...robots.identified import Coupling, Identified, Spring, with_inertias
+from ...robots.mjcf_export import mjcf_text, write_mjcf
+from ...robots.model import RobotModel
+from ...robots.tables import write_sysid, write_table
+from ...robots.tree import actuators_of
+from ...robots.urdf import write_urdf
+from ..logs.recordings import Recordings
+from .joints import joint_of
+from .result import Identification
+
+
+def write_models(result: Identification, folder: Path) -> tuple[list[Path], list[Finding]]:
+    """Writes the calibrated model, in all formats that can represent it, into an existing folder.
+
+    Returns the files, and the deviation of the exported model from the log.
+    """
+    robot, files = result.robot, [folder / "calibrated.yaml"]
+    write_parameters(result, files[0])
+    if robot.model is None:
+        return files, []
+    values = identified(result)
+    if robot.kind == "urdf":
+        files.append(folder / f"{_file_name(robot.name)}.urdf")
+        write_urdf(robot, values, files[-1])
+    files.append(folder / f"{_file_name(robot.name)}.xml")
+    write_mjcf(robot, values, files[-1])
+    files.append(folder / "sysid.yaml")
+    write_sysid(robot, values, files[-1])
+    return files, [_followed(result, values)]
+
+
+def write_parameters(result: Identification, path: Path) -> None:
+    """Writes parameters with units, 95 % intervals and status, and the scale's anchor, as YAML."""
+    parameters = [
+        {
+            "name": p.label,
+            "value": float(p.value),
+            "unit": p.unit,
+            "interval": [float(p.low), float(p.high)],
+            "status": p.status,
+        }
+        for p in result.parameters
+    ]
+    table = {"robot": result.robot.name, "anchor": result.anchor, "notes": _notes(result)}
+    write_table(path, {**table, "parameters": parameters})
+
+
+def _notes(result: Identification) -> list[str]:
+    """The verdict and the warnings."""
+    return [result.verdict, *(f.text for f in result.findings if f.level == "warning")]
+
+
+def identified(result: Identification) -> Identified:
+    """The values of a tree of joints for the exporters.
+
+    Files hold viscous and Coulomb friction only: where further friction columns were identified,
+    the least-squares approximation of the friction along the log.
+    """
+    robot = result.robot
+    k = len(robot.joints)
+    links = result.theta[: 10 * (robot.model.njoints - 1)].reshape(-1, 10)
+    model = with_inertias(robot.model, links, _of(result, "rotor inertia", k))
+    damping, friction = result.friction
+    speed = np.array([joint.friction_speed for joint in result.joints])
+    gain = _of(result, "motor gain", k) * np.sign(robot.gain)
+    couplings = tuple(
+        Coupling((i, j), sign, *(p.value for p in result.of(f"coupling of {a} and {b}")))
+        for i, j, sign in result.fitted.made.coupled
+        for a, b in [(robot.joints[i], robot.joints[j])]
+    )
+    value = {p.name: p.value for p in result.parameters}
+    springs = []
+    for j, joint in enumerate(result.joints):  # an offset gives the spring's rest position
+        if "spring" in joint.columns:
+            stiffness = value[f"stiffness_{j + 1}"]
+            springs.append(Spring(j, stiffness, -value[f"offset_{j + 1}"] / stiffness))
+    return Identified(
+        model, damping, friction, speed, gain, result.anchor, tuple(_notes(result)), couplings,
+        tuple(springs),
+    )  # fmt: skip
+
+
+def _file_name(name: str) -> str:
+    """A robot's name as the name of a file."""
+    return re.sub(r"[^\w.-]+", "_", name).strip("._") or "robot"
+
+
+def _of(result: Identification, block: str, k: int) -> Array:
+    """(k,) parameters of a block of at most one per joint; 0 for joints without."""
+    values = np.zeros(k)
+    for parameter in result.of(block):
+        values[joint_of(parameter.name)] = parameter.value
+    return values
+
+
+def _followed(result: Identification, values: Identified) -> Finding:
+    """Deviation of the exported model from the log, compared with the original model file."""
+    try:
+        exported, nominal = (
+            replay(result.robot, own, result.recordings)
+            for own in (values, Identified.nominal(result.robot))
+        )
+    except NsaidError as error:
+        return Finding("note", "replay", "", f"the exported model was not simulated: {error}")
+    rows = list(zip(result.robot.joints, exported, nominal, strict=True))
+    figures = ", ".join(f"{name} {_figure(own)} ({_figure(file)})" for name, own, file in rows)
+    worse = ", ".join(name for name, own, file in rows if own > file)
+    text = (
+        "rms error of MuJoCo over windows of 0.2 s, driven by the log's commands [rad or m], with "
+        f"the exported model (in brackets: with the original model file): {figures}"
+    )
+    remedy = f"The exported model is worse at {worse}." if worse else ""
+    data = {"exported": exported.tolist(), "nominal": nominal.tolist()}
+    return Finding("warning" if worse else "note", "replay", "", text, remedy, data)
+
+
+def _figure(value: float) -> str:
+    return number(value, significant=2) if math.isfinite(value) else "diverges"
+
+
+_WINDOW = 0.2  # length of a simulation [s]
+_LONGEST_STEP = 2e-3  # of the simulation [s]
+_MOST = 1000  # windows, at most, of a long log: their rms is known to a few percent
+
+
+def replay(robot: RobotModel, values: Identified, recordings: Recordings) -> Array:
+    """(n,) rms position errors of the model that `write_mjcf` writes, driven by a log's commands.
+
+    The simulations last 0.2 s each, and start at the measured positions and velocities. Errors are
+    in rad or m, and inf where the simulation diverges.
+
+    Raises:
+        InvalidInput: the robot is a vehicle, or no segment lasts 0.2 s.
+    """
+    rows = sum(len(segment.log.t) for segment in recordings.segments)
+    every = max(1, int(rows / (recordings.rate * _WINDOW * _MOST)))
+    found = departures(robot, values, recordings, _WINDOW, every)
+    if not len(found):
+        remedy = "Use a log without so many gaps."
+        raise InvalidInput("recordings", f"a segment of {_WINDOW:g} s", "shorter ones", remedy)
+    error = np.sqrt(np.mean(found**2, axis=0))
+    return np.where(np.isfinite(error), error, np.inf)
+
+
+def departures(
+    robot: RobotModel, values: Identified, recordings: Recordings, horizon: float, every: int = 1
+) -> Array:
+    """(N, n) simulated minus measured positions, driven by a log's commands [rad or m].
+
+    After `horizon` [s], at least one sample, the simulation restarts from the measured position and
+    velocity; inf for once per segment. Of these windows, only one of `every` so many is simulated.
+    """
+    assert robot.file is not None  # a tree of joints comes from a file
+    folder = robot.file.resolve().parent
+    spec = mujoco.MjSpec.from_string(mjcf_text(robot, values, folder))
+    for directory in ("meshdir", "texturedir"):
+        setattr(spec, directory, str(folder / getattr(spec, directory)))
+    spec.option.disableflags |= int(
+        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    )
+    mj: Any = spec.compile()
+    joints = JointMap(mj, robot.joints)
+    joint_ids = [mj.joint(name).id for name in robot.joints]
+    command = {k: own[0] for k, i in enumerate(joint_ids) if (own := actuators_of(mj, i))}
+    substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
+    mj.opt.timestep = 1 / (recordings.rate * substeps)
+    found, kind = [np.zeros((0, len(robot.joints)))], mujoco.mjtState.mjSTATE_FULLPHYSICS
+    for log in (segment.log for segment in recordings.segments):
+        length = len(log.t) - 1
+        samples = max(1, length if np.isinf(horizon) else round(horizon * recordings.rate))
+        starts = np.arange(0, len(log.t) - samples, samples * every)
+        if not len(starts):
+            continue
+        data, state = mujoco.MjData(mj), np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
+        for row, k in zip(state, starts, strict=True):
+            joints.write(data, log.q[k], log.v[k])
+            mujoco.mj_getState(mj, data, row, kind)
+        within = starts[:, None] + np.arange(samples)
+        control = np.zeros((len(starts), samples * substeps, mj.nu))
+        u = log.u[within][:, :, list(command)]
+        control[:, :, list(command.values())] = np.repeat(u, substeps, axis=1)
+        with quiet():  # a simulation that diverges has a large error
+            states: Any = rollout.rollout(mj, data, state, control)[0]
+        with np.errstate(invalid="ignore", over="ignore"):
+            errors = joints.angles(states[:, substeps - 1 :: substeps]) - log.q[within + 1]
+        found.append(errors.reshape(-1, len(robot.joints)))
+    return np.concatenate(found)

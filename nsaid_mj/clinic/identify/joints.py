@@ -1,0 +1,359 @@
+"""Rows of a tree of joints: links, friction of every kind, gains of motors.
+
+The balance of joint j, in the notation of docs/theory.md:
+
+    inertia and weight of the links + rotor + friction + offset + coupling − k_j u_j(t − δ_j) = 0
+
+with the columns of friction chosen by name for each joint. All candidates are columns of one
+system, whose regressor is computed and filtered once; a choice takes some of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import scipy
+
+from ...core.parameters import Array, Block, Indices, ParameterSpace
+from ...core.structure.joints import slides
+from ...core.structure.parts import Column, Rotor
+from ...robots.model import RobotModel
+from ..logs.recordings import Recordings
+from .choose.columns import (
+    COLUMNS,
+    COUPLINGS,
+    FASTENED,
+    SPEEDS,
+    Choice,
+    coupling_columns,
+    coupling_names,
+    joint_column,
+    motors,
+)
+from .links import (
+    Load,
+    file_links,
+    limbs_of,
+    link_blocks,
+    own_inertia,
+    payloads,
+    sizes_of_links,
+    weight_columns,
+)
+from .problem import Problem, Size, mean_squares
+from .rows import Rows, unrolled, with_columns
+from .smoothing import Filter, delayed, smooth, smooth_commands
+
+TRUSTED = 0.3  # standard deviation of log k below which commands state their forces
+FILE, WEIGHTLESS = 0.25, 3.0
+"""Standard deviations of the logarithm of the links' weight: of a model file, whose masses omit
+cables, covers and oil, or come from CAD with a single density; and of a guess."""
+
+_WIDE = 2.0  # standard deviation of log θ of frictions and rotors: a factor of 7
+_FREE = 10.0  # of what may have either sign, over its scale: the rows asked for it
+
+Part = tuple[Block, Array, Array]
+"""A block of θ of c parameters, its prior (c,), and the prior's spread."""
+
+Key = tuple[str, int, float | None, int | None]
+"""An entry of a candidate: kind, row, speed s if it has one, and the other joint if it has two."""
+
+
+class JointRows(Rows):
+    """All candidate columns of a robot's segments, filtered once.
+
+    gain (k,) are expected gains [N·m or N per unit of command], spread (k,) the standard deviations
+    of their logarithms, 0 until they are known; `loads` are carried in some of the segments;
+    `coupled` are pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j.
+
+    Attributes:
+        system: the robot's, with an angle as the position of every joint.
+        links: (N, n, 10 b) columns of the links.
+        diagonal: name of a column → (N, n) entries on the joints' own rows; of those of `FASTENED`
+            with a further leading axis for `SPEEDS`.
+        loading: (10 b,) parameters of the links whose weight loads the friction.
+        driven: numbers of the d joints with a motor, from 0.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        recordings: Recordings,
+        chosen: Filter,
+        gain: Array,
+        spread: Array | float = 0.0,
+        loads: tuple[Load, ...] = (),
+        coupled: tuple[tuple[int, int, int], ...] = (),
+    ):
+        super().__init__(recordings, chosen, smooth)
+        self.robot, self.loads, self.coupled = robot, loads, coupled
+        self.gain, self.spread = gain, spread + np.zeros(len(gain))
+        self.driven = recordings.driven(robot)
+        self.system = unrolled(robot.system)
+        self._commands = [(s, smooth_commands(s, chosen)) for s in self.segments]
+        self._entries: dict[Key, Array] = {}
+        self.links, self.diagonal = self._evaluated()
+        self._moving = np.concatenate([m.q[m.usable.any(axis=1)] for m in self.motions])
+        self._weight = weight_columns(self.system, self._moving)
+        self.reweigh(file_links(robot.model))
+
+    def like(self, recordings: Recordings, chosen: Filter) -> JointRows:
+        """Rows of other recordings or through other filters, with the same motors and loading."""
+        other = JointRows(
+            self.robot, recordings, chosen, self.gain, self.spread, self.loads, self.coupled
+        )
+        other.reweigh(self.loading)
+        other.driven = self.driven
+        return other
+
+    def _evaluated(self) -> tuple[Array, dict[str, Array]]:
+        """Columns of the links, and `diagonal` but load; keeps the entries of all candidates."""
+        own = [name for name in COLUMNS if name != "load"]
+        n, links = self.system.n, self.system.p
+        columns, rotors = _on_every_joint(own, n, links)
+        end = links + len(columns) + len(rotors)
+        for i, j, sign in self.coupled:
+            rotors.append(Rotor(i, end, j))
+            speeds = list(enumerate(SPEEDS, start=end + 2))
+            columns += coupling_columns((i, j, sign), end + 1, speeds)
+            end += 2 + len(SPEEDS)
+        places, keys = _places(columns, rotors)
+        rows, parameters = places.T
+
+        def pick(W: Array) -> Array:
+            own_rows = W[:, :, :links].reshape(len(W), -1)
+            return np.hstack([own_rows, W[:, rows, parameters]])
+
+        found = self.regressor(with_columns(self.system, columns, rotors, end), pick)
+        self._entries = dict(zip(keys, np.ascontiguousarray(found[:, n * links :].T), strict=True))
+        diagonal = {name: _stacked(self._entries, name, n) for name in own}
+        return np.ascontiguousarray(found[:, : n * links]).reshape(-1, n, links), diagonal
+
+    def reweigh(self, links: Array) -> None:
+        """Computes load-dependent friction from the weight of links with parameters (10 b,)."""
+        self.loading = links
+        columns, _ = _on_every_joint(["load"], self.system.n, self.system.p, links)
+        places, keys = _places(columns, [])
+        rows, parameters = places.T
+        system = with_columns(self.system, columns, [], self.system.p + len(columns))
+        found = self.regressor(system, lambda W: W[:, rows, parameters])
+        self._entries |= dict(zip(keys, np.ascontiguousarray(found.T), strict=True))
+        self.diagonal["load"] = _stacked(self._entries, "load", self.system.n)
+
+    def commands(self, delay: Array) -> Array:
+        """(N, k) filtered commands, delayed by (k,) seconds.
+
+        Commands are reversed where the model file has a negative gear: gains are positive.
+        """
+        filtered = [self.chosen.rows(delayed(s, self.chosen, u, delay)) for s, u in self._commands]
+        return np.concatenate(filtered) * np.sign(self.robot.gain)
+
+    def column(self, name: str, joint: int, choice: Choice) -> Array:
+        """(N,) a column of a joint."""
+        found = self.diagonal[name]
+        return (found[choice.speed[joint]] if found.ndim == 3 else found)[:, joint]
+
+    def slip(self, i: int, j: int, speed: int) -> Array:
+        """(N,) tanh((v_i ± v_j)/s) of two coupled joints, s by its index in `SPEEDS`."""
+        return self._entries["shared_coulomb", i, SPEEDS[speed], j]
+
+    def problem(self, choice: Choice) -> Problem:
+        """The fit of a structure, with columns and delays of `choice`."""
+        model, u = self.robot.model, self.commands(choice.delay)
+        own, driven, effort = file_links(model), self.driven, u * self.gain
+        passive = np.delete(np.arange(u.shape[1]), driven)
+        effort[:, passive] = self.links[:, passive] @ own
+        force = np.maximum(np.sqrt(mean_squares(effort, self.usable)), 1e-9)  # typical
+        carried = payloads(model, self.loads)
+        parts = [
+            *self._on_joints(choice, force),
+            *self._couplings(choice, force),
+            *((load.block, load.prior, np.full(10, np.inf)) for load in carried),
+            (self._gains(), self.gain[driven], self.spread[driven]),
+        ]
+        blocks, prior, spread = zip(*parts, strict=True)
+        space = ParameterSpace((*link_blocks(model), *blocks))
+        sizes = sizes_of_links(model, self.links[self.usable], self._weight)
+        loaded = {name: load.place.start // 10 for load in carried for name in load.block.names}
+        stated = np.zeros(len(space), dtype=bool)
+        stated[space.actuators] = self.spread[driven] < TRUSTED
+        return Problem(
+            space,
+            self._rows(space, choice, u),
+            self.usable,
+            self.t,
+            self.segment,
+            np.concatenate([own, *prior]),
+            np.concatenate([np.full(len(own), np.inf), *spread]),
+            np.zeros(len(space), dtype=bool),
+            Size(
+                np.pad(sizes, ((0, 0), (0, len(space) - len(own)))),
+                limbs_of(model)[[loaded.get(name, joint_of(name)) for name in space.names]],
+                WEIGHTLESS if self.robot.weightless else FILE,
+                stated,
+            ),
+            self._inertia(space) if len(passive) else None,
+        )
+
+    def terms(self, space: ParameterSpace, choice: Choice) -> tuple[list[Column], list[Rotor]]:
+        """The columns and rotors that a choice adds to the robot's links, motors included."""
+        columns, rotors = choice.terms(space, self.loading)
+        return [*columns, *motors(space, self.driven)], rotors
+
+    def _rows(self, space: ParameterSpace, choice: Choice, u: Array) -> Array:
+        """(N, n, p) W of the robot with the columns of a choice, for filtered commands u (N, k)."""
+        Y = np.zeros((*self.usable.shape, len(space)))
+        Y[:, :, : self.links.shape[2]] = self.links
+        for (row, parameter), key in zip(*_places(*choice.terms(space, self.loading)), strict=True):
+            Y[:, row, parameter] = self._entries[key]
+        for load in payloads(self.robot.model, self.loads):  # columns of its link, in some logs
+            carried = [s.source in load.sources for s in self.recordings.segments]
+            own = self.links[:, :, load.place] * np.array(carried)[self.segment, None, None]
+            Y[:, :, space[load.block.name]] = own
+        # motors are linear in their commands: the rows of their columns are those of the commands'
+        driving = with_columns(self.system, motors(space, self.driven), [], len(space))
+        at, still = space.actuators, np.zeros((len(u), 2 * self.system.n))
+        Y[:, :, at] = -driving.F(0.0, still, u)[:, :, at]
+        return Y
+
+    def _inertia(self, space: ParameterSpace) -> Array:
+        """(n, p) forces of inertia of each joint at its rms acceleration, see `Problem.inertia`."""
+        found, moving = np.zeros((len(self.gain), len(space))), self.diagonal["rotor"]
+        found[:, : self.links.shape[2]] = own_inertia(self.system, self._moving)
+        for parameter in space.names:
+            if parameter.startswith("rotor"):
+                found[joint_of(parameter), space.index(parameter)] = 1.0
+        return found * np.sqrt(mean_squares(moving, self.usable))[:, None]
+
+    def _slides(self, joint: int) -> bool:
+        return slides(self.robot.model.joints[joint + 1])
+
+    def _on_joints(self, choice: Choice, force: Array) -> Iterator[Part]:
+        """Rotors, friction, springs and offsets; force (k,) is typical of each joint."""
+        robot, n = self.robot, len(self.robot.joints)
+        nominal = {"rotor": robot.rotor, "viscous": robot.damping, "coulomb": robot.friction}
+        for name, column in COLUMNS.items():
+            joints = [j for j in range(n) if name in choice.columns[j]]
+            if not joints:
+                continue
+            own = [self.column(name, j, choice) for j in joints]
+            size = [mean_squares(x, self.usable[:, j]) for x, j in zip(own, joints, strict=True)]
+            guess = column.share * force[joints] / np.maximum(np.sqrt(size), 1e-9)
+            if column.geometry == "free":
+                prior, spread = np.zeros(len(joints)), _FREE * guess
+            else:  # a file's friction cannot take more than all of the force
+                given = nominal.get(name, np.zeros(n))[joints]
+                prior = np.where(given > 0, np.minimum(given, guess / column.share), guess)
+                spread = np.full(len(joints), _WIDE)
+            block = Block(
+                column.block,
+                tuple(f"{column.letter}_{j + 1}" for j in joints),
+                tuple(column.unit[self._slides(j)] for j in joints),
+                guess,
+                column.geometry,
+                labels=tuple(f"{column.block} of {robot.joints[j]}" for j in joints),
+            )
+            yield block, prior, spread
+
+    def _couplings(self, choice: Choice, force: Array) -> Iterator[Part]:
+        """Parameters of coupled joints; force (k,) is typical of the actuators."""
+        for i, j, _ in choice.coupled:
+            both = [self.diagonal[name][:, [i, j]] for name in ("rotor", "viscous")]
+            both.append(np.tile(self.slip(i, j, choice.speed[j])[:, None], 2))
+            size = np.sqrt([np.sum(entries**2) / self.usable.size for entries in both])
+            guess = 0.1 * np.sqrt(force[i] * force[j]) / np.maximum(size, 1e-9)
+            pair = f"{self.robot.joints[i]} and {self.robot.joints[j]}"
+            block = Block(
+                f"coupling of {pair}",
+                tuple(coupling_names(i, j)),
+                ("kg·m²", "N·m·s/rad", "N·m"),
+                guess,
+                "free",
+                labels=tuple(f"coupling's {kind} of {pair}" for kind in COUPLINGS),
+            )
+            yield block, np.zeros(3), _FREE * guess
+
+    def _gains(self) -> Block:
+        units, driven = self.recordings.command_units, self.driven
+        return Block(
+            "motor gain",
+            tuple(f"gain_{j + 1}" for j in driven),
+            tuple(f"{('N·m', 'N')[self._slides(j)]}/{units[j] or 'unit'}" for j in driven),
+            self.gain[driven],
+            "positive",
+            True,
+            labels=tuple(f"gain of {self.robot.joints[j]}" for j in driven),
+        )
+
+
+# -- entries of candidates in W --------------------------------------------------------------------
+
+
+def _places(columns: Sequence[Column], rotors: Sequence[Rotor]) -> tuple[Indices, list[Key]]:
+    """(z, 2) rows and parameters of the entries of joints' columns and rotors, and their keys."""
+    places: list[tuple[int, int]] = []
+    keys: list[Key] = []
+    for column in columns:
+        constants: dict[str, Any] = dict(column.constants)
+        places.append((column.dof, column.parameter))
+        keys.append((column.kind, column.dof, constants.get("speed"), constants.get("other")))
+    for rotor in rotors:
+        if rotor.other < 0:
+            places.append((rotor.dof, rotor.parameter))
+            keys.append(("rotor", rotor.dof, None, None))
+        else:
+            pair = rotor.dof, rotor.other
+            places += [(row, rotor.parameter) for row in pair]
+            keys += [("rotor", one, None, other) for one, other in (pair, pair[::-1])]
+    return np.array(places, dtype=np.intp).reshape(-1, 2), keys
+
+
+def _on_every_joint(
+    names: Sequence[str], n: int, first: int, links: Array | None = None
+) -> tuple[list[Column], list[Rotor]]:
+    """Columns of `COLUMNS` and rotors on n joints, at every speed, with parameters from `first`."""
+    loading = np.zeros(0) if links is None else links
+    columns, rotors, at = [], [], first
+    for name in names:
+        for speed in SPEEDS if name in FASTENED else SPEEDS[:1]:
+            for joint in range(n):
+                if name == "rotor":
+                    rotors.append(Rotor(joint, at))
+                else:
+                    columns.append(joint_column(name, at, joint, speed, loading))
+                at += 1
+    return columns, rotors
+
+
+def _stacked(entries: dict[Key, Array], name: str, n: int) -> Array:
+    """(N, n) entries of a column on all joints; (speeds, N, n) of those of `FASTENED`."""
+
+    def of(speed: float | None) -> Array:
+        return np.column_stack([entries[name, joint, speed, None] for joint in range(n)])
+
+    return np.stack([of(speed) for speed in SPEEDS]) if name in FASTENED else of(None)
+
+
+def joint_of(parameter: str) -> int:
+    """Number of the joint, from 0, of a parameter such as `gain_3`."""
+    return int(parameter.rpartition("_")[2]) - 1
+
+
+def nearest_friction(problem: Problem, theta: Array) -> tuple[Array, Array]:
+    """(k,) viscous and (k,) Coulomb friction that approximate all friction of a joint at θ (p,)."""
+    space = problem.space
+    kinds = [COLUMNS[name].block for name in COLUMNS if name not in ("rotor", "spring", "offset")]
+    used = [space[block.name] for block in space.blocks if block.name in kinds]
+    pairs = [COLUMNS[name].block for name in ("viscous", "coulomb")]
+    if not {block.name for block in space.blocks}.issuperset(pairs):
+        return np.zeros(0), np.zeros(0)
+    found = []
+    for j in range(problem.Y.shape[1]):
+        rows = problem.Y[problem.usable[:, j], j]
+        whole = sum(rows[:, place] @ theta[place] for place in used)
+        basis = np.column_stack([rows[:, space[name].start + j] for name in pairs])
+        found.append(scipy.optimize.nnls(basis, whole)[0] if len(rows) else np.zeros(2))
+    viscous, coulomb = np.array(found).T
+    return viscous, coulomb

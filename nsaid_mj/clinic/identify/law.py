@@ -1,0 +1,201 @@
+"""Runs a recursive law along a prepared log, by the loop of every run, beside the batch fit."""
+
+import time
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from ...base.findings import Finding
+from ...core.laws import (
+    EfficientConfig,
+    Identifier,
+    MemoryConfig,
+    NullspaceAID,
+    State,
+    Status,
+    gain_deviations,
+)
+from ...core.log import Log, Measurement
+from ...core.parameters import Array
+from ...lab.evaluation.confidence import INTERVAL
+from ...lab.evaluation.run_misfit import misfit_of
+from ...lab.loop import Observer, Robot, Run, followed
+from ...lab.record import Record
+from ...lab.scenario import Scenario
+from ...lab.source import Logs
+from ...report.result import gravest_first
+from ...robots.model import RobotModel
+from ..logs.recordings import Recordings
+from .choose.cutoff import filter_for
+from .fit import minimise, tempered
+from .measured import identifiers_of, log_robot, measured_scenario
+from .problem import mean_squares
+from .result import AlongLog, Fitted, Gain, Identification, Structured, recording_shifts
+from .smoothing import delayed, noise_levels, refined, smooth, smooth_commands
+from .vehicles import smooth_pose
+
+_ROWS = 400  # of the estimate along the log, at most
+_ERROR = 1.0  # largest relative error of the prior: frictions and gains are guesses
+_SLOW = 0.01  # gain of the flow beside a memory
+_INTERVAL = 0.2  # time between two steps of a memory [s]
+_LAST = 0.2  # last share of the rows, on which a law's earlier estimate is judged
+
+
+class _Watch(Observer):
+    """Keeps θ̂ and the deviations of the gains at intervals."""
+
+    def __init__(self, identifier: Identifier, period: float):
+        self._identifier, self.period, self.rows = identifier, period, []
+
+    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+        """Does nothing: there is no estimate yet."""
+
+    def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
+        """Keeps the estimate of a sample."""
+        state, space = states[""], self._identifier.system.space
+        stated = gain_deviations(self._identifier.confidence(state), state.theta_hat, space)
+        self.rows.append((float(log.t[-1]), state.theta_hat, stated))
+
+    def stop(self) -> None:
+        """Does nothing: no file is open."""
+
+
+def with_law(
+    found: Identification, law: str, folder: str | Path | None, report: Callable[[str], None]
+) -> Identification:
+    """An identification to which a law's run along the log, and findings about it, are added.
+
+    `found` is that of the batch fit, `law` one of `IDENTIFICATION_LAWS` but `batch`, `folder` that
+    of the law's record; None keeps no files.
+
+    Raises:
+        InvalidInput: the law does not suit the robot or its log.
+    """
+    report(f"following the log by law {law}")
+    with nullcontext(folder) if folder else TemporaryDirectory(prefix="nsaid-mj-") as place:
+        along = follow_log(law, found, Path(place))
+    findings = gravest_first((*found.findings, *law_findings(along)))
+    return replace(found, law=along, findings=findings)
+
+
+def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
+    """Runs a law along the prepared logs of a batch fit, recording in `folder`; see `with_law`."""
+    begin, fitted, robot = time.perf_counter(), found.fitted, found.robot
+    logs, start, rate = law_logs(robot, found.recordings, fitted.made)
+    steps = sum(len(log.t) for log in logs) - 1
+    known = log_robot(found)
+    levels = noise_levels(max(logs, key=lambda log: len(log.t)))
+    scenario = measured_scenario(known, law, rate, levels, _ERROR, steps)
+    unexplained: list[float] = []
+    if robot.jointed:  # the density of its unexplained forces, over the last gain [units², times s]
+        # residuals of variance σ² at intervals h, of which one in `share` is effectively
+        # independent, act on the motion like a white force of density σ² h share
+        problem, own = fitted.problem, fitted.fit.theta
+        residual = problem.residual(own) / own[problem.space.actuators[-1]]
+        density = mean_squares(residual, problem.usable) * fitted.share
+        unexplained = (density * float(np.median(np.diff(problem.t)))).tolist()
+    config = scenario.identifier
+    assert isinstance(config, NullspaceAID)
+    config = replace(
+        config,
+        # between the memory's steps, the flow (45) would follow unmodelled effects
+        gain=_SLOW if law in ("memory", "efficient") else 1.0,
+        memory=MemoryConfig(interval=_INTERVAL),
+        efficient=EfficientConfig(unexplained=tuple(unexplained)),
+    )
+    scenario = replace(scenario, identifier=config)
+    whole = known.robot_of(robot)
+    identifiers = identifiers_of(scenario, whole)
+    watch = _Watch(identifiers[""], max(1.0, round(steps / _ROWS)) / rate)
+    run = followed(scenario, whole, Logs(logs), identifiers, folder, [watch])
+    run.record = Record.read(folder)  # which may be temporary
+    t, theta, deviation = (np.array(column) for column in zip(*watch.rows, strict=True))
+    misfit = misfit_of(run)
+    if misfit:
+        deviation = deviation * misfit.widening
+    last, batch_last = _last_fifth(found, run, start)
+    return AlongLog(
+        law, run, fitted.problem.space.actuators, t + start, theta, deviation,
+        _gains(fitted, theta[-1], deviation[-1]),
+        last, batch_last, misfit.level if misfit else "", time.perf_counter() - begin,
+    )  # fmt: skip
+
+
+def law_logs(
+    robot: RobotModel, recordings: Recordings, made: Structured
+) -> tuple[list[Log], float, float]:
+    """The segments as logs for a law: the motion of which the batch fit's rows are made.
+
+    The logs share one clock that begins at 0. A command holds from one sample to the next: it is
+    the smoothed one half-way between both, earlier by its delay, after the lag and the curve that
+    the fit found, and reversed where the model file has a negative gear: gains are positive. Also
+    returns the time of their start on the common axis [s], and samples per second.
+    """
+    recordings = refined(recordings) if robot.jointed else recordings
+    chosen = filter_for(recordings, made.cutoff)
+    rate, found, shift = chosen.rate / chosen.every, [], recording_shifts(recordings)
+    start = float(recordings.segments[0].log.t[0] + shift[0])
+    for own, given in zip(shift, recordings.segments, strict=True):
+        acting = made.acting(given.log.u, recordings.rate)
+        segment = given._replace(log=given.log._replace(u=acting))
+        curve = smooth_commands(segment, chosen)
+        held = delayed(segment, chosen, curve, made.delays - 0.5 / rate)
+        if robot.jointed:
+            motion, held = smooth(segment, chosen), held * np.sign(robot.gain)
+            motion = motion._replace(q=robot.system.position(motion.q))
+        else:
+            motion = smooth_pose(robot.system, segment, chosen)
+        if len(motion.t) > 1:
+            found.append(Log(motion.t + (own - start), motion.q, motion.v, held))
+    return found, start, rate
+
+
+def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:
+    """Gains of the law, θ̂ (p,) and deviations (a,), beside the batch fit's; none if one is ≤ 0."""
+    space, own = fitted.problem.space, fitted.fit.theta
+    at = space.actuators
+    if len(at) < 2 or not ((theta[at] > 0) & (own[at] > 0)).all():
+        return ()
+    ours, theirs = (np.exp(np.log(x[at]) - np.log(x[at]).mean()) for x in (theta, own))
+    found = []
+    for i, index in enumerate(at):
+        weights = np.zeros(len(own))
+        weights[at] = ((np.arange(len(at)) == i) - 1 / len(at)) / own[at]
+        half = INTERVAL * float(deviation[i]), INTERVAL * fitted.exact.of(weights)
+        label = space.labels[index]
+        found.append(Gain(label, float(ours[i]), half[0], float(theirs[i]), half[1]))
+    return tuple(found)
+
+
+def _last_fifth(found: Identification, run: Run, start: float) -> tuple[Array, Array]:
+    """(n,) NRMSE of the last rows under the law's θ̂ before them, and (n,) under a batch fit's."""
+    problem = found.fitted.problem
+    first = round((1 - _LAST) * len(problem.t))
+    before = problem.select(np.arange(first))
+    last = problem.select(np.arange(first, len(problem.t)))
+    shift = recording_shifts(found.recordings)[problem.segment[first]]
+    row = int(np.searchsorted(run.record["t"], problem.t[first] + shift - start))
+    theta = np.array(run.record["theta_hat"][min(max(row - 1, 0), len(run.record) - 1)])
+    fitted = minimise(before, tempered(before, found.fitted.share)).theta
+    return last.nrmse(theta, problem), last.nrmse(fitted, problem)
+
+
+def law_findings(along: AlongLog) -> list[Finding]:
+    """Warnings about a law's result: it ended early, or differs from the batch fit."""
+    status, found = along.run.ending.status, []
+    if status is not Status.completed:
+        text = f"the law ended at {along.run.ending.time:.2f} s: {status.words}"
+        found.append(Finding("warning", "law", f"law {along.name}", text, status.remedy))
+    apart = [gain.label for gain in along.gains if gain.apart]
+    if apart:
+        text = f"it differs from the batch fit by more than both intervals in {', '.join(apart)}"
+        remedy = (
+            "Trust neither interval there; the batch fit uses all rows at once, and leaves out "
+            "those at rest."
+        )
+        found.append(Finding("warning", "law", f"law {along.name}", text, remedy))
+    return found

@@ -1,0 +1,129 @@
+"""Sketch of a robot: its links as lines, joints labelled, in the first pose of its log."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ...core.parameters import Array
+from ...core.structure.joints import bones, positions
+from ...report.page import Figure as PageFigure
+from ...report.panels import BAD, COLOURS, GRID, INK
+from ...report.plots import WIDTH, style, svg
+from . import words
+from .result import Identification
+
+_AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(24.0)
+_RIGHT = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
+_UP = np.array(
+    [
+        -np.sin(_ELEVATION) * np.cos(_AZIMUTH),
+        -np.sin(_ELEVATION) * np.sin(_AZIMUTH),
+        np.cos(_ELEVATION),
+    ]
+)
+_COLOURS = {"good": COLOURS[3], "fair": COLOURS[5], "poor": BAD}
+
+
+def picture(result: Identification) -> PageFigure | None:
+    """The robot in the first pose of its log; None if its model has no joints to draw."""
+    model, segment = result.robot.model, result.recordings.segments[0]
+    if model is None or model.njoints < 2 or not np.isfinite(segment.log.q[0]).all():
+        return None
+    segments = bones(model, positions(model, segment.log.q[:1]))[0]
+    flat = segments @ np.stack([_RIGHT, _UP], axis=1)  # (bones, 2 ends, 2 axes)
+    size = float(np.ptp(flat.reshape(-1, 2), axis=0).max())
+    if not np.isfinite(size) or size <= 0:
+        return None
+    joints = flat[: model.njoints - 1, 0]
+    names = list(model.names)[1:]
+    marks = {j.name: words.quality(j.held_out).kind for j in result.joints}
+    with style():
+        figure = Figure(figsize=(WIDTH, max(3.0, 0.09 * len(names) + 1)))
+        axis = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axis.set_aspect("equal")
+        axis.set_axis_off()
+        floor = _floor(segments, size)
+        axis.fill(*floor.T, color=GRID, zorder=1, linewidth=0)
+        shown = np.vstack([flat.reshape(-1, 2), floor])
+        low, high = shown.min(axis=0), shown.max(axis=0)
+        for number, (a, b) in enumerate(flat):
+            thick = number < len(names)
+            axis.plot(
+                *np.stack([a, b]).T, color=INK if thick else COLOURS[8], solid_capstyle="round",
+                linewidth=4.0 if thick else 1.4, alpha=0.75 if thick else 0.6, zorder=2,
+            )  # fmt: skip
+        for name, at in zip(names, joints, strict=True):
+            colour = _COLOURS[marks[name]] if name in marks else COLOURS[8]
+            axis.plot(*at, "o", color=colour, markersize=6.5, zorder=3)
+        _labels(axis, names, joints, low, high, figure)
+        legend = [
+            (words_, colour, "-")
+            for kind, words_, colour in (
+                ("good", "held-out NRMSE < 20 %", _COLOURS["good"]),
+                ("fair", "< 50 %", _COLOURS["fair"]),
+                ("poor", "worse", _COLOURS["poor"]),
+            )
+            if kind in marks.values()
+        ]
+        return PageFigure("Robot in its first logged pose", svg(figure, "robot"), legend)
+
+
+def _floor(segments: Array, size: float) -> Array:
+    """(4, 2) corners of a square on the floor below the base."""
+    half, height = 0.2 * size, min(0.0, float(segments[..., 2].min()))
+    corners = half * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) + [0, 0, height]
+    return corners @ np.stack([_RIGHT, _UP], axis=1)
+
+
+def _labels(
+    axis: Axes, names: list[str], joints: Array, low: Array, high: Array, figure: Figure
+) -> None:
+    """Names in two columns beside the robot, each with a line to its joint."""
+    middle = np.median(joints[:, 0])
+    order = np.argsort(joints[:, 0], kind="stable")
+    left, right = np.array_split(order, 2)
+    if len(names) <= 3 or np.ptp(joints[:, 0]) < 1e-9 * max(1.0, abs(middle)):
+        left, right = np.zeros(0, dtype=int), np.arange(len(names))
+    width, height = figure.get_size_inches()
+    rows = max(len(left), len(right), 1)
+    font = min(8.0, 72 * 0.92 * height / (1.25 * rows))
+    longest = max(len(n) for n in names)
+    room = min(0.36, (0.62 * font * min(longest, 22) / 72 + 0.15) / width)  # for a column of names
+    sides = (1 if len(left) else 0) + (1 if len(right) else 0)
+    scale = min((1 - sides * room - 0.1) * width / max(high[0] - low[0], 1e-9),
+                0.86 * height / max(high[1] - low[1], 1e-9))  # fmt: skip
+    centre = (low + high) / 2
+    half = np.array([width, height]) / (2 * scale)
+    shift = half[0] * room * ((1 if len(right) else 0) - (1 if len(left) else 0))
+    axis.set_xlim(centre[0] - half[0] + shift, centre[0] + half[0] + shift)
+    axis.set_ylim(centre[1] - half[1], centre[1] + half[1])
+    pitch = 1.25 * font / 72 / scale
+    for side, sign in ((left, -1), (right, 1)):
+        if not len(side):
+            continue
+        ascending = side[np.argsort(joints[side, 1])]
+        heights = _spread(
+            joints[ascending, 1], pitch, centre[1] - 0.95 * half[1], centre[1] + 0.95 * half[1]
+        )
+        x = centre[0] + shift + sign * (half[0] * (1 - 2 * room))
+        for k, y in zip(ascending, heights, strict=True):
+            name = names[k] if len(names[k]) <= 22 else names[k][:21] + "…"
+            axis.plot(
+                [joints[k, 0], x], [joints[k, 1], y], color=COLOURS[8], linewidth=0.6, zorder=1.5
+            )
+            axis.text(x + sign * 0.1 * pitch, y, name, ha="left" if sign > 0 else "right",
+                      va="center", fontsize=font)  # fmt: skip
+
+
+def _spread(heights: Array, pitch: float, low: float, high: float) -> Array:
+    """Heights in ascending order moved apart to at least a pitch, within bounds if they fit."""
+    pitch = min(pitch, (high - low) / max(len(heights) - 1, 1))
+    found = heights.copy()
+    for k in range(1, len(found)):
+        found[k] = max(found[k], found[k - 1] + pitch)
+    found += min(0.0, float(np.mean(heights) - np.mean(found)))  # keeps the middle
+    found += max(0.0, low - found[0])
+    found[-1] = min(found[-1], high)
+    for k in range(len(found) - 2, -1, -1):
+        found[k] = min(found[k], found[k + 1] - pitch)
+    return found

@@ -1,0 +1,239 @@
+"""Recordings of identifications: logs with the robot moving, commands or positions, estimates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...core.parameters import Array
+from ...report.page import Page, Text, markdown, panels
+from ...report.panels import Comparison
+from ...report.panels import Panel as Curves
+from ...report.parameters import folds, table
+from ...report.recording.layout import RIGHT, beside, result, robot, whole
+from ...report.recording.lines import LOGARITHM, lines_of, path
+from ...report.recording.plots import Plots
+from ...report.recording.scene import Camera, Scene
+from ...report.recording.stream import write
+from ...robots.model import RobotModel
+from . import words
+from .result import Identification, recording_shifts
+
+if TYPE_CHECKING:
+    from ..servos import Replayed
+
+_FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
+_FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
+
+
+def record(page: Page, file: Path) -> Path:
+    """Writes a recording of the training logs, atomically, and returns its path.
+
+    Logs are concatenated on the timeline `sim_time`; see `calibration.result.shifts`.
+
+    Args:
+        page: the page of an identification.
+        file: path of the recording, ending in .rrd.
+    """
+    result = page.result
+    assert isinstance(result, Identification)
+    moved = recording_shifts(result.recordings)
+    moving = zip(moved, (segment.log for segment in result.recordings.segments), strict=True)
+    camera, draw = moving_robot(result.robot, [(log.t + s, log.q, log.v) for s, log in moving])
+    lines = lines_of(result.curves)
+    ends = [float(p.t[-1]) for p in result.curves if isinstance(p, Comparison) and len(p.t)]
+    plots = Plots(lines, max(ends) if ends else None)
+    layout = _blueprint(result, camera, plots)
+    documents = {"result": markdown(page), "parameters": "\n".join(panels(folds(result)))}
+    return write(file, result.robot.name, layout, documents, lines, draw)
+
+
+def moving_robot(
+    robot: RobotModel, motion: Sequence[tuple[Array, Array, Array]]
+) -> tuple[Camera | None, Callable[[rr.RecordingStream], None]]:
+    """The camera, and a function that draws a robot moving as in logs, at some frames.
+
+    Args:
+        robot: the model.
+        motion: for every log its times (N,) [s], positions (N, n) or a vehicle's (N, m), and
+            velocities (N, n).
+
+    Returns:
+        The camera, None if the robot's shape is unknown, and a function of a recording.
+    """
+    system = robot.system
+    scene = Scene(system, robot.visuals)
+    total = sum(float(t[-1] - t[0]) for t, _, _ in motion)
+    rate, parts = min(_RATE, _FRAMES / max(total, 1e-9)), []
+    for t, q, v in motion:
+        stride = max(1, round(1 / (float(np.median(np.diff(t))) * rate)))
+        rows = np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))
+        parts.append((t[rows], q[rows], v[rows]))
+    t, q, v = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if robot.jointed:
+        q = system.position(q)
+    t[:1] = np.minimum(t[:1], 0.0)  # where the plots begin, the robot is there already
+    if scene.empty:
+        return None, lambda _: None
+    some = np.unique(np.linspace(0, len(t) - 1, min(len(t), 500)).astype(int))
+    camera = scene.camera(q[some], v[some])
+
+    def draw(rec: rr.RecordingStream) -> None:
+        scene.log_shapes(rec, camera)
+        scene.log_poses(rec, t, q)
+
+    return camera, draw
+
+
+def _blueprint(found: Identification, camera: Camera | None, plots: Plots) -> rrb.Blueprint:
+    """Layout of a recording.
+
+    Args:
+        found: the identification, with its curves.
+        camera: camera of the robot; None leaves the 3D view out.
+        plots: makes the plots.
+    """
+    units = [words.quantity(found, j)[1] for j in range(len(found.joints))]
+    joints = [
+        (fit.name, unit, fit.held_out, f"NRMSE {words.nrmse(fit.held_out)} held out")
+        for fit, unit in zip(found.joints, units, strict=True)
+    ]
+    pages = joint_pages(camera, plots, joints, "command", "predicted")
+    if found.validation is not None:
+        checked = [
+            (fit.name, unit, 0.0, f"NRMSE {words.nrmse(fit.validation)} validation")
+            for fit, unit in zip(found.joints, units, strict=True)
+        ]
+        pages += paged("Validation", plots, _titles("validation/command", checked))
+    over_time = [panel for panel in found.curves if isinstance(panel, Curves)]
+    blocks = sorted(panel.key[1] for panel in over_time if not panel.page)
+    gains = [p for p in found.gains if p.block in blocks]
+    note = " and its 95 % interval, the common scale aside"
+    shown = [(path("estimate", p.block, p.label), f"{p.label} [{p.unit}]{note}") for p in gains]
+    pages += paged("Gains along the log", plots, shown)
+    rest = [b for b in blocks if b not in {p.block for p in gains}]
+    kinds = {b: {p.unit for p in found.parameters if p.block == b} for b in rest}
+    shown = [
+        (path("estimate", b), f"{b} [{min(of)}]" if len(of) == 1 else b) for b, of in kinds.items()
+    ]
+    pages += paged("Friction along the log", plots, shown)
+    relative = [
+        (LOGARITHM + path(*panel.key), f"{panel.title} over the batch fit, log₁₀")
+        for panel in over_time
+        if panel.page
+    ]
+    pages += paged("Over the batch fit", plots, relative)
+    return whole(*pages, parameters())
+
+
+_Joint = tuple[str, str, float, str]  # name, unit, error, and the error in words
+
+
+def _titles(entity: str, joints: Sequence[_Joint]) -> list[tuple[str, str]]:
+    """Entities and titles of the joints' plots."""
+    return [
+        (f"{entity}/{path(name)}", f"{name}{f' [{unit}]' if unit else ''}: {error}")
+        for name, unit, _, error in joints
+    ]
+
+
+def joint_pages(
+    camera: Camera | None,
+    plots: Plots,
+    joints: Sequence[_Joint],
+    entity: str,
+    computed: str,
+) -> list[rrb.Container]:
+    """Verdict and robot beside the joints with the largest errors; pages of all, if these are more.
+
+    Residuals, measured - computed, have pages of their own.
+    """
+    shown = _titles(entity, joints)
+    left: list[rrb.View | rrb.Container] = [result("Verdict")]
+    left += [] if camera is None else [robot(camera, "Robot, as logged")]
+    errors = [-error if math.isfinite(error) else -math.inf for _, _, error, _ in joints]
+    worst = sorted(np.argsort(errors, kind="stable")[:_FIRST].tolist())
+    columns = 1 if len(worst) < 4 else 2
+    views = [plots(entity, title, RIGHT / columns) for entity, title in (shown[j] for j in worst)]
+    grid = rrb.Grid(*views, grid_columns=columns)
+    pages: list[rrb.Container] = [beside(left, grid, "Overview", [1, 1])]
+    if len(joints) > _FIRST:
+        pages += paged(f"{entity.capitalize()}s", plots, shown)
+    units = [(name, unit and f" [{unit}]") for name, unit, *_ in joints]
+    residuals = [(f"residual/{path(j)}", f"{j}: measured - {computed}{unit}") for j, unit in units]
+    return pages + paged("Residuals", plots, residuals, legend=False)
+
+
+def parameters() -> rrb.Horizontal:
+    """The page with all parameters as text."""
+    view = rrb.TextDocumentView(origin="/parameters", name="All parameters")
+    return rrb.Horizontal(view, name="Parameters")
+
+
+def paged(
+    name: str, plots: Plots, shown: Sequence[tuple[str, str]], legend: bool = True
+) -> list[rrb.Container]:
+    """Plots of entities with titles, on pages of at most a dozen each."""
+    pages: list[rrb.Container] = []
+    for start in range(0, len(shown), _PAGE):
+        some = shown[start : start + _PAGE]
+        width = 1 / columns_of(len(shown))
+        views = [plots(entity, told, width, legend) for entity, told in some]
+        title = name if len(shown) <= _PAGE else f"{name} {start + 1} – {start + len(some)}"
+        pages.append(rrb.Grid(*views, grid_columns=columns_of(len(some)), name=title))
+    return pages
+
+
+def columns_of(views: int) -> int:
+    """Columns of a page of so many views."""
+    return 1 if views < 3 else 2 if views <= 6 else 3
+
+
+_SHOWN = 20.0  # of a long log, around the cursor [s]: in minutes no motion can be seen
+
+
+def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
+    """Writes a recording of the logs and their replay, atomically, and returns its path.
+
+    Args:
+        page: the page of an identification of servos, with the replay.
+        replayed: the logs, and simulations of them with the exported model.
+        file: path of the recording, ending in .rrd.
+    """
+    from ..servos import ServoIdentification
+
+    found = page.result
+    assert isinstance(found, ServoIdentification)
+    comparisons = [panel for panel in found.curves if isinstance(panel, Comparison)]
+    t, logs = comparisons[0].t, replayed.logs
+    times = np.split(t, np.cumsum([len(log.t) for log in logs])[:-1])
+    motion = [
+        (own, log.position, np.gradient(log.position, own, axis=0))
+        for own, log in zip(times, logs, strict=True)
+    ]
+    camera, draw = moving_robot(found.robot, motion)
+    lines = lines_of(comparisons)
+    plots = Plots(lines, float(t[-1]), _SHOWN if t[-1] > 2 * _SHOWN else None)
+    joints = [
+        (servo.name, panel.unit, servo.error,
+         f"error of the fit {1e3 * servo.error:.1f} m{panel.unit}")
+        for servo, panel in zip(found.servos, comparisons, strict=True)
+    ]  # fmt: skip
+    pages = joint_pages(camera, plots, joints, "position", "simulated")
+    by_joint = [
+        panel
+        for name in found.robot.joints
+        for panel in (
+            Text(name, head=True),
+            table([p for p in found.parameters if p.label.endswith(f" of {name}")]),
+        )
+    ]
+    documents = {"result": markdown(page), "parameters": "\n".join(panels(by_joint))}
+    layout = whole(*pages, parameters())
+    return write(file, found.robot.name, layout, documents, lines, draw)

@@ -1,0 +1,251 @@
+"""Unmodelled effects of a tree of joints, as columns against which residuals are tested.
+
+Each suspect is an unmodelled effect, given by the column that it adds to the force balance: a mount
+that is not level, an encoder's zero or ratio, a lag, friction of another shape, a coupling. Effects
+of the kinematics are linearised at the estimate, by the derivatives of inverse dynamics (Carpentier
+and Mansard, Analytical derivatives of rigid body dynamics algorithms, RSS 2018).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numba import njit
+
+from ...base.optional import pin
+from ...core.numerics import cache  # noqa: F401 (sets the folder of compiled kernels)
+from ...core.parameters import Array
+from ...core.structure.joints import positions
+from ...robots.identified import with_inertias
+from .choose.columns import SPEEDS, Choice
+from .joints import JointRows
+from .links import weight_of
+from .problem import Problem
+from .residuals import Suspect
+from .smoothing import Smooth
+
+_SMALL = 0.1  # of the rms force: below it the inverse force of a dead zone stays constant
+PLAYS = (0.002, 0.006, 0.02)  # of gears [rad or m], with which free links are simulated
+
+
+def arm_suspects(
+    rows: JointRows, choice: Choice, problem: Problem, theta: Array
+) -> Iterator[Suspect]:
+    """Suspects of a tree of joints, at θ̂ (p,), links first, of the fit with structure `choice`.
+
+    Those of the kinematics come last: a mount that is not level; zero and ratio of every joint's
+    encoder; its gear's compliance and play.
+    """
+    links, rotor = theta[: rows.links.shape[2]], np.zeros(len(rows.robot.joints))
+    model = with_inertias(rows.robot.model, links, 0 * rotor)  # rotors are columns of their own
+    residual, driven = problem.residual(theta), -problem.actuation(theta)
+    either = zip(_of_forces(rows, driven + residual), _of_forces(rows, driven), strict=True)
+    residual = np.where(problem.usable, residual, 0.0)
+    for j, columns in enumerate(choice.columns):
+        if "rotor" in columns:
+            rotor[j] = theta[problem.space.index(f"rotor_{j + 1}")]
+    yield from (_between(needed, stated, residual) for needed, stated in either)
+    yield from _own(rows, choice)
+    torque, names = rows.links @ links, rows.robot.joints
+    down = model.gravity.linear.copy()
+    if np.linalg.norm(down) > 0:
+        columns = []
+        for gravity in np.linalg.svd(down[None])[2][1:] * np.linalg.norm(down):
+            tilted = pin.Model(model)
+            tilted.gravity = pin.Motion(gravity, np.zeros(3))
+            columns.append(rows.joined(lambda m, model=tilted: weight_of(model, m.q)))
+        remedy = "Check how the base is mounted; if it is tilted, tilt the model's gravity."
+        yield Suspect("gravity across the model's vertical", "", np.stack(columns, 2), remedy)
+    parts = [[rows.chosen.rows(x) for x in _changes(model, m)] for m in rows.motions]
+    found = [np.concatenate(kind) for kind in zip(*parts, strict=True)]
+    twists = _rates(rows, torque)
+    answered = _answered(rows, model, rotor, residual)
+    for j, name in enumerate(names):
+        zero, by_v, by_a, scale, *plays = (change[:, :, j, None] for change in found)
+        remedy = "Check the encoder's zero against the model's."
+        yield Suspect("an offset of its position", name, zero, remedy)
+        remedy = "Check the gear ratio and the unit of its position in the map."
+        ratio = Suspect("a scale error of its position", name, scale, remedy)
+        stated = ratio._replace(columns=ratio.columns - answered[:, :, j, None])
+        yield _between(ratio, stated, residual)
+        first, second = twists[:, j, :, None, None].swapaxes(0, 1)
+        behind = -(torque[:, j, None, None] * zero + first * by_v + second * by_a)
+        remedy = "Its gear, belt or shaft yields: identify from slower motion."
+        for columns in (behind, _on(j, len(names), rotor[j] * second[:, :, 0])):
+            yield Suspect("the twist of an elastic joint", name, columns, remedy,
+                          lambda x: f"about {1 / max(x, 1e-300):.2g} N·m/rad")  # fmt: skip
+        remedy = "Its gear has play: tighten it, or keep its load to one side."
+        for play, columns in zip(PLAYS, plays, strict=True):
+            yield Suspect("backlash", name, columns, remedy,
+                          lambda x, play=play: f"about {1e3 * x * play:.2g} mrad")  # fmt: skip
+
+
+def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
+    """Effects on forces (N, n); lags as first and second derivatives, of all together and each."""
+    rates = _rates(rows, force)
+    remedy = (
+        "Its force lags behind the recorded command: record the measured current instead of the "
+        "commanded one, or give each command's delay."
+    )
+    yield Suspect("the rate of all forces", "", rates, remedy)
+    for j, name in enumerate(rows.robot.joints):
+        yield Suspect("the rate of its force", name, _on(j, force.shape[1], rates[:, j]), remedy)
+    each = force[:, :, None] * np.eye(force.shape[1])
+    yield from command_suspects(rows.t, each, rows.robot.joints)
+
+
+def _between(needed: Suspect, stated: Suspect, residual: Array) -> Suspect:
+    """A suspect with the columns, of those of two forces, least correlated with residuals (N, n).
+
+    The force computed from the motion has the noise of the acceleration, that of the command the
+    noise of the current. The residual contains both, and therefore correlates with its own second
+    derivative; a true effect is significant whichever of the two forces makes up its columns.
+    """
+    own, other = (np.einsum("ni,nic->ic", residual, s.columns) for s in (needed, stated))
+    change = np.where(own == other, 1.0, own - other)
+    share = np.clip(own / change, 0.0, 1.0)
+    return needed._replace(columns=needed.columns + share * (stated.columns - needed.columns))
+
+
+def command_suspects(t: Array, forces: Array, names: Sequence[str]) -> Iterator[Suspect]:
+    """Forces (N, n, k) not proportional to a command: asymmetric, curved, with a dead zone, fading.
+
+    t (N,) is in s.
+    """
+    late = ((t - t.mean()) / max(float(np.ptp(t)), 1e-300))[:, None]
+    fading = "The gain changes in time, as with the supply's voltage: identify shorter logs."
+    yield Suspect("all forces times the time", "", (forces.sum(axis=2) * late)[:, :, None], fading)
+    for k, name in enumerate(names):
+        own = forces[:, :, k]
+        signed = own @ np.linalg.svd(own.T @ own)[0][:, 0]
+        size = np.abs(signed) / max(float(np.sqrt(np.mean(signed**2))), 1e-300)
+        for words, factor, more in (
+            ("the sign of its force", np.sign(signed), "Its drive is weaker in one direction."),
+            ("the size of its force", size, "Check saturation and torque ripple."),
+            ("a dead zone of its force", 1 / np.maximum(size, _SMALL), "Check small commands."),
+        ):
+            remedy = f"Its force is not proportional to the command. {more}"
+            yield Suspect(words, name, (own * factor[:, None])[:, :, None], remedy)
+        yield Suspect("its force times the time", name, (own * late)[:, :, None], fading)
+
+
+def _changes(model: pin.Model, motion: Smooth) -> Iterator[Array]:
+    """(N, n, n) changes of all joints' torques with each joint's motion, one kind after the other.
+
+    The derivatives by position, velocity and acceleration, the change by a relative scale of the
+    position, and that by each of `PLAYS` behind an encoder on the motor's side. `model` has the
+    estimated links. One by one, as together they would need several times the memory of a long log.
+    """
+    data, n = model.createData(), model.nv
+    slopes, torques = np.empty((len(motion.t), 3, n, n)), np.empty((len(motion.t), n))
+    for k, q in enumerate(positions(model, motion.q)):
+        slopes[k] = pin.computeRNEADerivatives(model, data, q, motion.v[k], motion.a[k])
+        torques[k] = data.tau
+    yield from slopes.swapaxes(0, 1)
+    yield _moved(slopes, (motion.q, motion.v, motion.a))
+    own = np.diagonal(slopes[:, 2], axis1=1, axis2=2)
+    needed = torques / np.maximum(own, 1e-12)  # of no mass
+    for play in PLAYS:
+        twist = _between_flanks(motion.t, needed, play)
+        rate = np.gradient(twist, motion.t, axis=0)
+        yield -_moved(slopes, (twist, rate, np.gradient(rate, motion.t, axis=0)))
+
+
+def _moved(slopes: Array, motion: tuple[Array, Array, Array]) -> Array:
+    """(N, n, n) changes of torques as each joint alone moves by q, v, a (N, n) more."""
+    changes = np.zeros((len(slopes), *slopes.shape[2:]))
+    for k, part in enumerate(motion):
+        changes += slopes[:, k] * part[:, None, :]
+    return changes
+
+
+@njit(cache=True)
+def _between_flanks(t, needed, play):
+    """(N, n) distances of links behind their motors, in gears with play (rad or m), no rebound.
+
+    needed (N, n) is the torque of the rigid joint over the link's inertia [1/s²], at t (N,) [s].
+    """
+    behind = np.zeros(needed.shape)
+    for j in range(needed.shape[1]):
+        x, rate = 0.5 * play * np.sign(needed[0, j]), 0.0
+        for k in range(len(t)):
+            h = t[k] - t[max(k - 1, 0)]
+            rate += h * needed[k, j]
+            x += h * rate
+            if abs(x) >= 0.5 * play:
+                x, rate = 0.5 * play * np.sign(x), 0.0
+            behind[k, j] = x
+    return behind
+
+
+def _answered(rows: JointRows, model: pin.Model, rotor: Array, residual: Array) -> Array:
+    """(N, n, n) the acceleration's part in a scale error that the commands do not explain.
+
+    `model` has the estimated links; rotor (n,) are inertias, residual (N, n) the inverse dynamics
+    minus the forces of the commands.
+    """
+    data, found = model.createData(), np.empty((*residual.shape, model.nv))
+    for k, q in enumerate(positions(model, rows.joined(lambda m: m.q))):
+        upper = np.triu(pin.crba(model, data, q))
+        inertia = upper + np.triu(upper, 1).T
+        found[k] = inertia * np.linalg.solve(inertia + np.diag(rotor), residual[k])
+    return found
+
+
+def _rates(rows: JointRows, x: Array) -> Array:
+    """(N, n, 2) first and second derivatives of x (N, n) along the segments."""
+    rates = np.empty((*x.shape, 2))
+    for number in np.unique(rows.segment):
+        own = rows.segment == number
+        rate = x[own]
+        for order in (0, 1):
+            rate = np.gradient(rate, rows.t[own], axis=0) if own.sum() > 2 else 0 * rate
+            rates[own, :, order] = rate
+    return rates
+
+
+def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
+    """Shapes of friction, position and the neighbours' motion, on each joint's row."""
+    n, names = len(rows.robot.joints), rows.robot.joints
+    a, v = rows.diagonal["rotor"], rows.diagonal["viscous"]
+    coupled = [{i, j} for i, j, _ in choice.coupled]
+    angle = rows.joined(lambda m: np.stack([np.sin(m.q), np.cos(m.q), m.q], axis=2))
+    curve = rows.diagonal["coulomb"]
+    for j, name in enumerate(names):
+        own = {
+            "a constant": (np.ones((len(v), 1)), "Add the column `offset`."),
+            "its position": (
+                angle[:, j],
+                "A counterweight or a cable pulls at it, or its axis is not the model's: try the "
+                "column `spring`.",
+            ),
+            "its acceleration": (a[:, [j]], "Check its rotor inertia and the delay."),
+            "its velocity": (
+                np.column_stack([v[:, j], rows.diagonal["quadratic"][:, j],
+                                 rows.diagonal["cubic"][:, j]]),
+                "Its friction curve differs: add the columns `quadratic`, `cubic`, `stribeck`.",
+            ),
+            "its direction": (
+                curve[:, :, j].T,
+                f"Its dry friction is not tanh(v/s) with s of {SPEEDS[0]:g} to {SPEEDS[-1]:g}: "
+                "leave out slow motion (`rest` in the map).",
+            ),
+            "its load": (
+                rows.diagonal["load"][choice.speed[j]][:, [j]],
+                "Its friction grows with the load: add the column `load`.",
+            ),
+        }  # fmt: skip
+        for i in (j - 1, j + 1):
+            if 0 <= i < n and {i, j} not in coupled:
+                motion = np.column_stack([a[:, i], v[:, i], curve[1, :, i]])
+                own[f"the motion of {names[i]}"] = motion, "Name the coupling of both in the map."
+        for words, (columns, remedy) in own.items():
+            yield Suspect(words, name, _on(j, n, columns), remedy)
+
+
+def _on(joint: int, n: int, columns: Array) -> Array:
+    """(N, n, c) columns (N, c) on the row of one joint."""
+    found = np.zeros((len(columns), n, columns.shape[1]))
+    found[:, joint] = columns
+    return found

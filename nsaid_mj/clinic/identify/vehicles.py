@@ -1,0 +1,166 @@
+"""Rows of a vehicle, whose forces need not be linear in its commands, at any timing of these."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ...core.parameters import Array, Block, ParameterSpace
+from ...core.structure.columns import fluid, thrust
+from ...core.structure.parts import Column
+from ...core.structure.sensing import rate_labels
+from ...core.structure.system import SecondOrderSystem, rebuilt
+from ...lab.baselines.least_squares import smoothed
+from ...robots.model import RobotModel
+from ..logs.recordings import Recordings, Segment
+from .choose.columns import further_columns, further_names
+from .choose.timing import Timing
+from .joints import FILE
+from .problem import Problem, Size, size_weights
+from .rows import Rows, with_columns
+from .smoothing import Filter, Smooth
+
+_FLOWN = {kind.name for kind in (*fluid.KINDS, *thrust.KINDS) if kind.reads == "velocity"}
+_FLOW = 0.05  # of a current, for differences [m/s]
+_SPREAD = 0.3  # prior spread of positive parameters
+
+
+class VehicleRows(Rows):
+    """Rows of a vehicle's segments, through the chosen filters, at any delay of the commands."""
+
+    def __init__(self, robot: RobotModel, recordings: Recordings, chosen: Filter):
+        self.robot, self.system = robot, robot.system
+        super().__init__(recordings, chosen, lambda *each: smooth_pose(robot.system, *each))
+        rotors = {column.input for column in self.system.columns("rotor")}
+        measured = [unit == "rad/s" for unit in recordings.command_units]  # speeds of rotors
+        self.rotors = [k for k in sorted(rotors) if not measured[k]]
+        self.others = [k for k in range(len(measured)) if k not in rotors]
+        assert robot.prior is not None  # every vehicle has one
+        self._prior: Array = robot.prior
+        own = self.system.structure
+        self._commanded = sorted({c.parameter for c in own.columns if c.input >= 0})
+        acting = [c for c in own.columns if c.parameter in self._commanded]
+        only = replace(own, inertias=(), rotors=(), columns=acting)
+        self._acting = rebuilt(self.system, only, self.system.space)
+        self._without_commands: dict[frozenset[str], Array] = {}
+
+    def delays(self, timing: Timing) -> Array:
+        """(k,) delays of the actuators [s]."""
+        return np.broadcast_to(timing.delay, len(self.robot.joints))
+
+    def _held(self, timing: Timing) -> list[Array]:
+        """(M, k) commands of every motion that act as a timing says, at its times."""
+        found = []
+        for segment, motion in zip(self.segments, self.motions, strict=True):
+            u = self.acting(segment.log.u, self.chosen.rate, timing)
+            delayed = zip(self.delays(timing), self.chosen.low_pass(u).T, strict=True)
+            held = [np.interp(motion.t - d, segment.log.t, own) for d, own in delayed]
+            found.append(np.column_stack(held))
+        return found
+
+    def acting(self, u: Array, rate: float, timing: Timing) -> Array:
+        """Commands (N, k) at a rate [Hz] as they act, apart from the delay."""
+        found = u.copy()
+        found[:, self.rotors] = timing.speeds(u[:, self.rotors], rate)
+        found[:, self.others] = timing._replace(mix=1.0).speeds(u[:, self.others], rate)
+        return found
+
+    def flow(self, theta: Array, timing: Timing) -> Array:
+        """(N, n, k) forces per m/s of a steady current or wind along the world's axes, at θ̂ (p,).
+
+        k is 0 for vehicles on which neither water nor air acts, or of several bodies.
+        """
+        system, acting = self.system, np.zeros(len(self.system.space))
+        at = [c.parameter for c in system.structure.columns if c.kind in _FLOWN]
+        acting[at] = theta[at]
+        if not acting.any() or (system.m, system.n) not in ((7, 6), (3, 3)):
+            return np.zeros((len(self.t), system.n, 0))
+        count, found = (3, []) if system.m == 7 else (2, [])
+        for motion, held in zip(self.motions, self._held(timing), strict=True):
+            t, q, v, a, _ = motion
+            heading = q[:, 2:3] * [0.0, 0.0, 1.0]
+            turns = Rotation.from_quat(q[:, 3:]) if count == 3 else Rotation.from_rotvec(heading)
+            own, forces = turns.inv().as_matrix(), []
+            for axis in range(count):
+                along = np.zeros_like(v)
+                along[:, :count] = _FLOW * own[:, :count, axis]
+                slower, faster = (
+                    system.regressor(t, np.hstack([q, v + side * along]), v, a, held) @ acting
+                    for side in (-1, 1)
+                )
+                forces.append((slower - faster) / (2 * _FLOW))
+            found.append(self.chosen.rows(np.stack(forces, axis=2)))
+        return np.concatenate(found)
+
+    def further(self, columns: frozenset[str]) -> list[Column]:
+        """The further columns, whose parameters follow the vehicle's own."""
+        names = [name for each in sorted(columns) for name in further_names(self.system, each)]
+        places = {name: self.system.p + k for k, name in enumerate(names)}
+        return list(further_columns(self.system, columns, places))
+
+    def _fixed(self, columns: frozenset[str]) -> Array:
+        """(N, n, p) rows with further columns, of commands of 0: computed once for all timings."""
+        if columns not in self._without_commands:
+            further = self.further(columns)
+            whole = with_columns(self.system, further, [], self.system.p + len(further))
+            self._without_commands[columns] = self.regressor(whole, lambda W: W)
+        return self._without_commands[columns]
+
+    def problem(self, columns: frozenset[str], timing: Timing) -> Problem:
+        """The fit with further columns and commands that act as a timing says."""
+        system = self.system
+        rows, at = self._fixed(columns).copy(), self._commanded
+        rows[:, :, at] = self.regressor(self._acting, lambda W: W[:, :, at], self._held(timing))
+        more = [self._extra(name, rows) for name in sorted(columns)]
+        space = ParameterSpace((*system.space.blocks, *more))
+        none = np.zeros(len(space), dtype=bool)
+        prior = np.append(self._prior, np.zeros(len(space) - len(self._prior)))
+        spread = np.where(space.geometries == "positive", _SPREAD, space.scale)
+        weights = _size(space, rows[self.usable], prior)
+        size = Size(weights[None], np.zeros(len(space), dtype=np.intp), FILE, none)
+        # relative to its own drag, noise of a velocity without an actuator would pass for drag
+        inertia = np.tile(weights, (rows.shape[1], 1))
+        return Problem(
+            space, rows, self.usable, self.t, self.segment, prior, spread, none, size, inertia
+        )
+
+    def _extra(self, name: str, rows: Array) -> Block:
+        """A block of one further parameter per velocity."""
+        units = self.system.velocity_units
+        force = ["N" if unit == "m/s" else "N·m" for unit in units]
+        labels = rate_labels(self.system)
+        at = self.system.space.actuators
+        size = np.sqrt(np.mean((rows[:, :, at] @ self._prior[at]) ** 2, axis=0))
+        size = np.maximum(size, 1e-3 * max(float(size.max()), 1e-9))
+        return Block(
+            f"further {name}",
+            tuple(further_names(self.system, name)),
+            tuple(
+                f"{f}/({u})" if name == "damping" else f for f, u in zip(force, units, strict=True)
+            ),
+            0.3 * size,
+            "free",
+            labels=tuple(f"further {name} of {label}" for label in labels),
+        )
+
+
+def _size(space: ParameterSpace, columns: Array, prior: Array) -> Array:
+    """(p,) w with wᵀθ the forces of inertia and weight over those of the published values.
+
+    For a vehicle without matrices it is the mean of all positive parameters over these values.
+    """
+    positive = space.geometries == "positive"
+    matrix = ~positive & (space.geometries != "free")
+    if matrix.any():
+        return size_weights(columns * matrix, prior)
+    return np.where(positive, 1 / np.where(positive, prior, 1.0), 0.0) / positive.sum()
+
+
+def smooth_pose(system: SecondOrderSystem, segment: Segment, chosen: Filter) -> Smooth:
+    """The smoothed motion of a segment, whose positions may be poses."""
+    log = smoothed(system, segment.log, chosen.smoothing)
+    a = np.gradient(log.v, 1 / chosen.rate, axis=0)
+    pick = slice(None, None, chosen.every)
+    return Smooth(log.t[pick], log.q[pick], log.v[pick], a[pick], segment.usable[pick])

@@ -1,0 +1,254 @@
+"""From a table's channels to ordered signals in SI, and the speeds below which a joint is at rest.
+
+Every step is reported.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...base.findings import Finding, Level
+from ...core.log import Log
+from ...core.numerics.spatial import continuous_signs
+from ...core.parameters import Array, number
+from . import signals
+from .layout import Layout, Source
+from .recordings import Segment
+from .signals import Signal
+from .tables import Channel, Table
+
+SHOWN = 5
+"""Row numbers stated in a message; the finding's data hold up to a hundred."""
+
+
+_JITTER = 0.2  # half the spread of intervals, over their median, from which it is reported
+
+
+class Cleaned(NamedTuple):
+    """The signals of one log, in SI."""
+
+    source: str  # name of the file, or of the files
+    made: Layout  # which channels they are
+    signals: dict[str, Signal]  # by the names of their columns
+
+    def of(self, source: Source) -> Signal:
+        """The signal of a source."""
+        return self.signals[source.column.column]
+
+    @property
+    def reference(self) -> Signal:
+        """The first position, by whose rows messages name times."""
+        return self.of(self.made.positions[0])
+
+
+def clean(table: Table, layout: Layout) -> tuple[Cleaned, tuple[Finding, ...]]:
+    """The signals of a layout's sources.
+
+    Rows without a value or out of order are dropped, angles continued across whole turns, and
+    outliers of positions and velocities interpolated. Every step adds a finding.
+    """
+    table = _same_signs(table, layout)
+    findings: list[Finding] = []
+    orders: dict[int, signals.Order] = {}
+    found: dict[str, Signal] = {}
+    for source in layout.sources:
+        name = source.column.column
+        channel = table.channels[name]
+        key = id(channel.t)
+        if key not in orders:
+            orders[key] = signals.order(channel.t)
+            said = _disorder(table.source, channel, orders[key])
+            findings += [finding for finding in said if finding not in findings]
+        found[name] = _clean_one(table.source, source, channel, orders[key], findings)
+    return Cleaned(table.source, layout, found), tuple(findings)
+
+
+def _same_signs(table: Table, layout: Layout) -> Table:
+    """A table whose quaternions q and −q do not alternate, so that they can be interpolated."""
+    names = layout.quaternion
+    parts = [table.channels[name] for name in names]
+    if not parts or len({len(part.values) for part in parts}) > 1:
+        return table
+    signs = continuous_signs(np.column_stack([part.values for part in parts]))
+    turned = {
+        name: Channel(part.t, part.values * signs) for name, part in zip(names, parts, strict=True)
+    }
+    return replace(table, channels=table.channels | turned)
+
+
+def _clean_one(
+    file: str, source: Source, channel: Channel, order: signals.Order, findings: list[Finding]
+) -> Signal:
+    where = f"{file}, {source.column.column}"
+    values = channel.values[order.index] * source.factor
+    present = np.isfinite(values)
+    t, x, row = order.t, values, order.rows  # shared by all signals of a clock: a log may be large
+    if not present.all():
+        text = "rows without a number were dropped"
+        findings.append(about_rows("note", "missing_values", where, row[~present], text))
+        t, x, row = t[present], x[present], row[present]
+    if source.angle:
+        raw = np.sign(source.factor) * abs(source.column.ratio)  # a whole turn in the column's unit
+        x_turns, jumps = signals.unwrap(x * raw)
+        if len(jumps):
+            x = x_turns / raw
+            text = "jumps of a whole turn were removed"
+            findings.append(about_rows("note", "wrapped_angle", where, row[jumps], text))
+    bad = signals.outliers(t, x) if source.quantity != "command" else np.zeros(0, int)
+    if len(bad):
+        good = np.setdiff1d(np.arange(len(x)), bad)
+        away = float(np.max(np.abs(x[bad] - np.interp(t[bad], t[good], x[good]))))
+        x[bad] = np.interp(t[bad], t[good], x[good])
+        text = f"outliers (up to {number(away, significant=3)} from their neighbours) were "
+        text += "interpolated"
+        findings.append(about_rows("note", "outliers", where, row[bad], text))
+    last = len(t) - 1
+    doubtful = np.column_stack([t[np.maximum(bad - 1, 0)], t[np.minimum(bad + 1, last)]])
+    made = Signal(t, x, row, doubtful)
+    if len(t) > 2:
+        made = made._replace(doubtful=np.concatenate([doubtful, signals.dropouts(made)]))
+    return made
+
+
+def _disorder(file: str, channel: Channel, order: signals.Order) -> list[Finding]:
+    """Findings about a clock: missing, repeated and late times, resets, uneven intervals."""
+    found = []
+    undated = np.flatnonzero(~np.isfinite(channel.t))
+    for code, rows, text in (
+        ("missing_times", undated, "rows without a time were dropped"),
+        ("duplicates", order.repeated, "rows that repeat the time before were dropped"),
+        ("backward_times", order.late, "rows whose time lies before an earlier one were dropped"),
+        ("clock_reset", order.resets, "restarts of the clock; the log is split there"),
+    ):
+        if len(rows):
+            level = "warning" if len(rows) > 0.2 * len(channel.t) else "note"
+            found.append(about_rows(level, code, file, rows + 1, text))
+    if len(order.t) < 10:
+        return found
+    intervals = np.diff(order.t)
+    period = float(np.median(intervals))
+    low, high = np.quantile(intervals, [0.05, 0.95])
+    if high - low >= 2 * _JITTER * period:
+        text = f"intervals between rows scatter from {low * 1e3:.3g} to {high * 1e3:.3g} ms (5 % "
+        text += "to 95 %); values are interpolated to a constant rate"
+        data = {"period": period, "low": float(low), "high": float(high)}
+        found.append(Finding("note", "jitter", file, text, data=data))
+    return found
+
+
+def about_rows(
+    level: Level, code: str, where: str, rows: Sequence[int] | np.ndarray, text: str
+) -> Finding:
+    """A finding that begins with a number of rows and ends with the first of them.
+
+    `rows` are their numbers in the file, from 1; `text` says what happened to them, without their
+    number; `where` is file and channel.
+    """
+    listed = [int(row) for row in rows[:100]]
+    first = ", ".join(str(row) for row in listed[:SHOWN]) + (" …" if len(rows) > SHOWN else "")
+    plural = "row" if len(rows) == 1 else "rows"
+    data = {"count": len(rows), "rows": listed}
+    return Finding(level, code, where, f"{len(rows)} {text} ({plural} {first})", data=data)
+
+
+_MARGIN = 4.0  # standard deviations of a velocity's noise that count as rest
+_LOUD = 0.05  # such a margin, over a joint's speed, from which rest is hidden in the noise
+_WINDOW = 0.2  # a robot moves if it does in most rows of such a window [s]
+
+
+class Rest:
+    """Speeds below which the joints of a log count as being at rest, on a grid of `rate` [Hz].
+
+    Measured velocities are compared with them, or the derivatives of the positions where noise
+    hides rest in the former but not in the latter. stated (n,) are the map's limits.
+    """
+
+    def __init__(self, log: Cleaned, stated: Array, rate: float):
+        made, self._stated, self._rate, self._derived = log.made, stated, rate, False
+        n = len(made.positions)
+        self._coupling = np.eye(n) if made.coupling is None else made.coupling
+        own = np.array([
+            signals.derivative_noise(signals.noise(s.x), s.rate, rate)
+            for s in map(log.of, made.positions)
+        ])  # fmt: skip
+        columns = [log.of(v).x if v else None for v in made.velocities]
+        steps = [0.0 if x is None else signals.quantum(x) for x in columns]
+        noises = [own[j] if x is None else signals.noise(x) for j, x in enumerate(columns)]
+        fast = [np.quantile(np.abs(x), 0.95) for x in columns if x is not None]
+        self._steps, measured = np.array(steps), np.array(noises)
+        if len(fast) == n:  # else the others' columns have their own units and delays
+            loud = _MARGIN * measured > _LOUD * np.array(fast)
+            self._derived = bool((loud & (own < measured)).any() and (own <= measured).all())
+        if self._derived:
+            self._steps, measured = np.zeros(n), own
+        self._noise = measured
+
+    def limits(self, logs: Sequence[Log]) -> Array:
+        """(n,) speeds of the joints [rad/s or m/s], from the log's stretches on the grid.
+
+        Four standard deviations of the velocity's noise, and not less than its quantisation; for a
+        joint that is ten times faster than its noise, at most a tenth of its speed, since fourth
+        differences of few rows count a fast motion as noise. The limits of the map always apply.
+        """
+        spread = np.sqrt(self._coupling**2 @ np.square(self._noise))
+        limits = np.maximum(_MARGIN * spread, np.abs(self._coupling) @ self._steps)
+        fast = np.quantile(np.concatenate([self.speed(log) for log in logs]), 0.95, axis=0)
+        limits = np.where(fast > 10 * spread, np.minimum(limits, 0.1 * fast), limits)
+        return np.maximum(limits, self._stated)
+
+    def speed(self, log: Log) -> Array:
+        """(N, n) speeds for rest detection."""
+        return np.abs(signals.derivative(log.q, self._rate) if self._derived else log.v)
+
+
+def rows_of(signal: Signal, start: float, end: float) -> tuple[int, int]:
+    """First and last row, in the file, of the stretch between two times [s]."""
+    first = np.searchsorted(signal.t, start - 1e-9)
+    last = np.searchsorted(signal.t, end + 1e-9, side="right") - 1
+    return int(signal.row[min(first, len(signal.row) - 1)]), int(signal.row[max(last, 0)])
+
+
+def moving_part(moving: np.ndarray, rate: float) -> slice:
+    """The slice from the first to the last window in which the robot moves in most rows."""
+    width = max(1, round(_WINDOW * rate))
+    share = np.convolve(moving, np.ones(width) / width, mode="same")
+    often = np.flatnonzero(share > 0.5)
+    if not len(often):
+        return slice(0, 0)
+    inside = np.flatnonzero(moving[often[0] : often[-1] + 1]) + often[0]
+    return slice(int(inside[0]), int(inside[-1]) + 1) if len(inside) else slice(0, 0)
+
+
+def cut_rest(log: Cleaned, grid: Array, kept: slice) -> list[Finding]:
+    """Reports the cuts at both ends of a stretch, whose part `kept` has motion.
+
+    grid (N,) are times [s].
+    """
+    findings, reference = [], log.reference
+    whole = rows_of(reference, *grid[[0, -1]].tolist())
+    if kept.stop == kept.start:
+        text = f"the robot stands still in rows {whole[0]}–{whole[1]}, which were left out"
+        return [Finding("warning", "rest", log.source, text, data={"rows": list(whole)})]
+    inner = rows_of(reference, *grid[[kept.start, kept.stop - 1]].tolist())
+    for a, b, when in ((whole[0], inner[0] - 1, "before"), (inner[1] + 1, whole[1], "after")):
+        if b - a > 0.05 / reference.period:
+            text = f"the robot stands still {when} its motion, in rows {a}–{b}, which were left out"
+            findings.append(Finding("note", "rest", log.source, text, data={"rows": [a, b]}))
+    return findings
+
+
+def limits_stated(
+    file: str, segments: Sequence[Segment], limits: Array, joints: Sequence[str]
+) -> Finding:
+    """Reports the speeds below which rows are not used, and the share of rows above."""
+    usable = np.concatenate([segment.usable for segment in segments]).mean(axis=0)
+    each = ", ".join(
+        f"{joint} {number(limit, significant=2)} ({100 * share:.0f} %)"
+        for joint, limit, share in zip(joints, limits, usable, strict=True)
+    )
+    text = "rows below these speeds [rad/s or m/s] are not used "
+    text += f"(in brackets: share of rows used): {each}"
+    data = {"limits": limits.tolist(), "share": usable.tolist()}
+    return Finding("note", "rest_limits", file, text, data=data)

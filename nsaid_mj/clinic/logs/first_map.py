@@ -1,0 +1,223 @@
+"""A first map.toml, to be completed by hand."""
+
+import json
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from ...core.parameters import Array
+from ...robots.model import RobotModel
+from .checks import limits
+from .mapping import FACTORS, Quantity, of_name
+from .matching import candidates, match_targets, words
+from .tables import Table, channel_names, values_of
+
+_WHOLE = 100.5  # of a range from −100 to 100, with rounding; larger values are degrees
+_HEAD = """\
+# Which columns of the log are what. Written by `nsaid inspect`, to be checked and completed by
+# hand; pass it with `--map map.toml`. What is commented out is optional or was not found.
+#
+# unit   of positions: rad, deg, turns, ticks (with counts_per_turn), m, mm
+#        of velocities: rad/s, deg/s, turns/s, rpm, ticks/s, m/s, mm/s
+#        of commands: N·m, mN·m, N, A, mA, V, %, raw, of rotors also rpm;
+#        of position targets: as of positions
+# sign   -1 if the column counts against the joint's axis
+# ratio  gear ratio, motor turns per joint turn, if the column is of the motor
+# offset added last, in SI, to reach the zero of the model
+# points [[value, position], [value, position]] in place of all these: positions [rad or m] that
+#        two values stand for, as of a range from -100 to 100
+# rest   rows with a lower speed [rad/s or m/s] are not used
+"""
+
+_COUPLING = """
+# Joints driven by several motors: q_motor = position · (q − offset), τ_joint = torque · τ_motor,
+# rows and columns in the order of the joints below.
+# [coupling]
+# position = {rows}
+# torque = {rows}
+"""
+
+_AXES = """\
+# order = "xyzw"  # or wxyz, of the quaternion
+# twist = "body"  # or world, the axes of `linear`
+# frame = "ENU/FLU"  # or NED/FRD
+# Instead of a quaternion, euler = ["roll", "pitch", "yaw"] in degrees. Without `linear` and
+# `angular` the pose is differentiated; `position` may be left out where they are given.
+"""
+_IN_SPACE = {
+    "position": ("positionx positiony positionz", "posx posy posz", "px py pz", "x y z"),
+    "quaternion": (
+        "orientationx orientationy orientationz orientationw",
+        "quatx quaty quatz quatw",
+        "qx qy qz qw",
+    ),
+    "linear": ("linearx lineary linearz", "velx vely velz", "vx vy vz"),
+    "angular": ("angularx angulary angularz", "gyrx gyry gyrz", "wx wy wz", "p q r"),
+}
+_IN_PLANE = {
+    "position": ("x y psi", "x y heading", "x y theta", "x y yaw"),
+    "linear": ("vx vy r", "vx vy yawrate", "surge sway yawrate"),
+}
+"""Endings of channels' names, letters and digits only."""
+
+_MEANING = {
+    "thruster": ("-1 to 1", -1.0, 1.0),
+    "nozzle": ("0 to 1", 0.0, 1.0),
+    "rotor": ("share of the top speed, 0 to 1; thrust is that of its square", 0.0, 1.0),
+    "propeller": ("share of the full speed, -1 to 1", -1.0, 1.0),
+    "drive": ("-1 to 1", -1.0, 1.0),
+    "fin": ("deflection [rad]", 0.0, 0.0),
+    "tyre": ("steering angle [rad]", 0.0, 0.0),
+}
+"""The command of a kind of column, in words, and its range."""
+
+_PULSE = (1000.0, 2000.0)  # ends of a pulse width [µs]
+
+
+def first_map(tables: Sequence[Table], robot: RobotModel) -> str:
+    """The map of a log as TOML: entries that channels' names imply, and lines to fill in.
+
+    `read_map` accepts it once every joint or actuator has a position and a command.
+    """
+    names = channel_names(tables)
+    parts = [_HEAD]
+    for table in tables:
+        parts.append(f"#\n# {table.source} has the columns\n")
+        parts += [f"#   {name}\n" for name in table.channels]
+    parts.append('\n# [time]\n# column = "t"\n# unit = "s"  # s, ms, us, ns, date\n')
+    for table in tables if len(tables) > 1 else ():
+        parts.append(f"# [files.{_quoted(table.source)}]\n")
+        parts.append("# offset = 0.0  # added to its times [s]\n")
+    if not robot.jointed:
+        parts.append(_vehicle(tables, robot))
+    else:
+        found = candidates(names, robot.joints, robot.passive)
+        targets = match_targets(names, robot.joints)
+        goals = set(targets.values())
+        measured = [g for g in found["position"].values() if goals.isdisjoint(g.values())]
+        if targets and len(measured) == 1 and any(f.code == "servo" for f in robot.findings):
+            parts += _servos(tables, robot, measured[0], targets)
+        else:
+            rows = np.eye(len(robot.joints), dtype=int).tolist()
+            parts.append(_COUPLING.format(rows=rows))
+            parts += [_joint(joint, found) for joint in robot.joints]
+    return "".join(parts)
+
+
+def _servos(
+    tables: Sequence[Table], robot: RobotModel, measured: dict[str, str], targets: dict[str, str]
+) -> list[str]:
+    """The joints of an arm by position targets; their unit, if names and values imply it."""
+    values = {
+        joint: np.concatenate([values_of(own[joint], tables) for own in (measured, targets)])
+        for joint in robot.joints
+    }
+    ends = {joint: limits(robot, joint)[:2] for joint in robot.joints}
+    inside = [_inside(values[joint], *ends[joint]) for joint in robot.joints]
+    arm = np.concatenate([x for joint, x in values.items() if not _is_gripper(joint)])
+    lines = []
+    for joint in robot.joints:
+        low, high = (round(end, 6) for end in ends[joint])
+        if all(inside):
+            choices = ['unit = "rad"']
+        elif len(arm) and arm.min() >= 0 and not (arm % 1).any():
+            choices = ['unit = "ticks", counts_per_turn = 4096, offset = -3.141593']
+        elif _is_gripper(joint):
+            choices = [f"points = [[0, {low}], [100, {high}]]"]
+        elif np.abs(arm).max(initial=0.0) > _WHOLE:
+            choices = ['unit = "deg"']
+        else:  # the values fit both
+            choices = ['unit = "deg"', f"points = [[-100, {low}], [100, {high}]]"]
+        lines.append(f"\n[joints.{_key(joint)}]\n")
+        for quantity, name in (("position", measured[joint]), ("command", targets[joint])):
+            stated = of_name(name, FACTORS["position"])[1]
+            own = [f'unit = "{stated}"'] if stated else choices
+            lines += [_line(quantity, name, unit, several=len(own) > 1) for unit in own]
+    return lines
+
+
+def _inside(values: Array, low: float, high: float) -> bool:
+    """Whether values are within limits, or within a turn where there are none."""
+    margin = 0.05 * (high - low) if np.isfinite(high - low) else 0.0
+    low, high = np.clip([low - margin, high + margin], -2 * np.pi, 2 * np.pi)
+    return len(values) > 0 and bool(values.min() >= low and values.max() <= high)
+
+
+def _is_gripper(joint: str) -> bool:
+    """Whether a joint is a gripper, whose position LeRobot counts from 0 to 100."""
+    return bool({"gripper", "jaw"} & set(words(joint)))
+
+
+def _joint(joint: str, found: dict[Quantity, dict[str, dict[str, str]]]) -> str:
+    lines = [f"\n[joints.{_key(joint)}]\n"]
+    for quantity, groups in found.items():
+        choices = [by_joint[joint] for by_joint in groups.values() if joint in by_joint]
+        lines += [_entry(quantity, name, len(choices) > 1) for name in choices]
+        if not choices:
+            lines.append(f'# {quantity} = {{ column = "…" }}\n')
+    lines.append("# rest = 0.05\n")
+    return "".join(lines)
+
+
+def _entry(quantity: Quantity, name: str, several: bool) -> str:
+    """A line for one column; commented out if there are several candidates."""
+    stated = of_name(name, FACTORS[quantity])[1]
+    unit, remark = (f'unit = "{stated}"', "") if stated else ("", "state its unit")
+    return _line(quantity, name, unit, remark, several=several)
+
+
+def _line(key: str, name: str, more: str = "", remark: str = "", *, several: bool = False) -> str:
+    """An entry for a column with `more` fields; commented out if it is one of several."""
+    text = f"{key} = {{ column = {_quoted(name)}{f', {more}' if more else ''} }}"
+    remark = "choose one" if several else remark
+    return f"{'# ' if several else ''}{text}{f'  # {remark}' if remark else ''}\n"
+
+
+def _vehicle(tables: Sequence[Table], robot: RobotModel) -> str:
+    """Pose, velocities and commands of a vehicle."""
+    channels = channel_names(tables)
+    spatial = robot.system.m == 7
+    lines = ["\n[vehicle]\n"]
+    for key, choices in (_IN_SPACE if spatial else _IN_PLANE).items():
+        found = next(filter(None, (_named(choice.split(), channels) for choice in choices)), None)
+        names = json.dumps(found or choices[-1].split(), ensure_ascii=False)
+        lines.append(f"{'' if found else '# '}{key} = {names}\n")
+    if spatial:
+        lines.append(_AXES)
+    lines.append("\n[actuators]\n")
+    groups = candidates(channels, robot.joints)["command"]
+    for k, name in enumerate(robot.joints):
+        kinds = [c.kind for c in robot.system.structure.columns if c.input == k]
+        known = (_MEANING[kind] for kind in kinds if kind in _MEANING)
+        means, low, high = next(known, ("", 0.0, 0.0))
+        for column in [by_joint[name] for by_joint in groups.values()] or ["…"]:
+            scaled = ""
+            values = values_of(column, tables) if high else np.zeros(0)
+            if len(values) and values.min() >= 800 and 1000 < values.max() <= 2200:
+                ratio = (high - low) / (_PULSE[1] - _PULSE[0])  # of pulses of a radio-control servo
+                scaled = f"ratio = {ratio:g}, offset = {low - ratio * _PULSE[0]:g}"
+            mark = "" if len(groups) == 1 else "# "
+            lines.append(mark + _line(_key(name), column, scaled, means))
+    return "".join(lines)
+
+
+def _named(suffixes: Sequence[str], channels: Collection[str]) -> list[str] | None:
+    """The channels with given names or endings; None unless each is unique."""
+    plain = {name: "".join(words(name)) for name in channels}
+    same = [[name for name, text in plain.items() if text == suffix] for suffix in suffixes]
+    ending = [[n for n, text in plain.items() if text.endswith(suffix)] for suffix in suffixes]
+    several = all(len(suffix) > 1 for suffix in suffixes)
+    for found in (same, ending) if several else (same,):
+        if all(len(names) == 1 for names in found):
+            return [names[0] for names in found]
+    return None
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)
+
+
+def _key(name: str) -> str:
+    """A TOML key, quoted where it must be."""
+    bare = name.replace("_", "").replace("-", "")
+    return name if bare.isascii() and bare.isalnum() else _quoted(name)

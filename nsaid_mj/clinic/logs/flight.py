@@ -1,0 +1,156 @@
+"""A map of a multicopter's log from the standard topics of flight controllers, PX4 and ArduPilot.
+
+Both number the motors of a quadrotor "X" alike: 1 front right, 2 rear left, 3 front left, 4 rear
+right. Sources: PX4's message definitions, https://docs.px4.io/main/en/msg_docs/, and ArduPilot's
+log messages, https://ardupilot.org/copter/docs/logmessages.html.
+"""
+
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ...core.parameters import Array
+from ...robots.model import RobotModel
+from .mapping import Column, Map, Vehicle
+from .tables import Table, channel_names, values_of
+
+_X = np.array([[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, -1.0]])
+"""Sides of motors 1 to 4, forward and left."""
+
+
+class _Controller(NamedTuple):
+    """Names of a flight controller's channels."""
+
+    name: str  # name of its firmware
+    vehicle: Vehicle  # pose and twist
+    # choices of the motors' channels, the best first: a pattern with the motor's number in it, the
+    # first number, and factor and offset to a share of the full command
+    motors: tuple[tuple[str, int, float, float], ...]
+    # choices of their measured speeds [rpm]: a pattern and the first number
+    speeds: tuple[tuple[str, int], ...]
+    # pattern of the channels that say which motor a speed controller drives, and the number there
+    # of the first motor; "" if there are none
+    functions: tuple[str, int] = ("", 0)
+
+
+_PULSE = (1e-3, -1.0)  # 1000 to 2000 µs are 0 to 1
+_ENOUGH = 80.0  # of measured speeds [Hz]: straight lines between slower ones lose their variation
+
+_CONTROLLERS = (
+    _Controller(
+        "PX4",
+        Vehicle(
+            quaternion=tuple(f"vehicle_attitude/q[{i}]" for i in range(4)),
+            order="wxyz",
+            linear=tuple(f"vehicle_local_position/v{axis}" for axis in "xyz"),
+            angular=tuple(f"vehicle_angular_velocity/xyz[{i}]" for i in range(3)),
+            frame="NED/FRD",
+            twist="world",
+        ),
+        (
+            ("actuator_motors/control[{}]", 0, 1.0, 0.0),
+            ("actuator_outputs/output[{}]", 0, *_PULSE),
+        ),
+        (("esc_status/esc[{}].esc_rpm", 0),),
+        ("esc_status/esc[{}].actuator_function", 101),
+    ),
+    _Controller(
+        "ArduPilot",
+        Vehicle(
+            euler=("ATT/Roll", "ATT/Pitch", "ATT/Yaw"),
+            linear=("XKF1/VN", "XKF1/VE", "XKF1/VD"),
+            angular=("IMU/GyrX", "IMU/GyrY", "IMU/GyrZ"),
+            frame="NED/FRD",
+            twist="world",
+        ),
+        (("RCOU/C{}", 1, *_PULSE),),
+        (("ESC_{}/RPM", 0), ("ESC{}/RPM", 1), ("RPM_{}/RPM", 0)),
+    ),
+)
+
+
+def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | None:
+    """The map of a log with the standard topics, and its assumptions in words.
+
+    Velocities are those of the controller's estimator; positions, on which no force depends, are
+    integrated from them. Commands are the rotors' measured speeds where the speed controllers
+    report them often enough. None if topics are missing, or the vehicle does not have one rotor in
+    each quadrant.
+    """
+    order = _order(robot) if robot.system.m == 7 else None
+    names = set(channel_names(tables))
+    for controller in _CONTROLLERS if order is not None else ():
+        for pattern, first, ratio, offset in controller.motors:
+            motors = [pattern.format(first + i) for i in order or ()]
+            if not {*controller.vehicle.columns, *motors} <= names:
+                continue
+            columns = [Column(column=m, ratio=ratio, offset=offset) for m in motors]
+            remark = "; 1000 to 2000 µs are 0 to 1" if offset else ""
+            speeds = _speeds(controller, order or [], tables, names)
+            if unusable := _unusable(speeds, robot, tables):
+                remark += f"; the motors' measured speeds ({speeds[0]} …) {unusable}"
+            elif speeds:
+                columns = [
+                    Column(
+                        column=x, unit="rpm", sign=-1 if np.median(values_of(x, tables)) < 0 else 1
+                    )
+                    for x in speeds  # some controllers count one direction of rotation as negative
+                ]
+                motors, remark = speeds, "; measured speeds are used, not the motors' commands"
+            actuators = dict(zip(robot.joints, columns, strict=True))
+            pairs = [f"{m} is {rotor}" for m, rotor in zip(motors, robot.joints, strict=True)]
+            text = f"the standard topics of {controller.name} are used: {', '.join(pairs)}"
+            mapping = Map(vehicle=controller.vehicle, actuators=actuators)
+            return mapping, f"{text}, as in a quadrotor X{remark}"
+    return None
+
+
+def _speeds(
+    controller: _Controller, order: Sequence[int], tables: Sequence[Table], names: Collection[str]
+) -> list[str]:
+    """The channels of the motors' measured speeds, in rotor order; [] if one is missing."""
+    pattern, lowest = controller.functions
+    numbers = {i: i for i in order}
+    for i in order:
+        said = {x for x in values_of(pattern.format(i), tables).tolist() if x >= lowest > 0}
+        if len(said) == 1:
+            numbers[int(said.pop()) - lowest] = i
+    if sorted(numbers[i] for i in order) != sorted(order):
+        return []  # two controllers say that they drive one motor, or one says it of another's
+    for name, first in controller.speeds:
+        # the messages of the first instance have no number
+        found = [name.format(first + numbers[i]).replace("_0/", "/") for i in order]
+        if set(found) <= set(names):
+            return found
+    return []
+
+
+def _unusable(speeds: Sequence[str], robot: RobotModel, tables: Sequence[Table]) -> str:
+    """Why measured speeds are not used, in words; "" if they are, or if there are none."""
+    if not speeds:
+        return ""
+    if not np.isfinite(robot.top_speed):
+        return "are not used: the sheet has no top speed to which they relate"
+    for name in speeds:
+        values = values_of(name, tables)
+        if len(values) < 2 or not np.ptp(values) > 0:
+            return f"are not used: {name} is {values[0] if len(values) else 'empty'} throughout"
+    times = [table.channels[speeds[0]].t for table in tables if speeds[0] in table.channels]
+    steps = np.concatenate([np.diff(t) for t in times])
+    rate = 1 / np.median(steps) if len(steps) and np.median(steps) > 0 else 0.0
+    return "" if rate >= _ENOUGH else f"are not used: they come at {rate:.3g} Hz only"
+
+
+def _order(robot: RobotModel) -> list[int] | None:
+    """The controller's number of each rotor, from 0; None if not every quadrant has one."""
+    structure = robot.system.structure
+    rotors = [c for c in structure.columns if c.kind == "rotor"] if structure is not None else []
+    sides: dict[int, Array] = {
+        c.input: np.sign(np.asarray(c.constants["point"])[:2]) for c in rotors
+    }
+    if sorted(sides) != list(range(len(robot.joints))):
+        return None
+    numbers = [int(np.argmin(np.abs(_X - sides[k]).sum(axis=1))) for k in sorted(sides)]
+    fits = all((_X[n] == sides[k]).all() for k, n in enumerate(numbers))
+    return numbers if fits and sorted(numbers) == list(range(len(_X))) else None

@@ -1,0 +1,304 @@
+"""Mapping of a log's channels to a robot's q, v and u."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+from scipy.spatial.transform import Rotation
+
+from ...base.errors import InvalidInput
+from ...core.numerics.spatial import continuous_signs
+from ...core.parameters import Array
+from ...robots.model import RobotModel
+from . import matching
+from .flight import flight_map
+from .mapping import Column, Map, Quantity, Vehicle, matrix, si
+from .tables import Channel, Table, channel_names
+from .unusable import UnmatchedChannels
+
+_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])  # NED to ENU
+_FRD = np.diag([1.0, -1.0, -1.0])  # FRD to FLU
+
+
+class Source(NamedTuple):
+    """A channel and its conversion to SI: `factor · value`."""
+
+    quantity: Quantity  # the measured quantity
+    column: Column  # its entry in the map
+    factor: float  # to SI; `Layout` adds the offset
+    angle: bool = False  # whether its values may jump by whole turns
+
+
+class Layout(NamedTuple):
+    """The channels of a robot's log, in the order of its coordinates."""
+
+    positions: tuple[Source, ...]  # k sources of positions
+    velocities: tuple[Source | None, ...]  # sources of velocities; empty to differentiate positions
+    commands: tuple[Source | None, ...]  # n_u sources of commands; None for passive joints
+    coupling: Array | None = None  # (n, n) joint velocities per motor velocity; None for a vehicle
+    torque: Array | None = None  # (n_u, n_u) joint commands per motor command; None for a vehicle
+    vehicle: Vehicle | None = None  # form of pose and twist; None for joints or own coordinates
+    assumed: str = ""  # assumptions, in words; "" if the map or the names are complete
+
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """All sources: positions, velocities, commands."""
+        return (*self.positions, *filter(None, (*self.velocities, *self.commands)))
+
+    @property
+    def command_units(self) -> tuple[str, ...]:
+        """SI unit of each command; "" where the map states none."""
+        return tuple(si(s.column.unit_as("command")) if s else "" for s in self.commands)
+
+    def q(self, raw: Array) -> Array:
+        """Positions (N, n) of joints, or (N, m) of a vehicle, from scaled sources (N, k).
+
+        For a vehicle in space without positions they are 0, see `placed`.
+        """
+        offsets = np.array([s.column.zero for s in self.positions])
+        if self.vehicle is None:
+            return _mixed(raw, self.coupling) + offsets
+        return _pose(self.vehicle, raw + offsets)
+
+    def v(self, raw: Array, q: Array) -> Array:
+        """Velocities (N, n) from scaled sources (N, n), at positions q of `self.q`."""
+        offsets = np.array([s.column.offset if s else 0.0 for s in self.velocities])
+        if self.vehicle is None:
+            return _mixed(raw, self.coupling) + offsets
+        return _twist(self.vehicle, raw + offsets, q)
+
+    def placed(self, q: Array, v: Array, rate: float) -> Array:
+        """Poses (N, 7), with positions integrated from the twists if the log has none.
+
+        q (N, 7) is that of `self.q`, v (N, 6) that of `self.v`, `rate` in rows per second [Hz].
+        """
+        if self.vehicle is None or self.vehicle.position is not None:
+            return q
+        world = Rotation.from_quat(q[:, 3:]).apply(v[:, :3])
+        path = scipy.integrate.cumulative_trapezoid(world, dx=1 / rate, axis=0, initial=0.0)
+        return np.hstack([path, q[:, 3:]])
+
+    @property
+    def quaternion(self) -> tuple[str, ...]:
+        """Columns of the orientation: those of the map, or of a run of ours; () without one."""
+        if self.vehicle is not None:
+            return tuple(self.vehicle.quaternion or ())
+        if len(self.positions) != len(self.velocities) + 1:
+            return ()
+        return tuple(source.column.column for source in self.positions[3:7])
+
+    def u(self, raw: Array) -> Array:
+        """Commands (N, n_u) from scaled sources (N, n_u)."""
+        offsets = np.array([s.column.offset if s else 0.0 for s in self.commands])
+        return _mixed(raw, self.torque) + offsets
+
+
+def _mixed(raw: Array, matrix: Array | None) -> Array:
+    return raw if matrix is None else raw @ matrix.T
+
+
+def layout(
+    mapping: Map | None, robot: RobotModel, tables: Sequence[Table], targets: bool = False
+) -> Layout:
+    """The layout of a map, or of channels matched by name if the map lists none.
+
+    `targets` is whether the commands are position targets, converted as positions are.
+
+    Raises:
+        UnmatchedChannels: there is no map, and the names are ambiguous.
+        InvalidInput: the map names a joint or column that does not exist, or lacks one.
+    """
+    mapping, channels = mapping or Map(), channel_names(tables)
+    if not robot.jointed:
+        return _of_vehicle(mapping, robot, tables, channels)
+    if not mapping.joints:
+        matched = matching.match(channels, robot.joints, robot.passive)
+        mapping = replace(mapping, joints=matched.joints)
+    remedy = f"The robot's actuated joints are {', '.join(robot.joints)}."
+    for joint in set(mapping.joints) ^ set(robot.joints):
+        stated = "a joint that the robot lacks" if joint in mapping.joints else "no entry"
+        expected = "one entry for each actuated joint"
+        raise InvalidInput(f"map: joints.{joint}", expected, stated, remedy)
+    joints = [mapping.joints[name] for name in robot.joints]
+    for name, joint in zip(robot.joints, joints, strict=True):
+        if joint.command is None and name not in robot.passive:
+            expected = "a column, as the joint has a motor in the model file"
+            raise InvalidInput(f"map: joints.{name}.command", expected, "none", remedy)
+    n = len(joints)
+    made = Layout(
+        tuple(
+            _source("position", j.position, j.position.unit_as("position") not in ("m", "mm"))
+            for j in joints
+        ),
+        tuple(_source("velocity", j.velocity) if j.velocity else None for j in joints),
+        tuple(
+            Source("command", c, c.factor("position" if targets else "command")) if c else None
+            for c in (j.command for j in joints)
+        ),
+        np.linalg.inv(matrix("position", mapping.coupling.position, n)),
+        matrix("torque", mapping.coupling.torque, n),
+    )
+    return _existing(made, channels)
+
+
+def with_angles(table: Table, robot: RobotModel) -> Table:
+    """A table whose `q_0` … are one angle for each joint, if they were Pinocchio's coordinates.
+
+    Other tables are returned as they are. Angles are continued across whole turns.
+    """
+    kinds = [body.joint for body in robot.system.structure.bodies]
+    joints, count = len(kinds), robot.system.m
+    names = [f"q_{k}" for k in range(count)]
+    longer = f"q_{count}" in table.channels
+    if robot.system.group or count == joints or longer or not {*names} <= {*table.channels}:
+        return table
+    channels = {name: channel for name, channel in table.channels.items() if name not in names}
+    angles, first = {}, 0
+    for k, kind in enumerate(kinds):
+        t, values = table.channels[names[first]]
+        if kind == "circle":
+            values = np.unwrap(np.arctan2(table.channels[names[first + 1]].values, values))
+            first += 1
+        angles[f"q_{k}"] = Channel(t, values)
+        first += 1
+    return Table(table.source, angles | channels, table.origin, table.findings)
+
+
+def _source(quantity: Quantity, column: Column, angle: bool = False) -> Source:
+    return Source(quantity, column, column.factor(quantity), angle)
+
+
+def _existing(made: Layout, channels: list[str]) -> Layout:
+    for source in made.sources:
+        name, remedy = source.column.column, f"The log has {', '.join(channels)}."
+        if name not in channels:
+            what = f"map: column of a {source.quantity}"
+            raise InvalidInput(what, "a column of the log", name, remedy)
+    return made
+
+
+def _of_vehicle(
+    mapping: Map, robot: RobotModel, tables: Sequence[Table], channels: list[str]
+) -> Layout:
+    """The layout of a vehicle's pose, twist and commands; without a map, that of our own runs."""
+    m, n, count = robot.system.m, robot.system.n, len(robot.joints)
+    assumed = ""
+    if mapping.vehicle is None and (standard := flight_map(robot, tables)) is not None:
+        mapping, assumed = standard
+    vehicle = mapping.vehicle
+    if vehicle is None:
+        widths = {"q": m, "v": n, "u": count}
+        parts = [[Column(column=f"{x}_{k}") for k in range(w)] for x, w in widths.items()]
+        if not {column.column for part in parts for column in part} <= set(channels):
+            reason = "The map of a vehicle has [vehicle] and [actuators]."
+            raise UnmatchedChannels(["pose, velocities and commands"], [reason], channels)
+    else:
+        _check_vehicle(vehicle, m, n)
+        twist = [*(vehicle.linear or ()), *(vehicle.angular or ())]
+        actuators = {name.replace("_", " "): column for name, column in mapping.actuators.items()}
+        plain = [name.replace("_", " ") for name in robot.joints]
+        missing = [name for name in plain if name not in actuators]
+        if missing:
+            remedy = f"The actuators are {', '.join(robot.joints)}."
+            raise InvalidInput("map: actuators", "one entry for each", f"no {missing[0]}", remedy)
+        parts = [
+            [Column(column=name) for name in vehicle.pose],
+            [Column(column=name) for name in twist],
+            [_relative(actuators[name], robot) for name in plain],
+        ]
+    velocities = tuple(_source("velocity", c) for c in parts[1]) or (None,) * n
+    positions = tuple(_source("position", c) for c in parts[0])
+    if vehicle is not None and vehicle.euler is not None:
+        degrees = [Column(column=name, unit="deg") for name in vehicle.euler]
+        positions = (*positions[:-3], *(_source("position", c, angle=True) for c in degrees))
+    commands = tuple(_source("command", c) for c in parts[2])
+    made = Layout(positions, velocities, commands, vehicle=vehicle, assumed=assumed)
+    return _existing(made, channels)
+
+
+def _relative(command: Column, robot: RobotModel) -> Column:
+    """A command as a share of its full size: a rotor's measured speed is divided by the top one."""
+    if command.unit_as("command") != "rpm" or command.ratio != 1:
+        return command
+    if not np.isfinite(robot.top_speed):
+        remedy = "Give the `ratio` 1/(top speed in rad/s) in the map."
+        raise InvalidInput(f"map: {command.column}", "a sheet with a top speed", "none", remedy)
+    return replace(command, ratio=1 / robot.top_speed)
+
+
+def _check_vehicle(vehicle: Vehicle, m: int, n: int) -> None:
+    """Checks that a map has the parts that a system with such coordinates needs."""
+    remedy = "A body in space needs position, quaternion or euler, linear and angular, and may do "
+    remedy += "without position or without velocities; in the plane, x, y and heading as position, "
+    remedy += "and surge, sway and yaw rate as linear."
+    if (m, n) not in ((7, 6), (3, 3)):
+        expected = "a single body in space or in the plane"
+        raise InvalidInput("map: vehicle", expected, f"{m} positions of the system", remedy)
+    turns = (vehicle.quaternion is not None) + (vehicle.euler is not None)
+    if turns != (m == 7):
+        got = ("no quaternion" if turns == 0 else "both") if m == 7 else "a quaternion"
+        raise InvalidInput("map: vehicle", f"the pose of a system of {n} velocities", got, remedy)
+    if vehicle.position is None and (m == 3 or vehicle.linear is None):
+        got = "neither position nor linear velocity" if m == 7 else "no position"
+        raise InvalidInput("map: vehicle", "a motion", got, remedy)
+    if m == 7 and (vehicle.linear is None) != (vehicle.angular is None):
+        got = "only one of them"
+        raise InvalidInput("map: vehicle", "linear and angular velocity, or neither", got, remedy)
+    if m == 3 and vehicle.angular is not None:
+        raise InvalidInput("map: vehicle", "no angular velocity in the plane", "one", remedy)
+
+
+def _pose(vehicle: Vehicle, raw: Array) -> Array:
+    """Poses [p, (x, y, z, w)] (N, 7) or [x, y, ψ] (N, 3) in our axes."""
+    ned = vehicle.frame == "NED/FRD"
+    if vehicle.quaternion is None and vehicle.euler is None:
+        x, y, heading = raw.T
+        return np.column_stack([y, x, np.pi / 2 - heading]) if ned else raw
+    count = 0 if vehicle.position is None else 3
+    places = raw[:, :3] if count else np.zeros((len(raw), 3))
+    if vehicle.quaternion is None:  # roll, pitch and yaw
+        turns = Rotation.from_euler("ZYX", raw[:, count:][:, ::-1])
+    else:
+        turns = Rotation.from_quat(raw[:, count:], scalar_first=vehicle.order == "wxyz")
+    if ned:
+        places = places @ _NED.T
+        turns = Rotation.from_matrix(_NED @ turns.as_matrix() @ _FRD)
+    quaternions = turns.as_quat()
+    return np.column_stack([places, quaternions * continuous_signs(quaternions)[:, None]])
+
+
+def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
+    """Twists along the body's axes (N, n), in our axes, at our poses q."""
+    ned = vehicle.frame == "NED/FRD"
+    if raw.shape[1] == 3:
+        if vehicle.twist == "body":
+            return raw * [1.0, -1.0, -1.0] if ned else raw.copy()
+        east, north, rate = (raw[:, 1], raw[:, 0], -raw[:, 2]) if ned else raw.T
+        c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+        return np.column_stack([c * east + s * north, c * north - s * east, rate])
+    linear, angular = raw[:, :3], raw[:, 3:]
+    if vehicle.twist == "world":
+        world = linear @ _NED.T if ned else linear
+        linear = Rotation.from_quat(q[:, 3:]).inv().apply(world)
+    elif ned:
+        linear = linear @ _FRD
+    return np.column_stack([linear, angular @ _FRD if ned else angular])
+
+
+def pose_velocity(q: Array, rate: float) -> Array:
+    """Twists (N, n) along the body's axes, from central differences of poses, `rate` [Hz].
+
+    q are poses in space (N, 7) or [x, y, ψ] in the plane (N, 3).
+    """
+    slopes = np.gradient(q, 1 / rate, axis=0)
+    if q.shape[1] == 3:
+        c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+        dx, dy, turn = slopes.T
+        return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])
+    ahead, behind = np.arange(1, len(q) + 1), np.arange(-1, len(q) - 1)
+    ahead[-1], behind[0] = len(q) - 1, 0
+    before, now, after = (Rotation.from_quat(x[:, 3:]) for x in (q[behind], q, q[ahead]))
+    angular = (before.inv() * after).as_rotvec() * rate / (ahead - behind)[:, None]
+    return np.hstack([now.inv().apply(slopes[:, :3]), angular])

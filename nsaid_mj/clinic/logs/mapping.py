@@ -1,0 +1,354 @@
+"""`map.toml`: the columns of a log that are a robot's positions, velocities and commands; units."""
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import field
+from math import pi
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
+
+from ...base.bounds import Flag, Name, NonNegative, Number, Positive, config, shown
+from ...base.errors import InvalidInput
+
+Quantity = Literal["position", "velocity", "command"]
+
+TURN = 2 * pi
+
+FACTORS: Mapping[Quantity, Mapping[str, float]] = {
+    "position": {  # ticks: over the counts per turn
+        "rad": 1.0, "deg": pi / 180, "turns": TURN, "ticks": TURN, "m": 1.0, "mm": 1e-3,
+    },
+    "velocity": {
+        "rad/s": 1.0, "deg/s": pi / 180, "turns/s": TURN, "rpm": TURN / 60, "ticks/s": TURN,
+        "m/s": 1.0, "mm/s": 1e-3,
+    },
+    "command": {
+        "N·m": 1.0, "mN·m": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3, "V": 1.0, "%": 1.0, "raw": 1.0,
+        "rpm": TURN / 60,
+    },
+}  # fmt: skip
+"""Factor from each unit to the unit of `Log`: rad or m, rad/s or m/s, and `si` of a command."""
+
+TIME = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
+"""Nanoseconds in each unit of time."""
+
+_ALIASES = {
+    alias: unit
+    for unit, aliases in {
+        "rad": "radian radians",
+        "deg": "degree degrees °",
+        "turns": "rev revs turn",
+        "ticks": "counts",
+        "rad/s": "rads radps rad_s",
+        "deg/s": "degps deg_s dps °/s",
+        "m/s": "mps m_s",
+        "N·m": "nm n·m n.m n*m",
+        "mN·m": "mnm",
+        "A": "amp amps ampere",
+        "mA": "milliamps",
+        "V": "volt volts",
+        "%": "percent",
+        "us": "µs μs usec",
+        "ms": "msec",
+        "ns": "nsec",
+        "s": "sec secs seconds",
+    }.items()
+    for alias in aliases.split()
+}
+_KNOWN = {name.lower(): name for names in (*FACTORS.values(), TIME) for name in names}
+
+
+def canonical(text: str) -> str:
+    """The unit's canonical spelling: `Nm` and `n*m` are `N·m`; unknown texts are returned as is."""
+    plain = text.strip()
+    lower = plain.lower()
+    if lower in ("ma", "a", "n", "v", "m"):
+        return _KNOWN[lower]
+    return _ALIASES.get(lower) or _KNOWN.get(lower) or plain
+
+
+def si(unit: str) -> str:
+    """The unit of a command after its conversion; "" for raw numbers."""
+    return {"mN·m": "N·m", "mA": "A", "raw": "", "rpm": "rad/s"}.get(unit, unit)
+
+
+def of_name(name: str, allowed: Mapping[str, float]) -> tuple[str, str]:
+    """A column's name without a unit at its end, and that unit if it is in `allowed`, else "".
+
+    `q1_deg`, `q1 [deg]`, `q1 (deg)` and `q1/deg` all state a unit.
+    """
+    if found := re.fullmatch(r"(.*?)[ _/.]*[\[(]([^\])]+)[\])]", name.strip()):
+        unit = canonical(found[2])
+        return (found[1], unit) if unit in allowed else (name, "")
+    parts = re.split(r"[_ /.]+", name.strip())
+    for count in (2, 1):
+        if len(parts) > count:
+            unit = canonical("_".join(parts[-count:]))
+            joined = canonical("/".join(parts[-count:]))
+            for one in (unit, joined):
+                if one in allowed:
+                    return "_".join(parts[:-count]), one
+    return name, ""
+
+
+_SPELT = BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text)
+Unit = Annotated[
+    Literal[
+        "rad", "deg", "turns", "ticks", "m", "mm",
+        "rad/s", "deg/s", "turns/s", "rpm", "ticks/s", "m/s", "mm/s",
+        "N·m", "mN·m", "N", "A", "mA", "V", "%", "raw",
+    ],
+    _SPELT,
+]  # fmt: skip
+TimeUnit = Annotated[Literal["s", "ms", "us", "ns", "date"], _SPELT]
+
+
+def _not_zero(value: float) -> float:
+    if value == 0:
+        raise ValueError("a number that is not 0")
+    return value
+
+
+def _two_points(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    if len({value for value, _ in points}) < 2 or len({position for _, position in points}) < 2:
+        raise ValueError("two different values and positions, as in [[-100, -1.9], [100, 1.9]]")
+    return points
+
+
+Ratio = Annotated[Number, AfterValidator(_not_zero)]
+Points = Annotated[tuple[tuple[Number, Number], tuple[Number, Number]], AfterValidator(_two_points)]
+Three = Annotated[tuple[Name, ...], Field(min_length=3, max_length=3)]
+Four = Annotated[tuple[Name, ...], Field(min_length=4, max_length=4)]
+
+
+@config
+class Column:
+    """A column of a log and its conversion to SI.
+
+    Positions and velocities become `sign · value · unit / ratio + offset`, commands
+    `sign · value · unit · ratio + offset`: `ratio` is a gear ratio, motor turns per joint turn.
+    Two `points` of the line from value to position replace all these.
+    """
+
+    column: Name  # name of the column
+    # unit of its values; None if the name states it (`q1_deg`), or it is SI
+    unit: Unit | None = None
+    # −1 if the column counts against the joint's axis
+    sign: Annotated[Literal[-1, 1], BeforeValidator(lambda x: int(x) if x in (1, -1) else x)] = 1
+    offset: Number = 0.0  # added last [rad, m, rad/s, m/s, or the command's unit]
+    ratio: Ratio = 1.0  # ratio of the gear between the motor and the joint
+    # counts per turn of an encoder, for `ticks` and `ticks/s`
+    counts_per_turn: Positive | None = None
+    # two values of the column, each with the position that it represents [rad or m]
+    points: Points | None = None
+
+    @property
+    def zero(self) -> float:
+        """Addend of the scaled values: `offset`, or that of the line through `points`."""
+        if self.points is None:
+            return self.offset
+        value, position = self.points[0]
+        return position - self.factor("position") * value
+
+    @property
+    def is_position(self) -> bool:
+        """Whether its unit is one of positions, or it has `points`."""
+        return self.points is not None or self.unit in FACTORS["position"]
+
+    def unit_as(self, quantity: Quantity) -> str:
+        """The unit stated by the map or the column's name; "" if neither states one.
+
+        Raises:
+            InvalidInput: the stated unit does not belong to such a quantity.
+        """
+        if self.unit is not None and self.unit not in FACTORS[quantity]:
+            known = ", ".join(FACTORS[quantity])
+            remedy = "Correct map.toml."
+            raise InvalidInput(f"unit of {self.column!r}", f"one of {known}", self.unit, remedy)
+        return self.unit or of_name(self.column, FACTORS[quantity])[1]
+
+    def factor(self, quantity: Quantity) -> float:
+        """The factor from the column's values to SI, without offset.
+
+        Raises:
+            InvalidInput: the unit does not belong to such a quantity, or `counts_per_turn` is
+                missing.
+        """
+        if self.points is not None:
+            (value, position), (other, there) = self.points
+            return (there - position) / (other - value)
+        unit = self.unit_as(quantity)
+        scale = FACTORS[quantity].get(unit, 1.0)
+        if unit.startswith("ticks"):
+            if self.counts_per_turn is None:
+                remedy = "Give the encoder's counts per motor turn in map.toml."
+                raise InvalidInput(f"{self.column!r}", "counts_per_turn", "none", remedy)
+            scale /= self.counts_per_turn
+        return self.sign * scale * (self.ratio if quantity == "command" else 1 / self.ratio)
+
+
+@config
+class Profile:
+    """Limits and smoothing of a target by a controller; 0 where there is none."""
+
+    speed: NonNegative = 0.0  # largest speed of the limited target [rad/s or m/s]
+    acceleration: NonNegative = 0.0  # largest acceleration of the limited target [rad/s² or m/s²]
+    lag: NonNegative = 0.0  # time constant of a first-order filter [s]
+
+
+@config
+class Joint:
+    """The columns of one joint."""
+
+    position: Column  # position of the joint, or of its motor (then with `ratio`)
+    # current, torque, or any other command or measurement of the actuator; None for a joint that is
+    # passive in the model file
+    command: Column | None = None
+    velocity: Column | None = None  # None to differentiate the position
+    # rows with a lower speed are not used [rad/s or m/s]; the speed's noise sets another limit, and
+    # the higher one applies
+    rest: NonNegative = 0.0
+    # of the target of a position servo; None for that of all, or of the model file
+    profile: Profile | None = None
+
+
+@config
+class Time:
+    """The time of every file."""
+
+    column: Name | None = None  # name of the column; None to find it
+    unit: TimeUnit | None = None  # None to detect it
+    rate: Positive | None = None  # rows per second of files without a time [Hz]
+
+
+@config
+class File:
+    """The properties of one file."""
+
+    offset: Number = 0.0  # added to the file's times, to put several files on one clock [s]
+    # register to which the stiffness of position servos is proportional, in any unit
+    p: Positive | None = None
+
+
+Matrix = Annotated[tuple[tuple[Number, ...], ...], Field(min_length=1)]
+
+
+@config
+class Coupling:
+    """Joints driven by several motors, as in a wrist. Rows and columns are in the robot's order."""
+
+    # (n, n) R with q_motor = R (q − offset); the same for velocities
+    position: Matrix | None = None
+    torque: Matrix | None = None  # (n, n) R_τ with τ_joint = R_τ τ_motor
+
+
+@config
+class Vehicle:
+    """Pose and twist of a vehicle, three or four columns for each part."""
+
+    # x, y, z [m], left out to integrate `linear`; x, y and heading [rad] of a vehicle in the plane
+    position: Three | None = None
+    quaternion: Four | None = None  # from body to world; not used in the plane
+    # roll, pitch and yaw [deg] instead, the turns about x, y' and z'' from the world's axes to the
+    # body's, yaw first
+    euler: Three | None = None
+    # velocity; None to differentiate the pose. In the plane: surge, sway, yaw rate
+    linear: Three | None = None
+    # velocity in the body's axes [rad/s]; None to differentiate the pose
+    angular: Three | None = None
+    order: Literal["xyzw", "wxyz"] = "xyzw"  # order of the quaternion's columns
+    # axes of world and body: north-east-down with forward-right-down, or ours, east-north-up with
+    # forward-left-up
+    frame: Literal["ENU/FLU", "NED/FRD"] = "ENU/FLU"
+    # whether `linear` is given along the body's or the world's axes
+    twist: Literal["body", "world"] = "body"
+
+    @property
+    def pose(self) -> tuple[str, ...]:
+        """Columns of the pose."""
+        return (*(self.position or ()), *(self.quaternion or self.euler or ()))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of the pose and the twist."""
+        return (*self.pose, *(self.linear or ()), *(self.angular or ()))
+
+
+@config
+class Map:
+    """The meaning and units of columns."""
+
+    time: Time = field(default_factory=Time)  # time of every file
+    files: dict[str, File] = field(default_factory=dict)  # by name of the file
+    # by the robot's joint names; empty to match columns by name
+    joints: dict[str, Joint] = field(default_factory=dict)
+    coupling: Coupling = field(default_factory=Coupling)  # coupling of the joints with their motors
+    vehicle: Vehicle | None = None  # pose and twist, for a vehicle instead of joints
+    # commands of a vehicle by the names of its actuators
+    actuators: dict[str, Column] = field(default_factory=dict)
+    hold: Flag = False  # whether a command holds from row to row (True) or is interpolated (False)
+    drop_rest: Flag = True  # whether rows at rest are left out of the fit
+    # profile of all joints' targets; None for that of the model file
+    profile: Profile | None = None
+
+
+_ADAPTER = TypeAdapter(Map)
+
+
+def read_map(path: str | os.PathLike[str]) -> Map:
+    """Reads map.toml.
+
+    Raises:
+        InvalidInput: there is no such file, it is not TOML, or a field cannot be used; the message
+            names the field.
+    """
+    file = Path(path)
+    remedy = "`nsaid inspect LOG --model M` writes a map that fits the log."
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InvalidInput(str(file), "a map of columns", error.strerror, remedy) from error
+    except (ValueError, RecursionError) as error:  # ValueError: not TOML, not UTF-8, 5000 digits
+        raise InvalidInput(str(file), "TOML", f"{error}", remedy) from error
+    return map_of(content, str(file))
+
+
+def map_of(content: dict[str, Any], source: str = "map") -> Map:
+    """The map of a parsed TOML document; `source` names its file in messages.
+
+    Raises:
+        InvalidInput: a field cannot be used; the message names it.
+    """
+    try:
+        return _ADAPTER.validate_python(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        text = first["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+        if first["type"] == "unexpected_keyword_argument":
+            text = "no such field"
+        remedy = "docs/map.md lists all fields of map.toml."
+        raise InvalidInput(f"{source}: {where}", text, shown(first["input"]), remedy) from error
+
+
+def matrix(name: str, rows: tuple[tuple[float, ...], ...] | None, n: int) -> np.ndarray:
+    """A coupling as an array (n, n), by default the identity.
+
+    Raises:
+        InvalidInput: it is not (n, n), or singular.
+    """
+    if rows is None:
+        return np.eye(n)
+    remedy = "It has one row and one column for each joint, in the robot's order."
+    if len(rows) != n or any(len(row) != n for row in rows):
+        shape = f"rows of {', '.join(str(len(row)) for row in rows)} numbers"
+        raise InvalidInput(f"coupling.{name}", f"a {n} × {n} matrix", shape, remedy)
+    found = np.array(rows, dtype=np.float64)
+    if np.linalg.cond(found) > 1e8:
+        raise InvalidInput(f"coupling.{name}", "an invertible matrix", "a singular one", remedy)
+    return cast(np.ndarray, found)

@@ -1,0 +1,289 @@
+"""From tables to `Recordings`: one grid, joint coordinates, segments without gaps, usable rows."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...base.findings import Finding
+from ...core.log import Log
+from ...core.parameters import Array
+from ...robots.model import RobotModel
+from . import signals
+from .cleaning import (
+    Cleaned,
+    Rest,
+    about_rows,
+    clean,
+    cut_rest,
+    limits_stated,
+    moving_part,
+    rows_of,
+)
+from .layout import Layout, Source, layout, pose_velocity, with_angles
+from .mapping import Map
+from .recordings import Recordings, Segment
+from .tables import Table, join, values_of
+from .unusable import UnusableLog
+
+HIGHEST_RATE = 1000.0
+"""Largest rate of the grid [Hz]; faster logs are low-passed and decimated."""
+
+MOST_ROWS, ENOUGH = 1_000_000, 200.0
+"""Logs with more rows than this are decimated, too, but not below this rate [Hz]: more rows of a
+robot's motion add little information, and memory and time are proportional to them."""
+
+SHORTEST = 0.5
+"""Shorter stretches between gaps are left out [s]."""
+
+_MOST = 0.3  # share of rows at a flat extreme above which it is not saturation
+
+
+def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> Recordings:
+    """Resamples the logs of a robot to one grid, in the robot's coordinates and SI units.
+
+    Files that hold all columns are separate logs; files that hold some are parts of one log, on one
+    clock. Every step of the processing is a finding with row numbers.
+
+    Args:
+        tables: at least one.
+        mapping: the meaning of columns; None to match them by name.
+        robot: whose coordinates, joints and limits are used.
+
+    Raises:
+        UnmatchedChannels: no map is given, and the channels' names are ambiguous.
+        InvalidInput: the map names something that does not exist, or files share no time.
+        UnusableLog: no stretch of the logs has all signals for at least half a second.
+    """
+    mapping = mapping or Map()
+    tables = [with_angles(table, robot) for table in tables]
+    made = layout(mapping, robot, tables)
+    findings = [finding for table in tables for finding in table.findings]
+    if made.assumed:
+        remedy = "If that is wrong, give a map.toml; docs/map.md shows one."
+        findings.append(Finding("note", "standard_map", "", made.assumed, remedy))
+    recordings, said = join(tables, mapping, [s.column.column for s in made.sources])
+    findings += said
+    if robot.jointed:
+        made, said = _without_dead_velocities(made, recordings)
+        findings += said
+    del tables  # a log may be large, and what was read is not needed besides what was cleaned
+    cleaned = _cleaned(recordings, made, findings)
+    if not cleaned:
+        raise UnusableLog(tuple(findings))
+    rate = _rate(cleaned, findings)
+    segments = [s for log in cleaned for s in _segments(log, mapping, robot, rate, findings)]
+    if not segments:
+        text, remedy = f"no interval of {SHORTEST} s has all signals", "Record a longer log."
+        if any(finding.code == "rest" for finding in findings):
+            text = f"no joint moves faster than its noise for {SHORTEST} s"
+            remedy = "Record a motion; check that the columns of the positions are the right ones."
+        findings.append(Finding("refusal", "short_log", "", text, remedy))
+        raise UnusableLog(tuple(findings))
+    return Recordings(tuple(segments), rate, made.command_units, tuple(findings))
+
+
+def _cleaned(recordings: list[Table], made: Layout, findings: list[Finding]) -> list[Cleaned]:
+    """The recordings with numbers in all channels; empties their list."""
+    cleaned = []
+    while recordings:
+        log, said = clean(recordings.pop(0), made)
+        findings += said
+        few, signal = min(log.signals.items(), key=lambda item: len(item[1].t))
+        if len(signal.t) > 9:
+            cleaned.append(log)
+            continue
+        text = (
+            f"only {len(signal.t)} rows have a number" if len(signal.t) else "no row has a number"
+        )
+        remedy = "Map another column, or leave the joint out with --lock."
+        where = f"{log.source}, {few}"
+        findings.append(Finding("refusal", "dead_channel", where, text, remedy))
+    return cleaned
+
+
+def _without_dead_velocities(
+    made: Layout, recordings: Sequence[Table]
+) -> tuple[Layout, list[Finding]]:
+    """The layout without velocities whose column is constant or has no numbers."""
+    kept, findings = list(made.velocities), []
+    for j, velocity in enumerate(made.velocities):
+        if velocity is None or made.vehicle is not None:
+            continue
+        name = velocity.column.column
+        values = values_of(name, recordings)
+        if len(values) < 10 or np.ptp(values) == 0:
+            kept[j] = None
+            text = "the velocity has one value or none; the position is differentiated instead"
+            findings.append(Finding("warning", "dead_channel", name, text))
+    return made._replace(velocities=tuple(kept)), findings
+
+
+def _rate(cleaned: Sequence[Cleaned], findings: list[Finding]) -> float:
+    """Samples per second of the grid: the median rate of the positions, or a fraction of it."""
+    own = float(np.median([log.of(s).rate for log in cleaned for s in log.made.positions]))
+    if abs(own - round(own)) < 2e-3 * own and own > 10:
+        own = float(round(own))
+    rows = sum(len(log.reference.t) for log in cleaned)
+    every = max(1, math.ceil(own / HIGHEST_RATE - 0.05))
+    every = max(every, min(math.ceil(rows / MOST_ROWS), int(own / ENOUGH)))
+    if every > 1:
+        text = f"reduced from {own:g} to {own / every:g} Hz, after a zero-phase low-pass filter"
+        data = {"from": own, "to": own / every}
+        findings.append(Finding("note", "decimated", "", text, data=data))
+    return own / every
+
+
+def _stretches(log: Cleaned, findings: list[Finding]) -> list[tuple[float, float]]:
+    """Start and end [s] of the stretches between the gaps of all signals."""
+    found, source = log.signals, log.source
+    start = max(signal.t[0] for signal in found.values())
+    end = min(signal.t[-1] for signal in found.values())
+    cuts: dict[tuple[float, float], list[str]] = {}
+    for name, signal in found.items():
+        for a, b in signals.gaps(signal):
+            cuts.setdefault((float(a), float(b)), []).append(name)
+    parts, last = [], start
+    for (a, b), names in sorted(cuts.items()):
+        one = found[names[0]]
+        row = int(one.row[np.searchsorted(one.t, a)])
+        text = f"{b - a:.3g} s without rows after row {row}; the log is split there"
+        where = source if len(names) == len(found) else f"{source}, {names[0]}"
+        data = {"seconds": b - a, "row": row, "channels": names}
+        findings.append(Finding("note", "gap", where, text, data=data))
+        parts.append((last, min(a, end)))
+        last = max(last, b)
+    parts.append((last, end))
+    kept = []
+    for start, end in parts:
+        if end - start >= SHORTEST:
+            kept.append((start, end))
+        elif end > start:
+            rows = rows_of(log.reference, start, end)
+            text = f"{end - start:.2g} s between gaps (rows {rows[0]}–{rows[1]}) are "
+            text += "too short and were left out"
+            data = {"rows": list(rows)}
+            findings.append(Finding("note", "short_stretch", source, text, data=data))
+    return kept
+
+
+def _segments(
+    log: Cleaned, mapping: Map, robot: RobotModel, rate: float, findings: list[Finding]
+) -> list[Segment]:
+    """The segments of a log on the grid."""
+    made, source, reference = log.made, log.source, log.reference
+    drop_rest = robot.jointed and mapping.drop_rest
+    saturated = _saturated(log, robot, findings)
+    if any(velocity is None for velocity in made.velocities):
+        text = f"velocities are derived from positions up to {signals.bandwidth(rate):g} Hz"
+        missing = [j for j, v in zip(robot.joints, made.velocities, strict=False) if v is None]
+        findings.append(Finding("note", "differentiated", source, text, data={"joints": missing}))
+    logs: list[Log] = []
+    for start, end in _stretches(log, findings):
+        first = reference.t[np.searchsorted(reference.t, start)]
+        grid = first + np.arange(int((end - first) * rate + 1e-6) + 1) / rate
+        logs.append(_log(grid, log, mapping.hold, rate))
+    if not logs:
+        return []
+    rest, limits = None, np.zeros(0)
+    if drop_rest:
+        stated = [mapping.joints[j].rest if j in mapping.joints else 0.0 for j in robot.joints]
+        rest = Rest(log, np.array(stated), rate)
+        limits = rest.limits(logs)
+    segments = []
+    for own in logs:
+        grid = own.t
+        usable, kept = _trusted(grid, log, saturated, own.v.shape[1]), slice(0, len(grid))
+        if rest is not None:
+            moving = rest.speed(own) >= np.maximum(limits, 1e-12)
+            usable &= moving
+            kept = moving_part(np.any(moving, axis=1), rate)
+            if kept.stop - kept.start < SHORTEST * rate:
+                kept = slice(0, 0)
+            findings += cut_rest(log, grid, kept)
+        if kept.stop > kept.start:
+            rows = rows_of(reference, grid[kept.start], grid[kept.stop - 1])
+            segments.append(Segment(own.part(kept.start, kept.stop), usable[kept], source, rows))
+    if segments and drop_rest:
+        findings.append(limits_stated(source, segments, limits, robot.joints))
+    return segments
+
+
+def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
+    """q, v and u on a grid."""
+    made = log.made
+
+    def on_grid(sources: Sequence[Source | None], held: bool = False) -> Array:
+        return np.column_stack(
+            [signals.resample(log.of(s), grid, held) if s else 0.0 * grid for s in sources]
+        )
+
+    q_raw = on_grid(made.positions)
+    q = made.q(q_raw)
+    u = made.u(on_grid(made.commands, hold))
+    if made.vehicle is not None and made.velocities[0] is None:
+        v = signals.low_pass(pose_velocity(q, rate), signals.bandwidth(rate) / (0.5 * rate))
+    else:
+        v_raw = on_grid(made.velocities)
+        none = [source is None for source in made.velocities]
+        if any(none):
+            v_raw[:, none] = signals.derivative(q_raw[:, none], rate)
+        v = made.v(v_raw, q)
+    return Log(grid, made.placed(q, v, rate), v, u)
+
+
+def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> np.ndarray:
+    """(N, n) rows in which no signal of a joint is saturated or bridges a drop-out."""
+    usable, made = np.ones((len(grid), n), bool), log.made
+    step = (grid[-1] - grid[0]) / (len(grid) - 1)
+    for group, mixing in (
+        (made.positions, made.coupling),
+        (made.velocities, made.coupling),
+        (made.commands, made.torque),
+    ):
+        for k, source in enumerate(group):
+            if source is None:
+                continue
+            spans = log.of(source).doubtful
+            spans = [spans[spans[:, 1] - spans[:, 0] > 1.2 * step]]
+            spans += [saturated[name] for name in (source.column.column,) if name in saturated]
+            touched = np.ones(n, bool) if mixing is None else mixing[:, k] != 0
+            for a, b in np.concatenate(spans):  # open intervals
+                bad = slice(np.searchsorted(grid, a, side="right"), np.searchsorted(grid, b))
+                usable[bad, touched] = False
+    return usable
+
+
+def _saturated(log: Cleaned, robot: RobotModel, findings: list[Finding]) -> dict[str, Array]:
+    """Intervals of time (k, 2) in which a command is at its limit, by column."""
+    spans, made = {}, log.made
+    torque = np.eye(len(made.commands)) if made.torque is None else made.torque
+    diagonal = np.array_equal(torque, np.diag(np.diag(torque)))
+    for j, (command, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
+        if command is None:
+            continue
+        name = command.column.column
+        signal = log.of(command)
+        flat = signals.flat_extremes(signal.x, signal.period)
+        where, how = f"{log.source}, {name}", "a flat extreme"
+        size = np.abs(signal.x * torque[j, j] + command.column.offset)
+        if diagonal and np.isfinite(limit) and size.max() <= 1.02 * limit:
+            at_limit = size >= 0.999 * limit
+            if at_limit.any():
+                flat, how = flat | at_limit, f"the model's limit of {limit:g}"
+        share = float(flat.mean())
+        if share == 0:
+            continue
+        if share > _MOST:
+            text = f"{100 * share:.0f} % of the rows are at an extreme, as of a command that "
+            text += "switches between levels or saturates; the rows are used"
+            findings.append(Finding("warning", "saturated", where, text, data={"share": share}))
+            continue
+        edges = signals.runs(flat)
+        last = len(signal.t) - 1
+        spans[name] = np.column_stack(
+            [signal.t[np.maximum(edges[:, 0] - 1, 0)], signal.t[np.minimum(edges[:, 1], last)]]
+        )
+        text = f"rows are saturated at {how} and not used"
+        findings.append(about_rows("warning", "saturated", where, signal.row[flat], text))
+    return spans

@@ -1,0 +1,45 @@
+"""The data between reading and fitting: the segments of a robot's logs."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.findings import Finding
+from ...core.log import Log
+from ...robots.model import RobotModel
+
+
+class Segment(NamedTuple):
+    """A stretch of a log without gaps, resampled to a constant rate."""
+
+    # t [s], q, v, u of N samples in the system's own order and units. q are one coordinate for each
+    # joint (N, n) for a tree of joints on a fixed base (angles [rad], also of continuous joints, or
+    # travels [m]), and the system's own (N, m) for a vehicle
+    log: Log
+    # (N, n) whether a fit may use the row of a velocity: neither at rest nor saturated, nor
+    # interpolated across a drop-out or an outlier
+    usable: NDArray[np.bool_]
+    source: str  # file name
+    rows: tuple[int, int]  # (first, last) row of the file, for messages
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """All segments of one or more logs, at one rate."""
+
+    segments: tuple[Segment, ...]  # in order of files and time; at least one
+    rate: float  # samples per second
+    # (n_u,) unit of each command, such as "A", "N·m" or "" if unknown
+    command_units: tuple[str, ...]
+    findings: tuple[Finding, ...] = ()  # how the data were processed, and what was noticed
+
+    def driven(self, robot: RobotModel) -> list[int]:
+        """Numbers of the joints with a motor, from 0.
+
+        A joint has none if it is passive in the model file and has no command in the logs.
+        """
+        commanded = np.any([np.any(s.log.u != 0.0, axis=0) for s in self.segments], axis=0)
+        passive = [joint in robot.passive for joint in robot.joints]
+        return [int(j) for j in np.flatnonzero(commanded | ~np.array(passive, bool))]

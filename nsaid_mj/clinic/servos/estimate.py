@@ -1,0 +1,270 @@
+"""Estimates of all joints of a servo arm: fits, covariances, and the source of kp."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...base.findings import Finding
+from ...core.parameters import Array, Indices
+from ...core.structure.joints import moving_joints, slides
+from ...robots.model import RobotModel
+from ..identify.choose.servo_effects import effects_of
+from ..identify.problem import Mask
+from .fit import (
+    DAMPING,
+    DELAY,
+    FRICTION,
+    GRAVITY,
+    OFFSET,
+    OutputError,
+    Prior,
+    clusters,
+    covariance_of,
+    minimise,
+    zeros,
+)
+from .joint_fits import Arm, Fitted, fit_free, weigh
+from .logs import DELAYS, TRAVEL, ServoLog, ServoLogs, late
+from .simulation import JointLog
+
+_KNOWN = 0.25  # deviation of ln g, and its change with play, below which gravity determines kp
+_LEAST_SAG = 0.25  # variation of a joint's sinking under its load, over the deviation of its zero
+_PRIOR_DEGREES = 4.0  # of freedom that the other joints' variances add
+_VAGUE = 2.0  # standard deviation of ln θ above which a joint has no information on the others
+_CONTRADICTS = 0.8  # residual with an own kp over that with the others' mean, below which it stays
+UNITS = ("mrad", "mm")  # of a thousandth of a hinge's and a slide's position
+_NEARLY = 0.8  # error over that of a simple prediction, above which the model explains nothing
+_STILL = 1e-3  # error of a simple prediction for a joint that hardly moves [rad or m]
+
+
+class JointEstimate(NamedTuple):
+    """The estimate of one servo."""
+
+    name: str  # name of the joint
+    x: Array  # (5,) ln θ̂ of T [s], f [rad], g [rad/(N·m)], a [s²], d [s]
+    # (5, 5) covariance of ln θ̂, by a jackknife over logs or blocks; 0 for fixed ones. If a load
+    # was weighed, g is that under the true masses
+    covariance: Array
+    # (6,) quantiles of Student's t, which turn deviations of T, f, kp, a, d and T + d into 95 %
+    # intervals
+    quantile: Array
+    gravity: bool  # whether gravity determines kp; otherwise kp is a convention
+    # change of ln kp by an offset between the zeros of target and position, which is part of the
+    # covariance
+    offset: float
+    error: float  # mean absolute residual [rad or m], of the samples in use
+    # the same without a model: the target at the best delay, or a constant position, whichever is
+    # closer
+    simple: float
+    zero: float = OFFSET  # the offset [rad or m]
+    limit: float = np.inf  # at which the servo saturated [N·m or N]; inf if it did not
+    slides: bool = False  # whether the joint is a slide, whose f is in m and whose g is in m/N
+    travel: float = np.inf  # between its extreme positions [rad or m]
+
+    @property
+    def judged(self) -> bool:
+        """Whether it moves enough for a comparison of the model with a simple prediction."""
+        return self.simple > _STILL
+
+    @property
+    def poor(self) -> bool:
+        """Whether a simple prediction is nearly as good as the model."""
+        return self.judged and self.error > _NEARLY * self.simple
+
+    @property
+    def theta(self) -> Array:
+        """(5,) θ̂."""
+        return np.exp(self.x)
+
+    @property
+    def unit(self) -> str:
+        """Unit of a thousandth of its position."""
+        return UNITS[self.slides]
+
+    def widened(self, place: int, deviation: float) -> JointEstimate:
+        """The estimate with a further deviation of one entry of θ, in that entry's unit."""
+        covariance = self.covariance.copy()
+        covariance[place, place] += (deviation / self.theta[place]) ** 2
+        return self._replace(covariance=covariance)
+
+
+class MassScale(NamedTuple):
+    """The common scale, from a load."""
+
+    log: float  # ln s of the true masses over those of the model file
+    deviation: float  # its standard deviation
+    quantile: float  # quantile of Student's t
+    place: Array  # (3,) the load's centre of mass in the frame of the joint that carries it [m]
+    deviations: Array  # (3,) standard deviations of the place [m]; 0 where it was known
+
+
+class Estimate(NamedTuple):
+    """The estimate of an arm."""
+
+    joints: tuple[JointEstimate, ...]  # estimates of all joints, under the masses of the model file
+    used: Array  # (N,) 1 of samples in use, 0 of masked ones, of the logs in their order
+    scale: MassScale | None  # scale of the masses; None without a load
+    findings: tuple[Finding, ...] = ()  # effects beyond the servos' equation
+
+
+def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -> Estimate:
+    """Fits every joint alone, masks windows with external forces, and fits again.
+
+    Where gravity does not determine kp, it is the geometric mean over the joints where it does, or
+    the model file's if there are none, unless the residual is then larger. Logs with a load are
+    fitted after the free ones, together. The model file's largest forces apply where the logs show
+    them. `report` is called with the name of every stage.
+    """
+    robot, logs = given.robot, given.logs
+    limits = np.asarray(robot.limits, dtype=np.float64)
+    fitted = fit_free([log for log in logs if not log.loaded], limits, report)
+    if given.load is not None:
+        report("weighing the load")
+        return _with_load(*weigh(given, fitted), given)
+    cluster, zero, slide = clusters(logs), zeros(logs), _slides(robot)
+    known = _with_kp(fitted, given, cluster, zero)
+    judged, effects = [], []
+    for j, fit in enumerate(fitted.fits):
+        found = covariance_of(fit, cluster, zero[[j]])
+        one = _judged(
+            robot.joints[j], fit.of.logs, fit.x, fit.residual, fitted.used,
+            covariance=found.covariance,
+            quantile=np.array([found.quantile(c) for c in _directions(fit.x)]),
+            gravity=bool(known[j]), offset=float(found.moved[GRAVITY, 0]),
+            zero=float(zero[j]), slides=slide[j],
+        )  # fmt: skip
+        if not one.poor:
+            named = effects_of(one.name, one.unit, fit, cluster)
+            effects += named
+            sizes = [f.data["size"] for f in named if f.data["effect"] == "stribeck"]
+            excess = float(np.sum(np.array(sizes, dtype=np.float64)))  # of friction at rest
+            one = one.widened(FRICTION, 0.25 * excess)  # half of what it changes with speed
+        judged.append(one)
+    return Estimate(_moderated(judged, cluster), fitted.used, None, tuple(effects))
+
+
+def _slides(robot: RobotModel) -> list[bool]:
+    return [slides(joint) for joint in moving_joints(robot.model)]
+
+
+def _with_kp(fitted: Fitted, given: ServoLogs, cluster: Indices, zero: Array) -> Mask:
+    """(n,) joints whose kp gravity determines; in `fitted`, the others are refitted with theirs."""
+    fits = fitted.fits
+    spread = [covariance_of(fit, cluster, zero[[j]]) for j, fit in enumerate(fits)]
+    known = np.zeros(len(fits), dtype=bool)
+    for j, (of, fit) in enumerate(zip(spread, fits, strict=True)):
+        error, simple, travel = _errors(fit.of.logs, fit.residual, fitted.used)
+        follows = travel > TRAVEL and not (simple > _STILL and error > _NEARLY * simple)
+        known[j] = follows and _reveals(of.covariance[GRAVITY, GRAVITY], of.moved[GRAVITY, 1])
+    x = np.array([fit.x for fit in fits])
+    known &= _sag(given.logs, x) > _LEAST_SAG * zero
+    common = _common(x, known, given.kp)
+    for j in np.flatnonzero(~known):
+        prior = Prior(fits[j].prior.mean.copy(), fits[j].prior.deviation.copy())
+        prior.mean[GRAVITY], prior.deviation[GRAVITY] = common[j], 0.0
+        fixed = minimise(fits[j].of, fits[j].x, prior)
+        unsure = spread[j].covariance[GRAVITY, GRAVITY] > (2 * _KNOWN) ** 2
+        if unsure or fits[j].sigma > _CONTRADICTS * fixed.sigma:
+            fits[j] = fixed  # else the links' inertia reveals that kp is another
+    return known
+
+
+def _directions(x: Array) -> Array:
+    """(6, 5) combinations of x (5,): its entries, and T + d."""
+    return np.vstack([np.eye(5), [np.exp(x[DAMPING]), 0.0, 0.0, 0.0, np.exp(x[DELAY])]])
+
+
+def _reveals(variance: float, play: float) -> bool:
+    """Whether gravity determines ln kp, judging by its variance and its sensitivity to backlash.
+
+    A lightly loaded joint sinks by its gear's backlash, which resembles a soft servo.
+    """
+    return bool(max(np.sqrt(variance), abs(play)) < _KNOWN)
+
+
+def _sag(logs: Sequence[ServoLog], x: Array) -> Array:
+    """(n,) variation of the joints' deflection under gravity along logs [rad or m], at x (n, 5)."""
+    load = np.concatenate([log.load for log in logs])
+    return np.exp(x[:, GRAVITY]) * load.std(axis=0)
+
+
+def _common(x: Array, known: Mask, kp: Array) -> Array:
+    """(n,) ln g where gravity does not determine it: the others' mean, or the model file's."""
+    g = x[known, GRAVITY]
+    return np.full(len(kp), g.mean()) if len(g) else -np.log(kp)
+
+
+def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> Estimate:
+    """The estimate of all joints and of the scale, from their common fit."""
+    n, arm, own = len(given.kp), fit.of, fit.of.logs(fit.x)
+    cluster, zero, slide = clusters(given.logs), zeros(given.logs), _slides(given.robot)
+    spread = covariance_of(fit, np.tile(cluster, n), zero)
+    whole, moved = spread.covariance, spread.moved
+    x, residuals = fit.x[:-4].reshape(n, -1).copy(), fit.residual.reshape(n, -1)
+    at = np.arange(n) * x.shape[1]
+    known = np.array([
+        _reveals(whole[k, k], moved[k, n + j]) for j, k in enumerate((at + GRAVITY).tolist())
+    ])  # fmt: skip
+    known &= _sag(given.logs, x) > _LEAST_SAG * zero
+    x[~known, GRAVITY] = _common(x, known, given.kp)[~known]
+    joints, scale = [], len(fit.x) - 4
+    for j, one in enumerate(x):
+        directions = np.zeros((6, len(fit.x)))
+        directions[:, at[j] : at[j] + len(one)] = _directions(one)
+        directions[GRAVITY, scale] = 1.0  # −ln kp = ln g + ln μ − ln m
+        made = _judged(
+            given.robot.joints[j], [log.joint(j) for log in own], one,
+            residuals[j] * arm.sigma[j], used,
+            covariance=directions[:5] @ whole @ directions[:5].T,
+            quantile=np.array([spread.quantile(c) for c in directions]),
+            gravity=bool(known[j]), offset=float(moved[at[j] + GRAVITY, j]) if known[j] else 0.0,
+            zero=float(zero[j]), slides=slide[j],
+        )  # fmt: skip
+        joints.append(made)
+    deviation = np.sqrt(np.diag(whole)[scale:])
+    quantile = spread.quantile(np.eye(len(fit.x))[scale])
+    log = float(fit.prior.mean[scale] - fit.x[scale])
+    mass = MassScale(log, float(deviation[0]), quantile, fit.x[scale + 1 :], deviation[1:])
+    return Estimate(_moderated(joints, cluster), used, mass)
+
+
+def _moderated(joints: Sequence[JointEstimate], cluster: Indices) -> tuple[JointEstimate, ...]:
+    """Estimates with variances regularised against chance, as there are few clusters.
+
+    A variance from five logs is off by a factor of two or more. The servos of an arm are alike, so
+    the mean of their variances is known better: it counts as four further degrees of
+    freedom (Smyth, Statistical Applications in Genetics and Molecular Biology 3(1), 2004), where it
+    is larger. kp is left as it is: gravity differs from joint to joint.
+    """
+    own = np.array([np.diag(joint.covariance) for joint in joints])
+    usable = (own > 0) & (own < _VAGUE**2)
+    mean = np.where(usable, own, 0.0).sum(axis=0) / np.maximum(usable.sum(axis=0), 1)
+    degrees = float(cluster.max())
+    wider = (degrees * own + _PRIOR_DEGREES * mean) / (degrees + _PRIOR_DEGREES)
+    factor = np.sqrt(np.where(own > 0, np.maximum(wider, own) / np.maximum(own, 1e-300), 1.0))
+    factor[:, GRAVITY] = 1.0
+    return tuple(
+        joint._replace(covariance=joint.covariance * np.outer(f, f))
+        for joint, f in zip(joints, factor, strict=True)
+    )
+
+
+def _judged(
+    name: str, logs: Sequence[JointLog], x: Array, residual: Array, used: Array, **own: Any
+) -> JointEstimate:
+    """An estimate x (5,) with its `own` figures, and the error of predictions without a model."""
+    error, simple, travel = _errors(logs, residual, used)
+    limit = logs[0].limit
+    return JointEstimate(name, x, error=error, simple=simple, limit=limit, travel=travel, **own)
+
+
+def _errors(logs: Sequence[JointLog], residual: Array, used: Array) -> tuple[float, float, float]:
+    """Mean absolute error of a fit, that without a model, and the joint's travel [rad or m]."""
+    position = np.concatenate([log.position for log in logs])
+    constant = np.abs(position - np.median(position[used > 0])) @ used / used.sum()
+    best = min(late(logs, used, delay) for delay in DELAYS)
+    error = float(np.abs(residual) @ used / used.sum())
+    return error, min(best, float(constant)), float(np.ptp(position))

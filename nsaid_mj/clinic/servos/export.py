@@ -1,0 +1,356 @@
+"""The user's own MJCF with identified servos, and its open-loop simulation.
+
+For comparison, also one with servos by `mujoco.sysid`, MuJoCo's toolbox, with its stock options and
+with better ones. Both fit kp, kv, armature and frictionloss of every joint, from the values of a
+model file, by open-loop simulations of whole logs with steps of 5 ms, in at most 15 iterations. The
+toolbox has no prior; its search has bounds:
+
+- stock: from a tenth of the start to ten times it, with the file's friction, the toolbox's own
+  optimiser and normalised residuals;
+- best: a factor of 1,100 about the start, in logarithms, with hard friction, residuals over 5 mrad,
+  finite differences of 1 %, scaled variables, and a target 20 ms late, which it does not fit.
+"""
+
+import io
+import math
+from collections.abc import Sequence
+from contextlib import redirect_stdout
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import mujoco
+import numpy as np
+from lxml.etree import SubElement
+from lxml.etree import _Element as Node
+from mujoco import rollout as batch
+from numpy.typing import ArrayLike
+
+from ...base.files import write_text
+from ...base.findings import Finding
+from ...core.parameters import Array
+from ...lab.baselines.sysid import toolbox
+from ...lab.plants.world.coordinates import JointMap
+from ...lab.plants.world.quiet import quiet
+from ...robots.mjcf_file import (
+    actuators_of_file,
+    compile_file,
+    joints_of_file,
+    own_file,
+    relocate,
+)
+from ...robots.target_profile import followed
+from ...robots.tree import (
+    TARGET_DELAY,
+    TARGET_PROFILE,
+    actuators_of,
+    joint_names,
+    target_delays,
+    target_profiles,
+)
+from ...robots.xml import numbers, write_xml
+from .logs import ServoLog, ServoLogs
+from .words import Replayed, Servo, ServoIdentification
+
+HARD = "0.9999 0.9999 0.001 0.5 2"
+"""solimpfriction: MuJoCo's default is so soft that a joint creeps under its load."""
+
+_QUICK = "0.002 1"
+# solreffriction: MuJoCo takes twice its time step if that is longer; the default lets a joint slide
+# for 20 ms before it sticks
+_IMMOVABLE = 1e8  # [kg·m² or kg]
+_REMARK = """Servos identified by nsaid from logs of targets and positions.
+{verdict}
+kp, kv, armature and frictionloss are identified; damping is part of kv; forcerange is removed where
+no saturation was seen. Targets act after the delays below, which MuJoCo ignores and nsaid applies:
+shift the targets, or set the actuators' `delay` and `nsample` (MuJoCo 4) and fill the buffers with
+the first targets (mj_initCtrlHistory), as a buffer of zeros pulls the arm to 0. Their bias is 0.
+{profile}{masses}{joints}"""
+_PROFILED = """Limits of the targets' speed and acceleration, and time constants of their filters,
+are in the numeric target_profile, which MuJoCo ignores and nsaid applies.
+"""
+
+
+def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
+    """Writes the model's own MJCF with the servos of a result; nothing else is changed.
+
+    Files that it includes are put in their places.
+    """
+    source = result.robot.source
+    assert source is not None  # a model with servos comes from a file
+    spec, mj, _ = compile_file(source)
+    root, _ = own_file(source, spec, mj, [])
+    names, actuators = joint_names(mj), actuators_of_file(root)
+    joints = {joint.get("name"): joint for joint in joints_of_file(root)}
+    delays, profiles = target_delays(mj), target_profiles(mj)
+    stated = result.robot.servos
+    assert stated is not None  # as the logs were of targets
+    for servo, profile in zip(result.servos, stated.profile, strict=True):
+        index = actuators_of(mj, names.index(servo.name))[0]
+        identified = {"armature": servo.armature, "damping": 0.0, "frictionloss": servo.friction}
+        own = joints[servo.name].attrib
+        own.update({key: numbers(value) for key, value in identified.items()})
+        own.update({"solimpfriction": HARD, "solreffriction": _QUICK})
+        _set_actuator(actuators[index], servo)
+        delays[index], profiles[index] = servo.delay, profile
+        if profile[2] == 0:
+            actuators[index].attrib.pop("timeconst", None)
+    _state(root, TARGET_DELAY, delays)
+    _state(root, TARGET_PROFILE, profiles.T.ravel())
+    relocate(root, spec, source, path.resolve().parent)
+    for scale in result.scale:
+        total = numbers(scale.value * mj.body_subtreemass[0])
+        root.findall("compiler")[-1].set("settotalmass", total)
+    lines = "\n".join(
+        f"{s.name}: delay {s.delay * 1e3:.1f} ms, kp "
+        + ("determined by gravity" if s.gravity else "a convention")
+        for s in result.servos
+    )
+    weighed = "".join(
+        f"All masses are {scale.value:.3g} of the original file's, by a weighed load.\n"
+        for scale in result.scale
+    )
+    parts = {"masses": weighed, "joints": lines, "profile": _PROFILED if profiles.any() else ""}
+    write_xml(path, root, _REMARK.format(verdict=result.verdict, **parts))
+
+
+def _state(root: Node, name: str, data: Array) -> None:
+    """States a custom numeric, if not all its numbers are 0."""
+    for custom in root.findall("custom"):
+        for old in custom.findall(f"numeric[@name='{name}']"):
+            custom.remove(old)
+    if data.any():
+        SubElement(SubElement(root, "custom"), "numeric", name=name, data=numbers(data))
+
+
+def _set_actuator(element: Node, servo: Servo) -> None:
+    """Gives an actuator its gains."""
+    for key in ("dampratio", "forcerange", "damping", "armature", "delay", "nsample"):
+        element.attrib.pop(key, None)
+    element.set("forcelimited", "false" if servo.limit is None else "true")
+    if servo.limit is not None:
+        element.set("forcerange", numbers([-servo.limit, servo.limit]))
+    if element.tag == "position":
+        element.attrib.update({"kp": numbers(servo.kp), "kv": numbers(servo.kv)})
+    else:
+        element.set("gainprm", numbers(servo.kp))
+        element.set("biasprm", numbers([0.0, -servo.kp, -servo.kv]))
+
+
+def rollout(
+    path: Path,
+    joints: Sequence[str],
+    log: ServoLog,
+    delay: ArrayLike | None = None,
+    horizon: float = np.inf,
+) -> Array:
+    """(N, n) positions of an MJCF driven open loop by a log's targets, in full MuJoCo.
+
+    It starts at rest at the first position; contacts are off, and other joints stay where they are.
+    Steps are those of the file, or a little shorter, so that they end at the log's times.
+
+    Args:
+        path: path of the MJCF.
+        joints: (n,) names of the joints, in the log's order.
+        log: targets, held until the next, and where the motion starts. If the file states a profile
+            of its targets, it replaces that of the log.
+        delay: delay of the targets [s], one or (n,); None for those of the file.
+        horizon: time after which the simulation starts again from the measured position and
+            velocity [s]. The row at which it does holds what was predicted for it.
+    """
+    spec, mj, _ = compile_file(path)
+    names = joint_names(mj)
+    servos = [actuators_of(mj, names.index(joint))[0] for joint in joints]
+    delay = target_delays(mj)[servos] if delay is None else np.broadcast_to(delay, len(servos))
+    profile, target = target_profiles(mj)[servos], log.target
+    if profile.any():
+        target = followed(log.t, log.issued, profile)
+    for i, late in zip(servos, delay, strict=True):
+        spec.actuators[i].dyntype = mujoco.mjtDyn.mjDYN_NONE  # a filter is part of the profile
+        spec.actuators[i].gainprm[0] *= log.stiffer
+        spec.actuators[i].biasprm[1] *= log.stiffer
+        spec.actuators[i].delay = late
+        spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
+    mj = spec.compile()
+    mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    data, where = mujoco.MjData(mj), JointMap(mj, joints)
+    hold_others(mj, data, where)
+    where.write(data, log.position[0], np.zeros(len(joints)))
+    for u, i in zip(target[0], servos, strict=True):
+        if mj.actuator_history[i, 0]:
+            mujoco.mj_initCtrlHistory(mj, data, i, None, np.full(mj.actuator_history[i, 0], u))
+    longest, out, begin = mj.opt.timestep, np.empty_like(log.position), log.t[0]
+    velocity = np.gradient(log.position, log.t, axis=0)
+    out[0] = log.position[0]
+    with quiet():
+        for k, interval in enumerate(np.diff(log.t)):
+            if log.t[k] - begin >= horizon - 1e-9:
+                where.write(data, log.position[k], velocity[k])
+                begin = log.t[k]
+            steps = math.ceil(interval / longest - 1e-3)
+            mj.opt.timestep = interval / steps
+            data.ctrl[servos] = target[k]
+            mujoco.mj_step(mj, data, steps)
+            out[k + 1] = where.read(data)[0]
+    return out
+
+
+def replayed(
+    result: ServoIdentification, path: Path, given: ServoLogs, others: ServoLogs | None = None
+) -> tuple[Finding, Replayed]:
+    """Deviation of MuJoCo from logs with the exported file at a path, and with the user's own.
+
+    The logs are `others`, which took no part in the fit, or else those of the fit, `given`.
+    """
+    source, joints = result.robot.source, result.robot.joints
+    logs = [log for log in (others or given).logs if not log.loaded]  # of the file's own links
+    assert source is not None  # a model with servos comes from a file
+    simulated, nominal = ([rollout(file, joints, log) for log in logs] for file in (path, source))
+    own, before = (
+        1e3 * np.mean([np.abs(q - log.position).mean(axis=0) for q, log in pairs], axis=0)
+        for pairs in (zip(simulated, logs, strict=True), zip(nominal, logs, strict=True))
+    )
+    what, unit = ", ".join(dict.fromkeys(log.source for log in logs)), result.robot.small_unit
+    text = (
+        f"driven by the targets of {what} alone, MuJoCo's mean absolute error is {own.mean():.1f} "
+        f"{unit} with the exported file and its delays, and {before.mean():.1f} {unit} with yours"
+    )
+    data: dict[str, object] = {"exported": own.tolist(), "nominal": before.tolist()}
+    level = "note" if own.mean() < before.mean() else "warning"
+    rows = sum(len(log.t) for log in logs)
+    used = result.used[:rows] if others is None else np.ones(rows)  # logs with a load are the last
+    finding = Finding(level, "replay", "", text, "", data)
+    return finding, Replayed(tuple(logs), tuple(simulated), used)
+
+
+def with_replay(
+    result: ServoIdentification, given: ServoLogs, others: ServoLogs | None
+) -> ServoIdentification:
+    """The result with the deviation of its exported file from logs, see `replayed`."""
+    with TemporaryDirectory(prefix="nsaid-mj-") as folder:
+        path = Path(folder, f"{result.robot.name}.xml")
+        write_servo_mjcf(result, path)
+        finding, _ = replayed(result, path, given, others)
+    return replace(result, findings=(*result.findings, finding))
+
+
+def hold_others(mj: Any, data: Any, where: JointMap) -> None:
+    """Holds all joints that are not simulated, at 0 or at the limit nearest to it.
+
+    Inertia of their own that is far above that of any robot keeps them there.
+    """
+    others = np.setdiff1d(np.arange(mj.nv), where.dof)
+    mj.dof_armature[others] = _IMMOVABLE
+    ball, held = mujoco.mjtJoint.mjJNT_BALL, map(mj.joint, set(mj.dof_jntid[others]))
+    limited = [joint for joint in held if mj.jnt_limited[joint.id] and joint.type[0] != ball]
+    ends = {joint.name: joint.range for joint in limited if joint.name}
+    if ends:
+        middle = [np.clip(0.0, *limits) for limits in ends.values()]
+        JointMap(mj, list(ends)).write(data, np.array(middle), np.zeros(len(ends)))
+    if len(others):
+        mujoco.mj_setConst(mj, mujoco.MjData(mj))  # what constraints know of inertias
+
+
+_STEP = 5e-3  # of a simulation [s]
+_LEAST = np.array([[1e-3], [1e-3], [2e-3], [1.1e-2]])  # start of kp, kv, armature, frictionloss
+_RANGE, _FACTOR = 10.0, 7.0  # of the searches: multiples of the start; ± in logarithms
+_LATE = 0.02  # of the target, with the best options [s]
+_UNIT = 5e-3  # of its residuals [rad or m]
+_ITERATIONS = 15
+_FAR = 1e3  # residual where a simulation diverges
+
+
+def write_by_toolbox(given: ServoLogs, path: Path, best: bool) -> float:
+    """Writes the MJCF that the toolbox finds for logs, from the values in the arm's own file.
+
+    `given` are the arm and its logs, without loads; `best` chooses the better options. Returns the
+    delay of the targets [s].
+
+    Raises:
+        NoEstimate: the toolbox is not installed.
+    """
+    search = _Search(given, best)
+    search.model(search.fitted())
+    write_text(path, search.spec.to_xml())
+    return search.late
+
+
+class _Search:
+    """An arm as a function of (4, n) kp, kv, armature and frictionloss, and its logs."""
+
+    def __init__(self, given: ServoLogs, best: bool):
+        source, self.joints, self.best = given.robot.source, given.robot.joints, best
+        assert source is not None  # a model with servos comes from a file
+        self.spec, mj, _ = compile_file(source)
+        for folder in ("meshdir", "texturedir"):
+            setattr(self.spec, folder, str(source.resolve().parent / getattr(self.spec, folder)))
+        self.spec.option.timestep = _STEP
+        self.spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+        names, dof = joint_names(mj), JointMap(mj, self.joints).dof
+        self.servos = [actuators_of(mj, names.index(joint))[0] for joint in self.joints]
+        kv = mj.dof_damping[dof] - mj.actuator_biasprm[self.servos, 2]
+        start = given.kp, kv, mj.dof_armature[dof], mj.dof_frictionloss[dof]
+        self.start, self.late = np.maximum(np.array(start), _LEAST), _LATE * best
+        self.logs = []
+        for log in given.logs:
+            t = np.arange(log.t[0], log.t[-1], _STEP)
+            held = np.maximum(np.searchsorted(log.t, t - self.late, side="right") - 1, 0)
+            control = np.zeros((len(t), mj.nu))
+            control[:, self.servos] = log.target[held]
+            measured = np.column_stack([np.interp(t + _STEP, log.t, x) for x in log.position.T])
+            self.logs.append((control, measured, log.position[0]))
+
+    def model(self, values: Array) -> Any:
+        """MuJoCo's model with given parameters, which are then those of the specification."""
+        for name, i, own in zip(self.joints, self.servos, values.T, strict=True):
+            kp, kv, armature, friction = (float(x) for x in own)
+            joint, servo = self.spec.joint(name), self.spec.actuators[i]
+            joint.armature, joint.frictionloss, joint.damping = armature, friction, [0, 0, 0]
+            if self.best:
+                joint.solimp_friction = [float(x) for x in HARD.split()]
+            servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = kp, -kp, -kv
+            servo.forcelimited = 0
+        return self.spec.compile()
+
+    def residual(self, values: Array) -> Array:
+        """Simulated minus measured positions of all logs, over 5 mrad or the measured ones' rms."""
+        mj, found = self.model(values), []
+        where, kind = JointMap(mj, self.joints), mujoco.mjtState.mjSTATE_FULLPHYSICS
+        at = [1 + mj.joint(joint).qposadr[0] for joint in self.joints]  # after the time
+        state, still = np.zeros((1, mujoco.mj_stateSize(mj, kind))), np.zeros(len(at))
+        for control, measured, first in self.logs:
+            data = mujoco.MjData(mj)
+            hold_others(mj, data, where)
+            where.write(data, first, still)
+            mujoco.mj_getState(mj, data, state[0], kind)
+            out: Any = batch.rollout(mj, data, state, control[None])[0]
+            unit = _UNIT if self.best else np.maximum(measured.std(axis=0), 1e-6)
+            found.append((out[0][:, at] - measured) / unit)
+        return np.nan_to_num(np.concatenate(found).ravel(), nan=_FAR, posinf=_FAR, neginf=-_FAR)
+
+    def fitted(self) -> Array:
+        """(4, n) parameters at the end of the toolbox's search."""
+        own, shape, start = toolbox(), self.start.shape, self.start
+        low, high = start / _RANGE, start * _RANGE
+        if self.best:
+            start = np.log(start)
+            low, high = start - _FACTOR, start + _FACTOR
+        parameters = own.ParameterDict()
+        parameters.add(own.Parameter("all", start.ravel(), low.ravel(), high.ravel()))
+
+        def values(x: Array) -> Array:
+            x = np.asarray(x).reshape(shape)
+            return np.exp(x) if self.best else x
+
+        def residual(x: Array, _: Any, **__: Any) -> Any:
+            found = [self.residual(values(column)) for column in np.atleast_2d(x.T)]
+            return [found[0] if x.ndim == 1 else np.column_stack(found)], [], []
+
+        options = {"x_scale": "jac", "diff_step": 1e-2} if self.best else {}
+        optimiser = "scipy_parallel_fd" if self.best else "mujoco"
+        with quiet(), redirect_stdout(io.StringIO()):
+            found = own.optimize(
+                parameters, residual, optimiser, verbose=False, max_iters=_ITERATIONS, **options
+            )[1]
+        return values(found.x)

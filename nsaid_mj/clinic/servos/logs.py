@@ -1,0 +1,267 @@
+"""Logs of (target, position): channels, clocks and gaps, and each joint's gravity and inertia."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Container, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...base.errors import InvalidInput
+from ...base.findings import Finding, refused
+from ...base.optional import pin
+from ...core.parameters import Array
+from ...core.structure.joints import positions
+from ...robots.model import RobotModel, Servos
+from ...robots.target_profile import followed
+from ..identify.loads import Load
+from ..logs import Map, signals
+from ..logs.checks import beyond_limits
+from ..logs.cleaning import clean
+from ..logs.formats.run import FOLLOWED
+from ..logs.layout import Layout, layout
+from ..logs.mapping import Column, Joint
+from ..logs.matching import candidates, lacking_targets, match_targets
+from ..logs.tables import Table, join
+from ..logs.unusable import UnmatchedChannels, UnusableLog
+from .simulation import STEP, JointLog, move_arm
+
+DELAYS = np.arange(0.0, 0.31, 0.01)
+"""Delays at which a target is compared with the position [s]."""
+TRAVEL = 5e-3
+"""Least travel of a joint that moves [rad or m]."""
+_LEADS = 0.8  # error of an early target over that of a late one, below which columns are swapped
+_SPAN = 0.02  # half of that over which speeds are differences of positions [s]
+_SHORTEST = 2.0  # shorter stretches between gaps are left out [s]
+
+
+class ServoLog(NamedTuple):
+    """A stretch of a log without gaps, of an arm with n joints."""
+
+    source: str  # name of the file
+    t: Array  # (N,) times [s]
+    issued: Array  # (N, n) targets [rad or m], clipped to the servos' `ctrlrange`
+    target: Array  # (N, n) the targets after limits and smoothing; see `robot.target_profile`
+    position: Array  # (N, n) measured [rad or m]
+    # (N, n) torque or force that gravity and the joints' speeds require of each joint, and the
+    # other joints' accelerations where they are known [N·m or N]
+    load: Array
+    mass: Array  # (N, n, n) mass matrix without armatures [kg·m², kg·m or kg]
+    loaded: bool = False  # whether the arm carries a weighed load
+    limit: Array | None = None  # (n,) largest force of each servo [N·m or N]; None without limits
+    stiffer: float = 1.0  # kp of all servos in this log over that of the first
+
+    def part(self, rows: slice) -> ServoLog:
+        """Some of the rows."""
+        return self._replace(**{name: getattr(self, name)[rows] for name in self._fields[1:7]})
+
+    def halves(self) -> list[ServoLog]:
+        """The first and the second half of the rows."""
+        half = len(self.t) // 2
+        return [self.part(slice(None, half)), self.part(slice(half, None))]
+
+    def joint(self, j: int) -> JointLog:
+        """The log of one joint, for its simulation."""
+        columns = (self.target[:, j], self.position[:, j], self.load[:, j], self.mass[:, j, j])
+        limit = np.inf if self.limit is None else float(self.limit[j])
+        rows = map(np.ascontiguousarray, columns)
+        return JointLog(self.t, *rows, limit=limit, stiffer=self.stiffer)
+
+
+class ServoLogs(NamedTuple):
+    """An arm with position servos, and logs of their targets."""
+
+    robot: RobotModel
+    logs: tuple[ServoLog, ...]  # stretches without gaps
+    kp: Array  # (n,) stiffness of the servos in the model file [N·m/rad or N/m]
+    findings: tuple[Finding, ...]  # about file and logs
+    load: Load | None = None  # payload of known mass that the loaded logs carry; None if none does
+
+
+def servo_map(
+    tables: Sequence[Table], mapping: Map | None, joints: Sequence[str]
+) -> dict[str, Joint] | None:
+    """Position and target columns of every joint; None if the log holds no targets.
+
+    A map holds targets if the unit of each `command` is one of positions; without a map, channels
+    are matched by name, and a log that holds torques or currents as well counts as one of them.
+
+    Raises:
+        UnmatchedChannels: only some joints have a target.
+    """
+    if mapping is not None and mapping.joints:
+        targets = all(j.command and j.command.is_position for j in mapping.joints.values())
+        return dict(mapping.joints) if targets else None
+    channels = list(dict.fromkeys(name for table in tables for name in table.channels))
+    found = candidates(channels, joints)
+    targets = match_targets(channels, joints)
+    lacking = lacking_targets(channels, joints)
+    if not targets and lacking:
+        reason = "If a joint stood still, lock it: `--lock JOINT`."
+        raise UnmatchedChannels([f"the target of {joint}" for joint in lacking], [reason], channels)
+    measured = [
+        g for g in found["position"].values() if not set(g.values()) & set(targets.values())
+    ]
+    if not targets or len(measured) != 1 or _torques(found["command"], targets):
+        return None
+    return {
+        joint: Joint(
+            position=Column(column=measured[0][joint]), command=Column(column=targets[joint])
+        )
+        for joint in joints
+    }
+
+
+def _torques(commands: dict[str, dict[str, str]], targets: dict[str, str]) -> bool:
+    return any(not set(group.values()) & set(targets.values()) for group in commands.values())
+
+
+def read_servo_logs(
+    robot: RobotModel,
+    tables: Sequence[Table],
+    columns: dict[str, Joint],
+    mapping: Map | None,
+    carrying: Container[str] = (),
+) -> tuple[tuple[ServoLog, ...], tuple[Finding, ...]]:
+    """The stretches of logs, and findings about the data.
+
+    The robot has a position servo on each joint; `columns` are from `servo_map`, `mapping` may hold
+    the files' clocks, and `carrying` names the files whose arm carries a weighed load.
+
+    Raises:
+        InvalidInput: a column or joint of the map does not exist, or it states `p` of some files.
+        UnusableLog: no stretch lasts two seconds, or positions are in another unit.
+    """
+    mapping = replace(mapping or Map(), joints=columns)
+    made = layout(mapping, robot, tables, targets=True)._replace(velocities=())
+    recordings, findings = join(tables, mapping, [s.column.column for s in made.sources])
+    logs: list[ServoLog] = []
+    assert robot.servos is not None
+    model, sources = without_armature(robot.model), [recording.source for recording in recordings]
+    stated = {name: file.p for name, file in mapping.files.items() if file.p is not None}
+    missing = [source for source in sources if stated and source not in stated]
+    if missing:
+        remedy = "State `p` of every file, or of none."
+        raise InvalidInput("map: files", "p of every log", f"none of {missing[0]}", remedy)
+    for recording in recordings:
+        stretches, said = _stretches(recording, made, robot.servos)
+        loaded = recording.source in carrying
+        kp = stated[recording.source] / stated[sources[0]] if stated else 1.0
+        logs += [log._replace(loaded=loaded, stiffer=kp) for log in stretches]
+        findings += said
+    if not logs:
+        text = f"no stretch of {_SHORTEST:g} s has all targets and positions"
+        refusal = Finding("refusal", "short_log", "", text, "Record a longer log.")
+        raise UnusableLog((*findings, refusal))
+    speeds = [np.abs(np.gradient(log.position, log.t, axis=0)) for log in logs]
+    fast = np.quantile(np.concatenate(speeds), 0.95, axis=0)
+    findings += beyond_limits(np.concatenate([log.position for log in logs]), fast, robot)
+    findings += _motionless(logs)
+    if refused(findings):
+        raise UnusableLog(tuple(findings))
+    return tuple(weighed(model, log) for log in logs), tuple(findings)
+
+
+def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
+    """Refusals of logs in which no joint moves, or positions move before their targets."""
+    travel = np.ptp(np.concatenate([log.position for log in logs]), axis=0)
+    moving = np.flatnonzero(travel > TRAVEL)
+    if not len(moving):
+        text = f"no joint moves by more than {1e3 * TRAVEL:g} mrad or mm"
+        remedy = "Record motions of every joint, slow and fast, with stops and reversals."
+        return (Finding("refusal", "no_motion", "", text, remedy),)
+    used, early = np.ones(sum(len(log.t) for log in logs)), []
+    for j in moving:
+        own = [JointLog(log.t, log.target[:, j], log.position[:, j], log.t, log.t) for log in logs]
+        behind, ahead = (min(late(own, used, x * side) for x in DELAYS) for side in (1, -1))
+        early.append(ahead < _LEADS * behind)
+    if np.mean(early) <= 0.5:
+        return ()
+    text = "most joints move before their targets do: the columns of both seem to be swapped"
+    return (Finding("refusal", "swapped_targets", "", text, "Swap them, in a map.toml."),)
+
+
+def _stretches(
+    recording: Table, made: Layout, servos: Servos
+) -> tuple[list[ServoLog], tuple[Finding, ...]]:
+    """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
+    found, findings = clean(recording, made)
+    measured, sources = list(map(found.of, made.positions)), [s for s in made.commands if s]
+    targets, wanted = [source.column for source in sources], list(map(found.of, sources))
+    done = np.array([[column.column.startswith(FOLLOWED)] for column in targets])
+    every = found.signals.values()
+    if min(len(signal.t) for signal in every) < 10:
+        return [], findings
+    t = measured[0].t
+    inside = (t >= max(s.t[0] for s in every)) & (t <= min(s.t[-1] for s in measured))
+    t = t[inside]
+    cuts = {0, len(t)}
+    for signal in measured:
+        cuts |= set(np.searchsorted(t, signals.gaps(signal)[:, 1]).tolist())
+    edges = sorted(cuts)
+    logs: list[ServoLog] = []
+    for first, last in itertools.pairwise(edges):
+        own = t[first:last]
+        if len(own) < 10 or own[-1] - own[0] < _SHORTEST:
+            continue
+        q = np.column_stack([np.interp(own, s.t, s.x) for s in measured])
+        u = np.column_stack([signals.resample(s, own, hold=True) for s in wanted])
+        q += [source.column.zero for source in made.positions]
+        u += [column.zero for column in targets]
+        u = np.clip(u, *servos.range.T)
+        acting = followed(own, u, np.where(done, 0.0, servos.profile))
+        logs.append(ServoLog(recording.source, own, u, acting, q, np.empty(0), np.empty(0)))
+    if len(logs) > 1:
+        logs = [log._replace(source=f"{log.source} at {log.t[0]:.0f} s") for log in logs]
+    return logs, findings
+
+
+def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
+    """The log with mass matrices and loads of a model's links, without what accelerations exert.
+
+    The model has no armatures; the log's payload, if it carries one, is part of a link.
+    """
+    data, load = model.createData(), np.empty_like(log.position)
+    mass = np.empty((*load.shape, load.shape[1]))
+    ends = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_SPAN, _SPAN))
+    early, late = (np.transpose([np.interp(t, log.t, x) for x in log.position.T]) for t in ends)
+    v, still = (late - early) / (2 * _SPAN), np.zeros(load.shape[1])
+    for k, at in enumerate(positions(model, log.position)):
+        mass[k] = pin.crba(model, data, at)
+        load[k] = pin.rnea(model, data, at, v[k], still)
+    mass = np.triu(mass) + np.triu(mass, 1).swapaxes(1, 2)
+    return log._replace(load=load, mass=mass)
+
+
+def coupled(log: ServoLog, theta: Array) -> tuple[Array, ServoLog]:
+    """(N, n) positions of all joints, simulated together, and the log with the loads they exert.
+
+    The log's loads do not include accelerations; theta (n, 5) is that of `simulation.simulate`.
+    """
+    q, v = np.empty_like(log.position), np.zeros_like(log.position)
+    q[0] = log.position[0]
+    limit = np.full(len(theta), np.inf) if log.limit is None else log.limit
+    own = log.joint(0).own(theta)
+    move_arm(log.t, log.target, log.load, log.mass, limit, own, STEP, q, v)
+    a = np.gradient(v, log.t, axis=0)
+    others = np.einsum("kji,ki->kj", log.mass, a) - np.einsum("kjj,kj->kj", log.mass, a)
+    return q, log._replace(load=log.load + others)
+
+
+def without_armature(model: pin.Model) -> pin.Model:
+    """A copy of a model of links alone."""
+    found = pin.Model(model)
+    found.armature = np.zeros(found.nv)
+    return found
+
+
+def late(logs: Sequence[JointLog], used: Array, delay: float) -> float:
+    """Mean absolute error of the target at a delay [rad or m], of the samples (N,) in use."""
+    errors = [
+        log.target[np.clip(np.searchsorted(log.t, log.t - delay, side="right") - 1, 0, None)]
+        - log.position
+        for log in logs
+    ]
+    return float(np.abs(np.concatenate(errors)) @ used / used.sum())

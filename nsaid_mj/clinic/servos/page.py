@@ -1,0 +1,106 @@
+"""The page of identified servos, and the table of models on their logs."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ... import __version__
+from ...core.structure.joints import moving_joints, slides
+from ...report.drawings import figures_of
+from ...report.page import Cell, Figures, Page, Panel, Section, Table, Text, count
+from ...report.panels import Comparison
+from ...report.result import Parameter, Result
+from ..identify.comparison import Score
+from ..identify.curves import replays_of
+from . import Replayed, ServoIdentification
+from .logs import ServoLog
+
+_SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
+# factor to the unit in the head
+_HEADS = ("servo", "kv/kp [ms]", "f/kp [{rad}]", "kp [{kp}]", "delay [ms]", "armature [{armature}]",
+          "error [{rad}]", "simple [{rad}]")  # fmt: skip
+_UNITS = {"kp": ("N·m/rad", "N/m"), "armature": ("kg·m²", "kg"), "rad": ("mrad", "mm")}
+# of hinges and slides
+_REPLAYED = 30.0  # of a log that are drawn [s]
+_PER_SERVO = 6  # parameters
+
+
+def page(
+    result: ServoIdentification, commands: Sequence[str] = (), replay: Replayed | None = None
+) -> Page:
+    """The page of identified servos.
+
+    `commands` repeat the identification and show its recording; the first log of `replay` is drawn.
+    """
+    sections = [Section("Servos", _servos(result), brief=True)]
+    if replay is not None:
+        result = replace(result, curves=replays_of(result, replay))
+        sections.append(_replay(result, replay.logs[0]))
+    return Page(
+        heading=result.robot.name,
+        result=result,
+        eyebrow="identification of position servos from logs",
+        lead=f"{count(len(result.servos), 'servo')}, each with its 95 % intervals.",
+        sections=sections,
+        commands=commands,
+        versions={"nsaid-mj": __version__},
+    )
+
+
+def _replay(result: ServoIdentification, log: ServoLog) -> Section:
+    """Positions along the first log, measured and simulated; what the fit left out is shaded."""
+    rows = slice(int(np.searchsorted(log.t, log.t[0] + _REPLAYED, side="right")))
+    panels = [panel.first(rows.stop) for panel in result.curves if isinstance(panel, Comparison)]
+    t = log.t[rows] - log.t[0]
+    all_used = all(panel.used is None or panel.used.all() for panel in panels)
+    note = "MuJoCo with the exported file, driven by the targets alone from the first position on"
+    note += f"; the first {t[-1]:.0f} s." if len(t) < len(log.t) else "."
+    note += "" if all_used else " Shaded: left out of the fit, because of external forces."
+    return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
+
+
+def _servos(result: ServoIdentification) -> list[Panel]:
+    """Every servo with its 95 % intervals."""
+    lines: list[list[Cell]] = []
+    for k, servo in enumerate(result.servos):
+        own = result.parameters[_PER_SERVO * k : _PER_SERVO * (k + 1)]
+        cells = [_cell(p) for p in own if p.name.partition("_")[0] in _SHOWN]
+        lines.append([servo.name, *cells, f"{servo.error * 1e3:.1f}", f"{servo.simple * 1e3:.1f}"])
+    kinds = sorted({slides(joint) for joint in moving_joints(result.robot.model)})
+    units = {name: ", ".join(own[kind] for kind in kinds) for name, own in _UNITS.items()}
+    heads = [head.format(**units) for head in _HEADS]
+    panels: list[Panel] = [Table(heads, lines, spare=(7,))]
+    if any(parameter.combination for parameter in result.parameters):
+        panels.append(Text("~ only in combination with others; identification.json says which."))
+    panels.append(Text("± in %; error: of the open-loop simulation; simple: of the delayed target "
+                       "or a constant."))  # fmt: skip
+    return panels
+
+
+def scores_page(scores: Sequence[Score], unit: str) -> Page:
+    """The errors of models on logs, as means over all joints in a unit of 1/1000."""
+    heads = ["model", *(f"{time} [{unit}]" for time in ("0.2 s", "2 s", "log"))]
+    heads += ["one step [NRMSE]", "CPU [s]"]
+    lines: list[list[Cell]] = []
+    for score in scores:
+        numbers = [*(1e3 * score.errors.mean(axis=1)), score.one_step.mean()]
+        cells = ["–" if np.isnan(x) else f"{x:.2f}" if x < 1e4 else "diverges" for x in numbers]
+        lines.append([score.model, *cells, f"{score.seconds:.1f}"])
+    note = "Mean absolute errors of open-loop simulations that start again after this time; "
+    note += "identified, sysid: each half of the logs is predicted from the other."
+    return Page("", Result(), sections=[Section("", [Table(heads, lines), Text(note)], brief=True)])
+
+
+def _cell(parameter: Parameter) -> str:
+    """A value with its interval, or marked where only a combination is identified."""
+    scale = _SHOWN[parameter.name.partition("_")[0]]
+    if parameter.status != "identified":
+        return f"~ {_number(scale * parameter.value)}"
+    half = 50 * (parameter.high - parameter.low) / parameter.value
+    return f"{_number(scale * parameter.value)} ±{half:.0f}"
+
+
+def _number(x: float) -> str:
+    """Three digits, all of them before the point from 1000 on."""
+    return f"{x:.0f}" if x >= 1e3 else f"{x:.3g}"

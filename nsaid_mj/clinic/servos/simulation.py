@@ -1,0 +1,165 @@
+"""One servo-driven joint, simulated open loop from its targets: exact Coulomb stick–slip.
+
+Divided by the servo's stiffness kp, joint j of an arm obeys
+
+    (a + g M_jj) q̈ = u(t − d) − q − T q̇ − f sgn q̇ − g Γ_j(q),
+
+with g = 1/kp [rad/(N·m)], T = (kv + damping)/kp [s], f = friction/kp [rad], a = armature/kp [s²]
+and the target's delay d [s]. Gravity Γ_j and inertia M_jj are those of the model file at the
+measured positions. Γ_j includes what the other joints' speeds and accelerations exert on this one:
+the latter are those of a simulation of all joints together, which decouples the joints' fits.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ...core.numerics import cache  # noqa: F401 (sets the folder of compiled kernels)
+from ...core.parameters import Array
+
+STEP = 4e-3
+"""Longest step of the simulation [s]."""
+_ITERATIONS, _SAME = 30, 1e-7  # over joints at most; until speeds change less [rad/s or m/s]
+FALL = 0.1  # speed at which Stribeck friction has fallen to 1/e [rad/s or m/s]
+
+
+class JointLog(NamedTuple):
+    """One joint's part of a log of N samples."""
+
+    t: Array  # (N,) times [s], strictly increasing
+    target: Array  # (N,) target of the servo [rad or m], held until the next sample
+    position: Array  # (N,) measured [rad or m]
+    load: Array  # (N,) torque or force that the arm requires of the joint beside M_jj q̈ [N·m or N]
+    inertia: Array  # (N,) M_jj without armature [kg·m² or kg]
+    limit: float = np.inf  # largest torque or force of the servo [N·m or N]
+    stiffer: float = 1.0  # kp in this log over that of θ
+
+    def own(self, theta: Array) -> Array:
+        """(..., 5) θ with this log's kp."""
+        return theta / [*4 * (self.stiffer,), 1.0]
+
+
+class Effects(NamedTuple):
+    """Effects beyond the equation above."""
+
+    stribeck: float = 0.0  # excess of friction over kp at rest, which falls with speed [rad or m]
+    load: float = 0.0  # friction per torque of the load [1]
+
+
+NONE = Effects()
+
+
+def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
+    """(N,) positions of a joint that starts at rest at its first measured position.
+
+    theta (5,) are T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
+    """
+    out, last = np.empty(len(log.t)), len(log.t) - 1
+    out[0] = q = log.position[0]
+    apart = log.t, log.target, log.load, log.inertia, log.limit
+    move(*apart, log.own(theta), effects, STEP, 0, last, 0, q, 0.0, out)
+    return out
+
+
+@njit(cache=True, error_model="numpy")
+def _area(t, target, held, begin, h):
+    """Integral of a target from `begin` over h, and the number of that in force at `begin`."""
+    end = len(t) - 1
+    while held < end and t[held + 1] <= begin:
+        held += 1
+    at, k, area = begin, held, 0.0
+    while k < end and t[k + 1] < begin + h:
+        area += target[k] * (t[k + 1] - at)
+        at = t[k + 1]
+        k += 1
+    return area + target[k] * (begin + h - at), held
+
+
+@njit(cache=True, error_model="numpy")
+def move(t, target, load, inertia, limit, theta, effects, longest, first, last, held, q, v, out):
+    """Writes the positions after sample `first` up to sample `last` to `out` (N,).
+
+    Returns position, velocity and number of the target in force at sample `last`, from those at
+    sample `first`.
+
+    Steps of the θ-method; the joint sticks where friction can hold what drives it. θ between 1/2
+    and 1 makes the decay of a speed by damping alone, exp(−h T/J), exact, so that steps may be
+    longer than J/T. The target is averaged over each step after its delay, so that positions are
+    continuous in it. A servo that saturates exerts its largest force over a step.
+    """
+    T, f, g, a, d = theta
+    stribeck, rising = effects
+    for i in range(first, last):
+        steps = int(np.ceil((t[i + 1] - t[i]) / longest))
+        h = (t[i + 1] - t[i]) / steps
+        J = a + g * (inertia[i] + inertia[i + 1]) / 2
+        decay, resisted = h * T / J, h * T + h * h / 2
+        part = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
+        for s in range(steps):
+            area, held = _area(t, target, held, t[i] + s * h - d, h)
+            w = (s + 0.5) / steps
+            hold = g * ((1 - w) * load[i] + w * load[i + 1])
+            error, grip = area - h * q, h * (f + rising * abs(hold))
+            if stribeck > 0:
+                grip += h * stribeck * np.exp(-((v / FALL) ** 2))
+            drive = (J - (1 - part) * resisted) * v + error - h * hold
+            before, v = v, 0.0
+            if abs(drive) > grip:
+                v = (drive - np.sign(drive) * grip) / (J + part * resisted)
+            servo = error - resisted * ((1 - part) * before + part * v)
+            if abs(servo) > h * g * limit:
+                drive = J * before + np.sign(servo) * h * g * limit - h * hold
+                v = np.sign(drive) * max(abs(drive) - grip, 0.0) / J
+            q += h * ((1 - part) * before + part * v)
+        out[i + 1] = q
+    return q, v, held
+
+
+@njit(cache=True, error_model="numpy")
+def move_arm(t, target, load, mass, limit, theta, longest, q, v):
+    """Writes positions and velocities (N, n) of all joints from the first row on, see `move`.
+
+    Steps are those of `move` with the other joints' accelerations, by Gauss–Seidel iterations:
+    they converge as the mass matrix is positive definite, where simulations of single joints with
+    the others' last motion do not (a heavy arm with soft servos).
+    """
+    n = q.shape[1]
+    held, change, now = np.zeros(n, np.int64), np.zeros(n), np.zeros((7, n))
+    J, part, resisted, error, hold, grip, place = now
+    place[:] = q[0]
+    for i in range(len(t) - 1):
+        steps = int(np.ceil((t[i + 1] - t[i]) / longest))
+        h, M, speed = (t[i + 1] - t[i]) / steps, (mass[i] + mass[i + 1]) / 2, v[i].copy()
+        for j in range(n):
+            T, f, g, a, _ = theta[j]
+            J[j] = a + g * M[j, j]
+            decay, resisted[j], grip[j] = h * T / J[j], h * T + h * h / 2, h * f
+            part[j] = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
+        for s in range(steps):
+            w = (s + 0.5) / steps
+            for j in range(n):
+                begin = t[i] + s * h - theta[j, 4]
+                area, held[j] = _area(t, target[:, j], held[j], begin, h)
+                error[j] = area - h * place[j]
+                hold[j] = h * theta[j, 2] * ((1 - w) * load[i, j] + w * load[i + 1, j])
+            for _ in range(_ITERATIONS):
+                largest = 0.0
+                for j in range(n):
+                    g, held_by = theta[j, 2], hold[j]
+                    for k in range(n):
+                        held_by += g * M[j, k] * change[k] if k != j else 0.0
+                    drive = (J[j] - (1 - part[j]) * resisted[j]) * speed[j] + error[j] - held_by
+                    slipping = max(abs(drive) - grip[j], 0.0)
+                    new = np.sign(drive) * slipping / (J[j] + part[j] * resisted[j])
+                    servo = error[j] - resisted[j] * ((1 - part[j]) * speed[j] + part[j] * new)
+                    if abs(servo) > h * g * limit[j]:
+                        drive = J[j] * speed[j] + np.sign(servo) * h * g * limit[j] - held_by
+                        new = np.sign(drive) * max(abs(drive) - grip[j], 0.0) / J[j]
+                    largest = max(largest, abs(new - speed[j] - change[j]))
+                    change[j] = new - speed[j]
+                if largest < _SAME:
+                    break
+            place += h * (speed + part * change)
+            speed += change
+        q[i + 1], v[i + 1] = place, speed

@@ -1,0 +1,229 @@
+"""The identified servos of an arm, and parameters, verdict and findings in words."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...base.findings import Finding
+from ...core.parameters import Array
+from ...report.result import Explains, Parameter, Result, Status
+from ...robots.model import RobotModel
+from ..identify.loads import Load
+from .estimate import JointEstimate, MassScale
+from .fit import ARMATURE, GRAVITY
+from .logs import TRAVEL, ServoLog
+
+
+@dataclass(frozen=True)
+class Servo:
+    """A joint's servo in MuJoCo's terms: force = kp (u(t − delay) − q) − kv q̇, and friction."""
+
+    name: str  # name of the joint
+    kp: float  # stiffness [N·m/rad or N/m]
+    kv: float  # damping of servo and joint together [N·m·s/rad or N·s/m]
+    armature: float  # reflected rotor inertia [kg·m² or kg]
+    friction: float  # Coulomb friction [N·m or N]
+    delay: float  # delay of the target [s]
+    # whether gravity determines kp; otherwise kp is a convention, and so is the scale of all others
+    # except the delay
+    gravity: bool
+    error: float  # mean absolute error of the open-loop simulation [rad or m]
+    # the same without a model: the target at the best delay, or a constant position, whichever is
+    # closer
+    simple: float
+    # largest force, where the servo saturated in the logs [N·m or N]; None elsewhere
+    limit: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoIdentification(Result):
+    """Result of `identify_servos`; parameters are T, f/kp, kp, armature/kp, delay, armature."""
+
+    robot: RobotModel
+    servos: tuple[Servo, ...]  # servos of every joint, in the order of `robot.joints`
+    # the true masses over those of the model file, if a load was weighed; kp, kv, armature and
+    # friction are those under the true masses
+    scale: tuple[Parameter, ...]
+    # (N,) 1 of samples in use, 0 of those excluded because of external forces, of the logs in their
+    # order
+    used: Array
+    seconds: float  # duration of the identification [s]
+
+    @property
+    def masked(self) -> float:
+        """Share of excluded samples."""
+        return float(1 - self.used.mean())
+
+    def summary(self) -> dict[str, Any]:
+        """Everything, for JSON."""
+        return {
+            "robot": self.robot.name,
+            "law": "output error",
+            "explains": self.explains,
+            "verdict": self.verdict,
+            "servos": [asdict(servo) for servo in self.servos],
+            "parameters": [parameter.document() for parameter in (*self.parameters, *self.scale)],
+            "masked": self.masked,
+            "findings": [asdict(finding) for finding in self.findings],
+            "seconds": self.seconds,
+        }
+
+
+class Replayed(NamedTuple):
+    """Logs, and simulations of the exported file driven by their targets alone."""
+
+    logs: tuple[ServoLog, ...]  # without loads
+    simulated: tuple[Array, ...]  # (N, n) simulated positions of every log [rad or m]
+    used: Array  # (N,) 1 of samples in use, 0 of those that the fit left out, of all logs in a row
+
+
+_FIRM = 0.5  # half-width of the interval of ln θ up to which a number counts as identified
+_LABELS = (
+    ("T", "damping over kp", ("s", "s")),
+    ("f", "friction over kp", ("rad", "m")),
+    ("kp", "stiffness kp", ("N·m/rad", "N/m")),
+    ("a", "armature over kp", ("s²", "s²")),
+    ("d", "delay of the target", ("s", "s")),
+    ("armature", "armature", ("kg·m²", "kg")),
+)  # units of hinges and slides
+_WIDEST = 7.0  # half-width of ln θ beyond which an interval says nothing more: a factor of 1,000
+_HEAVIER = "Use a heavier load, or more motions with the arm stretched out."
+_UNEXPLAINED = "the model does not explain this joint's motion"
+_UNMOVED = "the joint hardly moves"
+_CONVENTION = "a convention: gravity hardly loads this joint; only kv/kp, f/kp, armature/kp count"
+
+
+def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[Parameter, ...]:
+    """Six parameters of a joint, numbered k, with 95 % intervals, under the true masses."""
+    found, C = [], joint.covariance
+    ln_kp = (0.0 if scale is None else scale.log) - joint.x[GRAVITY]
+    rotor = C[ARMATURE, ARMATURE] + C[GRAVITY, GRAVITY] - 2 * C[ARMATURE, GRAVITY]
+    values = np.r_[joint.x, joint.x[ARMATURE] + ln_kp]
+    deviations = np.sqrt(np.r_[np.diag(C), max(rotor, 0.0)])
+    values[GRAVITY] = ln_kp
+    halves = np.minimum(joint.quantile * deviations, _WIDEST)
+    halves[-1] = min(joint.quantile[[GRAVITY, ARMATURE]].max() * deviations[-1], _WIDEST)
+    doubt = _UNEXPLAINED if joint.poor else _UNMOVED if joint.travel <= TRAVEL else ""
+    if not joint.gravity:
+        halves[[GRAVITY, -1]] = _WIDEST
+    if doubt:
+        halves[:] = _WIDEST
+    for (short, label, units), x, half in zip(_LABELS, values, halves.tolist(), strict=True):
+        status: Status = "identified" if half < _FIRM else "only in combination"
+        combination = "" if half < _FIRM or short in {"f", "kp"} else _lag(joint)
+        if short in {"kp", "armature"} and not joint.gravity:
+            combination = _CONVENTION
+        combination = doubt or combination
+        value, low, high = (float(v) for v in np.exp([x, x - half, x + half]))
+        if half > 1.0 and short != "kp":
+            low = 0.0  # the motion is linear in all but kp, and hardly differs without it
+        about = f"{short}_{k}", f"{label} of {joint.name}", "servo", units[joint.slides]
+        found.append(Parameter(*about, value, low, high, np.nan, status, combination))
+    return tuple(found)
+
+
+def _lag(joint: JointEstimate) -> str:
+    """The combination of damping, armature and delay that a slow motion determines."""
+    T, d = joint.theta[0], joint.theta[4]
+    slope = np.array([T, 0.0, 0.0, 0.0, d])
+    lag, half = T + d, float(joint.quantile[-1] * np.sqrt(slope @ joint.covariance @ slope))
+    return (
+        "a slow motion determines only the lag of damping, armature and delay, kv/kp + delay: "
+        f"{lag * 1e3:.0f} ms ± {half * 1e3:.0f}"
+    )
+
+
+def servo(joint: JointEstimate, scale: MassScale | None) -> Servo:
+    """The joint's servo in MuJoCo's terms, under the true masses."""
+    T, f, g, a, d = (float(value) for value in joint.theta)
+    g /= 1.0 if scale is None else float(np.exp(scale.log))
+    limit = joint.limit if np.isfinite(joint.limit) else None
+    numbers = 1 / g, T / g, a / g, f / g, d
+    return Servo(joint.name, *numbers, joint.gravity, joint.error, joint.simple, limit)
+
+
+def masses(scale: MassScale | None) -> tuple[Parameter, ...]:
+    """The true masses over those of the model file, if a load was weighed."""
+    if scale is None:
+        return ()
+    half = min(scale.quantile * scale.deviation, _WIDEST)
+    value, low, high = (float(np.exp(scale.log + x)) for x in (0.0, -half, half))
+    status: Status = "identified" if half < _FIRM else "only in combination"
+    words = "" if half < _FIRM else "the load has no clear effect; only ratios of kp and masses"
+    label = "masses over those of the model file"
+    return (Parameter("mass_scale", label, "scale", "1", value, low, high, 1.0, status, words),)
+
+
+def weighed(load: Load, joint: str, scale: MassScale) -> Finding:
+    """Reports the common scale by a load, and the load's place."""
+    (one,) = masses(scale)
+    place = ", ".join(
+        f"{1e3 * x:.0f} ± {1e3 * scale.quantile * d:.0f}"
+        for x, d in zip(scale.place, scale.deviations, strict=True)
+    )
+    text = (
+        f"by the load of {load.mass:g} kg, all masses, kp, kv, armatures and frictions are "
+        f"{one.value:.3g} (95 %: {one.low:.3g} to {one.high:.3g}) times those under the model "
+        f"file's masses; its centre is at ({place}) mm in the frame of joint {joint}"
+    )
+    level, remedy = ("note", "") if one.status == "identified" else ("warning", _HEAVIER)
+    return Finding(level, "weighed", "", text, remedy, {"place": scale.place.tolist()})
+
+
+def verdict(joints: Sequence[JointEstimate]) -> tuple[Explains, str, tuple[Finding, ...]]:
+    """Whether the model explains the logs better than predictions without a model."""
+    still = [joint.name for joint in joints if not joint.judged]
+    poor, findings = [joint for joint in joints if joint.poor], []
+    for one in poor:
+        simple, error = (f"({x * 1e3:.1f} {one.unit})" for x in (one.simple, one.error))
+        text = "the delayed target itself or a constant position predicts the motion nearly as "
+        text += f"well {simple} as the servo's model {error}; its parameters are meaningless"
+        remedy = "Record faster motions, stops and reversals; check that targets and positions "
+        remedy += "have the same zero, unit and sign."
+        findings.append(Finding("warning", "no_better_than_simple", one.name, text, remedy))
+    if still:
+        text = "it hardly moves, or follows its target exactly, so its model cannot be validated"
+        findings.append(Finding("note", "hardly_moved", ", ".join(still), text))
+    explains: Explains = "yes" if not poor else "partly"
+    if len(poor) == len(joints) - len(still):
+        explains = "no"
+    ours, late = 1e3 * np.mean([(joint.error, joint.simple) for joint in joints], axis=0)
+    unit = " or ".join(sorted({joint.unit for joint in joints}, reverse=True))
+    words = {"yes": "explains", "partly": "partly explains", "no": "does not explain"}[explains]
+    sentence = (
+        f"The servo model {words} the motion: driven by the targets alone, its mean absolute "
+        f"error is {ours:.1f} {unit}; that of the delayed target, or a constant, is {late:.1f} "
+        f"{unit}."
+    )
+    return explains, sentence, tuple(findings)
+
+
+def gravity_notes(joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
+    """Reports the source of kp, and its sensitivity to an offset."""
+    others = [joint.name for joint in joints if not joint.gravity]
+    found = []
+    if others:
+        source = "the mean of the others" if len(others) < len(joints) else "the model file's"
+        source += " unless the motion contradicts that"
+        text = f"gravity does not determine kp, which is {source}; the motion depends on kv/kp, "
+        text += "f/kp and armature/kp"
+        found.append(Finding("note", "kp_convention", ", ".join(others), text))
+    for joint in joints:
+        size = abs(joint.offset)
+        if joint.gravity and size > 0.02:
+            zero = f"{1e3 * joint.zero:.2g} {joint.unit}"
+            text = f"kp cannot be separated from an offset of target against position: {zero} "
+            text += f"would change kp by {100 * size:.0f} %; the interval includes this"
+            found.append(Finding("note", "offset_trade", joint.name, text, data={"relative": size}))
+    return tuple(found)
+
+
+def saturation_notes(joints: Sequence[JointEstimate]) -> tuple[Finding, ...]:
+    """Reports servos that reached the largest force stated by the model file."""
+    found = [f"{joint.name} {joint.limit:g}" for joint in joints if np.isfinite(joint.limit)]
+    if not found:
+        return ()
+    text = "these servos saturated, at the largest forces of the model file: " + ", ".join(found)
+    return (Finding("note", "saturation", "", text),)

@@ -1,0 +1,264 @@
+"""The identifier of (44) and (45), in any metric, with or without a memory of past data."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...base.errors import InvalidInput
+from ...base.threads import beside
+from ..log import Log, Measurement
+from ..parameters import Array
+from ..structure.motion import Motion
+from ..structure.system import SecondOrderSystem, checked
+from .base import Confidence, Estimates, Identifier, State, Status
+from .metric import ConstantMetric, Metric, positive_gain
+from .rk4 import Step, flow_in
+
+if TYPE_CHECKING:
+    from .memory.implicit import ImplicitMemory
+
+RK4_LIMIT = 2.5  # bound of |λ| dt, below RK4's stability limit of 2.785 on the negative real axis
+_DIVISIONS = 3  # times, at most, that a step is divided by four
+
+
+def paper_identifier(
+    system: SecondOrderSystem,
+    K: Array,
+    Gamma: Array,
+    prior: Array,
+    dt: float,
+    hermite: bool = True,
+    held: np.ndarray | None = None,
+) -> NullspaceIdentifier:
+    """The identifier of (44) and (45) as printed, with a constant Γ.
+
+    Gamma, (p,) or (p, p), and held, a mask (p,), are those of `ConstantMetric`, the other arguments
+    those of `NullspaceIdentifier`.
+
+    Raises:
+        InvalidInput: a shape or value is wrong, a gain is not positive definite, or K is too
+            fast for dt.
+    """
+    metric = ConstantMetric(Gamma, held, system.p)
+    return NullspaceIdentifier(system, K, metric, prior, dt, hermite)
+
+
+class NullspaceIdentifier(Identifier):
+    """(44) and (45), integrated by RK4 between measurements, the command held.
+
+    Args:
+        system: the structure.
+        K: (n,) or (n, n) positive definite gain of the identification plant [1/s].
+        metric: maps Wᵀ Δv to θ̂̇ (45).
+        prior: (p,) θ̂(0).
+        dt: time between measurements [s].
+        hermite: cubic Hermite interpolation between samples; else linear.
+        memory: memory of past data; None for a law without one.
+
+    Raises:
+        InvalidInput: a shape or value is wrong, K is not positive definite, or too fast for dt.
+    """
+
+    def __init__(
+        self,
+        system: SecondOrderSystem,
+        K: Array,
+        metric: Metric,
+        prior: Array,
+        dt: float,
+        hermite: bool = True,
+        memory: ImplicitMemory | None = None,
+    ):
+        self.system, self.metric, self.memory = system, metric, memory
+        self.prior, self.hermite = system.space.check(prior, "prior"), hermite
+        self.K = positive_gain("K", K, system.n)
+        self.conserves = metric.conserves
+        self._gain = np.atleast_2d(self.K)
+        self._spare: list[tuple[Step, Any]] = []  # workspaces that no call uses at the moment
+        fastest = np.abs(self.K).max() if self.K.ndim == 1 else np.linalg.eigvalsh(self.K)[-1]
+        if not fastest * dt <= RK4_LIMIT:
+            raise InvalidInput(
+                "K",
+                f"λ_max(K)·dt ≤ {RK4_LIMIT} for RK4",
+                f"{fastest:g}/s · {dt:g} s = {fastest * dt:g}",
+                f"Use K ≤ {RK4_LIMIT / dt:g}/s or a smaller dt.",
+            )
+
+    def init(self, first: Measurement) -> State:
+        """The state with v̂ = v, so that Δv(t₀) = 0 as (46) assumes, θ̂ = prior and no past data.
+
+        Raises:
+            InvalidInput: the measurement has a wrong shape or is not finite.
+        """
+        first = checked(self.system, first)
+        memory = self.memory.recorder.begin(first) if self.memory else None
+        theta = self.prior.copy()
+        return State(first.t, first.v.copy(), theta, np.inf, Status.completed, memory)
+
+    def resume(self, state: State, here: Measurement) -> State:
+        """The state at a measurement after a gap, with v̂ = v."""
+        here = checked(self.system, here)
+        memory = state.memory
+        if self.memory is not None and memory is not None:
+            memory = self.memory.recorder.resume(memory, here)
+        return state._replace(t=here.t, v_hat=here.v.copy(), memory=memory)
+
+    def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
+        """RK4 steps of (44, 45) along a log, with the memory's updates if there is one.
+
+        Raises:
+            InvalidInput: the log's widths are not the system's.
+        """
+        if self.memory is None:
+            return self.along(state, log)
+        made = [Estimates.of(state)]
+        end = state
+        for _, end, estimates in self._updates(state, log):
+            estimates.theta_hat[-1], estimates.spent[-1] = end.theta_hat, end.spent
+            made.append(estimates.after(1))
+        return end, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
+
+    def _updates(self, state: State, log: Log) -> Iterator[tuple[State, State, Estimates]]:
+        """The states before and after each update by the memory, and the estimates before it."""
+        at = 0
+        while at < len(log.t) - 1 and state.status is Status.completed:
+            assert self.memory is not None and state.memory is not None
+            steps = self.memory.every - state.memory.step % self.memory.every
+            piece = log.part(at, at + steps + 1)
+            recorder = self.memory.recorder
+            recorded = beside(len(piece.t) - 1, recorder.follow, state.memory, piece)
+            before, estimates = self.along(state, piece)
+            completed = before.status is Status.completed
+            state = self.memory.updated(before, recorded()) if completed else before
+            yield before, state, estimates
+            at += len(estimates.pivot) - 1
+
+    def along(
+        self, state: State, log: Log, motion: Motion | None = None
+    ) -> tuple[State, Estimates]:
+        """RK4 steps of (44, 45) along a log, without a memory's updates.
+
+        `state`, at the log's first measurement, is returned unchanged unless its status is
+        `completed`. `motion` is that of the log if already computed: identifiers of one system with
+        the same interpolation can share it.
+
+        Raises:
+            InvalidInput: the log's widths are not the system's.
+        """
+        self.check(log)
+        start = Estimates.of(state)
+        estimates = Estimates(*(np.repeat(part, len(log.t), axis=0) for part in start))
+        if state.status is not Status.completed:
+            return state, estimates.first(1)
+        return end_of(state, log, estimates, self._follow(log, estimates, motion))
+
+    def motion(self, log: Log) -> Motion:
+        """All parts of the RK4 stages along a log that do not depend on the estimate."""
+        return self.system.motion(log, self.hermite)
+
+    def _follow(self, log: Log, estimates: Estimates, motion: Motion | None) -> int:
+        """Writes the estimates from row 1 on; returns the row that failed, or N."""
+        steps = self.system.motion_steps if motion is None else len(log.t)
+        for at in range(0, len(log.t) - 1, steps):
+            piece = log.part(at, at + steps + 1)
+            rows = [part[at : at + steps + 1] for part in estimates[:3]]
+            stages = self.motion(piece) if motion is None else motion
+            failed = self._integrate(piece, stages, rows)
+            if failed < len(piece.t):
+                return at + failed
+        return len(log.t)
+
+    def _flow(
+        self, motion: Motion, v_hats: Array, theta_hats: Array, pivots: Array, first: int
+    ) -> int:
+        """Calls `rk4.follow` in the identifier's metric."""
+        follow = flow_in(type(self.metric))
+        numbers = self.metric.numbers
+        step, own = self._spare.pop() if self._spare else self._workspace()
+        row = follow(self._gain, numbers, motion, v_hats, theta_hats, pivots, first, step, own)
+        self._spare.append((step, own))
+        return row
+
+    def _workspace(self) -> tuple[Step, Any]:
+        """New workspace of `rk4.follow`."""
+        bodies, n = len(self.system.structure.bodies), self.system.n
+        return Step.of(bodies, n, self.system.p), self.metric.workspace()
+
+    def _integrate(self, log: Log, motion: Motion, rows: list[Array], divided: int = 0) -> int:
+        """RK4 steps along a log with its motion; in the cone's metric inaccurate ones are divided.
+
+        `rows` are v̂ (N, n), θ̂ (N, p) and pivots (N,), written from row 1 on; `divided` counts
+        earlier divisions of this log's steps. Returns the row that failed, or N.
+        """
+        v_hats, theta_hats, pivots = rows
+        row = self._flow(motion, *rows, 1)
+        while row < len(log.t) and divided < _DIVISIONS and self.metric.divides:
+            step = log.part(row - 1, row + 1)
+            if not all(np.isfinite(part).all() for part in step):
+                break
+            finer = self._halved(self._halved(step))
+            inner = [np.repeat(part[row - 1 : row], len(finer.t), axis=0) for part in rows]
+            failed = self._integrate(finer, self.motion(finer), inner, divided + 1)
+            if failed < len(finer.t):
+                pivots[row] = inner[2][failed]
+                break
+            v_hats[row], theta_hats[row] = inner[0][-1], inner[1][-1]
+            pivots[row] = inner[2][1:].min()
+            row = self._flow(motion, *rows, row + 1)
+        return row
+
+    def _halved(self, log: Log) -> Log:
+        """The log with the interpolated states half-way between its N samples, 2N − 1 in all."""
+        between = self.system.midpoints(log, self.hermite)
+        halves = 0.5 * (log.t[1:] + log.t[:-1]), between.q, between.v, log.u[:-1]
+        made = []
+        for part, half in zip(log, halves, strict=True):
+            made.append(np.repeat(part, 2, axis=0)[:-1])
+            made[-1][1::2] = half
+        return Log.unchecked(*made)
+
+    def implicit(self, t: Array) -> np.ndarray:
+        """(N−1,) whether an update by the memory lies between consecutive times (N,) of a run."""
+        if self.memory is None:
+            return np.zeros(max(0, len(t) - 1), dtype=bool)
+        return self.memory.updates(t)
+
+    def slacks(self, log: Log, theta: Array) -> Array:
+        """(N−1,) bounds on the rise of V [J] in the memory's updates, under the true θ (p,).
+
+        Sensor noise and quadrature error leave a residual even at the true θ, so V may rise. The
+        bounds are 0 in steps without an update. The law follows the log, of a whole run, again.
+        """
+        slacks, at = np.zeros(len(log.t) - 1), 0
+        if self.memory is not None:
+            for before, after, estimates in self._updates(self.init(log.at(0)), log):
+                at += len(estimates.pivot) - 1
+                if after is not before:
+                    slacks[at - 1] = self.memory.slack(before, after, theta)
+        return slacks
+
+    def confidence(self, state: State) -> Confidence | None:
+        """The estimate's uncertainty according to the memory; None without one."""
+        return None if self.memory is None else self.memory.confidence(state)
+
+
+def end_of(state: State, log: Log, estimates: Estimates, failed: int) -> tuple[State, Estimates]:
+    """The state and the estimates after a log whose row `failed` is the first invalid one, or N."""
+    last = failed - 1
+    state = state._replace(
+        t=float(log.t[last]),
+        v_hat=estimates.v_hat[last].copy(),
+        theta_hat=estimates.theta_hat[last].copy(),
+        pivot=float(estimates.pivot[last]),
+    )
+    if failed < len(log.t):
+        finite = all(np.isfinite(part[last : last + 2]).all() for part in log)
+        status = Status.measurement_not_finite
+        if finite:
+            lost = not estimates.pivot[failed] > 0
+            status = Status.estimate_not_positive_definite if lost else Status.adaptation_too_fast
+        state = state._replace(pivot=float(estimates.pivot[failed]), status=status)
+    return state, estimates.first(failed)

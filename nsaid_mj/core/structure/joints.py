@@ -1,0 +1,330 @@
+"""Robots of joints on a fixed or floating base, from Pinocchio's models.
+
+A joint's coordinate is its angle [rad] or travel [m]. There is one position coordinate for each
+velocity: for a free-flyer root, the base's position [m] and rotation vector [rad], and then
+one coordinate per joint. q is Pinocchio's: the base's pose [p, quaternion] (7,), then an angle, a
+travel, or (cos, sin) for each joint. v is the base's twist [v, ω] in its own axes, then the joints'
+rates.
+
+θ = ten inertial parameters of every link, the floating base first if there is one; then, for every
+joint, rotor inertia (if modelled), viscous and Coulomb friction; for every motor its gain; then
+what a vehicle adds. Link inertias are about the joint-frame origin in joint axes, in Pinocchio's
+order: m, m·c (3), Ixx, Ixy, Iyy, Ixz, Iyz, Izz.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...base.optional import pin
+from ..parameters import Array, Block, ParameterSpace
+from .blocks import Term, link_block, mounts_of, placed, term
+from .columns import KINDS
+from .parts import Actuator, Body, Inertia, Operation, Rotor
+from .structure import Structure
+from .system import SecondOrderSystem
+
+"""A joint's command: a motor's torque over its gain, or a servo's target."""
+_UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
+_PLACE, _TURN = 1.0, 1.8  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
+_BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]
+
+
+@dataclass(frozen=True)
+class JointScales:
+    """Data-sheet guesses for the b bodies and k joints of a robot.
+
+    Attributes:
+        mass: (b,) masses of the bodies, a floating base first [kg].
+        length: (b,) sizes of the bodies [m].
+        viscous: (k,) viscous friction [N·m·s/rad or N·s/m].
+        coulomb: (k,) Coulomb friction [N·m or N].
+        gain: (d,) motor gains [N·m or N per unit of command], or of servos [N·m/rad or N/m].
+        speed: (k,) speeds of operation [rad/s or m/s].
+        command: (d,) commands of operation [units of command].
+        rotor: (k,) reflected rotor inertias [kg·m² or kg]; None omits them from θ.
+        actuator: whether a command is a motor's, or the position target of a servo.
+        driven: (d,) numbers of the joints that have an actuator; None for all.
+        saturation: (d,) error u − q at which a servo exerts its largest force [rad or m]; None
+            where it is not limited.
+    """
+
+    mass: Array
+    length: Array
+    viscous: Array
+    coulomb: Array
+    gain: Array
+    speed: Array
+    command: Array
+    rotor: Array | None = None
+    actuator: Actuator = "motor"
+    driven: tuple[int, ...] | None = None
+    saturation: Array | None = None
+
+
+class Carrier(NamedTuple):
+    """The vehicle's part of a robot whose joints it carries."""
+
+    inertias: list[Inertia]  # inertias of all bodies
+    bodies: list[Block]  # blocks of these inertias, which come first in θ
+    # fluid forces and thrust, which come last; commands count from the first thruster's
+    terms: list[Term]
+    operation: Operation  # ranges of the base's velocities, and of the thrusters' commands
+
+
+class JointTree(SecondOrderSystem):
+    """M(q, θ) v̇ + C(x, θ) v = −g(q, θ) − f(v, θ) + diag(k) u (5): motors on a tree's 1-DOF joints.
+
+    With position servos, whose commands are targets, the last term is diag(k) (u − q). Friction is
+    `viscous·v + coulomb·tanh(v/friction_speed)`. The root may be a free flyer, that of a vehicle
+    with thrusters too (4–6); the joints' commands come first. Subclasses supply the regressors.
+
+    C is Pinocchio's: with R_g and R_0 the joint torque regressors with and without gravity,
+    C(q, v) w = R_0(q, (v+w)/2, ½[v, w]) π − R_0(q, (v−w)/2, 0) π, whose Ṁ − 2C is skew. [v, w] is
+    the Lie bracket of the base's twists, 0 where the base is fixed: rates of joints commute.
+
+    Args:
+        model: kinematics and gravity; its inertias are discarded.
+        scales: data-sheet guesses, which become the scale of θ.
+        friction_speed: (k,) joint speed at which Coulomb friction saturates [rad/s or m/s].
+        carrier: the vehicle at the root; None if all actuators are on joints.
+
+    Attributes:
+        model: Pinocchio's model without any inertia.
+        joints: the 1-DOF joints, in order.
+        joint_names: their names in the model.
+        body_names: names of the moving bodies' links, the base first where it floats.
+        bodies: number of moving bodies: one for each joint, and the base where it floats.
+        driven: (d,) numbers of the joints that have an actuator; the others are passive.
+        scales: as given.
+        friction_speed: as given.
+        command_limits: (n_u,), (n_u,) range of the commands of operation; of servos, about the
+            position.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        scales: JointScales,
+        friction_speed: Array,
+        carrier: Carrier | None = None,
+    ):
+        model, bodies = without_inertia(model), bodies_of(model)
+        if carrier is None:
+            rigid = [Inertia(b, 10 * b) for b in range(len(bodies))]
+            still = Operation.within(_BASE_SPEED * np.ones(6 if floats(model) else 0), np.zeros(0))
+            own = Carrier(rigid, link_blocks(model, scales), [], still)
+        else:
+            own = carrier
+        speed = np.array(friction_speed, dtype=np.float64)
+        joints = joint_terms(model, scales, speed)
+        blocks = [term.block for term in (*joints, *own.terms)]
+        space = ParameterSpace((*own.bodies, *blocks))
+        self.driven = np.array(range(len(speed)) if scales.driven is None else scales.driven, int)
+        columns = placed(space, joints)
+        # those of one body follow one another: kernels compute its surroundings once
+        carried = placed(space, own.terms, len(self.driven))
+        columns += sorted(carried, key=lambda column: (column.input >= 0, column.body))
+        first, start = model.nv - len(speed), sum(map(len, own.bodies))
+        turning = range(0 if scales.rotor is None else len(speed))
+        rotors = [Rotor(first + i, start + i) for i in turning]
+        low, high = own.operation.command
+        self.command_limits = np.r_[-scales.command, low], np.r_[scales.command, high]
+        structure = Structure(
+            bodies,
+            own.inertias,
+            columns,
+            len(space),
+            len(self.command_limits[0]),
+            rotors,
+            model.gravity.linear.copy(),
+        )
+        mounts = None if carrier is None else mounts_of(space, columns)
+        super().__init__(structure, space, mounts)
+        self.model, self.joints = model, moving_joints(model)
+        self.joint_names, self.body_names = joint_names(model), body_names(model)
+        self.bodies, self.scales, self.friction_speed = len(bodies), scales, speed
+        self._speed = np.concatenate([own.operation.velocity[1], scales.speed])
+
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """(n,), (n,) range of the position coordinates; ±π for joints without limits."""
+        high = _UNLIMITED * np.ones(self.n)
+        high[: self.group] = ([_PLACE] * 3 + [_TURN] * 3)[: self.group]
+        low = -high
+        for joint in self.joints:
+            if joint.nq == 1:
+                a = self.model.lowerPositionLimit[joint.idx_q]
+                b = self.model.upperPositionLimit[joint.idx_q]
+                if np.isfinite([a, b]).all() and a < b:
+                    low[joint.idx_v], high[joint.idx_v] = max(a, -10.0), min(b, 10.0)
+        return low, high
+
+    def angles(self, q: Array) -> Array:
+        """(..., k) the joints' angles [rad] or travels [m] at q (..., m)."""
+        columns = [
+            np.arctan2(q[..., j.idx_q + 1], q[..., j.idx_q]) if j.nq == 2 else q[..., j.idx_q]
+            for j in self.joints
+        ]
+        return np.stack(columns, axis=-1) if columns else np.zeros((*q.shape[:-1], 0))
+
+    def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Draws a pose and a configuration within the limits, speeds and commands of operation."""
+        q = self.position(rng.uniform(*self.limits))
+        v = self._speed * rng.uniform(-1, 1, self.n)
+        low, high = self.command_limits
+        u = 0.5 * (low + high) + 0.5 * (high - low) * rng.uniform(-1, 1, self.n_u)
+        return q, v, u if self.scales.actuator == "motor" else self.angles(q)[self.driven] + u
+
+
+def without_inertia(model: pin.Model) -> pin.Model:
+    """A copy of a model without inertias: structure only, no true value."""
+    model = pin.Model(model)
+    for i in range(model.njoints):
+        model.inertias[i] = pin.Inertia.Zero()
+    model.armature[:] = 0.0
+    return model
+
+
+def moving_joints(model: pin.Model) -> list[pin.JointModel]:
+    """The 1-DOF joints, in order."""
+    return list(model.joints)[2 if floats(model) else 1 :]
+
+
+def joint_names(model: pin.Model) -> list[str]:
+    """Names of the 1-DOF joints."""
+    return list(model.names)[2 if floats(model) else 1 :]
+
+
+def slides(joint: pin.JointModel) -> bool:
+    """Whether a joint is prismatic."""
+    return bool(joint.shortname().startswith("JointModelP"))
+
+
+def bodies_of(model: pin.Model) -> list[Body]:
+    """The bodies of a Pinocchio model of 1-DOF joints, whose root may be a free flyer."""
+    data, bodies = model.createData(), []
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    for joint, name in zip(list(model.joints)[1:], body_names(model), strict=True):
+        if joint.nv == 6:
+            bodies.append(Body("free", name=name))
+            continue
+        place = model.jointPlacements[joint.id]
+        jacobian = pin.getJointJacobian(model, data, joint.id, pin.ReferenceFrame.LOCAL)
+        twist = jacobian.reshape(6, -1)[:, joint.idx_v]  # of one joint it is (6,)
+        turns = bool(np.linalg.norm(twist[3:]) > 0.5)
+        bodies.append(
+            Body(
+                ("circle" if joint.nq == 2 else "hinge") if turns else "slide",
+                int(model.parents[joint.id]) - 1,
+                twist[3:] if turns else twist[:3],
+                place.rotation.copy(),
+                place.translation.copy(),
+                name,
+            )
+        )
+    return bodies
+
+
+def body_names(model: pin.Model) -> list[str]:
+    """Names of the links that the joints move, the base's first where the root is a free flyer.
+
+    An unnamed link gets its number.
+    """
+    links = model.njoints - 1
+    names = ["universe", *(["base"] if floats(model) else ())]
+    names += [f"link {i + 1}" for i in range(links - (len(names) - 1))]
+    for frame in reversed(list(model.frames)):  # the first of several links welded together counts
+        if frame.type == pin.FrameType.BODY:
+            names[frame.parentJoint] = frame.name
+    return names[1:]
+
+
+def floats(model: pin.Model) -> bool:
+    """Whether the root of a Pinocchio model is a free flyer."""
+    return model.njoints > 1 and model.joints[1].shortname() == "JointModelFreeFlyer"
+
+
+def bones(model: pin.Model, positions: Array) -> Array:
+    """(k, bones, 2, 3) line segments that sketch a robot at positions (k, m) [m].
+
+    They connect each joint with its parent's, and with frames that are fixed to it, such as a tool.
+    A floating base has no parent.
+    """
+    data = model.createData()
+    frames = [f for f in model.frames if not np.allclose(f.placement.translation, 0)]
+    joints = range(2 if floats(model) else 1, model.njoints)
+    found = []
+    for q in positions:
+        pin.forwardKinematics(model, data, q)
+        origin = [data.oMi[i].translation.copy() for i in range(model.njoints)]
+        segments = [(origin[i], origin[model.parents[i]]) for i in joints]
+        segments += [
+            (data.oMi[f.parentJoint].act(f.placement).translation, origin[f.parentJoint])
+            for f in frames
+        ]
+        found.append(segments)
+    return np.array(found)
+
+
+# -- blocks of θ -----------------------------------------------------------------------------------
+
+
+def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list[Term]:
+    """The terms of k joints, if any: rotor inertia if modelled, friction, gains of d actuators.
+
+    Coulomb friction saturates at the speeds (k,) [rad/s or m/s].
+    """
+    sliding, names = [slides(joint) for joint in moving_joints(model)], joint_names(model)
+    if not names:
+        return []
+    first, every = model.nv - len(names), tuple(range(len(names)))
+
+    def of(kind: str, own: tuple[int, ...], scale: Array, **constants: Any) -> Term:
+        letter, part = KINDS[kind].letter, KINDS[kind].block.removeprefix("motor ")
+        labels = {f"{letter}_{i + 1}": f"{part} of {names[i]}" for i in own}
+        slides, dofs = [sliding[i] for i in own], [first + i for i in own]
+        return term(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
+
+    driven = every if s.driven is None else s.driven
+    acting: dict[str, Sequence[Any]] = {"input": range(len(driven))}
+    if s.saturation is not None:
+        acting["limit"] = s.saturation.tolist()
+    terms = [
+        of("viscous", every, s.viscous),
+        of("coulomb", every, s.coulomb, speed=friction_speed.tolist()),
+        *([of(s.actuator, driven, s.gain, **acting)] if driven else []),
+    ]
+    if s.rotor is None:
+        return terms
+    own = tuple(f"rotor_{i + 1}" for i in every)
+    units = tuple("kg" if slide else "kg·m²" for slide in sliding)
+    labels = tuple(f"rotor inertia of {name}" for name in names)
+    rotor = Block("rotor inertia", own, units, s.rotor, "positive", labels=labels)
+    return [Term(rotor, [], s.rotor), *terms]
+
+
+def link_blocks(model: pin.Model, s: JointScales) -> list[Block]:
+    """The inertial parameters of every body; a floating base is number 0."""
+    guesses = zip(body_names(model), s.mass, s.length, strict=True)
+    first = 0 if floats(model) else 1
+    return [link_block(first + i, name, mass, size) for i, (name, mass, size) in enumerate(guesses)]
+
+
+def positions(model: pin.Model, coordinates: Array) -> Array:
+    """(N, m) Pinocchio's q of coordinates (N, n): continuous joints are (cos, sin)."""
+    if model.nq == model.nv:
+        return coordinates
+    q = np.empty((len(coordinates), model.nq))
+    for joint in list(model.joints)[1:]:
+        c = coordinates[:, joint.idx_v]
+        if joint.nq == 2:
+            q[:, joint.idx_q], q[:, joint.idx_q + 1] = np.cos(c), np.sin(c)
+        else:
+            q[:, joint.idx_q] = c
+    return q

@@ -1,0 +1,181 @@
+"""Trees of joints with the structure's regressors, or with Pinocchio's, the reference."""
+
+from __future__ import annotations
+
+import ctypes
+import weakref
+
+import numpy as np
+
+from ...base.errors import EnginesDisagree
+from ...base.optional import pin
+from ..log import Log
+from ..numerics.spatial import bracket
+from ..parameters import Array
+from .joints import Carrier, JointScales, JointTree
+from .motion import Motion, Outside
+
+AGREEMENT = 1e-10
+"""Largest accepted difference from Pinocchio, relative to the largest entry."""
+DIFFERENCE = 1e-5
+"""Step of central differences along v [s·(1 + |v|)]."""
+_SAMPLES = 20  # random states at which both are compared
+_REGRESSOR = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
+
+
+class CompiledMultibody(JointTree):
+    """A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
+
+    Without thrusters they are compared with Pinocchio's `computeJointTorqueRegressor`, `crba` and
+    `nonLinearEffects` on construction. Arguments are those of `JointTree`.
+
+    Raises:
+        EnginesDisagree: the structure and Pinocchio differ by more than `AGREEMENT`.
+    """
+
+    def __init__(
+        self,
+        model: pin.Model,
+        scales: JointScales,
+        friction_speed: Array,
+        carrier: Carrier | None = None,
+    ):
+        super().__init__(model, scales, friction_speed, carrier)
+        if carrier is None:
+            check_consistency(self)
+
+
+def check_consistency(system: JointTree) -> None:
+    """Compares the regressors of a structure with Pinocchio's at random states.
+
+    This includes the torque regressor of the links and, under random physical inertias, the mass
+    matrix and the bias forces.
+
+    Raises:
+        EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
+    """
+    rng, model = np.random.default_rng(0), pin.Model(system.model)
+    links = 10 * system.bodies
+    theta = np.zeros(system.p)
+    for i in range(1, model.njoints):
+        model.inertias[i] = pin.Inertia.Zero()
+        model.inertias[i].mass = rng.uniform(0.5, 2.0)
+        model.inertias[i].lever = rng.uniform(-0.3, 0.3, 3)
+        moments = rng.uniform(0.05, 0.1, 3)
+        model.inertias[i].inertia = np.diag(moments)
+        theta[10 * (i - 1) : 10 * i] = model.inertias[i].toDynamicParameters()
+    data = model.createData()
+    still = np.zeros(system.n)
+    for _ in range(_SAMPLES):
+        q, v, _ = system.random_state(rng)
+        a, u = rng.uniform(-1, 1, system.n), np.zeros(system.n_u)
+        regressor = pin.computeJointTorqueRegressor(model, data, q, v, a)
+        mass = pin.crba(model, data, q)
+        bias = pin.nonLinearEffects(model, data, q, v)
+        ours = system._W(0.0, q, v, v, a, u)[:, :links]
+        ours_bias = system._W(0.0, q, v, v, still, u)[:, :links]
+        for quantity, own, theirs in (
+            ("torque regressor", ours, regressor.reshape(system.n, links)),
+            ("mass matrix", system._mass_tensor(q) @ theta, np.triu(mass) + np.triu(mass, 1).T),
+            ("bias force", ours_bias @ theta[:links], bias),
+        ):
+            apart = float(np.max(np.abs(own - theirs)) / max(np.max(np.abs(theirs)), 1e-300))
+            if not apart <= AGREEMENT:
+                worst = int(np.argmax(np.max(np.abs(own - theirs).reshape(system.n, -1), axis=1)))
+                joint = max(j.id for j in list(model.joints)[1:] if j.idx_v <= worst)
+                raise EnginesDisagree(
+                    model.name,
+                    f"joint {model.names[joint]}",
+                    quantity,
+                    apart,
+                    AGREEMENT,
+                    ("The compiled structure", "Pinocchio"),
+                    "Use --backend pinocchio.",
+                )
+
+
+class Multibody(JointTree):
+    """A `JointTree` whose links have Pinocchio's regressors, without a vehicle: the reference.
+
+    It is slower. Rotors and the forces on joints are the structure's. Arguments are those of
+    `JointTree`.
+    """
+
+    def __init__(self, model: pin.Model, scales: JointScales, friction_speed: Array):
+        super().__init__(model, scales, friction_speed)
+        self.reference = PinocchioLinks(self)
+
+
+class PinocchioLinks:
+    """The regressors of a tree's links by Pinocchio."""
+
+    def __init__(self, system: JointTree):
+        self._system, self._links = system, 10 * system.bodies
+        light = pin.Model(system.model)
+        light.gravity.setZero()
+        self._heavy, self._weightless = ((own, own.createData()) for own in (system.model, light))
+
+    def _torques(self, q: Array, v: Array, a: Array, heavy: float = 0.0) -> Array:
+        """(n, 10 b) Pinocchio's regressor, with gravity if `heavy`; the next call overwrites it."""
+        model, data = self._heavy if heavy else self._weightless
+        return np.atleast_2d(pin.computeJointTorqueRegressor(model, data, q, v, a))
+
+    def overwrite(self, W: Array, q: Array, v: Array, w: Array, a: Array, weight: float) -> None:
+        """Overwrites the links' columns of W (N, n, p); see `SecondOrderSystem._regressors`."""
+        for k, rows in enumerate(W):
+            turning = 0.5 * bracket(self._system.group, v[k], w[k])
+            rows[:, : self._links] = self._torques(
+                q[k], 0.5 * (v[k] + w[k]), a[k] + turning, weight
+            )
+            rows[:, : self._links] -= self._torques(q[k], 0.5 * (v[k] - w[k]), self._system._still)
+
+    def transport(self, q: Array, v: Array) -> Array:
+        """(n, p) regressor of Ṁ v − C v, with Ṁ v by central differences."""
+        system = self._system
+        step = DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))  # Ṁ v to about 1e-10
+        ahead, behind = system.integrate(q, step * v), system.integrate(q, -step * v)
+        return (system._W_M(ahead, v) - system._W_M(behind, v)) / (2 * step) - system._W_C(q, v, v)
+
+    def momentum_balance(
+        self, leak: float, log: Log, q: Array, v: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """Terms of the filtered momentum balance, sample by sample."""
+        system, t, held = self._system, log.t, log.u[:-1]
+        momenta = np.stack([system._W_M(*row) for row in zip(log.q, log.v, strict=True)])
+        drive = leak * momenta
+        drive += np.stack([self.transport(*row) for row in zip(log.q, log.v, strict=True)])
+        half = system.forces(t[:-1], q, v, held)
+        half += np.stack(
+            [leak * system._W_M(*row) + self.transport(*row) for row in zip(q, v, strict=True)]
+        )
+        start = drive[:-1] + system.forces(t[:-1], log.q[:-1], log.v[:-1], held)
+        end = drive[1:] + system.forces(t[1:], log.q[1:], log.v[1:], held)
+        return momenta, start, half, end
+
+    def motion(self, own: Motion, qs: Array, qm: Array) -> Motion:
+        """The structure's own motion, with the links' entries of Wᵀ Δv from Pinocchio.
+
+        Only one thread at a time may follow it: its stages pass through the same three arrays.
+        Positions are (N, m) at the samples and (N−1, m) half-way.
+        """
+        system, vs, vm = self._system, own.v, own.vm
+        v_hat, a_hat, leading = np.empty(system.n), np.empty(system.n), np.empty(self._links)
+        models = system.model, self._weightless[0]
+        own_data = models[0].createData(), models[1].createData()
+        torques = pin.computeJointTorqueRegressor
+
+        def write(at: int, k: int) -> None:
+            leading.fill(np.nan)  # in case Pinocchio raises: an exception ends here
+            row = k - 1 + at // 2
+            q, v = (qm[k - 1], vm[k - 1]) if at == 1 else (qs[row], vs[row])
+            a = a_hat + 0.5 * bracket(system.group, v, v_hat) if system.group else a_hat
+            dv = v_hat - v  # (37)
+            weighted = torques(models[0], own_data[0], q, 0.5 * (v + v_hat), a)
+            turning = torques(models[1], own_data[1], q, 0.5 * dv, system._still)
+            np.subtract(dv @ np.atleast_2d(weighted), dv @ np.atleast_2d(turning), out=leading)
+
+        function = _REGRESSOR(write)
+        weakref.finalize(own.states, bool, function)  # keeps it alive as long as the motion
+        address = ctypes.cast(function, ctypes.c_void_p).value
+        assert address is not None
+        return own._replace(outside=Outside(address, v_hat, a_hat, leading))

@@ -1,0 +1,97 @@
+"""The misfit of a finished run: what of its record is judged, and under which signals.
+
+Faults and gaps divide the log. How a piece is judged is in `watch.misfit`, which is imported only
+for a law that is judged.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...core.laws import NullspaceAID
+from ...core.log import Log
+from ...core.structure.system import SecondOrderSystem
+from ..loop import Run
+from ..scenario import Scenario
+from ..setup import with_prior_error
+from ..source import LONGEST_STEP
+
+if TYPE_CHECKING:
+    from ...core.laws import KalmanFilter, Signals
+    from ...watch import Misfit
+
+
+def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | None:
+    """The filter that judges a run.
+
+    None for a law that does not use all information in the data, whose own error could be mistaken
+    for the structure's, and where the system has no compiled forward dynamics.
+    """
+    config = scenario.identifier
+    if not isinstance(config, NullspaceAID) or config.law not in {"memory", "efficient"}:
+        return None
+    config = with_prior_error(config, scenario)
+    assert isinstance(config, NullspaceAID)
+    from ...core.laws import KalmanFilter
+
+    return KalmanFilter(system, scenario.dt, config.efficient) if system.forward else None
+
+
+def misfit_of(run: Run) -> Misfit | None:
+    """The misfit at the end of a run's log; None where `filter_of` is, or rows are missing."""
+    system, record = run.system, run.record
+    estimator = filter_of(run.scenario, system)
+    if estimator is None or run.scenario.record_every != 1:
+        return None
+    from ...watch import judged_drift, judged_estimate, worst_of
+
+    found: list[Misfit] = []
+    stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
+    for log, rows, signals in _pieces(run, record.log):
+        last = rows.stop == len(record)
+        drift, acting = _drifting(run, log, rows) if last else None, signals.acting(system, log)
+        if drift is None:
+            theta = np.array(record.rows("theta_hat", rows.stop - 1))
+            own = stated if last else None
+            found.append(judged_estimate(estimator, theta, own, run.prior, acting))
+        else:
+            start, variance = drift
+            along = record.rows("theta_hat", rows)[start:]
+            acting = acting.part(start, len(acting.t))
+            found.append(judged_drift(estimator, along, variance, acting))
+    return worst_of(found) if found else None
+
+
+def _drifting(run: Run, log: Log, rows: slice) -> tuple[int, float] | None:
+    """The row of the run's last piece of a log from which the gains were found to drift.
+
+    Also the variance of a gain's random walk per second [1/s]; None if gains are constant.
+    """
+    from ...watch import FEWEST, drift_of
+
+    drift, since = drift_of(run.states[""]) if "" in run.states else (0.0, 0.0)
+    if not drift:
+        return None
+    start = int(np.searchsorted(log.t, since + 1e-9))
+    return (start, drift) if rows.stop - rows.start - start >= FEWEST else None
+
+
+def _pieces(run: Run, log: Log) -> Iterator[tuple[Log, slice, Signals]]:
+    """Parts of a log between faults and gaps, their rows in the record, and acting signals."""
+    from ...watch import FEWEST, LONGEST, signals_after
+
+    known = [event for event in run.faults if event.kind != "unknown"]
+    first = int(np.searchsorted(log.t, log.t[-1] - LONGEST))
+    starts = [0, *(int(np.searchsorted(log.t, event.found)) + 1 for event in known)]
+    ends = [*(int(np.searchsorted(log.t, event.time)) for event in known), len(log.t)]
+    gaps = np.flatnonzero(np.diff(log.t) > LONGEST_STEP * run.scenario.dt) + 1
+    for i, (begin, end) in enumerate(zip(starts, ends, strict=True)):
+        cuts = [max(first, begin), *gaps[(gaps > max(first, begin)) & (gaps < end)].tolist(), end]
+        for start, stop in itertools.pairwise(cuts):
+            if stop - start >= FEWEST:
+                signals = signals_after(run.system, known[:i])
+                yield log.part(start, stop), slice(start, stop), signals

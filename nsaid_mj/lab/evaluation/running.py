@@ -1,0 +1,123 @@
+"""The misfit of a motion that still goes on."""
+
+import time
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from ...core.laws import Identifier, State, gain_deviations
+from ...core.log import Log, extended
+from ...core.parameters import Array
+from ...watch import (
+    CONTRADICTS,
+    FEWEST,
+    LEVELS,
+    LONGEST,
+    Misfit,
+    drift_of,
+    judged_estimate,
+    running_misfit,
+    signals_after,
+    widened,
+)
+from ..scenario import Scenario
+from ..source import LONGEST_STEP
+from .run_misfit import filter_of
+
+_FIRST, _NEXT = 0.5, 1.5  # duration that is judged first [s], and the next one's ratio to it
+_LATER = 1.4  # durations judged, after which the misfit is stated; enough time for 1 kHz
+_REST = 5e-4  # of the thread between two pieces, so that on two cores the user's loop can run [s]
+
+
+class RunningMisfit:
+    """Judges the motion so far whenever it is half as long again, as `misfit_of` does at its end.
+
+    The filter runs along the log again, from the estimate and its covariance: while a law learns,
+    its covariance counts errors of linearisation as information, and small effects that W lacks
+    accumulate without a single significant innovation. A fault or a gap begins another log.
+
+    A thread judges while the motion goes on. Its misfit is stated once the motion is longer by two
+    fifths, so that it does not depend on the speed of the machine.
+
+    Laws other than `memory` and `efficient` are not judged; prior (p,) is θ̂(0).
+    """
+
+    def __init__(self, scenario: Scenario, identifier: Identifier, prior: Array):
+        self._identifier, self._system = identifier, identifier.system
+        self._prior, self._dt = prior, scenario.dt
+        self._filter = filter_of(scenario, self._system)
+        self._pool = ThreadPoolExecutor(1, "misfit")
+        self._stated: tuple[Misfit, Array] | None = None  # with the gains' deviations at its end
+        self._log = 0  # number of the log that goes on
+        self._begin(0)
+
+    def _begin(self, faults: int) -> None:
+        """Begins another log, after so many faults."""
+        self._log += 1
+        self._faults, self._parts = faults, tuple[Log, ...]()
+        self._start, self._judged = np.nan, max(_FIRST, FEWEST * self._dt)
+        self._found: tuple[Future[Misfit], Array] | None = None
+
+    def see(self, log: Log, state: State) -> None:
+        """Adds samples, at the last of which the law has a state."""
+        if self._filter is None or not len(log.t):
+            return
+        known = tuple(event for event in state.faults if event.kind != "unknown")
+        gap = self._parts and log.t[0] - self._parts[-1].t[-1] > LONGEST_STEP * self._dt
+        if gap or len(known) > self._faults:
+            self._begin(len(known))
+        self._start = float(log.t[0]) if not self._parts else self._start
+        self._parts = extended(self._parts, log)
+        while len(self._parts) > 1 and self._parts[1].t[0] < log.t[-1] - LONGEST:
+            self._parts = self._parts[1:]
+        duration = float(log.t[-1]) - self._start
+        if self._found is not None and duration >= _LATER * self._judged:
+            misfit, deviations = self._found
+            self._stated, self._found = (misfit.result(), deviations), None
+            self._judged *= _NEXT
+        drift, _ = drift_of(state)
+        if self._found is None and duration >= self._judged and not drift:
+            whole = Log.joined(*self._parts)
+            whole = whole.part(int(np.searchsorted(whole.t, whole.t[-1] - LONGEST)), len(whole.t))
+            stated = self._identifier.confidence(state)
+            deviations = gain_deviations(stated, state.theta_hat, self._system.space)
+            acting = signals_after(self._system, known).acting(self._system, whole)
+            given = state.theta_hat, stated, self._prior, acting
+            self._found = self._pool.submit(self._judgement, self._log, *given), deviations
+
+    def _judgement(self, number: int, *given: Any) -> Misfit:
+        """The misfit of a log, in the thread, until another log begins."""
+
+        def rest() -> None:
+            if number != self._log:
+                raise CancelledError
+            time.sleep(_REST)
+
+        assert self._filter is not None
+        return judged_estimate(self._filter, *given, rest)
+
+    def level(self, state: State) -> str:
+        """The level of `Misfit` so far; "" of a law that is not judged."""
+        found = running_misfit(state), self._stated[0].level if self._stated else ""
+        return max(found, key=("", *LEVELS).index)
+
+    def deviations(self, state: State) -> Array:
+        """(a,) relative standard deviations of the gains, of `gain_deviations`; inf if unknown.
+
+        They are the law's own, widened by the misfit, and none is less than at the end of the last
+        motion judged. They are unknown before that, and if the misfit contradicts.
+        """
+        stated, space = self._identifier.confidence(state), self._system.space
+        if self._filter is None or stated is None:
+            return gain_deviations(stated, state.theta_hat, space)
+        if self._stated is None or self.level(state) == CONTRADICTS:
+            return gain_deviations(None, state.theta_hat, space)
+        misfit, least = self._stated
+        own = gain_deviations(widened(stated, misfit.widening), state.theta_hat, space)
+        return np.maximum(own, misfit.widening * least)
+
+    def stop(self) -> None:
+        """Ends the thread and waits for it, as kernels it compiles would delay the next run."""
+        self._log += 1
+        self._pool.shutdown(wait=True, cancel_futures=True)

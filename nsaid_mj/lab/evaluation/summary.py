@@ -1,0 +1,306 @@
+"""summary.json: a view of a run's result, and its only reader.
+
+A topic of statistics is a stretch of the file: its fields are the keys, in their order.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
+from functools import cache
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from ...base.bounds import shown, without_nonfinite
+from ...base.errors import InvalidInput
+from ...core.laws import FaultEvent
+from ...core.parameters import ParameterSpace
+from .run_result import RunResult, judged
+from .statistics import (
+    COMPARED,
+    OPTIONAL,
+    Accuracy,
+    Conditions,
+    Definiteness,
+    Dimensions,
+    Estimated,
+    Excitation,
+    LawUsed,
+    Origin,
+    Rival,
+    RunCost,
+    RunEnding,
+    StatedConfidence,
+    Theory,
+    Unobservable,
+)
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+    from ...watch import Misfit
+
+FILE = "summary.json"
+
+_WITHOUT_ROWS = (
+    "velocity_error_rms",
+    "velocity_error_rms_initial",
+    "conserved_drift",
+    "pe_level",
+    "confidence",
+)
+"""Keys that are null if the run ended before its first row."""
+
+_WITHOUT_ROWS_COMPARED = (
+    "r_excited",
+    "theta_perp_ratio_initial",
+    "theta_perp_ratio",
+    "plant_direction_error",
+    "actuator_ratio_error",
+    "force_residual_ratio",
+    "force_residual_floor",
+    "lyapunov_violations",
+    "pe_level_perp",
+    "pe_share_perp",
+    "excited_error_rms",
+    "excited_error_rms_initial",
+)
+"""Keys that are null in such a run, even though its truth is known."""
+
+
+def summary_of(result: RunResult) -> dict[str, Any]:
+    """The content of summary.json.
+
+    Keys of statistics that compare with an unknown truth are absent. Numbers that are not finite
+    are None, as JSON cannot represent them.
+    """
+    known = result.truth_known
+    document = {
+        **_keys_of(result.ending, known),
+        **_keys_of(result.dimensions, known),
+        **(_evaluated(result) if result.recorded else _without_rows(known)),
+        **_keys_of(result.law, known),
+        **_keys_of(result.conditions, known),
+        "faults": [fault.keys() for fault in result.faults],
+        **({"stream": dict(result.samples)} if result.samples else {}),
+        "unobservable": [_keys_of(one, known) for one in result.unobservable],
+        **_keys_of(result.cost, known),
+        **_keys_of(result.origin, known),
+        "verdict": result.verdict,
+    }
+    return without_nonfinite(document)
+
+
+def _evaluated(result: RunResult) -> dict[str, Any]:
+    """The keys that are computed from a record of at least one row."""
+    known, stated = result.truth_known, result.confidence
+    return {
+        **_keys_of(result.accuracy, known),
+        **_keys_of(result.theory, known),
+        **_keys_of(result.excitation, known),
+        **_keys_of(result.definiteness, known),
+        "rivals": {name: _keys_of(rival, known) for name, rival in result.rivals.items()},
+        **({} if result.misfit is None else result.misfit.keys()),
+        "confidence": None if stated is None else _keys_of(stated, known),
+        "parameters": [_keys_of(row, known) for row in result.estimates],
+    }
+
+
+def _without_rows(known: bool) -> dict[str, Any]:
+    """The same keys for a run without any row."""
+    keys = _WITHOUT_ROWS + (_WITHOUT_ROWS_COMPARED if known else ())
+    return dict.fromkeys(keys) | {"rivals": {}}
+
+
+def _keys_of(topic: Any, known: bool) -> dict[str, Any]:
+    """The keys of a topic, whose statistics are compared with the truth if that is `known`."""
+    found = {}
+    for one in fields(topic):
+        value = getattr(topic, one.name)
+        absent = (one.metadata.get(COMPARED) and not known) or (
+            one.metadata.get(OPTIONAL) and value is None
+        )
+        if not absent:
+            found[one.name] = _plain(value, known)
+    return found
+
+
+def _plain(value: Any, known: bool) -> Any:
+    """A value for JSON."""
+    if is_dataclass(value):
+        return _keys_of(value, known)
+    if isinstance(value, Mapping):
+        return {key: _plain(item, known) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(item, known) for item in value]
+    return value
+
+
+# -- the reader ------------------------------------------------------------------------------------
+
+_REMEDY = "Delete the file: `nsaid view --rebuild` then makes it again from the record."
+
+
+def result_from(found: Any, space: ParameterSpace | None = None, name: str = FILE) -> RunResult:
+    """The result, without curves, whose `summary_of` is a value of JSON.
+
+    Args:
+        found: the content of a summary.json.
+        space: the parameters; without it, those of the result have no blocks.
+        name: name of the file, for errors.
+
+    Raises:
+        InvalidInput: it is not a run's summary; the error names the first value that is missing or
+            of a wrong type.
+    """
+    if not isinstance(found, dict):
+        raise InvalidInput(
+            name, "an object with the keys of a run's summary", shown(found), _REMEDY
+        )
+    read = _Reader(found, name)
+    recorded = "parameters" in found
+    result = RunResult(
+        truth_known="mismatch" in found,
+        recorded=recorded,
+        ending=read.topic(RunEnding),
+        dimensions=read.topic(Dimensions),
+        accuracy=read.topic(Accuracy),
+        theory=read.topic(Theory),
+        excitation=read.topic(Excitation),
+        definiteness=read.topic(Definiteness),
+        rivals=read.rivals(),
+        misfit=read.misfit() if "misfit" in found else None,
+        confidence=read.value("confidence", StatedConfidence | None),
+        estimates=read.value("parameters", tuple[Estimated, ...]) if recorded else (),
+        law=read.topic(LawUsed),
+        conditions=read.topic(Conditions),
+        faults=read.faults(),
+        samples=read.value("stream", dict[str, int]) if "stream" in found else {},
+        unobservable=read.value("unobservable", tuple[Unobservable, ...]),
+        cost=read.topic(RunCost),
+        origin=read.topic(Origin),
+    )
+    _check_names(result, name)
+    return judged(result, space)
+
+
+def _check_names(result: RunResult, name: str) -> None:
+    """Checks that parts of a summary speak of each other.
+
+    Raises:
+        InvalidInput: the confidence names a parameter that is not in the list, or has no direction;
+            or a motion contradicts the structure at no time.
+    """
+    misfit, stated = result.misfit, result.confidence
+    if misfit is not None and misfit.level == "contradicts" and not misfit.contradictions:
+        where = f"{name}, misfit_contradictions"
+        raise InvalidInput(where, "at least one time", "none", _REMEDY)
+    if stated is None:
+        return
+    if not stated.worst_known:
+        where = f"{name}, confidence.worst_known"
+        raise InvalidInput(where, "at least one direction", "none", _REMEDY)
+    correlations, known = stated.correlations, result.labels
+    sizes = [len(row) for row in correlations.lower]
+    if sizes != list(range(len(correlations.parameters))):
+        where = f"{name}, confidence.correlations"
+        raise InvalidInput(where, "one more number in every row", sizes, _REMEDY)
+    named = [*stated.actuators, *stated.parameters, *correlations.parameters]
+    named += [parameter for one in stated.worst_known for parameter in one.parameters]
+    for parameter in named:
+        if parameter not in known:
+            where = f"{name}, confidence"
+            raise InvalidInput(where, "names of parameters", parameter, _REMEDY)
+
+
+_Topic = TypeVar("_Topic", bound="DataclassInstance")
+
+
+class _Reader:
+    """Reads typed values from the content of a file.
+
+    Args:
+        found: its keys and values.
+        name: its name, for errors.
+    """
+
+    def __init__(self, found: dict[str, Any], name: str):
+        self._found, self._name = found, name
+
+    def topic(self, kind: type[_Topic]) -> _Topic:
+        """The statistics of a topic, whose fields are keys of the file."""
+        own = {f.name: self._found[f.name] for f in fields(kind) if f.name in self._found}
+        return _with_undefined(self._checked(own, kind, ()), own)
+
+    def rivals(self) -> dict[str, Rival]:
+        """How good the last estimates of the other identifiers are."""
+        found = self.value("rivals", dict[str, Rival])
+        given = self._found["rivals"]
+        return {name: _with_undefined(rival, given[name]) for name, rival in found.items()}
+
+    def value(self, key: str, kind: Any) -> Any:
+        """The value of a key, of a type."""
+        if key not in self._found:
+            raise self._error((key,), "a value", "none")
+        return self._checked(self._found[key], kind, (key,))
+
+    def misfit(self) -> Misfit:
+        """The misfit of the structure, whose keys begin with `misfit`."""
+        from ...watch import LEVELS, Misfit
+
+        level = self._found["misfit"]
+        if level not in LEVELS:
+            raise self._error(("misfit",), f"one of {', '.join(LEVELS)}", shown(level))
+        return Misfit(
+            level=level,
+            contradictions=self.value("misfit_contradictions", tuple[float, ...]),
+            innovations=self.value("misfit_innovations", float),
+            seconds=self.value("misfit_seconds", float),
+            chance=self.value("misfit_chance", float),
+            widening=self.value("misfit_widening", float),
+            drift=self.value("misfit_drift", float),
+        )
+
+    def faults(self) -> tuple[FaultEvent, ...]:
+        """The faults that the law found."""
+        found = self.value("faults", list[dict[str, Any]])
+        try:
+            return tuple(FaultEvent.of(keys) for keys in found)
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._error(("faults",), "a list of faults", repr(error)) from error
+
+    def _checked(self, value: Any, kind: Any, where: tuple[str, ...]) -> Any:
+        """A value of JSON as a type; numbers are neither text nor true or false."""
+        from pydantic import ValidationError
+
+        try:
+            return _adapter(kind).validate_json(json.dumps(value), strict=True)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            parts = (*where, *(str(part) for part in first["loc"]))
+            if first["type"] == "missing":
+                raise self._error(parts, "a value", "none") from error
+            expected = first["msg"].removeprefix("Input should be ").replace("a valid ", "a ")
+            raise self._error(parts, expected, shown(first["input"])) from error
+
+    def _error(self, where: tuple[str, ...], expected: str, got: object) -> InvalidInput:
+        return InvalidInput(f"{self._name}, {'.'.join(where)}", expected, got, _REMEDY)
+
+
+def _with_undefined(topic: Any, given: Mapping[str, Any]) -> Any:
+    """Statistics of a topic, with NaN for those that may be left out but are null in the file."""
+    undefined = {
+        one.name: math.nan
+        for one in fields(topic)
+        if one.metadata.get(OPTIONAL) and one.name in given and given[one.name] is None
+    }
+    return replace(topic, **undefined)
+
+
+@cache
+def _adapter(kind: Any) -> Any:
+    """Pydantic's validator of a type; its import takes a fifth of a second."""
+    from pydantic import TypeAdapter
+
+    return TypeAdapter(kind)

@@ -1,0 +1,45 @@
+"""What the converters in assets/families need: a sheet's tables and checks, and blocks of columns.
+
+A converter is a `VehicleSheet` in the numbers that its literature publishes; its `blueprint` gives
+the vehicle's columns, in SI units, x forward, y left, z up.
+"""
+
+from ...base.bounds import Share as Share
+from ...base.errors import InvalidInput as InvalidInput
+from ...core.parameters import Array as Array
+from ...core.parameters import Block as Block
+from ...core.structure.blocks import AXES as AXES
+from ...core.structure.blocks import GRAVITY as GRAVITY
+from ...core.structure.blocks import Term as Term
+from ...core.structure.blocks import actuators as actuators
+from ...core.structure.blocks import guessed as guessed
+from ...core.structure.blocks import inertial_block as inertial_block
+from ...core.structure.blocks import mass_block as mass_block
+from ...core.structure.blocks import named as named
+from ...core.structure.blocks import term as term
+from ...core.structure.columns.curve import odd as odd
+from ...core.structure.parts import Column as Column
+from ...core.structure.parts import Operation as Operation
+from ...core.structure.parts import full as full
+from ...core.structure.parts import tied as tied
+from .rotors import rotor_terms as rotor_terms
+from .single_track import operation as operation
+from .single_track import planar_mass as planar_mass
+from .single_track import single_track as single_track
+from .world.blueprint import Blueprint as Blueprint
+from .world.blueprint import Fluid as Fluid
+from .world.blueprint import VehicleSheet as VehicleSheet
+from .world.body import NED as NED
+from .world.body import Inertia as Inertia
+from .world.body import hidden as hidden
+from .world.sheet import Guess as Guess
+from .world.sheet import Negative as Negative
+from .world.sheet import NotNegative as NotNegative
+from .world.sheet import Number as Number
+from .world.sheet import Place as Place
+from .world.sheet import Positive as Positive
+from .world.sheet import Table as Table
+from .world.sheet import check_directions as check_directions
+from .world.sheet import check_inertia as check_inertia
+from .world.sheet import one as one
+from .world.sheet import several as several

@@ -1,0 +1,274 @@
+"""Plants with joints or wheels, as parts of a scenario: arms, floating robots, vehicles with arms.
+
+The plants themselves are made in the files of the same names, which are imported when one is built.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, ClassVar, Literal
+
+import numpy as np
+
+from ...base.bounds import Name, NonNegative, Positive, Share, config
+from ...base.errors import BadRobot, UnknownName
+from ...base.files import numbers
+from ...core.structure.blocks import GRAVITY
+from ...core.structure.parts import Actuator
+from .world.config import Known, KnownPlant, PlantConfig
+
+if TYPE_CHECKING:
+    from ...core.parameters import Array
+    from .world.plant import Plant
+    from .world.simulated import SimulatedRobot
+
+Backend = Literal["compiled", "pinocchio"]
+"""Implementation of a robot's regressors: its structure's, or Pinocchio's."""
+
+_UNSURE = (
+    ("rotor inertia", 1.0), ("rotor thrust gain", 1.0), ("rotor torque gain", 0.25),
+    ("viscous friction", 1.0), ("Coulomb friction", 1.0), ("motor gain", 1.0),
+)  # fmt: skip
+"""Blocks of θ of a flying arm, and the share of the spread of each."""
+
+
+@config
+class ArmPlant(KnownPlant):
+    """A robot with a motor or servo on every joint; a floating base is fixed to a stand.
+
+    Joints without an actuator in the robot's file are passive. Friction, rotor inertia and gain
+    have one nominal value for all joints, as in a data sheet; None uses those of an MJCF (their
+    median for a joint without any), or else values typical of the robot's size. The hidden true
+    values, drawn from the seed, deviate from these joint by joint, by up to `spread`.
+
+    Attributes:
+        robot: a name of example-robot-data, or the path of a URDF or MJCF file.
+        damping: nominal viscous friction [N·m·s/rad or N·s/m].
+        friction: nominal Coulomb friction [N·m or N].
+        armature: nominal reflected rotor inertia [kg·m² or kg]; 0 leaves it out of θ.
+        gain: nominal gain of a motor [N·m or N per unit of command] or servo [N·m/rad or N/m];
+            None for the file's kp of a servo, and 1 of a motor.
+        spread: largest relative deviation of the true values from the nominal ones.
+        friction_speed: s in the Coulomb friction −c tanh(q̇/s) [rad/s or m/s].
+        backend: implementation of the identifier's regressors: `compiled`, checked against
+            Pinocchio at every start, or `pinocchio`, several times slower.
+        actuator: `motor`, with torque gain · command, or `servo`, with gain · (target − position),
+            at most the file's `forcerange`; None for servos where the file has position servos on
+            all joints, whose kv is part of the damping, else motors.
+    """
+
+    robot: Name = "ur5"
+    damping: Positive | None = None
+    friction: Positive | None = None
+    armature: NonNegative | None = None
+    gain: Positive | None = None
+    spread: Share = 0.2
+    friction_speed: Positive = 0.05
+    backend: Backend = "compiled"
+    actuator: Actuator | None = None
+    _base: ClassVar[Literal["held", "free"]] = "held"
+    _refuses: ClassVar[tuple[str, ...]] = ("an arm in air", "flow", "fluid")
+
+    def _published(self) -> Known:
+        """The robot's description and structure; θ of its file and data sheet.
+
+        Raises:
+            BadRobot: the robot cannot be simulated, or has no joint for a motor.
+        """
+        from ...core.structure.multibody import CompiledMultibody, Multibody
+        from ...robots.loading import load_robot
+        from .arm import nominal_scales, published_theta
+
+        robot = load_robot(self.robot, self._base)
+        if robot.model.joints[robot.model.njoints - 1].nv != 1:
+            raise BadRobot(self.robot, "", "it has no joint for a motor", "Use FlyingArmPlant.")
+        driven = [k for k, name in enumerate(robot.joints) if name not in robot.passive]
+        servos = None if self.actuator == "motor" else robot.servos
+        own = {"damping": robot.damping, "friction": robot.friction, "armature": robot.rotor}
+        if servos is not None:
+            own["damping"] = robot.damping.copy()
+            own["damping"][driven] += servos.kv
+        middle = {name: float(np.median(x)) for name, x in own.items() if robot.kind == "mjcf"}
+        stated = {n: np.where(own[n] > 0, own[n], x) for n, x in middle.items() if x > 0}
+        chosen = self.actuator or ("motor" if servos is None else "servo")
+        nominal = nominal_scales(robot.model, replace(self, actuator=chosen), stated)
+        if servos is not None and self.gain is None:
+            nominal.gain[driven] = servos.kp
+            nominal.command[driven] /= servos.kp
+            limit = robot.limits[driven] / servos.kp
+            nominal = replace(nominal, saturation=limit if np.isfinite(limit).any() else None)
+        if robot.passive:
+            gain, command = nominal.gain[driven], nominal.command[driven]
+            nominal = replace(nominal, gain=gain, command=command, driven=tuple(driven))
+        structure = CompiledMultibody if self.backend == "compiled" else Multibody
+        speed = np.full(len(nominal.viscous), self.friction_speed)
+        system = structure(robot.model, nominal, speed)
+        joints = [block.name for block in system.space.blocks if block.geometry == "positive"]
+        unsure = [(name, 1.0) for name in joints]
+        return Known(robot, system, published_theta(robot.model, system), unsure)
+
+    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+        """Makes the plant, and compares MuJoCo with Pinocchio.
+
+        Raises:
+            BadRobot: MuJoCo rejects it, or its friction is too fast for the time step.
+            EnginesDisagree: MuJoCo and Pinocchio compute different dynamics.
+        """
+        from .arm import arm_spec, check_stiffness, compare_engines, true_model
+        from .world.quiet import quiet
+        from .world.simulated import SimulatedRobot
+
+        robot, system = known.source, known.system
+        model, space, acting = true_model(robot.model, theta), system.space, np.zeros(system.p)
+        coulomb = space["Coulomb friction"]
+        acting[coulomb] = theta[coulomb]  # `frictionloss` creeps
+        if system.scales.actuator == "servo":
+            acting[space["servo gain"]] = theta[space["servo gain"]]
+        spec = arm_spec(model, system, theta, dt)
+        names, looks = list(model.names)[1:], robot.visuals
+        try:
+            made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
+        except ValueError as error:
+            raise BadRobot(
+                robot.name, "", f"MuJoCo rejects it: {error}", "Correct the named body's inertia."
+            ) from error
+        made.targets = system.scales.actuator == "servo"
+        if made.targets and robot.servos is not None:
+            if robot.servos.delay.any():
+                made.late = np.round(robot.servos.delay / dt).astype(np.intp)
+            if robot.servos.profile.any():
+                made.profile = robot.servos.profile
+        with quiet():
+            compare_engines(made, robot.name, model)
+            check_stiffness(made, robot.name)
+        return made
+
+
+@config
+class FloatingBasePlant(ArmPlant):
+    """A floating-base robot in free fall, with a motor on every joint and none on its base.
+
+    Its attributes are those of `ArmPlant`.
+    """
+
+    robot: Name = "solo12"
+    _base: ClassVar[Literal["held", "free"]] = "free"
+
+
+@config
+class FlyingArmPlant(KnownPlant):
+    """A flying robot of example-robot-data; rotor parameters and sources in assets/flying_arm.
+
+    Attributes:
+        robot: `borinot`, a hexarotor with an arm, or `iris`, a quadrotor without one.
+        spread: largest relative deviation of the true joint friction, rotor inertia, motor gains
+            and thrusts from the nominal values; a quarter of it for the rotors' torques, because
+            yaw authority is small.
+    """
+
+    _refuses: ClassVar[tuple[str, ...]] = ("a flying arm in still air", "flow", "fluid")
+
+    robot: Name = "borinot"
+    spread: Share = 0.2
+
+    def _published(self) -> Known:
+        """The robot's description, its structure, and its published or nominal θ.
+
+        Raises:
+            UnknownName: assets/flying_arm/vehicle.toml does not list this robot's rotors.
+        """
+        from ...robots.loading import load_robot
+        from .arm import nominal_scales, published_theta
+        from .flying_arm import flying_arm
+
+        known = numbers("flying_arm")
+        if self.robot not in known:
+            remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
+            raise UnknownName("flying robot", self.robot, known, remedy)
+        robot, d = load_robot(self.robot, "free"), known[self.robot]
+        sheet = ArmPlant()
+        scales = nominal_scales(robot.model, sheet)
+        system = flying_arm(robot.model, scales, sheet.friction_speed, d)
+        theta, count = published_theta(robot.model, system), len(d["spins"])
+        theta[-2 * count :] = np.repeat([d["thrust"], d["torque"]], count)
+        return Known(robot, system, theta, _UNSURE)
+
+    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+        from ...robots.tree import tree_spec
+        from .arm import give_rotors, true_model
+        from .world.body import command_inputs
+        from .world.simulated import SimulatedRobot
+
+        robot, system = known.source, known.system
+        model, acting = true_model(robot.model, theta), theta.copy()
+        spec, names = tree_spec(model, dt), list(model.names)[1:]
+        give_rotors(spec, system, theta)
+        acting[~np.isin(np.arange(system.p), [c.parameter for c in system.structure.columns])] = 0.0
+        command_inputs(spec, system.n_u, names[0])
+        return SimulatedRobot(system, theta, acting, spec, names, self.mismatch, robot.visuals)
+
+
+@config
+class UvmsPlant(KnownPlant):
+    """A BlueROV2 Heavy with a Reach Alpha 5; parameters and sources in assets/uvms.
+
+    No hydrodynamics of the arm are published; those used here are of cylinders.
+
+    Attributes:
+        spread: largest relative deviation of the true drags, weight, buoyancies, righting moment,
+            links' added mass, friction, rotor inertias and gains from the nominal values.
+    """
+
+    _refuses: ClassVar[tuple[str, ...]] = ("a vehicle with an arm", "fluid")
+
+    spread: Share = 0.2
+
+    def _published(self) -> Known:
+        from .uvms import uvms
+
+        return uvms()
+
+    def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
+        """See `Blueprint.split` for how M of the base is divided into rigid-body and added mass."""
+        from ...robots.tree import set_inertias, tree_spec
+        from .arm import give_rotors
+        from .uvms import BASE, add_visual_geoms, uvms_model
+        from .world.body import command_inputs
+        from .world.simulated import SimulatedRobot
+
+        base, system, arm, space = known.source, known.system, numbers("uvms"), known.system.space
+        body, added = base.split(theta[:21])
+        rigid = body.matrix()
+        links = slice(21, 21 + 10 * len(arm["links"]))
+        model = uvms_model(rigid, arm)
+        set_inertias(model, theta[links], 2)
+        spec, acting = tree_spec(model, dt), theta.copy()
+        give_rotors(spec, system, theta)
+        acting[:21], acting[links] = added, 0.0
+        acting[space["rotor inertia"]] = 0.0
+        acting[space["net weight"]] -= rigid[0, 0] * GRAVITY  # MuJoCo's bodies have weight
+        add_visual_geoms(spec, arm)
+        command_inputs(spec, system.n_u, BASE)
+        names = list(model.names)[1:]
+        return SimulatedRobot(system, theta, acting, spec, names, self.mismatch)
+
+
+@config
+class RoverPlant(PlantConfig):
+    """A four-wheeled rover; parameters and sources in assets/rover.
+
+    Attributes:
+        spread: largest relative deviation of the true load, motors, bearings, servo and tyres
+            from the values given there.
+    """
+
+    _refuses: ClassVar[tuple[str, ...]] = ("a rover on level ground", "fluid", "level")
+
+    spread: Share = 0.2
+
+    def build(self, dt: float, seed: int) -> Plant:
+        """Draws the hidden parameters and makes the plant."""
+        from .rover import Rover
+
+        rover = Rover(self.spread, self.mismatch, dt, np.random.default_rng(seed))
+        return rover.failing(self.faults, self)

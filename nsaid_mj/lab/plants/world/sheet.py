@@ -1,0 +1,182 @@
+"""Data sheets: a vehicle's parameters, read from its vehicle.toml and validated."""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Self, get_args, get_origin
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from ....base.errors import InvalidInput, UnknownName
+from ....base.files import vehicle_files
+from ....core.parameters import Array
+
+LARGEST, SMALLEST = 1e9, 1e-12
+"""Bounds on the magnitude of every number in a data sheet; products of a few remain finite."""
+
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
+NotNegative = Annotated[float, Field(ge=0, le=LARGEST)]
+Negative = Annotated[float, Field(ge=-LARGEST, le=-SMALLEST)]
+"""Types of single numbers in a data sheet."""
+
+_REMEDY = "docs/your_vehicle.md explains every key; assets/ has complete examples."
+
+
+class Table(BaseModel):
+    """A table of a data sheet. Unknown keys, values of a wrong type, NaN and inf are errors.
+
+    Every field's description says what is expected, with its unit; error messages quote it.
+    """
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+def one(expected: str) -> Any:
+    """A required value; `expected` describes it, with its unit, in error messages."""
+    return Field(description=expected)
+
+
+def several(count: int, expected: str) -> Any:
+    """A required list of `count` values; `expected` describes it, with its unit, in messages."""
+    return Field(description=expected, min_length=count, max_length=count)
+
+
+Place = Annotated[list[Number], Field(min_length=3, max_length=3)]
+"""A point, or a direction."""
+
+
+class Guess(Table):
+    """An engineer's guesses before any measurement, of a vehicle in space."""
+
+    speed: list[Positive] = several(6, "six velocities of operation > 0 [m/s, rad/s]")
+
+
+class Sheet(Table):
+    """A complete data sheet.
+
+    Attributes:
+        kind: the family, optional where all keys belong to one family.
+        size: length, width and height of the box drawn without a model.xml [m]; by default those of
+            a solid box of this inertia.
+    """
+
+    family: ClassVar[str]
+    """Name of the family, the only value of `kind`."""
+
+    kind: str | None = Field(default=None, description="the name of the vehicle's family")
+    size: Annotated[list[Positive], Field(min_length=3, max_length=3)] | None = Field(
+        default=None, description="length, width and height, three numbers > 0 [m]"
+    )
+
+    @field_validator("kind")
+    @classmethod
+    def _is_own(cls, kind: str | None) -> str | None:
+        if kind not in (None, cls.family):
+            remedy = "This plant reads no other; `nsaid inspect` finds the family by itself."
+            raise InvalidInput("kind", f'"{cls.family}"', kind, remedy)
+        return kind
+
+    @classmethod
+    def of(cls, vehicle: str) -> Self:
+        """The data sheet of an included vehicle, or of the TOML file or folder at a path.
+
+        Raises:
+            InvalidInput: a value is missing or invalid; the message names file and key.
+            UnknownName: the vehicle, or a key in the file, does not exist.
+        """
+        path = vehicle_files(vehicle).sheet
+        try:
+            content = tomllib.loads(path.read_text(encoding="utf-8"))
+        except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or 5000 digits
+            raise InvalidInput(str(path), "a TOML file in UTF-8", error, _REMEDY) from error
+        except OSError as error:
+            raise InvalidInput(
+                str(path), "a readable file", error.strerror or error, _REMEDY
+            ) from error
+        try:
+            return cls.model_validate(content)
+        except ValidationError as error:
+            raise _explained(cls, path, error) from error
+
+
+def _explained(sheet: type[Sheet], path: Path, error: ValidationError) -> Exception:
+    """The first of pydantic's errors as an `NsaidError`; unknown keys, likely typos, come first."""
+    found = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")[0]
+    inner = found.get("ctx", {}).get("error")
+    if isinstance(inner, InvalidInput):  # from a check between several keys
+        return InvalidInput(f"{path}: {inner.name}", inner.expected, inner.got, inner.remedy)
+    *parents, last = found["loc"]
+    key = "".join(f"[{p + 1}]" if isinstance(p, int) else f".{p}" for p in found["loc"])[1:]
+    if found["type"] == "extra_forbidden":
+        table, _ = _declared(sheet, parents)
+        return UnknownName(f"key in {path}", str(last), table.model_fields, _REMEDY)
+    table, expected = _declared(sheet, found["loc"])
+    got = "nothing" if found["type"] == "missing" else _short(found["input"])
+    return InvalidInput(f"{path}: {key}", expected, got, _REMEDY)
+
+
+def _declared(sheet: type[Table], places: Sequence[int | str]) -> tuple[type[Table], str]:
+    """The table type that contains a location in a data sheet, and the value expected there.
+
+    Places are keys and list indices, from the top level down.
+    """
+    table, expected = sheet, "a table"
+    for place in places:
+        if isinstance(place, int):
+            continue
+        field = table.model_fields[place]
+        expected = field.description or "a table"
+        inner = field.annotation
+        while get_origin(inner) is not None:
+            inner = get_args(inner)[0]
+        if not (isinstance(inner, type) and issubclass(inner, Table)):
+            break
+        table = inner
+    return table, expected
+
+
+def _short(value: Any) -> str:
+    """A value's repr, shortened to 60 characters, with the length if it is a list."""
+    text = repr(value)
+    text = text if len(text) <= 60 else f"{text[:57]}..."
+    return f"{len(value)} values, {text}" if isinstance(value, list) else text
+
+
+# -- checks between several numbers --------------------------------------------------------------
+
+
+def check_inertia(moments: Sequence[float]) -> None:
+    """Checks three principal moments of inertia by the triangle inequality.
+
+    Raises:
+        InvalidInput: one of them is not less than the sum of the other two.
+    """
+    if 2 * max(moments) >= sum(moments):
+        raise InvalidInput(
+            "inertia",
+            "moments each less than the sum of the other two",
+            list(moments),
+            "No body has these moments: check units and order.",
+        )
+
+
+def check_directions(table: str, item: str, positions: Array, directions: Array) -> None:
+    """Checks that every position (k, 3) of an item of a table has its unit vector.
+
+    Raises:
+        InvalidInput: their numbers differ, or one is not a unit vector.
+    """
+    if len(positions) != len(directions):
+        raise InvalidInput(
+            f"{table}.directions",
+            f"one for each of {len(positions)} positions",
+            len(directions),
+            f"Give every {item} its position and its direction.",
+        )
+    lengths = np.linalg.norm(directions, axis=1)
+    for row, length in zip(directions, lengths, strict=True):
+        if not abs(length - 1) < 1e-6:
+            remedy = f"Divide it by its length, {length:.6g}."
+            raise InvalidInput(f"{table}.directions", "unit vectors", row.tolist(), remedy)

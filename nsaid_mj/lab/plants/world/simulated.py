@@ -1,0 +1,103 @@
+"""A robot of exact structure in MuJoCo: a true θ, and a callback for all other forces."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ....core.parameters import Array
+from ....core.structure.joints import JointTree
+from ....core.structure.system import SecondOrderSystem
+from ....robots.shapes import VisualMesh, of_geom
+from .coordinates import JointMap
+from .forces import Forces, column_forces
+from .mismatch import Mismatch
+from .plant import Looks, Plant
+
+
+class GeomLooks:
+    """The geoms of a MuJoCo model, without the ground, posed by its kinematics.
+
+    `place` writes a position q (m,) of the system into MuJoCo's data.
+    """
+
+    def __init__(self, model: Any, place: Callable[[Any, Array], None]):
+        plane = mujoco.mjtGeom.mjGEOM_PLANE
+        self._model, self._place, self._data = model, place, mujoco.MjData(model)
+        self._drawn = [i for i in range(model.ngeom) if model.geom_type[i] != plane]
+
+    def visuals(self) -> list[VisualMesh]:
+        """All geoms as meshes."""
+        return [of_geom(self._model, i) for i in self._drawn]
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the geoms at positions q (k, m); see `Looks`."""
+        from scipy.spatial.transform import Rotation
+
+        places = np.empty((len(q), len(self._drawn), 3))
+        turns = np.empty((len(q), len(self._drawn), 9))
+        for k, row in enumerate(q):
+            self._place(self._data, row)
+            mujoco.mj_kinematics(self._model, self._data)
+            places[k], turns[k] = (
+                part[self._drawn] for part in (self._data.geom_xpos, self._data.geom_xmat)
+            )
+        quaternions = Rotation.from_matrix(turns.reshape(-1, 3, 3)).as_quat()
+        return places, quaternions.reshape(len(q), len(self._drawn), 4)
+
+
+class SimulatedRobot(Plant):
+    """A robot of exact structure in MuJoCo.
+
+    Args:
+        system: the structure that an identifier may know.
+        truth: (p,) the true θ.
+        acting: (p,) θ of the forces beyond MuJoCo's; see `Forces`.
+        spec: MuJoCo's specification, with the true inertias, and an actuator for every command.
+        names: names of its joints in the system's order; see `JointMap`.
+        mismatch: the effects outside the structure.
+        looks: the meshes that show it; None for the specification's geoms.
+
+    Raises:
+        ValueError: MuJoCo rejects the specification.
+        InvalidInput: the mismatch does not suit the time step.
+    """
+
+    system: SecondOrderSystem
+
+    def __init__(
+        self,
+        system: SecondOrderSystem,
+        truth: Array,
+        acting: Array,
+        spec: Any,
+        names: Sequence[str],
+        mismatch: Mismatch,
+        looks: Looks | None = None,
+    ):
+        self.system, self._truth = system, truth
+        forces = Forces(system.structure, acting, np.array(mismatch.flow))
+        self.passive = column_forces()
+        self.gain_places, spec.nuserdata = forces.gain_places, forces.size
+        self._compile(spec, mismatch)
+        tree = system.joints if isinstance(system, JointTree) else []
+        circular = [joint.nq == 2 for joint in tree]
+        self.joints = JointMap(self.model, names, circular, planar=system.group == 3)
+        self.reading = self.joints.reading
+        self._numbers = forces.numbers(self.reading, mismatch.lag > 0)
+        self._looks = GeomLooks(self.model, self.joints.place) if looks is None else looks
+        self.reset(np.zeros(system.n), np.zeros(system.n))
+
+    @property
+    def truth(self) -> Array:
+        """(p,) the true θ."""
+        return self._truth
+
+    def _place(self, position: Array, velocity: Array) -> None:
+        self.joints.write(self.data, position, velocity)
+        self.data.userdata[:] = self._numbers
+
+    def coordinates(self) -> tuple[Array, Array]:
+        """(n,) position numbers and (n,) velocities."""
+        return self.joints.read(self.data)

@@ -1,0 +1,169 @@
+"""Sources of a run's measurements: a simulated plant, logs, or anything else."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from typing import NamedTuple
+
+import numpy as np
+
+from ..base.stopwatch import clock
+from ..core.laws import Status
+from ..core.log import Log, Measurement
+from ..core.parameters import Array
+from .control import Driver, InformedDriver
+from .plants import Plant, Sensors
+
+LONGEST_STEP = 1.5
+"""Interval between two samples, over the period, beyond which it is a gap."""
+
+
+class Segment(NamedTuple):
+    """Consecutive measurements from a source.
+
+    Attributes:
+        log: begins at the last measurement of the previous segment or, if `resumed`, at the first
+            one after a gap.
+        resumed: whether measurements are missing between this segment and the previous one.
+        end: how the source ended with this segment, with the signal that shows it; else None.
+        seconds: computing time of a simulated plant [s].
+    """
+
+    log: Log
+    resumed: bool = False
+    end: tuple[Status, str] | None = None
+    seconds: float = 0.0
+
+
+class Source(ABC):
+    """Provides the measurements of a run, segment by segment.
+
+    Attributes:
+        stopped: status of a run that the user stops.
+    """
+
+    stopped: Status = Status.interrupted
+
+    @abstractmethod
+    def running(self) -> AbstractContextManager[None]:
+        """The context within which `begin` and `segment` may be called."""
+
+    @abstractmethod
+    def begin(self) -> Segment:
+        """The first measurement, as a log of one row."""
+
+    @abstractmethod
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
+        """The measurements after the last one, which has number k: at most `steps`, or none yet.
+
+        theta_hat (p,) is the main identifier's estimate at that measurement.
+        """
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Ends a wait for measurements."""
+
+
+class Simulation(Source):
+    """A simulated plant with sensors, moved by a driver, which receives estimates on request.
+
+    While the identifiers follow a segment, a second thread simulates the next one, if it is
+    compiled code that does so and the driver waits for no estimate. `steps` is the number of time
+    steps of the run, dt [s] their length.
+    """
+
+    def __init__(self, plant: Plant, driver: Driver, sensors: Sensors, dt: float, steps: int):
+        self.plant, self._driver, self._sensors = plant, driver, sensors
+        self._inform, self._steps = informing_steps(driver, dt), steps
+        self._next: Future[Segment] | None = None
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        """The plant's own context, and the second thread's."""
+        with self.plant.running(), ThreadPoolExecutor(1) as self._thread:
+            yield
+
+    def begin(self) -> Segment:
+        """The plant's first measurement."""
+        self._next = None
+        return self._sound(Log.unchecked_of([self.plant.begin(self._driver, self._sensors)]))
+
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
+        """Informs the driver if due; moves the plant, at most to its next request for that."""
+        if k and self._informs(k) and isinstance(self._driver, InformedDriver):
+            self._driver.inform(theta_hat)
+        found = self._next.result() if self._next else self._simulate(last, k, steps)
+        self._next, k = None, k + len(found.log.t) - 1
+        steps = min(steps, self._steps - k)
+        if not (found.end or self._informs(k)) and steps:
+            last = found.log.at(-1)
+            if self.plant.law(self._driver, self.plant.times(last.t, steps)) is not None:
+                self._next = self._thread.submit(self._simulate, last, k, steps)
+        return found
+
+    def stop(self) -> None:
+        """Does nothing: a simulation does not wait."""
+
+    def _informs(self, k: int) -> bool:
+        return k % self._inform == 0
+
+    def _simulate(self, last: Measurement, k: int, steps: int) -> Segment:
+        begin, steps = clock(), int(min(steps, self._inform - k % self._inform))
+        found = self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
+        return found._replace(seconds=clock() - begin)
+
+    def _sound(self, log: Log) -> Segment:
+        return Segment(log, end=ended(self.plant, log.at(-1)))
+
+
+class Logs(Source):
+    """Recorded logs, one after another, with gaps between them.
+
+    They have one rate and one clock, and two rows or more each.
+    """
+
+    def __init__(self, logs: Sequence[Log]):
+        self._logs, self._log, self._row = logs, 0, 0
+
+    def running(self) -> AbstractContextManager[None]:
+        """Opens nothing."""
+        return nullcontext()
+
+    def begin(self) -> Segment:
+        """The first row."""
+        self._log = self._row = 0
+        return Segment(self._logs[0].first(1))
+
+    def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
+        """The next rows of a log, or the first ones of the next log."""
+        resumed = self._row == len(self._logs[self._log].t) - 1
+        if resumed:
+            self._log, self._row = self._log + 1, 0
+        log, first = self._logs[self._log], self._row
+        self._row = min(first + steps - resumed, len(log.t) - 1)
+        over = self._row == len(log.t) - 1 and self._log == len(self._logs) - 1
+        end = (Status.completed, "") if over else None
+        return Segment(log.part(first, self._row + 1), resumed, end)
+
+    def stop(self) -> None:
+        """Does nothing: logs do not wait."""
+
+
+def informing_steps(driver: Driver, dt: float) -> float:
+    """Time steps between two estimates for a driver; infinite if it wants none.
+
+    They do not depend on the observers, so these do not change a run.
+    """
+    period = driver.period if isinstance(driver, InformedDriver) else np.inf
+    return max(1.0, float(np.round(period / dt)))
+
+
+def ended(plant: Plant, last: Measurement) -> tuple[Status, str] | None:
+    """Status and signal of a plant that diverged or a measurement that is not finite, else None."""
+    if plant.diverged:
+        return Status.plant_diverged, plant.diverged
+    for name, part in (("q", last.q), ("v", last.v)):  # before u, which follows from them
+        if not np.isfinite(part).all():
+            return Status.measurement_not_finite, name
+    return None if np.isfinite(last.u).all() else (Status.command_not_finite, "u")

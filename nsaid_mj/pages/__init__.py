@@ -1,1 +1,0 @@
-"""Reports on runs: HTML pages, plots, the terminal summary, progress while a command runs."""

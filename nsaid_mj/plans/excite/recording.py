@@ -1,0 +1,59 @@
+"""The recording of a design: the motion with the robot, and predicted and reached intervals."""
+
+from pathlib import Path
+
+import rerun as rr
+import rerun.blueprint as rrb
+
+from ...report.page import Page
+from ...report.panels import Panel
+from ...report.recording.layout import RIGHT, beside, robot, whole
+from ...report.recording.lines import LOGARITHM, lines_of, path
+from ...report.recording.plots import Plots
+from ...report.recording.scene import Scene
+from ...report.recording.stream import write
+from .designing import Design
+
+FILE = "design.rrd"
+_RATE = 30.0  # frames of the robot per second
+
+
+def record(page: Page, found: Design, file: Path) -> Path:
+    """Writes a design's recording atomically, and returns its path, which ends in .rrd.
+
+    Args:
+        page: the page of the design; without a trial on it, intervals are left out.
+        found: the design.
+        file: path of the recording.
+    """
+    log, system = found.logs[0], found.experiment.system
+    every = max(1, round(1 / (_RATE * found.experiment.scenario.dt)))
+    t, q, v = (part[::every] for part in log[:3])
+    scene = Scene(system, found.experiment.plant(0))
+    camera = None if scene.empty else scene.camera(q, v)
+    left = [robot(camera, "Motion, under a draw of θ")] if camera else []
+
+    def tab(name: str, *plots: rrb.View) -> rrb.Container:
+        return beside(left, rrb.Grid(*plots, grid_columns=1 if len(plots) < 4 else 2), name, [1])
+
+    lines = lines_of(page.result.curves)
+    own = [p for p in page.result.curves if isinstance(p, Panel) and not p.page]
+    motion = [panel for panel in own if not panel.logarithmic]
+    moved = Plots(lines, float(t[-1]))
+    pages = [tab("Motion", *(moved(path(*panel.key), panel.title, RIGHT) for panel in motion))]
+    intervals = [panel for panel in own if panel.logarithmic]
+    if intervals:
+        plots = Plots(lines, float(intervals[0].curves[0].t[-1]))
+        words = "relative error as a power of ten, −2 is 1 %"
+        views = [
+            plots(LOGARITHM + path(*panel.key), f"{panel.title}: {words}", RIGHT / 2)
+            for panel in intervals
+        ]
+        pages.insert(0, tab("Predicted and reached intervals", *views))
+
+    def draw(rec: rr.RecordingStream) -> None:
+        if camera is not None:
+            scene.log_shapes(rec, camera)
+            scene.log_poses(rec, t, q)
+
+    return write(file, page.heading, whole(*pages), {}, lines, draw)

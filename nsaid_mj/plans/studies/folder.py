@@ -1,0 +1,184 @@
+"""The folder of a sweep: its manifest, a row for each finished run, and a table of them all."""
+
+import errno
+import json
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from rich.progress import Progress as Bar
+
+from ...base.bounds import without_nonfinite
+from ...base.errors import BadRun, NotWritten
+from ...base.files import SWEEP, atomic_write, json_of, no_sweep, write_json, writing
+from .runs import Runs
+from .study import Row, in_folder
+
+MANIFEST, ROWS, TABLE = SWEEP
+NEEDED = ("theta_perp_ratio", "time_to_converge")
+"""Figures without which the row of a run with a result is damaged."""
+
+_TYPES = {"failure": pa.string(), "time_to_converge": pa.float64()}  # columns that may be all null
+
+
+def read(folder: Path) -> Runs:
+    """Reads a sweep's folder, of several rows of one run the last one.
+
+    Raises:
+        BadRun: there is no sweep in it, or it is unreadable.
+    """
+    manifest = _manifest(folder)
+    try:
+        data = (folder / ROWS).read_bytes()
+    except FileNotFoundError:
+        data = b""
+    except OSError as error:
+        raise BadRun(
+            folder / ROWS, f"{error.strerror}", "Delete it to make all runs again"
+        ) from error
+    rows, damaged, intact = dict[int, Row](), list[str](), list[bytes]()
+    for number, line in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], 1):
+        row = _row(line, manifest)
+        if row is None:
+            damaged.append(str(number))
+        else:
+            rows[row["run"]] = row
+            intact.append(line + b"\n")
+    words = ""
+    if damaged:
+        lines, are = ("lines", "are") if len(damaged) > 1 else ("line", "is")
+        more = " …" if len(damaged) > 10 else ""
+        words = f"{ROWS}: {lines} {', '.join(damaged[:10])}{more} {are} damaged"
+    found = [rows[number] for number in sorted(rows)]
+    return Runs(folder, manifest, found, words, b"".join(intact))
+
+
+def _manifest(folder: Path) -> dict[str, Any]:
+    """Reads a sweep's manifest, or its copy in the table if that is missing or damaged."""
+    for text in (
+        (folder / MANIFEST).read_bytes,
+        lambda: (pq.read_schema(folder / TABLE).metadata or {})[b"nsaid"],
+    ):
+        try:
+            found = json_of(text())
+            if {"vary", "script", "arguments", "runs"} <= found.keys():
+                return found
+        except (OSError, ValueError, AttributeError, KeyError, TypeError):
+            continue
+    if (folder / MANIFEST).is_file():
+        raise BadRun(folder / MANIFEST, "not a sweep's manifest", "Delete the folder")
+    if (folder / ROWS).is_file():
+        raise BadRun(
+            folder,
+            f"{MANIFEST} is missing, so the sweep of its rows is unknown",
+            f"Restore the file; or delete {ROWS}, to make all runs again",
+        )
+    raise no_sweep(folder)
+
+
+def _row(line: bytes, manifest: dict[str, Any]) -> Row | None:
+    """The row in a line; None if it is damaged."""
+    try:
+        row = json_of(line)
+        needed = {"run", "draw", "seed", "failure", *manifest["vary"]}
+        if row["failure"] is None:
+            needed |= {"status", *NEEDED}
+        numbered = type(row["run"]) is int and 0 <= row["run"] < manifest["runs"]
+        figures = all(isinstance(row.get(key), float | int | None) for key in NEEDED)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return row if numbered and figures and needed <= row.keys() else None
+
+
+def write_table(folder: Path) -> Path:
+    """Writes all rows as one Parquet table, with the manifest as metadata."""
+    runs = read(folder)
+    names = dict.fromkeys(key for row in runs.rows for key in row)
+    table = pa.table({name: _column(name, [row.get(name) for row in runs.rows]) for name in names})
+    table = table.replace_schema_metadata({"nsaid": json.dumps(runs.manifest)})
+    path = folder / TABLE
+    with atomic_write(path) as partial:
+        pq.write_table(table, partial)
+    return path
+
+
+def _column(name: str, values: list[Any]) -> pa.Array:
+    try:
+        return pa.array(values, _TYPES.get(name))
+    except (pa.ArrowInvalid, pa.ArrowTypeError, OverflowError):  # several types, a large integer
+        return pa.array([None if value is None else str(value) for value in values])
+
+
+@contextmanager
+def opened(
+    folder: Path, manifest: dict[str, Any], quiet: bool, done: str
+) -> Iterator[tuple[dict[int, Row], Callable[[Row], None], Bar]]:
+    """Creates a sweep's folder, or reads what an earlier run of the same plan wrote.
+
+    Yields the rows of earlier runs by number, a function that appends a row and syncs the disk,
+    and a bar; `done` is the format of its count. The folder is locked within the context; at its
+    end the table of all rows is written. Damaged rows are made again.
+
+    Raises:
+        FolderInUse: another process is writing into the folder.
+        NotWritten: the folder cannot be written; rows on a full disk are kept.
+        BadRun: it holds another sweep, or rows of an unknown one.
+    """
+    rows = folder / ROWS
+    remedy = "Make room on the disk; the same command then resumes"
+    with in_folder(folder, (MANIFEST, ROWS), quiet, done) as bar:
+        known = _resumed(folder, manifest, partial(bar.console.print, highlight=False))
+        with writing(rows):
+            flags = os.O_WRONLY | os.O_APPEND | getattr(os, "O_NOFOLLOW", 0)
+            descriptor = os.open(rows, flags)
+        try:
+            with os.fdopen(descriptor, "ab", buffering=0) as stream:
+
+                def append(row: Row) -> None:
+                    plain = without_nonfinite(row)
+                    line = json.dumps(plain, ensure_ascii=False, allow_nan=False) + "\n"
+                    with writing(rows, remedy):
+                        if stream.write(line.encode()) < len(line.encode()):
+                            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                        os.fsync(descriptor)
+
+                yield known, append, bar
+        except BaseException:
+            with suppress(NotWritten, BadRun):  # the original error says more
+                write_table(folder)
+            raise
+        write_table(folder)
+
+
+def _resumed(
+    folder: Path, manifest: dict[str, Any], say: Callable[[str], object]
+) -> dict[int, Row]:
+    """The rows of an existing sweep; for a new one, creates the files."""
+    rows = folder / ROWS
+    wanted = json.loads(json.dumps(manifest))
+    if not (folder / MANIFEST).is_file() and not (rows.is_file() and rows.stat().st_size):
+        write_json(folder / MANIFEST, manifest)
+        with atomic_write(rows):
+            return {}
+    there = read(folder)
+    before = there.manifest
+    differ = [key for key in wanted if key != "arguments" and wanted[key] != before.get(key)]
+    if differ:
+        raise BadRun(
+            folder,
+            f"it holds another sweep; {', '.join(differ)} differ",
+            "Give another folder with --out, or delete this one",
+        )
+    if not (folder / MANIFEST).is_file():
+        write_json(folder / MANIFEST, before)
+    if there.damaged:
+        say(f"{there.damaged}; they are made again")
+    if not rows.is_file() or there.intact != rows.read_bytes():
+        with atomic_write(rows) as partial:  # without damaged and incomplete lines
+            partial.write_bytes(there.intact)
+    return {row["run"]: row for row in there.rows}

@@ -1,0 +1,1 @@
+"""Adaptive tracking, evaluated: `nsaid track`."""

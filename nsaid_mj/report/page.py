@@ -1,0 +1,288 @@
+"""A command's page as data: its `Result`, and sections made of panels.
+
+A command builds one `Page`; `render_html` makes one self-contained HTML file of it, with every
+value escaped, `markdown` a text for recordings, and `terminal.print_page` prints it; these two show
+the verdict, the findings and the sections that are `brief`. Any text may have `code` in backticks.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ..base.files import write_text
+from ..core.parameters import ABSENT
+from .panels import BAD, BAND, COLOURS, DASHES, GRID, INK, PALE
+from .result import LEVELS, Mark, Result
+
+FILE = "report.html"
+_TEMPLATES = Path(__file__).parent / "templates"
+_EMPTY: set[object] = {"", ABSENT}
+
+DARK = (
+    "#4fb3dc", "#ff8f5e", "#a791ff", "#69c77c", "#ff7aa8", "#d9b949", "#5fd3e3",
+    "#d191e6", "#9fb3c3", "#cf9a6b",
+)  # fmt: skip
+"""Colours of curves on a dark page, in the order of `COLOURS`."""
+
+VARIABLES = {INK: "--ink", GRID: "--grid", BAD: "--bad"} | {
+    colour: f"--c{k}" for k, colour in enumerate(COLOURS)
+}
+"""CSS variable of each colour, which a page redefines on dark screens."""
+
+MARKERS = {"D": "M12 0L16 4L12 8L8 4Z", "x": "M8 0L16 8M16 0L8 8", "|": "M12 0V8"}
+"""Paths of matplotlib's markers in a legend, in place of a dash pattern."""
+
+
+class Link(NamedTuple):
+    """What a page adds to a cell, and the terminal omits; a link if there is a row of id `to`."""
+
+    text: str
+    to: str = ""
+
+
+Cell = str | Mark | Link | tuple[str | Mark | Link, ...]
+"""A cell of a table; a `Mark` becomes a badge."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph; a `note` is small, and for the page only; a `head` is the title of the next."""
+
+    words: str
+    note: bool = False
+    head: bool = False
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list; an entry is a text, or a pair of its subject and the rest."""
+
+    entries: Sequence[str | tuple[str, str]]
+    ordered: bool = False
+
+
+@dataclass(frozen=True)
+class Badges:
+    """Counts side by side, such as how many parameters are identified."""
+
+    marks: Sequence[Mark]
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table."""
+
+    heads: Sequence[str]  # titles of the columns; the first names the table on the terminal
+    # cells; a line of one cell is the title of those below it
+    lines: Sequence[Sequence[Cell]]
+    text: Sequence[int] = (0,)  # indices of the columns that are not numbers
+    ids: str = ""  # prefix of the lines' ids, the targets of `Link`; empty for none
+    # indices of the columns that a narrow terminal omits, in the order of omission
+    spare: Sequence[int] = ()
+    most: int = 40  # number of lines on the terminal; the others are counted
+
+    def without_empty_columns(self) -> Table:
+        """The table without the columns that have no entry in any line."""
+        kept = [k for k, cells in enumerate(zip(*self.lines, strict=True)) if {*cells} - _EMPTY]
+        at = {k: place for place, k in enumerate(kept)}
+        return replace(
+            self,
+            heads=[self.heads[k] for k in kept],
+            lines=[[line[k] for k in kept] for line in self.lines],
+            text=[at[k] for k in self.text if k in at],
+            spare=[at[k] for k in self.spare if k in at],
+        )
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A drawing with its title and legend."""
+
+    title: str  # above the drawing
+    drawing: str  # an SVG element of `plots.svg`, or an image
+    # (name, colour, dash) of each entry; a dash of `BAND` is a shaded area
+    legend: Sequence[tuple[str, str, str]] = ()
+    wide: bool = False  # whether it takes the whole width of the page
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures side by side; those beyond `most` are folded, under a title with their `kind`."""
+
+    figures: Sequence[Figure]
+    kind: str = "plots"
+    most: int = 8
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Panels that are folded on a screen, and open on paper."""
+
+    title: str  # that opens and closes them
+    panels: Sequence[Panel]  # what is folded
+    counts: Sequence[Mark] = ()  # marks beside the title
+    small: str = ""  # words beside the title
+    open: bool = False  # whether they are open at first
+
+
+Panel = Text | Items | Badges | Table | Figures | Fold
+
+
+@dataclass(frozen=True)
+class Section:
+    """Panels below a title; without a title they form a separate card."""
+
+    title: str  # above the panels
+    panels: Sequence[Panel]  # from top to bottom
+    beside: Figure | None = None  # on their right where the page is wide
+    brief: bool = False  # whether the terminal and recordings show them, too, without drawings
+
+
+@dataclass(frozen=True)
+class Page:
+    """The results of a command."""
+
+    heading: str  # the robot, or the name of the study
+    result: Result  # has the verdict, and the findings that qualify it
+    eyebrow: str = ""  # the command that made the page
+    lead: str = ""  # one line below the heading
+    tab: str = ""  # title of the browser's tab; the heading if empty
+    carrying: Sequence[Figure] = ()  # figures, the first of which supports the verdict
+    sections: Sequence[Section] = ()  # in order
+    commands: Sequence[str] = ()  # command lines or code that reproduce the results, one block each
+    notes: Sequence[str] = ()  # paragraphs below the commands
+    # by name, of this package and of those that affect its results
+    versions: dict[str, str] = field(default_factory=dict)
+
+
+def count(number: int, singular: str, plural: str = "") -> str:
+    """A number with its noun: 1 seed, 2 seeds, 0 seeds."""
+    return f"{number} {singular if number == 1 else plural or singular + 's'}"
+
+
+def write_html(page: Page, folder: Path) -> Path:
+    """Writes report.html atomically and returns its path."""
+    path = folder / FILE
+    write_text(path, render_html(page))
+    return path
+
+
+def render_html(page: Page) -> str:
+    """The page as one self-contained HTML file; the only script that may run is our own."""
+    return _environment().get_template("page.html").render(page=page)
+
+
+def shared_legend(figures: Sequence[Figure]) -> Sequence[tuple[str, str, str]]:
+    """The legend of several figures, each of which has all or part of it; empty if there is none.
+
+    It stands above them once, and switches a curve of all of them.
+    """
+    legends = [figure.legend for figure in figures]
+    longest = max(legends, key=len, default=())
+    inside = all(legend and set(legend) <= set(longest) for legend in legends)
+    return longest if len(legends) > 1 and inside else ()
+
+
+@cache
+def _environment() -> Any:
+    import jinja2  # imported late: needed only after a run
+    from markupsafe import Markup, escape
+
+    def unbroken(value: Any) -> Any:
+        return value.replace(" %", "\N{NO-BREAK SPACE}%") if type(value) is str else value
+
+    def spoken(text: object) -> Markup:
+        parts = enumerate(map(escape, unbroken(str(text)).split("`")))
+        code = Markup("<code>{}</code>")
+        return Markup("").join(code.format(part) if k % 2 else part for k, part in parts)
+
+    def kind(value: object) -> str:
+        return type(value).__name__
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        finalize=unbroken,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    script = (_TEMPLATES / "plots.js").read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    environment.filters.update(spoken=spoken, kind=kind, plain=Markup)
+    environment.globals.update(
+        light=COLOURS, dark=DARK, variables=VARIABLES, dashes=DASHES, band=BAND,
+        pale=PALE, markers=MARKERS, script=Markup(script), digest=digest, levels=LEVELS,
+        shared_legend=shared_legend,
+    )  # fmt: skip
+    return environment
+
+
+def markdown(page: Page) -> str:
+    """A page's verdict and findings, and texts, lists and tables of its brief sections."""
+    mark = page.result.mark
+    lines = [f"## {plain(page.heading)}", ""] if page.heading else []
+    lines += [f"**{plain(mark.text)}**", ""] if mark else []
+    lines += [plain(page.lead), ""] if page.lead else []
+    said, notes = list[str](), list[str]()
+    for finding in page.result.findings:
+        where = f"**{plain(finding.where)}**: " if finding.where else ""
+        line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"
+        (notes if finding.level == "note" else said).append(line)
+    lines += said
+    for section in page.sections:
+        if section.brief and (shown := in_brief(section.panels)):
+            lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
+            lines += panels(shown)
+    lines += ["", "### Notes", "", *notes] if notes else []
+    return "\n".join(lines) + "\n"
+
+
+def in_brief(panels: Sequence[Panel]) -> list[Panel]:
+    """What terminal and recording show of a brief section: no notes, drawings or folded panels."""
+    shown = (panel for panel in panels if not isinstance(panel, Figures | Fold))
+    return [panel for panel in shown if not (isinstance(panel, Text) and panel.note)]
+
+
+def panels(some: Sequence[Panel]) -> list[str]:
+    """The lines of texts, lists, tables and folded panels."""
+    lines: list[str] = []
+    for panel in some:
+        if isinstance(panel, Text):
+            lines += [f"{'#### ' * panel.head}{plain(panel.words)}", ""]
+        elif isinstance(panel, Items):
+            for entry in panel.entries:
+                what, more = (entry, "") if isinstance(entry, str) else entry
+                lines.append(f"- {f'**{plain(what)}**: {plain(more)}' if more else plain(what)}")
+            lines.append("")
+        elif isinstance(panel, Badges):
+            lines += [", ".join(plain(mark.text) for mark in panel.marks), ""]
+        elif isinstance(panel, Table) and panel.lines:
+            lines += [_row(panel.heads), "|---" * len(panel.heads) + "|"]
+            lines += [_row([_cell(cell) for cell in line]) for line in panel.lines] + [""]
+        elif isinstance(panel, Fold):
+            lines += [f"#### {plain(panel.title)}", "", *panels(panel.panels)]
+    return lines
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(map(plain, cells))} |"
+
+
+def _cell(cell: Cell) -> str:
+    if isinstance(cell, Mark | Link):
+        return cell.text
+    return " ".join(map(_cell, cell)) if isinstance(cell, tuple) else str(cell)
+
+
+def plain(text: str) -> str:
+    """Text without the characters that Markdown interprets."""
+    for mark in "\\`*_{}[]<>#|":
+        text = text.replace(mark, f"\\{mark}")
+    return " ".join(text.split())

@@ -1,0 +1,164 @@
+"""Progress of a command on the terminal: a spinner, or a progress bar during a run."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cache
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    SpinnerColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+from rich.progress import Progress as Bar
+
+from ..base.stopwatch import clock, on_compiling
+from .observer import Observer, Robot
+
+if TYPE_CHECKING:
+    from ..core.laws import State
+    from ..core.log import Log, Measurement
+    from ..core.structure.system import SecondOrderSystem
+    from ..lab.scenario import Scenario
+
+COMPILING = "compiling, once (half a minute)"
+_STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
+_LARGE = 1e10  # size of a record that is announced beforehand [bytes]
+_PATIENCE = 10.0  # time between two lines where there is no terminal [s]
+_PERIOD = 0.1  # smallest interval between two updates of the bar [s]
+
+
+class Progress(Observer):
+    """One transient line on the terminal for a whole command.
+
+    During a run it is a bar with simulated time, real-time factor and velocity error, at other
+    times a spinner with the text set by `say`. It reports when kernels are being compiled.
+
+    Args:
+        name: name of the run.
+        quiet: show nothing.
+    """
+
+    def __init__(self, name: str, quiet: bool = False):
+        self._name, self._console = name, Console(stderr=True, quiet=quiet)
+        self._bar = Bar(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=16),
+            TextColumn("{task.fields[figures]}"),
+            console=self._console,
+            transient=True,
+        )
+        self._task = self._bar.add_task(name, total=None, figures="")
+        self._stack = ExitStack()
+        self._functions, self._told = 0, -math.inf
+
+    def __enter__(self) -> Progress:
+        """Shows the line."""
+        with self._stack as stack:
+            stack.enter_context(on_compiling(self._compiling))
+            if self._console.is_terminal:
+                stack.enter_context(self._bar)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Removes the line."""
+        self._stack.close()
+
+    def say(self, words: str) -> None:
+        """Shows the spinner with a text."""
+        self._bar.update(self._task, description=f"{self._name}: {words}")
+
+    def stage(self, words: str, share: float | None) -> None:
+        """Shows a text, and a bar if the completed share is known."""
+        self._bar.update(
+            self._task,
+            description=f"{self._name}: {words}",
+            total=None if share is None else 1.0,
+            completed=share or 0.0,
+            figures="" if share is None else f"{100 * share:.0f} %",
+        )
+
+    def _compiling(self) -> None:
+        """Reports that kernels are being compiled; without a terminal a line now and then."""
+        self._functions += 1
+        words = COMPILING if self._functions == 1 else f"{COMPILING}: {self._functions} functions"
+        if self._console.is_terminal:
+            self.say(words)
+        elif time.monotonic() - self._told > _PATIENCE:
+            self._told = time.monotonic()
+            self._console.print(f"{self._name}: {words}", highlight=False)
+
+    def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
+        """Shows an empty bar, and announces the cost of a long run."""
+        if words := cost_of(scenario, robot.system):
+            self._console.print(f"{self._name}: {words}", highlight=False, markup=False)
+        self._begin, self._last, self._end = clock(), 0.0, scenario.duration
+        self._bar.update(self._task, total=scenario.duration, description=self._name)
+
+    def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
+        """Updates the bar, at most ten times a second."""
+        now = clock()
+        if now - self._last < _PERIOD:
+            return
+        self._last, t = now, float(log.t[-1])
+        speed = t / max(now - self._begin, 1e-9)
+        dv = states[""].v_hat - log.v[-1]
+        left = f"{(self._end - t) / speed:.0f} s left" if speed else ""
+        self._bar.update(
+            self._task,
+            completed=t,
+            description=self._name,
+            figures=f"{t:.1f} of {self._end:g} s   {speed:.1f} × real time   "
+            f"rms Δv {(dv @ dv / len(dv)) ** 0.5:.1e}   {left}",
+        )
+
+    def stop(self) -> None:
+        """Turns the bar back into a spinner, after a last update."""
+        if self._console.is_terminal:
+            self._bar.refresh()
+        self._bar.reset(self._task, total=None, description=self._name, figures="")
+
+
+def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
+    """The approximate cost of a run of an hour or more, or of a large record; "" for others."""
+    from ..lab.loop import columns
+
+    hours = scenario.steps * _STEP * (1 + len(scenario.rivals)) / 3600
+    widths = columns(system, scenario).values()
+    size = 8 * scenario.steps / scenario.record_every * sum(max(width, 1) for width in widths)
+    if hours < 1 and size < _LARGE:
+        return ""
+    return (
+        f"{scenario.steps:.1e} steps, which takes about {hours:.0f} h and {size / 1e9:.0f} GB of "
+        "disk. --dt, --duration and --record-every make it less."
+    )
+
+
+@contextmanager
+def counted(quiet: bool, done: str = "{task.completed}/{task.total}") -> Iterator[Bar]:
+    """Shows a transient bar of a study on the standard error; `done` is the format of its count.
+
+    When the first kernel is compiled, a line above it says so.
+    """
+    bar = Bar(
+        TextColumn("{task.description:48}"),
+        BarColumn(),
+        TextColumn(done),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+        console=Console(stderr=True, quiet=quiet),
+        transient=True,
+        disable=quiet,
+    )
+    announce = cache(lambda: bar.console.print(COMPILING, highlight=False))
+    with on_compiling(announce), bar:
+        yield bar

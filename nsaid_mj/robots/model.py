@@ -1,0 +1,189 @@
+"""A robot as its model file describes it, and its reduction to the joints of a log."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from ..base.errors import BadRobot, InvalidInput, UnknownName
+from ..base.findings import Finding
+from ..base.optional import pin
+from ..core.parameters import Array, ParameterSpace
+from ..core.structure.joints import JointScales, JointTree, floats
+from ..core.structure.system import rebuilt
+
+
+class Servos(NamedTuple):
+    """Position servos on k joints: force = kp (u − q) − kv q̇."""
+
+    kp: Array  # (k,) stiffness [N·m/rad or N/m]
+    kv: Array  # (k,) damping [N·m·s/rad or N·s/m]
+    range: Array  # (k, 2) least and largest target [rad or m]; ±inf without limit
+    delay: Array  # (k,) from a target to the servo [s]; see `tree.target_delays`
+    profile: Array  # (k, 3) profile of the targets; see `target_profile`
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """A robot as its model file describes it: kinematics, and guesses of its parameters.
+
+    Attributes:
+        name: name of the robot.
+        source: the file; None for a packed robot or vehicle.
+        kind: format of the file, or `vehicle`.
+        model: Pinocchio's model (`pin.Model`), joints locked; None for a vehicle.
+        joints: (n_u,) names of the 1-DOF joints, in order; of the actuators of a vehicle.
+        damping: (n_u,) nominal viscous friction [N·m·s/rad or N·s/m]; 0 where the file has none.
+        friction: (n_u,) nominal Coulomb friction [N·m or N]; 0 where the file has none.
+        rotor: (n_u,) nominal reflected rotor inertia [kg·m² or kg]; 0 where the file has none.
+        gain: (n_u,) nominal force per unit of command [N·m or N]; 1 where the file has none.
+        limits: (n_u,) largest absolute command; inf where the file has none.
+        system: the structure (a `SecondOrderSystem`): of a vehicle its sheet's, of a tree of joints
+            always the links of `model`, to which friction and motors are added; see `links_of`.
+        prior: (p,) θ̂(0) of a vehicle, its published values; None for a tree of joints.
+        findings: about the file, such as inertias moved inside the cone or meshes not found.
+        visuals: data for drawing the robot, for `recording`.
+        file: the file that describes a tree of joints, also of packed robots.
+        passive: names of the joints without an actuator in a file that has some.
+        servos: servos of the joints that are not passive; None unless each has a position servo.
+            Their `limits` are forces.
+        top_speed: speed of the rotors at full command [rad/s]; inf where the sheet has none.
+    """
+
+    name: str
+    source: Path | None
+    kind: Literal["urdf", "mjcf", "vehicle"]
+    model: Any
+    joints: tuple[str, ...]
+    damping: Array
+    friction: Array
+    rotor: Array
+    gain: Array
+    limits: Array
+    system: Any = None
+    prior: Array | None = None
+    findings: tuple[Finding, ...] = ()
+    visuals: Any = None
+    file: Path | None = None
+    passive: tuple[str, ...] = ()
+    servos: Servos | None = None
+    top_speed: float = np.inf
+
+    def __post_init__(self) -> None:
+        if self.jointed:  # it follows from the model, and changes with it
+            object.__setattr__(self, "system", links_of(self.model))
+
+    @property
+    def jointed(self) -> bool:
+        """Whether it is a tree of joints from a model file, and no vehicle from a sheet."""
+        return self.model is not None
+
+    @property
+    def weightless(self) -> bool:
+        """Whether the model file has no masses, so that all inertias are guesses."""
+        return any(finding.code == "no_masses" for finding in self.findings)
+
+    @property
+    def small_unit(self) -> str:
+        """Unit of a thousandth of the joints' positions."""
+        return " or ".join(sorted({f"m{unit}" for unit in self.units}, reverse=True))
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Unit of the position along each velocity, rad or m."""
+        return tuple(unit.removesuffix("/s") for unit in self.system.velocity_units)
+
+
+def links_of(
+    model: pin.Model, speed: Array | None = None, command: Array | None = None
+) -> JointTree:
+    """The links of a tree of joints, with one command for each joint, but no force on any.
+
+    speed (k,) and command (k,) are the largest in probes of the structure, 1 by default.
+    """
+    bodies, joints = model.njoints - 1, model.nv - (6 if floats(model) else 0)
+    per_body, per_joint = np.ones(bodies), np.ones(joints)  # guesses, on which nothing depends
+    speed = per_joint if speed is None else speed
+    command = per_joint if command is None else command
+    scales = JointScales(per_body, per_body, per_joint, per_joint, per_joint, speed, command)
+    tree = JointTree(model, scales, per_joint)
+    blocks = tree.space.blocks[:bodies]
+    space = ParameterSpace(blocks)
+    structure = replace(tree.structure, columns=(), rotors=(), p=len(space))
+    return rebuilt(tree, structure, space)
+
+
+LOCK = "Lock it, if it stood still in the log: `--lock {}`."
+_MARK = "\1"  # occurs in no name: XML forbids the character
+
+
+def locked_joints(
+    names: Sequence[str], lock: Sequence[str], keep: Sequence[str] | None
+) -> set[str]:
+    """The joints to lock: those of `lock`, and all but those of `keep` unless that is None.
+
+    Raises:
+        UnknownName: there is no such joint.
+        InvalidInput: a joint is to be both locked and kept.
+    """
+    for name in [*lock, *(keep or ())]:
+        if name not in names:
+            raise UnknownName("moving joint", name, names)
+    both = sorted(set(lock) & set(keep or ()))
+    if both:
+        remedy = "Name it in one of the two lists."
+        raise InvalidInput("lock", "joints that are not to be kept", both[0], remedy)
+    return set(lock) if keep is None else set(names) - set(keep)
+
+
+def home(model: pin.Model) -> Array:
+    """(nq,) joints at 0 or at the nearest limit; floating joints at the origin."""
+    q = pin.neutral(model)
+    for joint in list(model.joints)[1:]:
+        if joint.nq == 1:
+            low = model.lowerPositionLimit[joint.idx_q]
+            high = model.upperPositionLimit[joint.idx_q]
+            if low <= high:
+                q[joint.idx_q] = np.clip(0.0, low, high)
+    return q
+
+
+def reduced(
+    model: pin.Model, geometry: pin.GeometryModel, locked: set[str], q: Array
+) -> tuple[pin.Model, pin.GeometryModel]:
+    """A model and its shapes with joints locked at a configuration q (nq,)."""
+    ids = [i for i in range(1, model.njoints) if model.names[i] in locked]
+    if not ids:
+        return model, geometry
+    marked = pin.Model(model)  # Pinocchio finds a joint's frame by its name, which a body may share
+    for frame in marked.frames:
+        if frame.type == pin.FrameType.BODY:
+            frame.name = _MARK + frame.name
+    small, shapes = pin.buildReducedModel(marked, geometry, ids, q)
+    for frame in small.frames:
+        frame.name = frame.name.removeprefix(_MARK)
+    return small, shapes
+
+
+def check_tree(robot: str, model: pin.Model, base: str | None = None) -> None:
+    """Checks that a model consists of 1-DOF joints, after a free flyer if its base is `free`.
+
+    `base` is None for a robot to identify, whose joints can be locked.
+
+    Raises:
+        BadRobot: a joint has several degrees of freedom, no joint moves, or the base is fixed.
+    """
+    if model.nv == 0:
+        raise BadRobot(robot, "", "no joint moves", "Keep at least one joint.")
+    if base == "free" and model.joints[1].nv != 6:
+        raise BadRobot(robot, "", "its base is fixed", "Use ArmPlant, or a robot that floats.")
+    for i in range(2 if base == "free" else 1, model.njoints):
+        joint, name = model.joints[i], model.names[i]
+        if joint.nv != 1:
+            reason = f"it has {joint.nv} degrees of freedom, not one as a hinge or a slide"
+            remedy = "Make it fixed in a copy of the file." if base else LOCK.format(name)
+            raise BadRobot(robot, f"joint {name}", reason, remedy)

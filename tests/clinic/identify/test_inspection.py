@@ -1,0 +1,212 @@
+"""`nsaid inspect` measures channels, writes a map that works, and never overwrites one."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from nsaid_mj.base.files import asset
+from nsaid_mj.cli.commands import command
+from nsaid_mj.clinic.identify.inspection import Inspection, figures_of, inspect, signal_names
+from nsaid_mj.clinic.identify.inspection_page import draw
+from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.clinic.logs import checked, map_of, prepare, read_map, read_tables
+from nsaid_mj.clinic.logs.first_map import first_map
+from nsaid_mj.clinic.logs.signals import quantum
+from nsaid_mj.clinic.logs.tables import Channel, Table
+from tests.support.robot_logs import columns, two_joints, write_csv
+
+
+def figures(x: np.ndarray, t: np.ndarray | None = None):
+    return figures_of("log.csv", "x", Channel(np.arange(len(x)) / 500 if t is None else t, x))
+
+
+def test_figures_of_a_noisy_channel():
+    rng = np.random.default_rng(0)
+    found = figures(np.sin(np.arange(5000) / 300) + 0.01 * rng.standard_normal(5000))
+    assert found.rate == pytest.approx(500) and found.jitter < 1e-6 and found.gaps == 0
+    assert found.noise == pytest.approx(0.01, rel=0.1)
+    assert not found.dead and found.quantum == 0 and found.saturated == 0
+
+
+def test_figures_of_faulty_channels():
+    x = np.sin(np.arange(5000) / 300)
+    assert figures(np.clip(x, -0.7, 0.7)).saturated > 0.2
+    assert figures(np.round(x, 2)).quantum == pytest.approx(0.01)
+    assert figures(np.ones(100)).dead
+    t = np.delete(np.arange(5000) / 500, slice(1000, 2000))
+    found = figures(np.delete(x, slice(1000, 2000)), t)
+    assert found.gaps == 1 and found.longest == pytest.approx(2.002)
+    rng = np.random.default_rng(0)
+    assert figures(x, np.arange(5000) / 500 + rng.uniform(-5e-4, 5e-4, 5000)).jitter > 0.2
+
+
+@pytest.mark.parametrize(
+    "counts",
+    [
+        np.random.default_rng(0).integers(0, 400_000, 1_000_000),
+        np.repeat(np.arange(500_000), 2),
+        np.random.default_rng(1).integers(0, 5, 1_000_000),
+    ],
+    ids=["half as many levels as rows", "a slow ramp", "five levels"],
+)
+def test_the_step_of_a_long_channel_is_found(counts):
+    assert quantum(0.001 * counts) == pytest.approx(0.001)
+    assert quantum(0.001 * counts + np.linspace(0, 1, len(counts))) == 0
+
+
+def test_a_channel_of_few_rows_has_no_figures():
+    assert np.isnan(figures(np.array([1.0, np.nan])).rate)
+
+
+def inspected(folder: Path, **changed: np.ndarray) -> Inspection:
+    path = write_csv(folder / "log.csv", columns() | changed)
+    return inspect(read_tables([path]), None, two_joints())
+
+
+def test_a_clean_log_is_matched_without_alarm(tmp_path):
+    found = inspected(tmp_path)
+    assert found.recordings is not None
+    assert [f.level for f in found.findings] == ["note"]  # the limits of rest
+    assert {c.name: c.role for c in found.channels}["dq2"] == "v of elbow"
+
+
+def test_what_identify_refuses_is_found(tmp_path):
+    found = inspected(tmp_path, tau1=np.zeros(2000))
+    assert ("refusal", "dead_channel") in [(f.level, f.code) for f in found.findings]
+
+
+def test_channels_that_do_not_match_are_a_finding(tmp_path):
+    found = inspected(tmp_path, current1=np.ones(2000), current2=np.ones(2000))
+    assert found.recordings is None
+    assert {f.code for f in found.findings} == {"unmatched", "dead_channel"}
+
+
+def test_a_first_map_reads_the_log_as_matching_does(tmp_path):
+    tables = read_tables([write_csv(tmp_path / "log.csv", columns())])
+    (tmp_path / "map.toml").write_text(first_map(tables, two_joints()), encoding="utf-8")
+    mapping = read_map(tmp_path / "map.toml")
+    one = prepare(tables, mapping, two_joints())
+    other = prepare(tables, None, two_joints())
+    np.testing.assert_array_equal(one.segments[0].log.u, other.segments[0].log.u)
+
+
+def test_a_first_map_offers_every_candidate(tmp_path):
+    values = columns() | {"current1": columns()["tau1"], "current2": columns()["tau2"]}
+    text = first_map(read_tables([write_csv(tmp_path / "log.csv", values)]), two_joints())
+    assert '# command = { column = "current1" }  # choose one' in text
+    chosen = text.replace('# command = { column = "tau', 'command = { column = "tau')
+    (tmp_path / "map.toml").write_text(chosen, encoding="utf-8")
+    found = read_map(tmp_path / "map.toml").joints["elbow"].command
+    assert found is not None and found.column == "tau2"
+
+
+def test_a_first_map_quotes_names_of_joints(tmp_path):
+    names = ("arm/joint 1", "jöint.2")
+    tables = read_tables([write_csv(tmp_path / "log.csv", columns())])
+    (tmp_path / "map.toml").write_text(first_map(tables, two_joints(names)), encoding="utf-8")
+    assert tuple(read_map(tmp_path / "map.toml").joints) == names
+
+
+@pytest.mark.parametrize("extra", [{}, {"current1": np.ones(2000), "current2": np.ones(2000)}])
+def test_a_picture_is_drawn_with_and_without_a_match(tmp_path, extra):
+    path = draw(inspected(tmp_path, **extra), tmp_path / "inspection.png")
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("name", "position"), [("bluerov2", "qw"), ("f1tenth", "yaw")])
+def test_channels_of_a_vehicle_have_the_names_of_its_signals(name: str, position: str):
+    """Its positions and velocities are not named after its actuators."""
+    robot = load_robot_model(name)
+    names, system = signal_names(robot), robot.system
+    assert [len(columns) for columns in names.values()] == [system.m, system.n, system.n_u]
+    assert names["q"][-1][0] == position and names["v"][0] == ("surge", "m/s")
+
+
+def test_the_command_writes_a_map_and_a_picture(tmp_path, capsys):
+    log = write_csv(tmp_path / "log.csv", {"t": columns()["t"], "x": columns()["q1"]})
+    arguments = ["inspect", str(log), "--model", "tx40", "--out", str(tmp_path)]
+    assert command(arguments) == 2
+    printed = capsys.readouterr().out
+    assert printed.startswith("✘ ") and "unmatched" in printed and "map.toml" in printed
+    (tmp_path / "map.toml").write_text("edited", encoding="utf-8")
+    (tmp_path / "inspection.png").write_bytes(b"the user's")
+    assert command(arguments) == command(arguments) == 2
+    assert (tmp_path / "inspection.png").read_bytes() == b"the user's"
+    assert {p.name for p in tmp_path.glob("*.png")} == {"inspection.png", "inspection-2.png"}
+    assert (tmp_path / "map.toml").read_text(encoding="utf-8") == "edited"
+    assert (tmp_path / "map-new.toml").is_file()
+
+
+def test_the_command_says_as_json_what_identify_would_refuse(tmp_path, capsys):
+    log = str(asset("tx40", "log.csv.gz"))
+    arguments = ["inspect", log, "--model", "tx40", "--json", "--out", str(tmp_path)]
+    assert command(arguments) == 2
+    assert "degrees" in {f["code"] for f in json.loads(capsys.readouterr().out)["findings"]}
+    mapped = [*arguments, "--map", str(asset("tx40", "map.toml"))]
+    assert command(mapped) == 0
+    assert not (tmp_path / "map-new.toml").exists()
+
+
+def test_degrees_are_cured_as_the_remedy_says(tmp_path):
+    values = columns()
+    values |= {name: np.degrees(values[name]) for name in ("q1", "q2")}
+    tables = read_tables([write_csv(tmp_path / "log.csv", values)])
+    joints = {
+        name: {
+            "position": {"column": f"q{k}", "unit": "deg"},
+            "velocity": {"column": f"dq{k}"},
+            "command": {"column": f"tau{k}"},
+        }
+        for k, name in enumerate(("shoulder", "elbow"), 1)
+    }
+    recordings = prepare(tables, map_of({"joints": joints}), two_joints())
+    assert checked(recordings, two_joints()).findings == recordings.findings
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "lines"),
+    [
+        ("bluerov2", ['"thruster 8" = { column = "pwm8", ratio = 0.002, offset = -3 }  # -1 to 1']),
+        ("hummingbird", ['"rotor 1" = { column = "pwm1", ratio = 0.001, offset = -1 }  # share of '
+                         "the top speed, 0 to 1; thrust is that of its square"]),
+        ("remus100", ['u_5 = { column = "pwm5", ratio = 0.002, offset = -3 }  # share of the full '
+                      "speed, -1 to 1", 'u_2 = { column = "pwm2" }  # deflection [rad]']),
+    ],
+)  # fmt: skip
+def test_the_first_map_of_a_vehicle_has_what_the_names_tell(vehicle, lines):
+    robot = load_robot_model(vehicle)
+    t = np.arange(0, 20, 0.02)
+    names = ("x", "y", "z", "qx", "qy", "qz", "vel/x", "vel/y", "vel/z", "p", "q", "r")
+    columns = {name: np.sin((0.1 + 0.05 * k) * t + k) / 2 for k, name in enumerate(names)}
+    columns["qw"] = np.sqrt(1 - sum(columns[f"q{axis}"] ** 2 for axis in "xyz"))
+    count = len(robot.joints)
+    columns |= {f"pwm{k + 1}": 1500 + 200 * np.sin(t + k) for k in range(count)}
+    made = Table("log.csv", {name: Channel(t, x) for name, x in columns.items()}, 0)
+    assert [f.code for f in inspect([made], None, robot).findings][:1] == ["unmatched"]
+    text = first_map([made], robot)
+    for line in (*lines, 'position = ["x", "y", "z"]', 'linear = ["vel/x", "vel/y", "vel/z"]'):
+        assert f"\n{line}\n" in text
+    completed = map_of(tomllib.loads(text))
+    assert inspect([made], completed, robot).recordings is not None
+
+
+def test_the_first_map_of_a_vehicle_with_unknown_names_is_a_form():
+    robot = load_robot_model("f1tenth")
+    t = np.arange(0, 20, 0.02)
+    made = Table("log.csv", {name: Channel(t, np.sin(t)) for name in ("a", "b")}, 0)
+    text = first_map([made], robot)
+    assert '# position = ["x", "y", "yaw"]' in text
+    assert '# u_2 = { column = "…" }  # steering angle [rad]' in text
+    assert tomllib.loads(text)["vehicle"] == {} == tomllib.loads(text)["actuators"]
+
+
+@pytest.mark.parametrize("name", ["tx40", "so101"])
+def test_a_packed_log_is_inspected_by_its_robots_name(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert command(["inspect", name, "--out", str(tmp_path)]) == 0
+    assert "✔ nsaid identify can use this log." in capsys.readouterr().out
+    assert (tmp_path / "map.toml").exists() == (name == "so101")  # the other has one

@@ -1,0 +1,129 @@
+"""Which logs are of targets and positions, and what is read from them."""
+
+import re
+
+import numpy as np
+import pytest
+
+import nsaid_mj
+from nsaid_mj.base.errors import InvalidInput, NsaidError
+from nsaid_mj.base.files import asset
+from nsaid_mj.clinic.identify.inspection import inspect
+from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.clinic.logs import map_of, read_tables
+from nsaid_mj.clinic.logs.matching import match_targets
+from nsaid_mj.clinic.servos import identify_servos, servo_logs
+
+from .simulated import JOINTS, MODEL, write
+
+
+@pytest.fixture
+def motion():
+    t = np.arange(0, 12, 0.02)
+    u = 0.5 * np.sin(t[:, None] * np.arange(1, 7) / 2)
+    return t, u, np.vstack([u[:4] * 0, u[:-4]])
+
+
+@pytest.mark.parametrize(
+    "pattern", ["target_{}", "{}.goal_position", "action.{}.pos", "{}_cmd_position", "des_{}"]
+)
+def test_targets_are_matched_by_name(pattern):
+    channels = [pattern.format(joint) for joint in JOINTS]
+    others = [f"position_{joint}" for joint in JOINTS]
+    assert match_targets(channels + others, JOINTS) == dict(zip(JOINTS, channels, strict=True))
+
+
+@pytest.mark.parametrize("pattern", ["target_velocity_{}", "goal_current_{}", "position_{}"])
+def test_other_channels_are_no_targets(pattern):
+    assert match_targets([pattern.format(joint) for joint in JOINTS], JOINTS) == {}
+
+
+def test_a_log_of_torques_is_left_to_the_other_law(motion, tmp_path):
+    path = write(tmp_path / "log.csv", *motion)
+    assert servo_logs(MODEL, [path]) is not None
+    path.write_text(path.read_text().replace("target_", "torque_"))
+    assert servo_logs(MODEL, [path]) is None
+    assert servo_logs(asset("tx40", "tx40.urdf"), [path]) is None
+
+
+def test_targets_are_clipped_and_gaps_cut(motion, tmp_path):
+    t, u, q = motion
+    u[:, 0] = 3.0
+    late = t + np.where(t > 6, 5.0, 0.0)
+    found = servo_logs(MODEL, [write(tmp_path / "log.csv", late, u, q)])
+    assert found is not None
+    assert found.logs[0].target[:, 0] == pytest.approx(1.91986)
+    assert [round(log.t[-1] - log.t[0]) for log in found.logs] == [6, 6]
+
+
+def test_a_map_s_command_is_a_target_if_its_unit_is_that_of_a_position(motion, tmp_path):
+    t, u, q = motion
+    path = write(tmp_path / "log.csv", t, np.rad2deg(u), np.rad2deg(q))
+
+    def mapped(unit):
+        return map_of(
+            {
+                "joints": {
+                    joint: {
+                        "position": {"column": f"position_{joint}", "unit": "deg"},
+                        "command": {"column": f"target_{joint}", "unit": unit},
+                    }
+                    for joint in JOINTS
+                }
+            }
+        )
+
+    found = servo_logs(MODEL, [path], mapped("deg"))
+    assert found is not None
+    np.testing.assert_allclose(found.logs[0].position, q, atol=1e-6)
+    np.testing.assert_allclose(found.logs[0].target[:, 1], u[:, 1], atol=1e-6)
+    assert servo_logs(MODEL, [path], mapped("N·m")) is None
+
+
+def test_logs_of_a_hurried_owner_are_refused_with_a_remedy(motion, tmp_path):
+    """Columns of targets and positions swapped; an arm that stands still; one joint missing."""
+    t, u, q = motion
+    noise = np.random.default_rng(0).integers(-1, 2, u.shape) * 1.5e-3
+    refusals = [
+        (q, u, "swapped"),
+        (u, 0 * u + noise, "no joint moves"),
+        (u, q, "target of gripper"),
+    ]
+    for k, (targets, positions, said) in enumerate(refusals):
+        path = write(tmp_path / f"log_{k}.csv", t, targets, positions)
+        if "gripper" in said:
+            path.write_text(path.read_text().replace("target_gripper", "other"))
+        with pytest.raises(NsaidError, match=said) as refused:
+            servo_logs(MODEL, [path])
+        assert re.search(r"map\.toml|Record motions|--lock", str(refused.value))
+    assert servo_logs(MODEL, [write(tmp_path / "sound.csv", t, u, q)]) is not None
+
+
+def test_a_few_seconds_are_refused(motion, tmp_path):
+    part = slice(0, 300)
+    found = servo_logs(MODEL, [write(tmp_path / "log.csv", *(x[part] for x in motion))])
+    assert found is not None
+    with pytest.raises(InvalidInput, match="ten seconds"):
+        identify_servos(found)
+
+
+def test_inspecting_says_that_commands_are_targets(motion, tmp_path):
+    path, robot = write(tmp_path / "log.csv", *motion), load_robot_model(str(MODEL))
+
+    def codes():
+        return {finding.code for finding in inspect(read_tables([path]), None, robot).findings}
+
+    assert "targets" in codes() and "unmatched" not in codes()
+    path.write_text(path.read_text().replace("target_", "nothing_"))
+    assert "targets" not in codes() and "unmatched" in codes()
+
+
+def test_a_packed_servo_arm_is_identified_from_python_too(monkeypatch):
+    monkeypatch.setattr("nsaid_mj.clinic.identify.identify.identify_servos", lambda given, _: given)
+    given = nsaid_mj.identify("so101")
+    assert [log.source for log in given.logs] == ["log.csv.gz"]
+    assert given.robot.joints[0] == "shoulder_pan"
+    with pytest.raises(InvalidInput, match="cutoff"):
+        nsaid_mj.identify("so101", cutoff=5.0)
+    with pytest.raises(InvalidInput, match="from forces"):
+        nsaid_mj.identify("so101", law="efficient")

@@ -1,0 +1,92 @@
+"""The code of kernels that the package brings: of these sources, to the bit, and dispensable."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import njit
+
+from nsaid_mj.core.numerics import linalg, shipped
+from nsaid_mj.core.numerics.kernels import FAST
+
+ROOT = Path(__file__).parents[2]
+
+IMPORTED = """
+import importlib, pkgutil
+import nsaid_mj
+from nsaid_mj.core.numerics import shipped
+from nsaid_mj.core.numerics.kernels import KERNELS
+for module in pkgutil.walk_packages(nsaid_mj.__path__, "nsaid_mj."):
+    importlib.import_module(module.name)
+brought = shipped._kernels()
+assert brought, "python scripts/kernels.py after an edit of a kernel"
+assert {name for name, kernel in KERNELS.items() if not kernel.py_func.__closure__} <= set(brought)
+"""
+
+SOLVED = """
+import numpy as np
+from nsaid_mj.core.numerics import linalg, shipped, stopwatch
+from nsaid_mj.core.numerics.cache import FOLDER
+M, L = np.array([[2.0, 0.0], [0.5, 3.0]]), np.zeros((2, 2))
+pivot = linalg.cholesky(M, L)
+print(pivot, *L.ravel(), (FOLDER / f"{linalg.cholesky.symbol}.o").exists())
+"""
+
+
+def solved(cache: Path, code: str = SOLVED) -> str:
+    """What a process prints that factorises a matrix."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
+    return subprocess.run(
+        [sys.executable, "-c", code],
+        env=environment,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=300,
+    ).stdout
+
+
+def test_the_package_brings_every_kernel_of_its_sources():
+    subprocess.run([sys.executable, "-c", IMPORTED], check=True, timeout=300, cwd=ROOT)
+
+
+def test_code_that_is_brought_gives_the_numbers_of_numba_s():
+    rng = np.random.default_rng(0)
+    root = rng.standard_normal((6, 6))
+    M = root @ root.T + np.eye(6)
+    ours, theirs = np.zeros((2, 6, 6))
+    compiled = njit(linalg.cholesky.signature, **FAST)(linalg.cholesky.py_func)
+    assert linalg.cholesky(M, ours) == compiled(M, theirs)
+    assert (ours == theirs).all()
+
+
+def test_without_the_file_numba_compiles_and_gives_the_same(tmp_path: Path):
+    without = f"from nsaid_mj.core.numerics import shipped\nshipped._kernels = dict\n{SOLVED}"
+    one, other = solved(tmp_path / "one"), solved(tmp_path / "other", without)
+    assert one.split()[-1] == "True"
+    assert other.split()[-1] == "False"
+    assert one.split()[:-1] == other.split()[:-1]
+
+
+@pytest.mark.parametrize("damage", [b"", b"nothing", b"\0" * 5000])
+def test_damaged_machine_code_is_made_again(tmp_path: Path, damage: bytes):
+    first = solved(tmp_path)
+    (code,) = tmp_path.rglob(f"{linalg.cholesky.symbol}.o")
+    whole = code.read_bytes()
+    code.write_bytes(damage)
+    assert solved(tmp_path) == first
+    assert code.read_bytes() == whole
+
+
+def test_a_file_of_other_sources_is_not_used(monkeypatch):
+    shipped._kernels.cache_clear()
+    monkeypatch.setattr(shipped, "origin", lambda: ["other", "0", "0"])
+    assert shipped._kernels() == {}
+    monkeypatch.undo()
+    shipped._kernels.cache_clear()

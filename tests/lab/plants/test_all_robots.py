@@ -1,0 +1,20 @@
+"""Every robot of example-robot-data is built, or refused with a reason."""
+
+import pytest
+
+from nsaid_mj.base.errors import BadRobot
+from nsaid_mj.base.files import known_robots
+from nsaid_mj.lab.plants import ArmPlant
+
+
+@pytest.mark.slow
+def test_61_robots_build_and_the_others_say_why():
+    """Building compares MuJoCo's M and bias forces with Pinocchio's."""
+    built, refused = [], []
+    for name in known_robots():
+        try:
+            ArmPlant(name).build(1e-3, 0)
+            built.append(name)
+        except BadRobot as error:
+            refused.append(str(error))
+    assert len(built) >= 61, refused

@@ -1,0 +1,218 @@
+"""Plots: curves are where the axes say, and several drawings can share a page."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import matplotlib
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from nsaid_mj.report import plots
+from nsaid_mj.report.drawings import draw
+from nsaid_mj.report.page import VARIABLES
+from nsaid_mj.report.panels import COLOURS, POINTS, Comparison, Forest, Panel, Points, thin
+from nsaid_mj.report.plots import number, over_time
+from tests.report.pages.drawing import points_of, words_of
+from tests.report.pages.markup import data_of
+
+
+def panel(*curves: Sequence[float] | np.ndarray, logarithmic: bool = False) -> Panel:
+    """Values of curves over the times 0, 1, 2 …"""
+    made = Panel("what", "y [m]", logarithmic)
+    for k, values in enumerate(curves):
+        made.add(np.arange(float(len(values))), np.array(values, float), f"curve {k}")
+    return made
+
+
+def ticks(drawing: ElementTree.Element, across: bool) -> dict[float, float]:
+    """Number to place of the ticks of one axis."""
+    found = {}
+    for text in drawing.iter("text"):
+        middle = "text-anchor: middle" in str(text.get("style"))
+        numeric = re.fullmatch(r"[-−\d.]+", str(text.text))
+        if numeric and middle == across:
+            found[float(str(text.text).replace("−", "-"))] = float(
+                str(text.get("x" if across else "y"))
+            )
+    return found
+
+
+@pytest.mark.parametrize("low,high", [(0.11, 0.142), (0.4, 90.0), (1e3, 1.3e3)])
+@pytest.mark.parametrize("logarithmic", [False, True])
+def test_a_curve_lies_where_its_axes_say(low, high, logarithmic):
+    values = np.geomspace(low, high, 40)
+    drawing = ElementTree.fromstring(over_time(panel(values, logarithmic=logarithmic)))
+    points = points_of(drawing, COLOURS[0])
+    scale = np.log10 if logarithmic else np.asarray
+    for across, column, wanted in ((True, 0, np.arange(40.0)), (False, 1, scale(values))):
+        marks = ticks(drawing, across)
+        positions = np.array(list(marks)) if across else scale(np.array(list(marks)))
+        assert len(marks) >= 3
+        slope, start = np.polyfit(positions, list(marks.values()), 1)
+        off = 0 if across else points[0, 1] - (slope * wanted[0] + start)  # text below its line
+        assert abs(off) < 5
+        ends = slope * wanted[[0, -1]] + start + off
+        np.testing.assert_allclose(points[[0, -1], column], ends, atol=0.2)
+
+
+def test_curves_of_one_panel_share_its_axes():
+    drawing = ElementTree.fromstring(over_time(panel([0, 1, 2], [1, 2, 4])))
+    one, other = (points_of(drawing, colour) for colour in COLOURS[:2])
+    assert one[0, 1] > one[-1, 1] > other[-1, 1]
+    assert one[-1, 0] == other[-1, 0]
+
+
+@pytest.mark.parametrize("bad,logarithmic", [(np.nan, False), (np.inf, False), (0.0, True)])
+def test_a_value_that_cannot_be_drawn_interrupts_its_curve(bad, logarithmic):
+    drawing = ElementTree.fromstring(
+        over_time(panel([1, 2.5, bad, 3, 4.7, 5], logarithmic=logarithmic))
+    )
+    (path,) = (p for p in drawing.iter("path") if VARIABLES[COLOURS[0]] in str(p.get("style")))
+    assert str(path.get("d")).count("M") == 2
+
+
+@pytest.mark.parametrize("logarithmic", [False, True])
+@pytest.mark.parametrize(
+    "values", [[], [1.0], [np.nan, np.nan], [0.0, 0.0], [2.0, 2.0], [-1.0, -2.0], [1e-300, 1e300]]
+)
+def test_few_equal_or_extreme_values_are_drawn_without_a_warning(values, logarithmic):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        text = over_time(panel(values, logarithmic=logarithmic))
+    assert "nan" not in text
+    assert "inf" not in text
+    assert {"t [s]", "y [m]"} <= words_of(text)
+
+
+def test_at_most_1500_points_are_kept_and_the_ends_among_them():
+    for rows in (1, 2, POINTS, POINTS + 1, 2 * POINTS - 1, 40_000):
+        kept = thin(rows)
+        assert len(kept) == min(rows, POINTS)
+        assert (kept[0], kept[-1]) == (0, rows - 1)
+
+
+def test_the_same_data_give_the_same_bytes_in_every_process_whatever_the_users_settings(
+    tmp_path: Path,
+):
+    (tmp_path / "matplotlibrc").write_text("font.size: 30\naxes.facecolor: red\n")
+    code = (
+        "import numpy as np\nfrom nsaid_mj.report.plots import Panel, over_time\n"
+        "p = Panel('what', 'y [m]')\np.add(np.arange(3.0), np.arange(3.0), 'curve 0')\n"
+        "print(over_time(p))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "MATPLOTLIBRC": str(tmp_path)},
+        timeout=120,
+    )
+    assert done.stdout.strip() == over_time(panel([0, 1, 2])).strip()
+
+
+def test_drawing_leaves_matplotlibs_settings_and_pyplot_unchanged():
+    before = dict(matplotlib.rcParams)
+    over_time(panel([0, 1, 2]))
+    assert dict(matplotlib.rcParams) == before
+    code = "import sys, nsaid_mj.report.plots; print('matplotlib.pyplot' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_ids_of_several_drawings_do_not_collide_and_all_references_are_met():
+    first, second = panel([0, 1, 2]), panel([0, 1, 2])
+    second.title = "another"
+    drawn = [over_time(first), over_time(second), over_time(panel([0, 1, 2], logarithmic=True))]
+    ids = [set(re.findall(r' id="([^"]*)"', text)) for text in drawn]
+    assert all(ids)
+    assert len(set.union(*ids)) == sum(map(len, ids))
+    for text, own in zip(drawn, ids, strict=True):
+        assert {*re.findall(r"url\(#([^)]*)\)", text), *re.findall(r'href="#([^"]*)"', text)} == own
+        assert text.count(' id="') == len(own)
+
+
+def test_text_in_drawings_is_escaped():
+    figure = Figure()
+    with plots.style():
+        figure.add_subplot().set_title(
+            '$x$ <script>alert(1)</script> & --> id="a" url(#b) d="1.2345"'
+        )
+        text = plots.svg(figure, '<b>"title"')
+    assert "<script" not in text
+    assert "<b>" not in text
+    assert '$x$ <script>alert(1)</script> & --> id="a" url(#b) d="1.2345"' in words_of(text)
+    assert ElementTree.fromstring(text).get("aria-label") == '<b>"title"'
+
+
+def test_a_drawing_refers_to_nothing_outside():
+    text = over_time(panel([0, 1, 2]))
+    assert not re.findall(r"https?:|xmlns|@import|<style|<!--|creator|matplotlib", text)
+
+
+def test_lines_beyond_the_palette_differ_by_dashes_and_are_in_the_legend():
+    many = panel(*([k, k + 1] for k in range(len(COLOURS) + 2)))
+    assert len({(c.colour, c.dash) for c in many.curves}) == len(many.curves)
+    assert many.legend == [(c.name, c.colour, c.dash) for c in many.curves]
+    assert not panel([1, 2]).legend  # its title says what it is
+
+
+@pytest.mark.parametrize(
+    "value,plain,power",
+    [
+        (0.02, "0.02", "2·10⁻²"),
+        (300, "300", "3·10²"),
+        (1e-5, "10⁻⁵", "10⁻⁵"),
+        (0, "0", "0"),
+        (2e4, "2·10⁴", "2·10⁴"),
+        (1, "1", "10⁰"),
+        (1.5e-7, "1.5·10⁻⁷", "1.5·10⁻⁷"),
+    ],
+)
+def test_tick_numbers_are_written_plainly_or_as_powers_of_ten(value, plain, power):
+    assert number(value) == plain
+    assert number(value, plain=False) == power
+
+
+def test_a_drawing_tells_its_curves_to_the_page_where_they_are_drawn():
+    values = np.array([0.5, np.nan, 3.0, 40.0])
+    for logarithmic in (False, True):
+        text = over_time(panel(values, 2 * values, logarithmic=logarithmic))
+        (axes,) = data_of(text)
+        assert [curve["name"] for curve in axes["curves"]] == ["curve 0", "curve 1"]
+        assert axes["curves"][1]["y"] == [1.0, None, 6.0, 80.0]
+        assert axes["xs"] == [[0.0, 1.0, 2.0, 3.0]]  # once for both
+        assert axes["x"]["label"] == "t [s]" and axes["y"]["label"] == "y [m]"
+        left, top, right, bottom = axes["box"]
+        scale = np.log10 if logarithmic else np.asarray
+        low, high = scale(axes["y"]["ends"])
+        points = points_of(ElementTree.fromstring(text), COLOURS[0])
+        shown = values[np.isfinite(values)]
+        place = bottom - (scale(shown) - low) / (high - low) * (bottom - top)
+        np.testing.assert_allclose(points[[0, -2, -1], 1], place, atol=0.05)
+        np.testing.assert_allclose(points[[0, -1], 0], [left, right], atol=0.05)
+
+
+def test_every_entry_of_a_legend_switches_what_is_drawn_of_it():
+    t = np.linspace(0, 3, 50)
+    bands = Panel("what", "y [m]")
+    for k in range(2):
+        bands.add(t, np.sin(t + k), f"gain <{k}>", (np.sin(t + k) - 0.1, np.sin(t + k) + 0.1))
+    ones, named = np.ones(3), ["a", "b", "c"]
+    forest = Forest("", "k [N]", named, ones, ones / 2, 2 * ones, np.array([True, True, False]),
+                    [Points("before", 3 * ones)])  # fmt: skip
+    compared = Comparison("", "u", "A", t, np.sin(t), np.cos(t), np.full(50, 0.1), t > 1)
+    for made in (bands, forest, compared):
+        drawn = ElementTree.fromstring(draw(made))
+        names = {element.get("data-curve") for element in drawn.iter()}
+        shaded = {"not used"}  # rows that are left out are no curve
+        assert {name for name, *_ in made.legend} - shaded <= names

@@ -1,0 +1,109 @@
+"""The summary of a run as printed on the terminal."""
+
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+import nsaid_mj
+from nsaid_mj.base.findings import Finding
+from nsaid_mj.core.laws.faults import FaultEvent
+from nsaid_mj.lab.evaluation.page import print_result
+from nsaid_mj.lab.evaluation.run_result import STATISTICS
+from nsaid_mj.lab.evaluation.statistics import Conditions, Dimensions, Unobservable
+from nsaid_mj.report import recording
+from nsaid_mj.report.terminal import print_findings
+from tests.support.summaries import run_result
+
+
+def printed(capsys: pytest.CaptureFixture[str], folder: str = "runs/a", **changes: Any) -> str:
+    print_result("rov", run_result(**changes), Path(folder))
+    return capsys.readouterr().out
+
+
+def dimensions(p: int, r: int) -> Dimensions:
+    return replace(run_result().dimensions, p=p, r=r)
+
+
+@pytest.mark.parametrize(
+    ("p", "r", "words"),
+    [
+        (4, 1, "3 of 4 directions of θ are observable; 1 is not"),
+        (4, 3, "1 of 4 directions of θ is observable; 3 are not"),
+        (4, 0, "4 of 4 directions of θ are observable; 0 are not"),
+    ],
+)
+def test_the_count_of_directions_is_grammatical(p: int, r: int, words: str) -> None:
+    assert run_result(dimensions=dimensions(p, r)).observable_in_words == words
+
+
+def test_a_fault_found_is_printed_with_its_time_and_confidence(capsys) -> None:
+    event = FaultEvent(12.0, 12.5, "loss", "thruster 3", (), 0.4, 0.3, 0.5, "1", 0.99)
+    said = printed(capsys, faults=(event,))
+    assert "found at 12.5 s: thruster 3 lost 40 % (30 … 50 %), 99 % sure" in said
+
+
+def test_the_line_ends_in_a_colon_only_if_directions_follow(capsys) -> None:
+    assert "1 is not:\n" in printed(capsys)
+    assert "0 are not.\n" in printed(capsys, dimensions=dimensions(4, 0), unobservable=())
+
+
+def test_a_long_list_is_cut_after_a_comma_and_a_short_one_is_not(capsys) -> None:
+    names = [f"gain of joint_{i}" for i in range(40)]
+    line = Unobservable(
+        direction="common scale of motor gains",
+        fix=f"one known number fixes it, and with it these 40: {', '.join(names)}",
+        parameters=tuple(names),
+        labels=tuple(names),
+    )
+    out = printed(capsys, unobservable=(line,))
+    cut = next(row for row in out.splitlines() if "these 40" in row)
+    assert cut.endswith("gain of joint_3, …") and len(cut) < 130
+    assert "these 2: mass, drag.\n" in printed(capsys)
+
+
+def test_sensor_noise_is_not_listed_as_unknown_to_the_structure(capsys) -> None:
+    noise = "noise of 0.0001 rad, 0.005 rad/s"
+    out = printed(capsys, conditions=Conditions(sensors="noisy", sensor_noise=noise))
+    assert "  · sensors: noise of 0.0001 rad, 0.005 rad/s.\n" in out
+    assert "not in the structure" not in out
+    assert "sensors:" not in printed(capsys)
+
+
+def test_the_view_command_can_be_pasted_into_a_shell(capsys, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "nsaid view" not in printed(capsys)  # there is nothing to view
+    for name, words in {"my [red] run": "'runs/my [red] run'", "a": "runs/a"}.items():
+        file = Path("runs") / name / recording.FILE
+        file.parent.mkdir(parents=True)
+        file.touch()
+        assert f"(nsaid view {words})" in printed(capsys, f"runs/{name}")
+
+
+def test_a_remedy_that_findings_share_is_printed_once() -> None:
+    some = [Finding("refusal", "degrees", f"joint_{k}", "too far", "Say deg.") for k in (1, 2)]
+    stream = io.StringIO()
+    print_findings([*some, Finding("refusal", "x", "", "no", "Other.")], Console(file=stream))
+    assert [line.split(": ")[-1] for line in stream.getvalue().splitlines()] == [
+        "too far.",
+        "too far. Say deg.",
+        "  ✘ no. Other.",
+    ]
+
+
+def test_a_percentage_is_written_in_one_way() -> None:
+    """With a space; `{:.0%}` has none."""
+    for file in Path(nsaid_mj.__file__).parent.rglob("*.py"):
+        assert not re.search(r":\.\d%\}", file.read_text(encoding="utf-8")), file
+
+
+def test_every_figure_has_a_label_of_its_own() -> None:
+    labels = [label for label, _, _ in STATISTICS]
+    assert len(set(labels)) == len(labels)
+    assert not any(label.startswith("…") for label in labels)
