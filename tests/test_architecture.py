@@ -1,4 +1,4 @@
-"""The architecture: which module may import which, and which may read the truth."""
+"""The architecture: houses and their doors, and which module may read the truth."""
 
 import ast
 import subprocess
@@ -8,47 +8,22 @@ from pathlib import Path
 
 import pytest
 
-import nsaid_mj
 from scripts import mutants
+from scripts.houses import STREET, Street, cycles, house_of
 
-PACKAGE = Path(nsaid_mj.__file__).parent
-FILES = {
-    ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__"): path
-    for path in sorted(PACKAGE.rglob("*.py"))
-    if path != PACKAGE / "__init__.py"
-}
+OURS = Street()
+FILES = OURS.files
 HEAVY = {"mujoco", "pinocchio", "rerun", "tyro", "matplotlib", "pyarrow", "rich"}
 
-ORDER = (
-    ("errors", "bounds", "parameters", "paper", "log", "resources"),
-    ("numerics",),
-    ("structure",),
-    ("nullspace",),
-    ("quotient",),
-    ("laws",),
-    ("watch",),
-    ("robot",),
-    ("control",),
-    ("plants",),
-    ("baselines",),  # below plants: mujoco.sysid wants a MuJoCo model to fit
-    ("experiment",),
-    ("evaluation",),
-    ("logs",),  # below the record: a run can be read as a log
-    ("calibration",),
-    ("design",),
-    ("pages",),
-    ("recording",),
-    ("studies",),
-    ("cli",),
-)
-"""The house from its foundation up: a part imports from its own line and those before it."""
-
-LINE = {room: number for number, line in enumerate(ORDER) for room in line}
+DOORS = {}
+"""The most names that other houses may take from each; see scripts/houses.py."""
 
 
 def part(module: str) -> str:
-    """The top-level module or package of a module of ours."""
-    return module.partition(".")[0]
+    """The place of a module: its house, or in a house of several rooms the room."""
+    first, _, rest = module.partition(".")
+    room, _, inner = rest.partition(".")
+    return f"{first}.{room}" if inner or (OURS.package / first / room).is_dir() else first
 
 
 @cache
@@ -63,67 +38,32 @@ def nodes(path: Path) -> tuple[ast.AST, ...]:
     return tuple(ast.walk(tree_of(path)))
 
 
-@cache
-def imports_of(module: str) -> set[str]:
-    """All modules of ours that a module's text imports, lazily and for types alone included."""
-    names = module.split(".")
-    package = names if FILES[module].name == "__init__.py" else names[:-1]
-    found = set()
-    for node in nodes(FILES[module]):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            base = package[: len(package) - node.level + 1]
-            base += node.module.split(".") if node.module else []
-            for alias in node.names:
-                whole = ".".join([*base, alias.name])
-                found.add(whole if whole in FILES else ".".join(base))
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            absolute = [a.name for a in node.names] if isinstance(node, ast.Import) else []
-            absolute += [node.module] if isinstance(node, ast.ImportFrom) and node.module else []
-            assert not [m for m in absolute if part(m) == "nsaid_mj"], (
-                f"{module}: write it relative"
-            )
-    return found - {module, ""}
+def test_every_folder_of_the_package_is_a_house_of_the_street():
+    assert {house_of(module) for module in FILES} == set(STREET)
 
 
-def circles(graph: dict[str, set[str]]) -> list[set[str]]:
-    """Groups of nodes that reach one another."""
-    reach = {node: set(graph[node]) for node in graph}
-    for middle in graph:
-        for node in graph:
-            if middle in reach[node]:
-                reach[node] |= reach[middle]
-    found: list[set[str]] = []
-    for node in graph:
-        group = {other for other in reach[node] if node in reach.get(other, set())}
-        if node in group and group not in found:
-            found.append(group)
-    return found
+@pytest.mark.parametrize("house", STREET)
+def test_a_house_imports_only_from_houses_before_it(house):
+    after = STREET[STREET.index(house) + 1 :]
+    taken = {(t.by, t.module, t.name) for t in OURS.crossing if house_of(t.by) == house}
+    assert {(by, module, name) for by, module, name in taken if house_of(module) in after} == set()
 
 
-def test_every_package_folder_is_in_the_order_of_imports():
-    assert {part(module) for module in FILES} == set(LINE)
+@pytest.mark.parametrize("house", STREET)
+def test_a_house_is_entered_through_its_door_only(house):
+    entered = [t for t in OURS.crossing if house_of(t.module) == house]
+    assert {(t.by, t.module, t.name) for t in entered if not t.through} == set()
 
 
-def test_there_are_at_most_25_rooms():
-    assert len(LINE) <= 25
-
-
-@pytest.mark.parametrize("module", FILES)
-def test_a_module_imports_only_from_its_own_line_and_earlier_ones(module):
-    later = {m for m in imports_of(module) if LINE[part(m)] > LINE[part(module)]}
-    assert not later
+@pytest.mark.parametrize("house", STREET)
+def test_a_door_offers_just_the_names_that_others_take(house):
+    taken = {name for _, name in OURS.door(house)}
+    assert set(OURS.doors.get(house, {})) - {"main", "run_from_shell"} == taken
+    assert len(taken) <= DOORS.get(house, 0)
 
 
 def test_no_modules_import_each_other_even_inside_functions():
-    own = {m: {n for n in imports_of(m) if not n.startswith(f"{m}.")} for m in FILES}
-    assert circles(own) == []
-
-
-def test_no_two_rooms_import_each_other():
-    graph: dict[str, set[str]] = {part(m): set() for m in FILES}
-    for module in FILES:
-        graph[part(module)] |= {part(m) for m in imports_of(module)} - {part(module)}
-    assert circles(graph) == []
+    assert cycles(OURS.imports) == []
 
 
 def imported(statement: str) -> set[str]:
@@ -157,20 +97,21 @@ def test_importing_the_package_loads_nothing_heavy():
     assert not modules & (HEAVY | {"numpy", "scipy", "numba"})
 
 
-def test_the_lower_rooms_load_nothing_heavy():
-    rooms = ("numerics", "structure", "nullspace", "laws")
-    assert not imported("import " + ", ".join(f"nsaid_mj.{room}" for room in rooms)) & HEAVY
-    assert not imported("import nsaid_mj.lab.control") & (HEAVY - {"pinocchio"})
-
-
-def test_structures_import_neither_mujoco_nor_plants():
-    structures = [f"nsaid_mj.{module}" for module in FILES if part(module) == "structure"]
-    modules = imported(f"import {', '.join(structures)}")
-    assert modules.issuperset(structures)
+@pytest.mark.parametrize("house", ["base", "core", "watch"])
+def test_the_lower_houses_load_nothing_heavy(house):
+    own = [f"nsaid_mj.{module}" for module in FILES if house_of(module) == house]
+    modules = imported(f"import {', '.join(own)}")
+    assert modules.issuperset(own)
     assert not modules & (HEAVY - {"pinocchio"})
 
 
-@pytest.mark.parametrize("module", ["experiment.scenario", "experiment.loop", "cli.commands"])
+@pytest.mark.parametrize("house", STREET)
+def test_entering_a_door_loads_nothing_behind_it(house):
+    modules = imported(f"import nsaid_mj.{house}")
+    assert not modules & (HEAVY | {"numpy", "scipy", "numba"})
+
+
+@pytest.mark.parametrize("module", ["lab.scenario", "lab.loop", "cli.commands"])
 def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
     modules = imported(f"import nsaid_mj.{module}")
     assert not modules & {"rerun", "matplotlib"}
@@ -180,20 +121,17 @@ def test_a_run_imports_the_viewer_only_when_it_is_shown(module):
 @pytest.mark.parametrize(
     "package,homes",
     [
-        ("mujoco", {"robot", "plants", "baselines", "calibration"}),
-        ("rerun", {"recording", "logs"}),  # which reads recordings of others
-        ("tyro", {"cli", "experiment"}),
-        (
-            "pinocchio",
-            {"robot", "plants", "structure", "recording", "baselines", "calibration", "logs"},
-        ),
-        ("matplotlib", {"pages"}),
-        ("pyarrow", {"experiment", "recording", "studies", "logs"}),
-        ("pebble", {"studies"}),
+        ("mujoco", {"robots", "lab", "clinic"}),
+        ("rerun", {"report", "lab", "clinic", "plans"}),
+        ("tyro", {"cli", "lab"}),
+        ("pinocchio", {"core", "robots", "report", "lab", "clinic"}),
+        ("matplotlib", {"report"}),
+        ("pyarrow", {"report", "lab", "clinic", "plans"}),
+        ("joblib", {"plans"}),
     ],
 )
-def test_heavy_packages_are_named_only_in_their_own_folders(package, homes):
-    assert {part(m) for m, path in FILES.items() if package in written(path)} <= homes
+def test_heavy_packages_are_named_only_in_their_own_houses(package, homes):
+    assert {house_of(m) for m, path in FILES.items() if package in written(path)} <= homes
 
 
 def named(node: ast.Import | ast.ImportFrom) -> list[str]:
@@ -204,7 +142,7 @@ def named(node: ast.Import | ast.ImportFrom) -> list[str]:
 
 
 def test_pinocchio_is_imported_lazily_wherever_it_is_used():
-    """Vehicles run without it: only `structure.optional` names it in an import of a module."""
+    """Vehicles run without it: only `base.optional` names it in an import of a module."""
     users = {
         m
         for m, path in FILES.items()
@@ -213,6 +151,12 @@ def test_pinocchio_is_imported_lazily_wherever_it_is_used():
         and {"pinocchio", "coal"} & set(named(node))
     }
     assert users == set()
+
+
+def test_a_sweep_worker_loads_no_heavy_package():
+    """An engine's worker makes no run: its child does."""
+    modules = imported("import nsaid_mj.plans.studies.sweep_worker")
+    assert not modules & (HEAVY | {"numpy", "scipy", "numba"})
 
 
 def test_mujoco_coordinates_are_converted_only_in_plants():
@@ -224,7 +168,7 @@ def test_mujoco_coordinates_are_converted_only_in_plants():
         for node in nodes(path)
         if isinstance(node, ast.Attribute) and node.attr in theirs
     }
-    assert users <= {"plants", "baselines"}
+    assert users <= {"lab.plants", "lab.baselines"}
 
 
 def test_only_experiment_setup_imports_the_expected_gramian():
@@ -235,43 +179,22 @@ def test_only_experiment_setup_imports_the_expected_gramian():
         for node in nodes(path)
         if isinstance(node, ast.ImportFrom) and node.module == "expected_gramian"
     }
-    assert users == {"experiment.setup"}
+    assert users == {"lab.setup"}
 
 
 def test_identifiers_are_numpy_numba_and_declared_configurations():
     for module, path in FILES.items():
-        if part(module) == "laws":
+        if part(module) == "core.laws":
             foreign = written(path) - set(sys.stdlib_module_names) - {"."}
-            assert foreign <= {"numpy", "numba", "pydantic", "scipy", "lazy_loader"}, module
+            assert foreign <= {"numpy", "numba", "pydantic", "scipy"}, module
 
 
-SYSID = {"baselines.sysid": {"mujoco", "pinocchio", "numba"}}
-
-
-def test_laws_import_nothing_of_what_watches_them_and_few_names_cross():
-    """A supervisor is a guest: the laws know its protocol only."""
-    assert not [m for m, path in FILES.items() if part(m) == "laws" and "watch" in names_from(m)]
-    taken = {name for m in FILES if part(m) == "watch" for name in names_from(m).get("laws", ())}
-    assert len(taken) <= 14, sorted(taken)
-
-
-def names_from(module: str) -> dict[str, set[str]]:
-    """The names that a module imports from each room."""
-    names = module.split(".")
-    package = names if FILES[module].name == "__init__.py" else names[:-1]
-    found: dict[str, set[str]] = {}
-    for node in nodes(FILES[module]):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            base = package[: len(package) - node.level + 1]
-            base += node.module.split(".") if node.module else []
-            if base:
-                found.setdefault(base[0], set()).update(alias.name for alias in node.names)
-    return found
+SYSID = {"lab.baselines.sysid": {"mujoco", "pinocchio", "numba"}}
 
 
 def test_baselines_are_numpy_and_scipy():
     for module, path in FILES.items():
-        if part(module) == "baselines":
+        if part(module) == "lab.baselines":
             foreign = written(path) - set(sys.stdlib_module_names) - {"."}
             assert foreign <= {"numpy", "scipy"} | SYSID.get(module, set()), module
 
@@ -313,53 +236,47 @@ def calls(path: Path) -> set[str]:
     }
 
 
+AFTER = {"lab.evaluation", "plans.studies", "plans.track", "report", "report.recording"}
+"""Where finished runs are evaluated and shown."""
+
+
 def test_only_evaluation_and_recording_read_the_truth():
-    after = {"evaluation", "recording", "pages", "studies"}
     readers = {m for m, path in FILES.items() if readers_of_truth(path)}
-    assert {part(m) for m in readers} <= {"plants", "experiment"} | after
+    assert {part(m) for m in readers} - {"lab.plants"} - AFTER == {"lab"}
 
 
-def test_the_experiment_reads_the_truth_for_the_prior_only():
+def test_the_wiring_of_a_run_reads_the_truth_for_the_prior_only():
     readers = {m for m, path in FILES.items() if readers_of_truth(path)}
-    assert {m for m in readers if part(m) == "experiment"} == {"experiment.setup"}
-    readers = readers_of_truth(FILES["experiment.setup"])
+    assert {m for m in readers if part(m) == "lab"} == {"lab.setup"}
+    readers = readers_of_truth(FILES["lab.setup"])
     assert readers == {"prior_for", "published"}  # the latter of a plant with the published values
 
 
 def test_evaluation_reads_a_plants_truth_in_one_place():
-    """`evaluation.truth.Truth`: everybody else is handed one, or None."""
+    """`lab.evaluation.truth.Truth`: everybody else is handed one, or None."""
     readers = {m for m, path in FILES.items() if "truth_at" in attributes(path)}
-    assert {m for m in readers if part(m) != "plants"} == {"evaluation.truth"}
-    after = {m for m in FILES if part(m) in {"evaluation", "recording", "pages"}}
-    assert {m for m in after if "setup" in attributes(FILES[m])} == {"evaluation.truth"}
+    assert {m for m in readers if part(m) != "lab.plants"} == {"lab.evaluation.truth"}
+    after = {m for m in FILES if part(m) in AFTER - {"plans.studies", "plans.track"}}
+    assert {m for m in after if "setup" in attributes(FILES[m])} == {"lab.evaluation.truth"}
 
 
 def test_studies_read_the_truth_only_to_evaluate_runs():
     readers = {"__post_init__", "ratio", "_row", "rows_of"}
-    assert readers_of_truth(FILES["studies.montecarlo"]) == readers
+    assert readers_of_truth(FILES["plans.studies.montecarlo"]) == readers
 
 
 def test_a_truth_object_is_made_only_after_a_run():
     makers = {m for m, path in FILES.items() if calls(path) & {"Truth", "truth_of"}}
     assert makers == {
         "cli.commands",
-        "evaluation.truth",
-        "evaluation.verify",
-        "recording.postprocessing",
-        "studies.compare",
-        "studies.montecarlo",
-        "studies.one_run",
-        "studies.tracking",
+        "lab.evaluation.truth",
+        "lab.evaluation.verify",
+        "lab.finish",
+        "plans.studies.compare",
+        "plans.studies.montecarlo",
+        "plans.studies.sweep_worker",
+        "plans.track.tracking",
     }
-
-
-def test_files_and_functions_are_short():
-    for path in FILES.values():
-        text = path.read_text(encoding="utf-8")
-        assert len(text.splitlines()) <= 400, path
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef):
-                assert (node.end_lineno or 0) - node.lineno < 60, (path, node.name)
 
 
 @pytest.mark.parametrize("file", sorted(mutants.FOLDER.glob("*.toml")), ids=lambda file: file.stem)
