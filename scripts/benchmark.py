@@ -25,11 +25,11 @@ from machine import machine
 
 from nsaid_mj import ArmPlant, Scenario
 from nsaid_mj.core.log import Log
-from nsaid_mj.lab.control import Driver
+from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.plants import Plant
 from nsaid_mj.lab.plants.jointed import Backend
+from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.setup import Setup, trajectory
 from nsaid_mj.plans.studies.montecarlo import follow, grouped, simulate
 from nsaid_mj.plans.studies.study import seed_of

@@ -40,8 +40,10 @@ from nsaid_mj.clinic.identify.loads import Load
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.identify.problem import least_squares
 from nsaid_mj.clinic.identify.result import AlongLog, Options
-from nsaid_mj.clinic.logs import prepare, read_map, read_tables
-from nsaid_mj.clinic.servos import identify_servos, servo_logs
+from nsaid_mj.clinic.logs.mapping import read_map
+from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.tables import read_tables
+from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
 from nsaid_mj.lab import library
 from nsaid_mj.lab.loop import run as simulate
 from tests.support.simulated_logs import HeavyWrist, Simulated, nominal_model

@@ -22,13 +22,14 @@ import scipy.linalg
 
 from nsaid_mj.base.errors import NsaidError
 from nsaid_mj.base.stopwatch import compile_seconds
-from nsaid_mj.core.laws import NullspaceAID
-from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.scenario import Scenario
-from nsaid_mj.plans.excite import Design, Experiment, design
+from nsaid_mj.plans.excite.designing import Design, design
+from nsaid_mj.plans.excite.experiment import Experiment
 from nsaid_mj.plans.excite.information import ranks
 
 ARMS, VEHICLES = ("ur5", "panda", "kinova"), ("bluerov2", "crazyflie", "remus100")

@@ -26,15 +26,16 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 
-from nsaid_mj.core.laws import FaultEvent, NullspaceAID, Status
-from nsaid_mj.core.laws.base import Estimates, State
+from nsaid_mj.core.laws.base import Estimates, State, Status
+from nsaid_mj.core.laws.config import NullspaceAID
+from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace import structural
-from nsaid_mj.lab.evaluation import Truth
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.lab.evaluation.confidence import known
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import parse_faults
 from nsaid_mj.lab.plants.world.faults.kinds import ActuatorFault, Bias, Friction, Payload
+from nsaid_mj.lab.plants.world.faults.text import parse_faults
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.watch import drift_of
 

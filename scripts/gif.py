@@ -15,7 +15,7 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.collections import PolyCollection
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.loop import SimulatedRun, reopen
 from nsaid_mj.lab.record import Record
 

@@ -28,7 +28,7 @@ import numpy as np
 import pinocchio as pin
 
 from nsaid_mj import ArmPlant, Measurement, NullspaceAID
-from nsaid_mj.core.laws import State
+from nsaid_mj.core.laws.base import State
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.multibody import CompiledMultibody, Multibody
 from nsaid_mj.core.structure.system import SecondOrderSystem

@@ -26,7 +26,7 @@ import numpy as np
 import nsaid_mj
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import parse_faults
+from nsaid_mj.lab.plants.world.faults.text import parse_faults
 from nsaid_mj.lab.setup import Setup
 
 _RATES = {"ur5": 500.0, "bluerov2": 100.0}  # samples per second [Hz]

@@ -18,8 +18,8 @@ import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
 
-from nsaid_mj.clinic.servos import servo_logs
 from nsaid_mj.clinic.servos.estimate import JointEstimate, estimate
+from nsaid_mj.clinic.servos.identify import servo_logs
 from nsaid_mj.core.parameters import Array
 
 OTHER = np.log([48.0, 3.3, 0.068, 0.35])  # another project's servo values, for all joints

@@ -20,7 +20,9 @@ import numpy as np
 
 from nsaid_mj import NullspaceAID, Scenario, Status
 from nsaid_mj.base.files import scenarios
-from nsaid_mj.lab.evaluation import evaluate, summary_of, truth_of
+from nsaid_mj.lab.evaluation.run_evaluation import evaluate
+from nsaid_mj.lab.evaluation.summary import summary_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.plans.studies.montecarlo import Course, identify, simulate

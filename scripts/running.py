@@ -13,7 +13,7 @@ from collections import defaultdict
 
 import numpy as np
 
-from nsaid_mj.core.laws import gain_deviations
+from nsaid_mj.core.laws.base import gain_deviations
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.evaluation.confidence import INTERVAL
 from nsaid_mj.lab.evaluation.running import RunningMisfit

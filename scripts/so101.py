@@ -17,13 +17,9 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from nsaid_mj.clinic.servos import (
-    ServoLogs,
-    identify_servos,
-    rollout,
-    servo_logs,
-    write_servo_mjcf,
-)
+from nsaid_mj.clinic.servos.export import rollout, write_servo_mjcf
+from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
+from nsaid_mj.clinic.servos.logs import ServoLogs
 
 HALVES = 7
 

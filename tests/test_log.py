@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.core.laws import NullspaceAID, Status
+from nsaid_mj.core.laws.base import Status
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.log import Log, Measurement
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import ArmPlant
+from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.lab.setup import Setup
 
 PARTS = "tqvu"

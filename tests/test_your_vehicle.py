@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.lab.plants import BlueROV2Plant
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant
 from tests.support.faulty import CHECKOUT, shell
 
 PAGE = (CHECKOUT / "docs" / "your_vehicle.md").read_text(encoding="utf-8")

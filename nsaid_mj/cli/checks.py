@@ -24,7 +24,7 @@ from ..base.files import asset, path_of, toml_of, vehicle_files
 from ..robots.files import check_model, robot_file
 
 if TYPE_CHECKING:
-    from ..lab.plants import PlantConfig
+    from ..lab.plants.world.config import PlantConfig
     from .grammar import Excite, Identify, Inspect, Live
 
 
@@ -130,7 +130,7 @@ def check_inspect(chosen: Inspect) -> None:
 def check_live(chosen: Live) -> None:
     """Checks what `nsaid live` was given."""
     if chosen.law not in LAWS:
-        from ..core.laws import NullspaceAID
+        from ..core.laws.config import NullspaceAID
 
         NullspaceAID(law=chosen.law)  # type: ignore[arg-type]  # raises
     check_choice("frame", chosen.frame, FRAMES)

@@ -35,7 +35,7 @@ from ..lab.library import load
 from .process import INTERRUPTED, UNUSABLE, code_of, ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
-    from ..lab.evaluation import RunResult
+    from ..lab.evaluation.run_result import RunResult
     from ..lab.evaluation.verify import Verification
     from ..lab.loop import Run
     from ..lab.scenario import Scenario
@@ -152,8 +152,8 @@ def _command(arguments: Sequence[str]) -> int:
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "run")
-    from ..lab.evaluation import summary_of
     from ..lab.evaluation.page import print_result
+    from ..lab.evaluation.summary import summary_of
 
     if output.json:
         print_json(summary_of(result))
@@ -164,7 +164,7 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
 
 def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "verify")
-    from ..lab.evaluation import truth_of
+    from ..lab.evaluation.truth import truth_of
     from ..lab.evaluation.verify import verify
 
     found = verify(finished, truth_of(finished), result)
@@ -206,7 +206,7 @@ def _carry_out(
 
     watchers: list[Observer] = []
     if output.live:
-        from ..report.recording import Live
+        from ..clinic.live_recording import Live
 
         watchers.append(Live(title, output.live_speed))
     with (
@@ -239,7 +239,7 @@ def _finish(finished: Run, say: Callable[[str], None], command: str) -> RunResul
 
 def _code(finished: Run, result: RunResult) -> int:
     """The exit code of a finished run: that of its verdict, unless it was interrupted."""
-    from ..core.laws import Status
+    from ..core.laws.base import Status
 
     interrupted = finished.ending.status is Status.interrupted
     return INTERRUPTED if interrupted else code_of(result)
@@ -270,7 +270,7 @@ def _view(folder: Path, web: bool, rebuild: bool) -> int:
         from ..lab.finish import rebuild as post_process
 
         post_process(folder)
-    from ..report.recording import viewer_command
+    from ..report.recording.viewer import viewer_command
 
     words = viewer_command(file, web)
     if os.name == "posix":

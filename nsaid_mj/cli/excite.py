@@ -14,7 +14,7 @@ from .grammar import Excite
 from .process import code_of
 
 if TYPE_CHECKING:
-    from ..lab.control import DriverConfig
+    from ..lab.control.driver import DriverConfig
     from ..lab.scenario import Scenario
     from ..report.progress import Progress
 
@@ -43,25 +43,29 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
     """Designs, and writes and prints the results."""
     from rich.console import Console
 
-    from ..plans import excite as design
-    from ..plans.excite import files, information, prediction
-    from ..plans.excite import page as pages
-    from ..plans.excite.experiment import own_limits
-    from ..report import recording
+    from ..plans.excite.designing import design as design_design
+    from ..plans.excite.experiment import Experiment, own_limits
+    from ..plans.excite.files import design_document as files_document
+    from ..plans.excite.files import scenario_of, write_design
+    from ..plans.excite.information import ranks as information_ranks
+    from ..plans.excite.limits import Limits, read_limits
+    from ..plans.excite.page import design_page as pages_page
+    from ..plans.excite.prediction import predict, tried
     from ..report.page import write_html
     from ..report.progress import Progress
+    from ..report.recording import available
     from ..report.terminal import print_page
 
-    def limited(own: design.Limits) -> design.Limits:
+    def limited(own: Limits) -> Limits:
         """The limits of model and file; a real robot must not touch itself or the ground either."""
         if chosen.model is not None and not experiment.system.group:
             own = own_limits(experiment.system, own)
             own = replace(own, contacts=experiment.contacts is not None)
-        return design.read_limits(chosen.limits, own) if chosen.limits else own
+        return read_limits(chosen.limits, own) if chosen.limits else own
 
     with Progress(name, quiet=chosen.quiet or chosen.json) as progress:
-        experiment = design.Experiment.of(scenario, chosen.seed)
-        found = design.design(
+        experiment = Experiment.of(scenario, chosen.seed)
+        found = design_design(
             experiment,
             wanted=chosen.want,
             criterion=chosen.criterion,
@@ -70,19 +74,19 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
             effort=chosen.effort,
             report=progress.stage,
         )
-        predicted = prediction.predict(found, progress.stage)
+        predicted = predict(found, progress.stage)
         progress.say("counting harmonics")
-        ranks = information.ranks(experiment, found.limits)
-        written = files.write(found, predicted, ranks, files.scenario_of(found, scenario), folder)
-        document = files.document(found, predicted, ranks, folder.name)
+        ranks = information_ranks(experiment, found.limits)
+        written = write_design(found, predicted, ranks, scenario_of(found, scenario), folder)
+        document = files_document(found, predicted, ranks, folder.name)
         progress.say("trying the experiment on a draw of the prior")
-        trial = prediction.tried(found)
-        page = pages.page(name, document, trial, found, folder)
+        trial = tried(found)
+        page = pages_page(name, document, trial, found, folder)
         written.append(write_html(page, folder))
-        if recording.available():
-            from ..plans.excite.recording import FILE, record
+        if available():
+            from ..plans.excite.recording import DESIGN_RECORDING, record_design
 
-            written.append(record(page, found, folder / FILE))
+            written.append(record_design(page, found, folder / DESIGN_RECORDING))
     if chosen.json:
         print_json(document)
     elif not chosen.quiet:
@@ -120,6 +124,7 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
     _, colon, folder = given.partition(":")
     if colon:
         return Scenario.from_json((Path(folder) / "scenario.json").read_bytes()).excitation
-    from ..plans import excite as design
+    from ..plans.excite.designing import design as design_design
+    from ..plans.excite.experiment import Experiment
 
-    return design.design(design.Experiment.of(scenario), report=progress.stage).driver
+    return design_design(Experiment.of(scenario), report=progress.stage).driver

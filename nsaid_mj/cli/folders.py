@@ -13,7 +13,7 @@ from ..base.errors import BadRun, FolderInUse
 from ..base.files import RECORD, check_own, json_of, locked
 
 if TYPE_CHECKING:
-    from ..core.laws import IdentifierConfig
+    from ..core.laws.config import IdentifierConfig
     from ..lab.scenario import Scenario
 
 RUNS = Path("runs")
@@ -49,7 +49,8 @@ def folder_for(
 
 def _law_of(identifier: IdentifierConfig) -> str:
     """The law as given on the command line, or its own name."""
-    from ..core.laws import ConventionalAID, NullspaceAID
+    from ..core.laws.config import NullspaceAID
+    from ..core.laws.conventional import ConventionalAID
 
     if isinstance(identifier, NullspaceAID):
         return identifier.law

@@ -19,7 +19,7 @@ from .process import EXPLAINED, UNUSABLE, code_of
 if TYPE_CHECKING:
     from ..clinic.identify.inspection import Inspection
     from ..clinic.identify.result import Identification
-    from ..clinic.servos import ServoLogs
+    from ..clinic.servos.logs import ServoLogs
     from ..report.page import Page
     from ..report.progress import Progress
 
@@ -32,7 +32,7 @@ def identify_log(chosen: Identify) -> int:
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     check_identify(chosen, model)
-    from ..clinic.logs import limited_to
+    from ..clinic.logs.formats import limited_to
 
     with (
         reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
@@ -128,16 +128,17 @@ def write(
     result = replace(result, findings=(*result.findings, *followed))
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     report("writing the report")
-    from ..clinic.identify import page as pages
+    from ..clinic.identify.page import identification_page as pages_page
     from ..report.page import write_html
 
-    page = pages.page(result, command)
+    page = pages_page(result, command)
     files.append(write_html(page, folder))
-    from ..report import recording
+    from ..clinic.identify.recording import record
+    from ..report.recording import FILE, available
 
-    if recording.available():
+    if available():
         report("writing the recording")
-        files.append(recording.record(page, folder / recording.FILE))
+        files.append(record(page, folder / FILE))
     if result.law is not None:
         from ..lab.finish import finish
 
@@ -161,7 +162,7 @@ def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs
     """The arm and its logs if they hold targets and positions, else None."""
     from ..clinic.identify.identify import servos_of as given
     from ..clinic.identify.loads import load_of
-    from ..clinic.logs import read_map
+    from ..clinic.logs.mapping import read_map
 
     mapping = None if chosen.map is None else read_map(chosen.map)
     lock, joints = names_in(chosen.lock), names_in(chosen.joints) or None
@@ -178,8 +179,8 @@ def identify_given(
         InvalidInput: an option has no meaning for logs of targets.
     """
     from ..base.bounds import without_nonfinite
-    from ..clinic.servos import identify_servos, replayed, write_servo_mjcf
-    from ..clinic.servos.identify import check_servo_options
+    from ..clinic.servos.export import replayed, write_servo_mjcf
+    from ..clinic.servos.identify import check_servo_options, identify_servos
 
     check_servo_options(chosen.law, **_options(chosen))
     own = replace(chosen, map=chosen.validate_map or chosen.map)
@@ -192,17 +193,18 @@ def identify_given(
     followed, replay = replayed(result, model_file, given, others)
     result = replace(result, findings=(*result.findings, followed))
     write_json(path, without_nonfinite(result.summary()))
-    from ..clinic.servos import page as servos
-    from ..report import recording
+    from ..clinic.identify.recording import record_servos
+    from ..clinic.servos.page import servo_page as servos_page
     from ..report.page import write_html
+    from ..report.recording import FILE, available
 
     commands, folder, files = [repeated(chosen)], path.parent, [path, model_file]
-    if recording.available():
+    if available():
         commands.append(shlex.join(["nsaid", "view", str(folder)]))
-    page = servos.page(result, commands, replay)
-    if recording.available():
+    page = servos_page(result, commands, replay)
+    if available():
         progress.say("writing the recording")
-        files.append(recording.record_servos(page, replay, folder / recording.FILE))
+        files.append(record_servos(page, replay, folder / FILE))
     return page, [*files, write_html(page, folder)]
 
 
@@ -223,9 +225,11 @@ def inspect_log(chosen: Inspect) -> int:
     from ..base.files import write_text
     from ..clinic.identify.identify import files_of
     from ..clinic.identify.inspection import inspect
-    from ..clinic.identify.inspection_page import draw
-    from ..clinic.logs import limited_to, read_map, read_tables
+    from ..clinic.identify.inspection_page import draw_inspection
     from ..clinic.logs.first_map import first_map
+    from ..clinic.logs.formats import limited_to
+    from ..clinic.logs.mapping import read_map
+    from ..clinic.logs.tables import read_tables
     from ..report.plots import is_own
 
     logs, mapping = list(chosen.logs), read_map(chosen.map) if chosen.map else None
@@ -244,7 +248,7 @@ def inspect_log(chosen: Inspect) -> int:
         chosen.out.mkdir(parents=True, exist_ok=True)
         names = chain((PICTURE,), map("inspection-{}.png".format, count(2)))
         paths = (chosen.out / name for name in names)
-        files = [draw(found, next(p for p in paths if not p.exists() or is_own(p)))]
+        files = [draw_inspection(found, next(p for p in paths if not p.exists() or is_own(p)))]
         if found.robot is not None and mapping is None:
             text = first_map(found.tables, found.robot)
             names = map("map-new-{}.toml".format, count(2))

@@ -26,8 +26,8 @@ def follow_robot(chosen: Live) -> int:
     from ..clinic.identify.measured import LiveRobot, measured_scenario
     from ..clinic.logs.stream import bound
     from ..clinic.session import Session
-    from ..lab.evaluation import summary_of
     from ..lab.evaluation.page import print_result
+    from ..lab.evaluation.summary import summary_of
     from ..lab.finish import finish
     from ..report.progress import Progress
 
@@ -54,7 +54,7 @@ def follow_robot(chosen: Live) -> int:
             print(f"{name}: waiting for samples from {where}", file=sys.stderr)
         observers: list[Observer] = []
         if chosen.view:
-            from ..report.recording import Live as Viewer
+            from ..clinic.live_recording import Live as Viewer
 
             observers.append(Viewer(name, 0))
         every = chosen.every if chosen.every is not None else _SHOWN

@@ -52,20 +52,26 @@ def compare(script: str, arguments: Sequence[str]) -> int:
     durations = (0.5 * scenario.duration, scenario.duration)
     if chosen.durations:
         durations = numbers_in("--durations", chosen.durations, _TEN)
-    from ..plans.studies import compare as study
+    from ..plans.studies.compare import (
+        BUDGET,
+        COMPARE_FILES,
+        DEFAULT,
+        comparison_plan,
+        run_comparison,
+    )
 
-    plan = study.plan(
+    study = comparison_plan(
         **given,
-        methods=study.DEFAULT if methods is None else methods,
+        methods=DEFAULT if methods is None else methods,
         seeds=seeds,
         durations=durations,
         noises=(0.0,) * ("ideal" in kinds) + scales * ("noisy" in kinds),
-        budget=study.BUDGET if chosen.budget is None else chosen.budget,
+        budget=BUDGET if chosen.budget is None else chosen.budget,
         bound=chosen.bound,
     )
-    result, _ = study.run(plan, folder, quiet=chosen.quiet or chosen.json)
+    result, _ = run_comparison(study, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
-        print((folder / study.FILES[0]).read_text(encoding="utf-8"), end="")
+        print((folder / COMPARE_FILES[0]).read_text(encoding="utf-8"), end="")
     return code_of(result)
 
 
@@ -98,34 +104,37 @@ def sweep(script: str, arguments: Sequence[str]) -> int:
 
     vary = varied(chosen.vary, given["scenario"])
     check_choice("engine", chosen.engine, ENGINES)
-    from ..plans.studies import engine as engines
-    from ..plans.studies import sweep as study
+    from ..plans.studies.engine import Engine
+    from ..plans.studies.sweep import run_sweep, sweep_document, sweep_plan, sweep_result
 
-    plan = study.plan(**given, vary=vary, seeds=chosen.seeds)
-    engine = engines.Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
-    found = study.run(plan, folder, engine, chosen.quiet or chosen.json, chosen.retry)
+    study = sweep_plan(**given, vary=vary, seeds=chosen.seeds)
+    engine = Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
+    found = run_sweep(study, folder, engine, chosen.quiet or chosen.json, chosen.retry)
     if chosen.json:
-        print_json(study.document(found))
+        print_json(sweep_document(found))
     elif not chosen.quiet:
-        from ..plans.studies import sweep_report  # imported late: matplotlib takes half a second
-
-        _print(sweep_report.page_of(found), found)
-    return code_of(study.result_of(found))
+        _print(sweep_page(found), found)
+    return code_of(sweep_result(found))
 
 
 def montecarlo(script: str, arguments: Sequence[str]) -> int:
     """Identifies from many priors."""
     given, chosen, folder = _given("montecarlo", script, arguments, MonteCarlo)
-    from ..plans.studies import montecarlo as study
-    from ..plans.studies import montecarlo_results
+    from ..plans.studies.montecarlo import montecarlo_plan
+    from ..plans.studies.montecarlo_results import (
+        montecarlo_document,
+        montecarlo_page,
+        montecarlo_result,
+        run_montecarlo,
+    )
 
-    plan = study.plan(**given, runs=chosen.runs, shared=not chosen.own_plants)
-    found = montecarlo_results.run(plan, folder, chosen.jobs, chosen.quiet or chosen.json)
+    study = montecarlo_plan(**given, runs=chosen.runs, shared=not chosen.own_plants)
+    found = run_montecarlo(study, folder, chosen.jobs, chosen.quiet or chosen.json)
     if chosen.json:
-        print_json(montecarlo_results.document(found))
+        print_json(montecarlo_document(found))
     elif not chosen.quiet:
-        _print(montecarlo_results.page_of(found), found)
-    return code_of(montecarlo_results.result_of(found))
+        _print(montecarlo_page(found), found)
+    return code_of(montecarlo_result(found))
 
 
 def _print(page: Page, found: Runs) -> None:
@@ -146,26 +155,26 @@ def track(script: str, arguments: Sequence[str]) -> int:
     for law in laws:
         check_choice("tracking law", law, TRACKING_LAWS)
     seeds = _seeds(chosen.seeds)
-    from ..plans.track import run as tracking_run
-    from ..plans.track import tracking
+    from ..plans.track.run import run_tracking
+    from ..plans.track.tracking import TRACKING_FILES, tracking_plan
 
-    plan = tracking.plan(**given, laws=laws, seeds=seeds)
-    result, _ = tracking_run.run(plan, folder, quiet=chosen.quiet or chosen.json)
+    study = tracking_plan(**given, laws=laws, seeds=seeds)
+    result, _ = run_tracking(study, folder, quiet=chosen.quiet or chosen.json)
     if chosen.json:
-        print((folder / tracking.FILES[0]).read_text(encoding="utf-8"), end="")
+        print((folder / TRACKING_FILES[0]).read_text(encoding="utf-8"), end="")
     return code_of(result)
 
 
 def report(chosen: Report) -> int:
     """Draws a sweep's page."""
     check_sweep(chosen.sweep)
-    from ..plans.studies import sweep_report
     from ..plans.studies.folder import read
+    from ..plans.studies.sweep_report import write_sweep_page
 
     runs = read(chosen.sweep)
     if runs.damaged:
         print(f"nsaid: {runs.damaged}; the same `nsaid sweep` makes them again", file=sys.stderr)
-    for path in sweep_report.write(runs):
+    for path in write_sweep_page(runs):
         print(printable(str(path)))
     return 0
 
@@ -242,8 +251,8 @@ def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Scor
     from ..clinic.identify.identify import coupled, recordings_of
     from ..clinic.identify.models import load_robot_model
     from ..clinic.identify.result import Options
-    from ..clinic.logs import read_map
-    from ..clinic.servos import servo_logs
+    from ..clinic.logs.mapping import read_map
+    from ..clinic.servos.identify import servo_logs
     from ..report.progress import Progress
 
     with Progress("compare", quiet=chosen.quiet or chosen.json) as progress:

@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 
 from ..base.errors import InvalidInput
-from ..core.laws import State
+from ..core.laws.base import State
 from ..core.log import Log, Measurement
 from ..core.structure.system import SecondOrderSystem
 from ..lab.loop import Observer, Robot

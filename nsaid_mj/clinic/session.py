@@ -14,7 +14,7 @@ import numpy as np
 import orjson
 
 from ..base.threads import single_threaded
-from ..core.laws import Identifier, State
+from ..core.laws.base import Identifier, State
 from ..core.log import Log, Measurement
 from ..core.parameters import Array, ParameterSpace
 from ..lab.evaluation.confidence import INTERVAL

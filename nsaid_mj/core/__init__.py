@@ -1,1 +1,4 @@
-"""The paper: one robot as data, its persistent nullspace, and the laws that identify it. No MuJoCo, no files."""
+"""The paper: one robot as data, its persistent nullspace, and the laws that identify it.
+
+No MuJoCo, no files.
+"""

@@ -10,7 +10,7 @@ from ..base.errors import InvalidInput
 from ..core.log import Measurement
 from ..core.parameters import Array
 from ..core.structure.system import SecondOrderSystem
-from .control import Driver
+from .control.driver import Driver
 
 _SAMPLES = 3000  # largest number averaged in the Gramian
 

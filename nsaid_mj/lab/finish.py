@@ -11,14 +11,18 @@ from ..base.bounds import LARGEST
 from ..base.errors import BadRun, InvalidInput
 from ..base.files import json_of, locked, write_json, write_text
 from ..base.threads import single_threaded
-from ..core.laws import Status
-from ..report import recording
+from ..core.laws.base import Status
 from ..report.page import write_html
 from ..report.progress import Progress
-from . import evaluation
-from .evaluation import RunResult, result_from, summary_of, with_curves
+from ..report.recording import available
 from .evaluation import page as report
-from .evaluation.summary import FILE as SUMMARY
+from .evaluation.curves import with_curves
+from .evaluation.recording import write_run_recording
+from .evaluation.run_evaluation import evaluate
+from .evaluation.run_result import RunResult
+from .evaluation.summary import SUMMARY_FILE as SUMMARY
+from .evaluation.summary import result_from, summary_of
+from .evaluation.truth import truth_of
 from .evaluation.verify import ROWS, verify
 from .loop import Cost, Ending, Run, reopen
 from .record import Record
@@ -69,9 +73,9 @@ def _finish(
     say("evaluating the estimate")
     # half a second of matplotlib, which the page needs last
     Thread(target=import_module, args=["..report.drawings", __package__], daemon=True).start()
-    truth = evaluation.truth_of(run)
+    truth = truth_of(run)
     stated_before = None if earlier is None else earlier.confidence
-    result = evaluation.evaluate(run, truth, stated_before)
+    result = evaluate(run, truth, stated_before)
     write_json(run.folder / SUMMARY, summary_of(result))
     write_text(run.folder / SCENARIO, run.scenario.to_json() + "\n")
     if not _drawable(run.record):
@@ -79,8 +83,8 @@ def _finish(
     say("writing recording and report")
     checks = verify(run, truth, result) if len(run.record) >= ROWS else None
     result = with_curves(result, run, truth)
-    if recording.available():
-        recording.write(run, result, truth, checks)
+    if available():
+        write_run_recording(run, result, truth, checks)
     write_html(report.page(run, result, checks, command), run.folder)
     return result
 

@@ -13,9 +13,10 @@ import numpy as np
 
 from ..base.files import write_json
 from ..base.stopwatch import clock
-from ..core.laws import Estimates, FaultEvent, Identifier, State, Status
+from ..core.laws.base import Estimates, Identifier, State, Status
+from ..core.laws.faults import FaultEvent
 from ..core.log import Log, Measurement
-from ..core.nullspace import PersistenceMonitor
+from ..core.nullspace.persistence import PersistenceMonitor
 from ..report.observer import Observer, Robot
 from .record import BATCH_SECONDS, RecordWriter
 from .scenario import Scenario

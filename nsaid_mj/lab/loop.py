@@ -18,13 +18,15 @@ from ..base.errors import BadRun
 from ..base.files import json_of, locked, writing
 from ..base.stopwatch import clock, compile_seconds
 from ..base.threads import single_threaded
-from ..core.laws import FaultEvent, Identifier, State, Status
-from ..core.nullspace import PersistenceMonitor, structural
+from ..core.laws.base import Identifier, State, Status
+from ..core.laws.faults import FaultEvent
+from ..core.nullspace.persistence import PersistenceMonitor
+from ..core.nullspace.subspace import structural
 from ..core.parameters import Array
 from ..core.structure.system import SecondOrderSystem
 from .following import FAULTS, Cost, Ending, Loop, Observer, Robot, segment_steps
-from .plants import Looks, Plant
-from .record import FILE, PROFILED, TARGET_DELAYS, Record, RecordWriter
+from .plants.world.plant import Looks, Plant
+from .record import PROFILED, RECORD_FILE, TARGET_DELAYS, Record, RecordWriter
 from .scenario import Scenario
 from .setup import Seeds, Setup
 from .source import Simulation, Source
@@ -158,7 +160,7 @@ def followed(
     known = {"names": space.names, "units": space.units, "scale": space.scale.tolist(), "r": r}
     known = {"scenario": scenario.to_json()} | known | (metadata or {})
     batch = max(1, segment_steps(scenario) // scenario.record_every)
-    writer = RecordWriter(folder / FILE, widths, known, batch)
+    writer = RecordWriter(folder / RECORD_FILE, widths, known, batch)
     monitor = PersistenceMonitor(system.p, r, scenario.pe_window)
     loop = Loop(scenario, robot, source, identifiers, monitor, writer, observers, folder)
     begin = clock()

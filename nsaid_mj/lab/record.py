@@ -28,7 +28,7 @@ BATCH_SECONDS = 0.5
 """Duration of a batch, and of what identifiers follow at once: by default an interval of the
 memory, whose steps then end with it and are taken beside the filter's."""
 
-FILE = RECORD
+RECORD_FILE = RECORD
 TARGET_DELAYS = "target_delays"
 """Key of a record's metadata: (n_u,) delays [s] of a servo arm's targets, after which u acts."""
 PROFILED = "target_profile"

@@ -18,9 +18,14 @@ from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, Pri
 
 from ..base.bounds import Config, Name, NonNegative, Positive, Seed, Share, config, refusal
 from ..base.errors import InvalidInput, UnknownName
-from ..core.laws import IdentifierConfig, NullspaceAID
-from .control import DriverConfig, FourierTracking
-from .plants import ArmPlant, Fault, PlantConfig, SensorNoise, fault_text, parse_faults
+from ..core.laws.config import IdentifierConfig, NullspaceAID
+from .control.driver import DriverConfig
+from .control.tracking import FourierTracking
+from .plants.jointed import ArmPlant
+from .plants.world.config import PlantConfig
+from .plants.world.faults.kinds import Fault
+from .plants.world.faults.text import fault_text, parse_faults
+from .plants.world.noise import SensorNoise
 
 MOST_STEPS = 1e9
 """Largest number of time steps of a run; a longer record would fill a disk."""

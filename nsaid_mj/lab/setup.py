@@ -19,17 +19,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.errors import BadScript, InvalidInput
-from ..core.laws import ExpectedGramian, Identifier, IdentifierConfig, NullspaceAID
+from ..core.laws.base import Identifier
 from ..core.laws.cone.prior import drawn_inside
+from ..core.laws.config import ExpectedGramian, IdentifierConfig, NullspaceAID
 from ..core.log import EXACT, Log, SensorLevels
 from ..core.parameters import Array, ParameterSpace
 from ..core.structure.system import SecondOrderSystem
 from ..watch import supervised
-from .control import CompiledDriver, Driver, DriverConfig
 from .control.computed_torque import Tracking
+from .control.driver import CompiledDriver, Driver, DriverConfig
 from .library import place_of
-from .plants import ParametricPlantConfig, Plant, PlantConfig, Sensors
-from .plants.world.sensors import EXACT_SENSORS
+from .plants.world.config import ParametricPlantConfig, PlantConfig
+from .plants.world.plant import Plant
+from .plants.world.sensors import EXACT_SENSORS, Sensors
 from .scenario import Scenario
 
 _PIECE = 5000  # time steps after which a long simulation can be stopped

@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..base.stopwatch import clock
-from ..core.laws import Status
+from ..core.laws.base import Status
 from ..core.log import Log, Measurement
 from ..core.parameters import Array
-from .control import Driver, InformedDriver
-from .plants import Plant, Sensors
+from .control.driver import Driver, InformedDriver
+from .plants.world.plant import Plant
+from .plants.world.sensors import Sensors
 
 LONGEST_STEP = 1.5
 """Interval between two samples, over the period, beyond which it is a gap."""

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from ..core.laws import State
+    from ..core.laws.base import State
     from ..core.log import Log, Measurement
     from ..core.parameters import Array
     from ..core.structure.system import SecondOrderSystem
-    from ..lab.plants import Looks
+    from ..lab.plants.world.plant import Looks
     from ..lab.scenario import Scenario
 
 

@@ -20,7 +20,7 @@ from ..core.parameters import ABSENT
 from .panels import BAD, BAND, COLOURS, DASHES, GRID, INK, PALE
 from .result import LEVELS, Mark, Result
 
-FILE = "report.html"
+REPORT_FILE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
 _EMPTY: set[object] = {"", ABSENT}
 
@@ -125,13 +125,13 @@ class Fold:
     """Panels that are folded on a screen, and open on paper."""
 
     title: str  # that opens and closes them
-    panels: Sequence[Panel]  # what is folded
+    item_lines: Sequence[PageItem]  # what is folded
     counts: Sequence[Mark] = ()  # marks beside the title
     small: str = ""  # words beside the title
     open: bool = False  # whether they are open at first
 
 
-Panel = Text | Items | Badges | Table | Figures | Fold
+PageItem = Text | Items | Badges | Table | Figures | Fold
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Section:
     """Panels below a title; without a title they form a separate card."""
 
     title: str  # above the panels
-    panels: Sequence[Panel]  # from top to bottom
+    item_lines: Sequence[PageItem]  # from top to bottom
     beside: Figure | None = None  # on their right where the page is wide
     brief: bool = False  # whether the terminal and recordings show them, too, without drawings
 
@@ -168,7 +168,7 @@ def count(number: int, singular: str, plural: str = "") -> str:
 
 def write_html(page: Page, folder: Path) -> Path:
     """Writes report.html atomically and returns its path."""
-    path = folder / FILE
+    path = folder / REPORT_FILE
     write_text(path, render_html(page))
     return path
 
@@ -239,18 +239,18 @@ def markdown(page: Page) -> str:
     for section in page.sections:
         if section.brief and (shown := in_brief(section.panels)):
             lines += ["", *([f"### {plain(section.title)}", ""] if section.title else [])]
-            lines += panels(shown)
+            lines += item_lines(shown)
     lines += ["", "### Notes", "", *notes] if notes else []
     return "\n".join(lines) + "\n"
 
 
-def in_brief(panels: Sequence[Panel]) -> list[Panel]:
+def in_brief(panels: Sequence[PageItem]) -> list[PageItem]:
     """What terminal and recording show of a brief section: no notes, drawings or folded panels."""
     shown = (panel for panel in panels if not isinstance(panel, Figures | Fold))
     return [panel for panel in shown if not (isinstance(panel, Text) and panel.note)]
 
 
-def panels(some: Sequence[Panel]) -> list[str]:
+def item_lines(some: Sequence[PageItem]) -> list[str]:
     """The lines of texts, lists, tables and folded panels."""
     lines: list[str] = []
     for panel in some:
@@ -267,7 +267,7 @@ def panels(some: Sequence[Panel]) -> list[str]:
             lines += [_row(panel.heads), "|---" * len(panel.heads) + "|"]
             lines += [_row([_cell(cell) for cell in line]) for line in panel.lines] + [""]
         elif isinstance(panel, Fold):
-            lines += [f"#### {plain(panel.title)}", "", *panels(panel.panels)]
+            lines += [f"#### {plain(panel.title)}", "", *item_lines(panel.panels)]
     return lines
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..core.parameters import Array
-from ..lab.loop import Looks
+from ..lab.plants.world.plant import Looks
 from .page import Figure
 
 _WIDTH, _HEIGHT, _DPI = 760, 540, 100.0  # of the picture [pixels], at most; pixels per inch

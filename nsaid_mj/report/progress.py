@@ -23,7 +23,7 @@ from ..base.stopwatch import clock, on_compiling
 from .observer import Observer, Robot
 
 if TYPE_CHECKING:
-    from ..core.laws import State
+    from ..core.laws.base import State
     from ..core.log import Log, Measurement
     from ..core.structure.system import SecondOrderSystem
     from ..lab.scenario import Scenario

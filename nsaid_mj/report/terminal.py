@@ -10,7 +10,7 @@ from rich.table import Table as Grid
 
 from ..base.errors import printable
 from ..base.findings import Finding
-from .page import Badges, Cell, Items, Link, Page, Panel, Table, Text, count, in_brief
+from .page import Badges, Cell, Items, Link, Page, PageItem, Table, Text, count, in_brief
 from .result import LEVELS, Mark
 
 _COLOURS = {"good": "green", "fair": "yellow", "poor": "red", "weak": "bright_black"}
@@ -67,7 +67,7 @@ def print_findings(findings: Sequence[Finding], console: Console, codes: bool = 
             console.print(f"  [{_COLOURS[mark.kind]}]{mark.glyph}[/] {words}", soft_wrap=True)
 
 
-def print_panels(panels: Sequence[Panel], console: Console) -> None:
+def print_panels(panels: Sequence[PageItem], console: Console) -> None:
     """Prints badges, texts, lists and tables, each indented by two characters.
 
     Of a list's pairs long parts are cut, as the page has them all; see `in_brief` for what is left

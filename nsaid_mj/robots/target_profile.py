@@ -7,9 +7,8 @@ none.
 """
 
 import numpy as np
-from numba import njit
 
-from ..core.numerics import cache  # noqa: F401 (sets the folder of compiled kernels)
+from ..core.numerics.kernels import kernel
 from ..core.parameters import Array
 
 _STEP = 4e-3  # longest, between rows of a log [s]
@@ -20,7 +19,7 @@ def at_rest(target: Array) -> Array:
     return np.column_stack([target, 0 * target, target])
 
 
-@njit(cache=True)
+@kernel()
 def advance(profile, target, h, state):
     """Advances a state (k, 3) by h [s]: limited target, its speed, and smoothed target."""
     for j in range(len(target)):
@@ -54,7 +53,7 @@ def followed(t: Array, target: Array, profile: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@kernel()
 def _follow(t, target, profile, state, out):
     for i in range(len(t) - 1):
         steps = int(np.ceil((t[i + 1] - t[i]) / _STEP))

@@ -33,8 +33,9 @@ import numpy as np
 import scipy.linalg
 from scipy.special import gammaincc
 
-from ..core.laws import Confidence, KalmanFilter, State, gain_deviations
+from ..core.laws.base import Confidence, State, gain_deviations
 from ..core.laws.cone.prior import drawn_inside
+from ..core.laws.efficient.estimator import KalmanFilter
 from ..core.laws.efficient.state import EfficientState
 from ..core.log import Log
 from ..core.parameters import Array, Indices, ParameterSpace

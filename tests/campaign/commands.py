@@ -18,7 +18,7 @@ from nsaid_mj.base.bounds import shown
 from nsaid_mj.base.files import scenarios
 from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
 from nsaid_mj.clinic.session import Session
-from nsaid_mj.lab.evaluation import summary_of
+from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.finish import finish
 from nsaid_mj.lab.scenario import field_at
 
@@ -92,8 +92,8 @@ _OF_FLAGS = {
 }  # fmt: skip
 _WORK = (
     "nsaid_mj.lab.loop.run",
-    "nsaid_mj.plans.studies.compare.run",
-    "nsaid_mj.plans.studies.sweep.run",
+    "nsaid_mj.plans.studies.compare.run_comparison",
+    "nsaid_mj.plans.studies.sweep.run_sweep",
     "nsaid_mj.plans.studies.montecarlo_results.rows_of",
     "nsaid_mj.clinic.identify.identify.identify",
 )

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.clinic.logs import limited_to
+from nsaid_mj.clinic.logs.formats import limited_to
 from nsaid_mj.clinic.logs.tables import read
 from nsaid_mj.clinic.logs.unusable import UnusableLog
-from nsaid_mj.lab.plants import ArmPlant
+from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.robots.loading import load_robot
 from tests.support import damaged
 

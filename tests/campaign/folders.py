@@ -13,9 +13,9 @@ from pathlib import Path
 
 from nsaid_mj import Record, run
 from nsaid_mj.base.errors import NsaidError
-from nsaid_mj.core.laws import FaultEvent
+from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.lab import finish as postprocessing
-from nsaid_mj.lab.evaluation import summary_of
+from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import FAULTS
 from nsaid_mj.plans.studies import sweep, sweep_report
@@ -26,7 +26,7 @@ from tests.support import damaged
 from .tries import Draw, Kind
 
 SCENARIO = replace(load("scalar_rov"), duration=2.0, held_out=0.5, pe_window=0.5)
-PLAN = sweep.plan("scalar_rov", SCENARIO, {"identifier.gain": (0.5, 1.0)}, seeds=2)
+PLAN = sweep.sweep_plan("scalar_rov", SCENARIO, {"identifier.gain": (0.5, 1.0)}, seeds=2)
 RUN = ("record.arrow", "summary.json", "scenario.json", "run.rrd", "report.html")
 FAULT = FaultEvent(1.0, 1.2, "loss", "thrust", ("thrust",), 0.4, 0.3, 0.5, "1", 0.99)
 SWEEP = ("manifest.json", "rows.jsonl", "results.parquet")
@@ -40,7 +40,7 @@ def packed(kind: str) -> Path:
     if kind == "run":
         postprocessing.finish(run(SCENARIO, folder))
     else:
-        sweep.run(PLAN, folder, Engine(jobs=1), quiet=True)
+        sweep.run_sweep(PLAN, folder, Engine(jobs=1), quiet=True)
     return folder
 
 
@@ -88,10 +88,10 @@ def damaged_sweep(rng: random.Random, here: Path) -> Kind:
     def check() -> str:
         before = rows()
         with contextlib.suppress(NsaidError):
-            sweep_report.write(read(out))
+            sweep_report.write_sweep_page(read(out))
         found = None
         with contextlib.suppress(NsaidError):
-            found = sweep.run(PLAN, out, Engine(jobs=1), quiet=True)
+            found = sweep.run_sweep(PLAN, out, Engine(jobs=1), quiet=True)
         if found is None:
             return "" if rows() == before else "rows were lost"
         if [row["run"] for row in found.rows] != list(range(len(PLAN))):

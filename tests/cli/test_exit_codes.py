@@ -14,8 +14,8 @@ from nsaid_mj.base.findings import Finding
 from nsaid_mj.cli import commands
 from nsaid_mj.cli.process import EXPLAINED, NOT_EXPLAINED, UNUSABLE, code_of
 from nsaid_mj.clinic.logs.unusable import UnusableLog
-from nsaid_mj.core.laws import Status
-from nsaid_mj.lab.evaluation import RunResult
+from nsaid_mj.core.laws.base import Status
+from nsaid_mj.lab.evaluation.run_result import RunResult
 from nsaid_mj.lab.evaluation.statistics import Accuracy, RunEnding
 from nsaid_mj.lab.evaluation.verify import StatementVerdict, verification_of
 from nsaid_mj.plans.studies.compare_report import PRIOR, result_of, row_of, runs_of

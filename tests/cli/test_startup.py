@@ -12,7 +12,7 @@ from nsaid_mj.base import choices
 from nsaid_mj.base.errors import BadRobot
 from nsaid_mj.base.files import scenarios
 from nsaid_mj.clinic.identify.choose.columns import COLUMNS, EXTRA
-from nsaid_mj.core.laws import NullspaceAID
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.lab.baselines import BATCH
 from nsaid_mj.lab.control.adaptive.tracker import Law
 from nsaid_mj.robots.loading import load_robot

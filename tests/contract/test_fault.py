@@ -14,26 +14,21 @@ from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
-from nsaid_mj.core.laws import NullspaceAID
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.lab import finish as postprocessing
-from nsaid_mj.lab.evaluation import energy, summary_of, truth_of
 from nsaid_mj.lab.evaluation.figures import held_out_rows, residual_ratio
-from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.evaluation.lyapunov import energy
+from nsaid_mj.lab.evaluation.summary import result_from, summary_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import SimulatedRun, run
-from nsaid_mj.lab.plants import (
-    ArmPlant,
-    BlueROV2Plant,
-    BMW320iPlant,
-    Fault,
-    FloatingBasePlant,
-    Loss,
-    Mismatch,
-    Plant,
-    PlantConfig,
-    ScalarRovPlant,
-)
-from nsaid_mj.lab.plants.world.faults.kinds import gains_of
+from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, BMW320iPlant
+from nsaid_mj.lab.plants.world.config import PlantConfig
+from nsaid_mj.lab.plants.world.faults.kinds import Fault, Loss, gains_of
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.scenario import Scenario
 from tests.support.plants import name_of, path, random_commands, start_of
 from tests.support.summaries import summarize

@@ -8,20 +8,14 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import InvalidInput, NsaidError
-from nsaid_mj.lab.control import Driver
+from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import (
-    ArmPlant,
-    BlueROV2Plant,
-    Fault,
-    Loss,
-    Payload,
-    Plant,
-    PlantConfig,
-    QuadrotorPlant,
-    parse_faults,
-)
-from nsaid_mj.lab.plants.world.faults.text import fault_text
+from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, QuadrotorPlant
+from nsaid_mj.lab.plants.world.config import PlantConfig
+from nsaid_mj.lab.plants.world.faults.kinds import Fault, Loss, Payload
+from nsaid_mj.lab.plants.world.faults.text import fault_text, parse_faults
+from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.scenario import Scenario
 from tests.support.plants import drive, path, random_commands, start_of
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers

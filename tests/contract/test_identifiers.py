@@ -16,15 +16,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.core.laws import ConventionalAID, MemoryConfig, NullspaceAID, State, Status
-from nsaid_mj.core.laws.conventional import known_mask
+from nsaid_mj.core.laws.base import State, Status
+from nsaid_mj.core.laws.config import NullspaceAID
+from nsaid_mj.core.laws.conventional import ConventionalAID, known_mask
 from nsaid_mj.core.laws.metric import ConstantMetric
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.lab import loop as experiment
-from nsaid_mj.lab.control import FourierTracking, MultisineCommand
+from nsaid_mj.lab.control.multisine import MultisineCommand
+from nsaid_mj.lab.control.tracking import FourierTracking
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import ArmPlant, Plant, ScalarRovPlant
-from nsaid_mj.lab.record import FILE
+from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
+from nsaid_mj.lab.plants.world.plant import Plant
+from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.watch import supervised
@@ -387,7 +392,7 @@ RUN = {"duration": 0.25, "pe_window": 0.1, "rivals": {"known": ConventionalAID(5
 def record(name: str, folder, **changes) -> bytes:
     run = experiment.run(replace(SCENARIOS[name], **(RUN | changes)), folder)
     assert run.ending.status is Status.completed and len(run.record) == 251
-    return (folder / FILE).read_bytes()
+    return (folder / RECORD_FILE).read_bytes()
 
 
 class Often(experiment.Observer):
@@ -418,7 +423,7 @@ def test_observer_period_does_not_change_the_record(name, sensors, law, tmp_path
     scenario = replace(SCENARIOS[name], **(RUN | changes))
     experiment.run(scenario, tmp_path / "watched", often)
     assert often.looks > 30 * 1e-3 / scenario.dt
-    assert (tmp_path / "watched" / FILE).read_bytes() == alone
+    assert (tmp_path / "watched" / RECORD_FILE).read_bytes() == alone
 
 
 class ReachedError(Exception):

@@ -15,25 +15,22 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.cli.options import parse
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.evaluation import truth_of
 from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.plants import (
-    ArmPlant,
+from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant, FlyingArmPlant, UvmsPlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
+from nsaid_mj.lab.plants.vehicles import (
     AstrobeePlant,
     BlueROV2Plant,
     BMW320iPlant,
-    FloatingBasePlant,
-    FlyingArmPlant,
-    Mismatch,
-    Plant,
-    PlantConfig,
     QuadrotorPlant,
-    ScalarRovPlant,
-    SensorNoise,
-    UvmsPlant,
 )
+from nsaid_mj.lab.plants.world.config import PlantConfig
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.lab.plants.world.noise import SensorNoise
+from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.scenario import Scenario
 from tests.support.fossen import apart, commands, ends, flown, true_numbers, vehicle
 from tests.support.plants import name_of, path, random_commands, start_of

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.files import scenarios
-from nsaid_mj.core.laws import Identifier, NullspaceAID
+from nsaid_mj.core.laws.base import Identifier
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.core.parameters import Array, ParameterSpace
 from nsaid_mj.lab import loop as experiment
 from nsaid_mj.lab import setup as wiring
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import Plant
-from nsaid_mj.lab.record import FILE
+from nsaid_mj.lab.plants.world.plant import Plant
+from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup
 
@@ -70,7 +71,7 @@ def test_poisoning_the_truth_before_the_prior_is_made_leaves_the_record_as_it_is
 
     monkeypatch.setattr(wiring, "plant_about_published", plant_about_published)
     experiment.run(scenario, tmp_path / "poisoned")
-    clean, other = ((tmp_path / part / FILE).read_bytes() for part in ("clean", "poisoned"))
+    clean, other = ((tmp_path / part / RECORD_FILE).read_bytes() for part in ("clean", "poisoned"))
     assert clean == other
     with pytest.raises(ReachedError):
         _ = poisoned[0].truth

@@ -16,9 +16,9 @@ import mujoco
 import numpy as np
 
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.plants import Plant
 from nsaid_mj.lab.plants.world.faults.kinds import Fault, Loss, Payload, gains_of
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.lab.plants.world.plant import Plant
 
 from .sensors import Errors
 

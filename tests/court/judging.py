@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nsaid_mj.core.laws import FaultEvent
+from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab.plants.world.faults.kinds import Fault
 

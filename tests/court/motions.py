@@ -14,8 +14,8 @@ import numpy as np
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.configuration import plain
 from nsaid_mj.core.structure.joints import JointTree
-from nsaid_mj.lab.control import Driver
 from nsaid_mj.lab.control.computed_torque import Tracking, computed_torque, tracking_workspace
+from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.control.signals import Series
 
 ARM_MOTIONS = ("own", "own", "lively", "gentle", "one axis", "rest", "chirp", "steps", "small")

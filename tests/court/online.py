@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from nsaid_mj.base.threads import single_threaded
-from nsaid_mj.core.laws import FaultEvent, KalmanFilter, NullspaceAID, Status
+from nsaid_mj.core.laws.base import Status
+from nsaid_mj.core.laws.config import NullspaceAID
+from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
+from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.evaluation.run_evaluation import confidence_of
 from nsaid_mj.lab.evaluation.run_misfit import misfit_of

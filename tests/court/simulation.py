@@ -12,7 +12,7 @@ import numpy as np
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
 from nsaid_mj.base.errors import BadRobot
 from nsaid_mj.core.log import Log
-from nsaid_mj.lab.control import Driver
+from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.sensors import Sensors
 from nsaid_mj.lab.setup import Setup, is_sound

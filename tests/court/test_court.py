@@ -11,7 +11,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from nsaid_mj.core.laws import gain_deviations
+from nsaid_mj.core.laws.base import gain_deviations
 from nsaid_mj.lab.evaluation.run_misfit import filter_of
 from nsaid_mj.watch import judged_estimate, widened
 from tests.court.cases import LAWS, Case, drawn

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from nsaid_mj.core.laws import FaultEvent
+from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.parameters import Block, ParameterSpace
 from nsaid_mj.lab.evaluation.statistics import Correlations, StatedConfidence
 from nsaid_mj.lab.plants.world.faults.kinds import Loss

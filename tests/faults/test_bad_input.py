@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from nsaid_mj import ConventionalAID, FourierTracking, NsaidError, NullspaceAID, Scenario
 from nsaid_mj.base.errors import BadRobot, BadRun, InvalidInput, UnknownName
 from nsaid_mj.base.files import scenarios
-from nsaid_mj.core.laws import State, Status
+from nsaid_mj.core.laws.base import State, Status
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.core.log import Measurement
 from nsaid_mj.lab.finish import rebuild

@@ -15,9 +15,8 @@ from nsaid_mj import Record, run
 from nsaid_mj.base.errors import BadRun, InvalidInput, NsaidError
 from nsaid_mj.clinic.logs.formats.run import read as read_log
 from nsaid_mj.lab import finish as postprocessing
-from nsaid_mj.lab.evaluation import summary_of
 from nsaid_mj.lab.evaluation.page import brief
-from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.evaluation.summary import result_from, summary_of
 from nsaid_mj.lab.evaluation.verify import verify_folder
 from nsaid_mj.report.page import markdown
 from tests.support.faulty import ROV

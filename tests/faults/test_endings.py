@@ -16,13 +16,12 @@ import pytest
 
 from nsaid_mj import ConventionalAID, NullspaceAID, Scenario
 from nsaid_mj.cli.process import code_of
-from nsaid_mj.core.laws import Status
+from nsaid_mj.core.laws.base import Status
 from nsaid_mj.lab import finish as postprocessing
 from nsaid_mj.lab.control import multisine, series
-from nsaid_mj.lab.evaluation import summary_of
-from nsaid_mj.lab.evaluation.summary import result_from
+from nsaid_mj.lab.evaluation.summary import result_from, summary_of
 from nsaid_mj.lab.loop import Observer, run
-from nsaid_mj.lab.plants import SensorNoise
+from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.record import BATCH_SECONDS, Record
 from tests.support.faulty import FILES, PENDULUM, ROV, Heard, heard, script, strict
 from tests.support.recordings import entities_of

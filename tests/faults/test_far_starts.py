@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import NullspaceAID
-from nsaid_mj.core.laws import Status
+from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.cone.law import ACCURACY
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.core.quotient.cone import cone_of, inside

@@ -10,11 +10,11 @@ import pytest
 
 from nsaid_mj import NsaidError
 from nsaid_mj.clinic import live_recording as live
+from nsaid_mj.clinic.live_recording import Live
 from nsaid_mj.lab import finish as postprocessing
-from nsaid_mj.lab.evaluation import summary_of
+from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.record import FILE, Record
-from nsaid_mj.report import recording
+from nsaid_mj.lab.record import RECORD_FILE, Record
 from tests.support.faulty import FILES, ROV, script, strict
 
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
@@ -40,9 +40,9 @@ def test_other_files_in_the_folder_are_kept(tmp_path: Path) -> None:
 
 def test_a_rebuilt_run_has_the_same_summary(tmp_path: Path) -> None:
     before = summary_of(postprocessing.finish(run(SHORT, tmp_path)))
-    record = (tmp_path / FILE).read_bytes()
+    record = (tmp_path / RECORD_FILE).read_bytes()
     for name in FILES:
-        if name not in (FILE, postprocessing.SUMMARY):
+        if name not in (RECORD_FILE, postprocessing.SUMMARY):
             (tmp_path / name).unlink()
     after = summary_of(postprocessing.rebuild(tmp_path))
     assert after["status"] == "completed"
@@ -51,7 +51,7 @@ def test_a_rebuilt_run_has_the_same_summary(tmp_path: Path) -> None:
     assert {k: v for k, v in after.items() if k not in cost} == {
         k: v for k, v in before.items() if k not in cost
     }
-    assert (tmp_path / FILE).read_bytes() == record
+    assert (tmp_path / RECORD_FILE).read_bytes() == record
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
 
 
@@ -71,9 +71,9 @@ def test_a_corrupt_summary_is_ignored(summary: str, tmp_path: Path) -> None:
 def test_a_record_that_ends_in_zeros_is_cut_where_they_begin(share: float, tmp_path: Path) -> None:
     run(replace(SHORT, duration=8.0), tmp_path)
     whole = Record.read(tmp_path)
-    data = (tmp_path / FILE).read_bytes()
+    data = (tmp_path / RECORD_FILE).read_bytes()
     at = int(share * len(data))
-    (tmp_path / FILE).write_bytes(data[:at] + bytes(len(data) - at))
+    (tmp_path / RECORD_FILE).write_bytes(data[:at] + bytes(len(data) - at))
     found = Record.read(tmp_path)
     assert 0 < len(found) < len(whole) and not found.complete
     assert all(np.array_equal(found[key], whole[key][: len(found)]) for key in found.columns)
@@ -83,16 +83,16 @@ def test_a_record_that_ends_in_zeros_is_cut_where_they_begin(share: float, tmp_p
 @pytest.mark.parametrize("seed", [0, 7])
 def test_an_earlier_runs_summary_is_not_taken_for_this_runs(seed: int, tmp_path: Path) -> None:
     postprocessing.finish(run(replace(SHORT, seed=seed, duration=2.0), tmp_path))
-    whole = (tmp_path / FILE).read_bytes()
+    whole = (tmp_path / RECORD_FILE).read_bytes()
     run(replace(SHORT, duration=5.0), tmp_path)
-    (tmp_path / FILE).write_bytes((tmp_path / FILE).read_bytes()[: len(whole)])
+    (tmp_path / RECORD_FILE).write_bytes((tmp_path / RECORD_FILE).read_bytes()[: len(whole)])
     assert postprocessing.rebuild(tmp_path).ending.status == "interrupted"
 
 
 @pytest.mark.parametrize("out", ["file", "file/below", "folder"])
 def test_an_unwritable_folder_is_refused_in_one_line(out: str, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    (tmp_path / "folder" / FILE).mkdir(parents=True)
+    (tmp_path / "folder" / RECORD_FILE).mkdir(parents=True)
     with pytest.raises(NsaidError, match=out):
         run(SHORT, tmp_path / out)
     code, said = script(SHORT, "--out", tmp_path / out, "--quiet")
@@ -132,6 +132,6 @@ def test_watching_a_run_does_not_change_its_record(
 ) -> None:
     monkeypatch.setattr(live, "program", lambda: ["/no/such/program"])
     run(SHORT, tmp_path / "alone")
-    run(SHORT, tmp_path / "watched", recording.Live("x"))
-    one, two = ((tmp_path / name / FILE).read_bytes() for name in ("alone", "watched"))
+    run(SHORT, tmp_path / "watched", Live("x"))
+    one, two = ((tmp_path / name / RECORD_FILE).read_bytes() for name in ("alone", "watched"))
     assert one == two

@@ -18,7 +18,7 @@ import pytest
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.lab import finish as postprocessing
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.record import FILE, Record
+from nsaid_mj.lab.record import RECORD_FILE, Record
 from tests.support.faulty import FILES, ROV, shell, start, strict
 
 PATIENCE = 90.0  # with an empty numba cache on a busy machine [s]
@@ -74,7 +74,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Killed:
     (desk / "endless.py").write_text(ENDLESS)
     folder = desk / "out"
     postprocessing.finish(run(ROV, folder))
-    before = (folder / FILE).stat().st_size
+    before = (folder / RECORD_FILE).stat().st_size
     process = start("run", "endless.py", "--out", folder, "--force", "--quiet", cwd=desk)
     try:
         end = time.monotonic() + PATIENCE
@@ -82,7 +82,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Killed:
             assert process.poll() is None, process.communicate()
             assert time.monotonic() < end, "it does not start"
             time.sleep(0.02)
-        wait_until_recorded(process, folder / FILE, before)
+        wait_until_recorded(process, folder / RECORD_FILE, before)
     finally:
         process.kill()
         process.communicate()
@@ -104,7 +104,7 @@ def test_a_kill_loses_at_most_the_last_second(killed: Killed) -> None:
 
 
 def test_a_killed_run_leaves_no_results_of_an_earlier_one(killed: Killed) -> None:
-    assert [path.name for path in killed.folder.iterdir()] == [FILE]
+    assert [path.name for path in killed.folder.iterdir()] == [RECORD_FILE]
 
 
 def test_a_killed_run_is_finished_from_its_record(copy: Path) -> None:
@@ -142,11 +142,11 @@ def test_view_rebuilds_a_killed_run_and_opens_it(
 
 
 def test_rebuilding_a_run_killed_before_its_first_batch_is_refused(copy: Path) -> None:
-    whole = (copy / FILE).read_bytes()
-    with pa.memory_map(str(copy / FILE)) as source, pa.ipc.open_stream(source) as stream:
+    whole = (copy / RECORD_FILE).read_bytes()
+    with pa.memory_map(str(copy / RECORD_FILE)) as source, pa.ipc.open_stream(source) as stream:
         stream.read_next_batch()  # the empty one that carries the schema
         begun = source.tell() + 100
-    (copy / FILE).write_bytes(whole[:begun])
+    (copy / RECORD_FILE).write_bytes(whole[:begun])
     assert len(Record.read(copy)) == 0
     code, said = shell("view", copy, "--rebuild")
     assert code == 2
@@ -157,7 +157,7 @@ def test_rebuilding_a_run_killed_before_its_first_batch_is_refused(copy: Path) -
 def running(endless: Path) -> Iterator[subprocess.Popen[str]]:
     process = start("run", "endless.py", "--out", "out", cwd=endless, COLUMNS="120")
     try:
-        wait_until_recorded(process, endless / "out" / FILE, 50_000)
+        wait_until_recorded(process, endless / "out" / RECORD_FILE, 50_000)
         yield process
     finally:
         process.kill()

@@ -19,11 +19,11 @@ from nsaid_mj.base.errors import BadRun, FolderInUse, NotWritten
 from nsaid_mj.base.files import atomic_write, locked, write_text
 from nsaid_mj.lab import finish as postprocessing
 from nsaid_mj.lab.loop import Observer, run
-from nsaid_mj.lab.record import FILE, Record
+from nsaid_mj.lab.record import RECORD_FILE, Record
 from nsaid_mj.plans.studies.engine import Engine
 from nsaid_mj.plans.studies.folder import ROWS
-from nsaid_mj.plans.studies.sweep import plan as plan_of
-from nsaid_mj.plans.studies.sweep import run as sweep
+from nsaid_mj.plans.studies.sweep import run_sweep as sweep
+from nsaid_mj.plans.studies.sweep import sweep_plan as plan_of
 from tests.support.faulty import CHECKOUT, FILES, ROV, script, shell, strict
 
 SHORT = replace(ROV, duration=0.5, held_out=0.2, pe_window=0.2)
@@ -137,7 +137,7 @@ def test_results_are_not_written_beside_another_runs_record(tmp_path: Path) -> N
     run(replace(SHORT, seed=2), tmp_path)
     with pytest.raises(BadRun, match="another run's record"):
         postprocessing.finish(first)
-    assert [path.name for path in tmp_path.iterdir()] == [FILE]
+    assert [path.name for path in tmp_path.iterdir()] == [RECORD_FILE]
 
 
 class Saboteur(Observer):
@@ -172,8 +172,8 @@ def test_a_folder_removed_during_the_run_ends_typed(tmp_path: Path) -> None:
 
 def test_a_record_replaced_during_the_run_ends_typed(tmp_path: Path) -> None:
     def replace_it() -> None:
-        (tmp_path / FILE).unlink()
-        (tmp_path / FILE).write_bytes(b"foreign")
+        (tmp_path / RECORD_FILE).unlink()
+        (tmp_path / RECORD_FILE).write_bytes(b"foreign")
 
     with pytest.raises(BadRun, match="removed or replaced"):
         run(SHORT, tmp_path, Saboteur(replace_it))
@@ -191,7 +191,7 @@ def plant(folder: Path, victim: Path, *names: str) -> None:
 
 def test_links_planted_in_a_runs_folder_are_not_followed(tmp_path: Path) -> None:
     out, victim = tmp_path / "out", tmp_path / "victim"
-    plant(out, victim, *(f".{name}.part" for name in FILES if name != FILE), *FILES)
+    plant(out, victim, *(f".{name}.part" for name in FILES if name != RECORD_FILE), *FILES)
     postprocessing.finish(run(SHORT, out))
     assert victim.read_text() == "dear"
     assert sorted(path.name for path in out.iterdir()) == sorted(FILES)

@@ -11,7 +11,7 @@ import pytest
 
 from nsaid_mj.lab import finish as postprocessing
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.record import FILE
+from nsaid_mj.lab.record import RECORD_FILE
 from tests.support.faulty import ROV
 
 pytestmark = pytest.mark.skipif(
@@ -60,7 +60,7 @@ def test_an_hour_at_500_hz_is_finished_in_a_minute_with_little_memory(tmp_path: 
     run(replace(load("ur5"), dt=0.002, duration=3600.0), tmp_path)
     words = [sys.executable, "-c", FINISH, str(tmp_path)]
     said = subprocess.run(words, capture_output=True, text=True, check=True).stdout.split()
-    assert float(said[0]) < (tmp_path / FILE).stat().st_size / 1e6 + 500
+    assert float(said[0]) < (tmp_path / RECORD_FILE).stat().st_size / 1e6 + 500
     assert float(said[1]) < 60.0
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from nsaid_mj.lab import evaluation
 from nsaid_mj.lab import finish as postprocessing
-from nsaid_mj.lab.record import FILE, Record
+from nsaid_mj.lab.record import RECORD_FILE, Record
 from tests.support.faulty import CHECKOUT, FILES, shell, start
 
 PATIENCE = 90.0  # with an empty numba cache on a busy machine [s]
@@ -109,7 +109,7 @@ def test_ctrl_c_while_finishing_names_how_to_finish(
     code, said = shell("run", "scalar_rov", *SHORT, "--out", tmp_path, "--quiet")
     assert code == 130
     assert said.err == (f"nsaid: interrupted. `nsaid view --rebuild {tmp_path}` finishes the run\n")
-    assert [path.name for path in tmp_path.iterdir()] == [FILE]
+    assert [path.name for path in tmp_path.iterdir()] == [RECORD_FILE]
 
 
 def test_ctrl_c_ends_a_monte_carlo_study_soon(tmp_path: Path) -> None:

@@ -22,10 +22,10 @@ from nsaid_mj.plans.studies.engine import Engine
 from nsaid_mj.plans.studies.folder import MANIFEST, ROWS, TABLE, read
 from nsaid_mj.plans.studies.runs import Runs
 from nsaid_mj.plans.studies.study import Row
-from nsaid_mj.plans.studies.sweep import plan, run
+from nsaid_mj.plans.studies.sweep import run_sweep, sweep_plan
 from tests.support.faulty import ROV, shell
 
-PLAN = plan("scalar_rov", ROV, {"identifier.gain": (0.1, 1.0)}, seeds=2)
+PLAN = sweep_plan("scalar_rov", ROV, {"identifier.gain": (0.1, 1.0)}, seeds=2)
 
 
 def row(number: int) -> Row:
@@ -51,7 +51,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
 
 def sweep(folder: Path, **more: bool) -> Runs:
-    return run(PLAN, folder, Engine(jobs=1), quiet=True, **more)
+    return run_sweep(PLAN, folder, Engine(jobs=1), quiet=True, **more)
 
 
 # -- processes that die ----------------------------------------------------------------------------
@@ -102,7 +102,7 @@ def test_workers_that_cannot_import_the_package_end_the_sweep(tmp_path: Path) ->
     with pytest.MonkeyPatch.context() as patch, pytest.raises(InvalidInput, match="can import"):
         patch.setattr(engine._Cluster, "__init__", cluster_of(Broken))
         patch.setattr(engine._Cluster, "close", lambda _: None)
-        run(PLAN, tmp_path, Engine("dask", "tcp://nowhere:1"), quiet=True)
+        run_sweep(PLAN, tmp_path, Engine("dask", "tcp://nowhere:1"), quiet=True)
     assert read(tmp_path).rows == []
 
 
@@ -111,7 +111,7 @@ def test_a_lost_scheduler_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(engine._Cluster, "close", lambda _: None)
     monkeypatch.setattr(engine, "_SILENCE", 0.1)
     with pytest.raises(InvalidInput, match="scheduler that keeps running"):
-        run(PLAN, tmp_path, Engine("dask", "tcp://nowhere:1"), quiet=True)
+        run_sweep(PLAN, tmp_path, Engine("dask", "tcp://nowhere:1"), quiet=True)
     assert read(tmp_path).rows == []
 
 
@@ -152,7 +152,7 @@ def test_a_damaged_row_is_told_and_only_its_run_made_again(
     found = read(tmp_path)
     assert found.damaged == "rows.jsonl: line 2 is damaged"
     assert [row["run"] for row in found.rows] == [0, 2, 3]
-    assert sweep_report.write(found)
+    assert sweep_report.write_sweep_page(found)
     code, said = shell("report", tmp_path)
     assert code == 0 and "line 2 is damaged" in said.err
     made.clear()
@@ -167,7 +167,7 @@ def test_the_console_says_which_row_is_damaged(
 ) -> None:
     sweep(tmp_path)
     (tmp_path / ROWS).write_bytes((tmp_path / ROWS).read_bytes() + b"damaged\n")
-    run(PLAN, tmp_path, Engine(jobs=1))
+    run_sweep(PLAN, tmp_path, Engine(jobs=1))
     assert "rows.jsonl: line 5 is damaged; they are made again" in capfd.readouterr().err
 
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.core.laws import NullspaceAID, Status
-from nsaid_mj.core.nullspace import structural
+from nsaid_mj.core.laws.base import Status
+from nsaid_mj.core.laws.config import NullspaceAID
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.scenario import Scenario
 from tests.support.bench import TwoVehicles, bench, simulate

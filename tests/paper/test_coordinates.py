@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.core.nullspace import structural
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.lab.plants.arm import true_model
 from tests.support.bench import Bench, TwoVehicles, bench
 

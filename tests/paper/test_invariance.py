@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from nsaid_mj.core.laws import ConventionalAID, NullspaceAID
+from nsaid_mj.core.laws.config import NullspaceAID
+from nsaid_mj.core.laws.conventional import ConventionalAID
 from nsaid_mj.core.parameters import Array
 from tests.support.bench import Bench, bench, estimates
 

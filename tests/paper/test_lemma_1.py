@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from nsaid_mj.core.laws import Status
+from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace import level
+from nsaid_mj.core.nullspace.persistence import level
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
 from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
 from nsaid_mj.core.structure.structure import Structure

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
-from nsaid_mj.core.nullspace import structural
+from nsaid_mj.core.nullspace.subspace import structural
 from tests.support.bench import Bench, TwoVehicles, bench, estimates, random_states
 from tests.support.vehicles import coordinate_map
 

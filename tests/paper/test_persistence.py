@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
-from nsaid_mj.core.nullspace import PersistenceMonitor, level, structural
+from nsaid_mj.core.nullspace.persistence import PersistenceMonitor, level
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.core.parameters import Array
 from tests.support.bench import (
     Bench,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.core.nullspace import level
+from nsaid_mj.core.nullspace.persistence import level
 from nsaid_mj.core.parameters import Array
 from tests.support.bench import accelerations, columns
 

@@ -8,7 +8,8 @@ import pytest
 from nsaid_mj.core import paper
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace import level, structural
+from nsaid_mj.core.nullspace.persistence import level
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.core.paper import Bases, Moment
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.sensing import displaced

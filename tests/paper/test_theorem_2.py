@@ -7,9 +7,10 @@ import pytest
 
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Measurement
-from nsaid_mj.core.nullspace import level, structural
+from nsaid_mj.core.nullspace.persistence import level
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.control import Driver
+from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.setup import trajectory
 from tests.support.bench import TwoVehicles, bench, columns, estimates, simulate
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from nsaid_mj.base.files import scenarios
-from nsaid_mj.lab.control.adaptive import AdaptiveTracking
+from nsaid_mj.lab.control.adaptive.tracker import AdaptiveTracking
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import Run, run
 

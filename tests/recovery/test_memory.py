@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Driving, FourierTracking, MultisineCommand
-from nsaid_mj.core.laws import NullspaceAID, State, Status
+from nsaid_mj.core.laws.base import State, Status
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
-from nsaid_mj.core.nullspace import structural
-from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.core.nullspace.subspace import structural
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.plants import SensorNoise
+from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup
 from tests.support.summaries import summarize

@@ -6,7 +6,7 @@ accuracy stated there is that of the force on another trajectory, not the distan
 
 import pytest
 
-from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from tests.recovery import direction
 from tests.support.summaries import summarize
 

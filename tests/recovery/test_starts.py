@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Scenario
-from nsaid_mj.core.laws import Status
+from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.quotient.cone import cone_of, inside
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import prior_for

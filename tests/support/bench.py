@@ -10,22 +10,22 @@ from itertools import pairwise
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from nsaid_mj.core.laws import Identifier, IdentifierConfig, NullspaceAID, State, Status
-from nsaid_mj.core.laws.base import Estimates
+from nsaid_mj.core.laws.base import Estimates, Identifier, State, Status
+from nsaid_mj.core.laws.config import IdentifierConfig, NullspaceAID
 from nsaid_mj.core.log import Log, Measurement
-from nsaid_mj.core.nullspace import Nullspace, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace, structural
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
 from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
-from nsaid_mj.lab.control import DriverConfig, FourierTracking, MultisineCommand, PoseHold
-from nsaid_mj.lab.plants import (
-    ArmPlant,
-    AstrobeePlant,
-    BlueROV2Plant,
-    PlantConfig,
-    ScalarRovPlant,
-)
+from nsaid_mj.lab.control.driver import DriverConfig
+from nsaid_mj.lab.control.multisine import MultisineCommand
+from nsaid_mj.lab.control.pose_hold import PoseHold
+from nsaid_mj.lab.control.tracking import FourierTracking
+from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
+from nsaid_mj.lab.plants.vehicles import AstrobeePlant, BlueROV2Plant
+from nsaid_mj.lab.plants.world.config import PlantConfig
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.setup import trajectory
 

@@ -13,9 +13,10 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.base.files import vehicle_files
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.plants import Mismatch, Plant
 from nsaid_mj.lab.plants.world.blueprint import sheet_of
 from nsaid_mj.lab.plants.world.body import NED, Inertia, command_inputs, hidden, vehicle_spec
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.plants.world.simulated import SimulatedRobot
 from tests.support.matrices import skew
 

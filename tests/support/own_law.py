@@ -8,7 +8,8 @@ import numpy as np
 
 from nsaid_mj.base.bounds import Positive, config
 from nsaid_mj.core import paper
-from nsaid_mj.core.laws import IdentifierConfig, NumpyIdentifier
+from nsaid_mj.core.laws.config import IdentifierConfig
+from nsaid_mj.core.laws.plain import NumpyIdentifier
 from nsaid_mj.core.log import Measurement
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.system import SecondOrderSystem

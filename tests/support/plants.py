@@ -12,7 +12,10 @@ import numpy as np
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.control.driver import Driver
-from nsaid_mj.lab.plants import ArmPlant, FloatingBasePlant, Plant, PlantConfig, ScalarRovPlant
+from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
+from nsaid_mj.lab.plants.world.config import PlantConfig
+from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.setup import draw_prior, trajectory
 from tests.support.vehicles import INEXACT, VEHICLES, acceleration, draw_numbers
 

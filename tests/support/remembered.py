@@ -14,7 +14,8 @@ from nsaid_mj.core.log import Log as Measured
 from nsaid_mj.core.log import Measurement
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import Plant, SensorNoise
+from nsaid_mj.lab.plants.world.noise import SensorNoise
+from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.setup import trajectory
 
 

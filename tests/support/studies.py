@@ -2,7 +2,7 @@
 
 from nsaid_mj.base.threads import single_threaded
 from nsaid_mj.lab.scenario import Scenario
-from nsaid_mj.plans.studies.montecarlo import plan, rows_of
+from nsaid_mj.plans.studies.montecarlo import montecarlo_plan, rows_of
 from nsaid_mj.plans.studies.study import Row
 
 COSTS = (
@@ -16,6 +16,6 @@ def monte_carlo(
     scenario: Scenario, runs: int, jobs: int | None = None, shared: bool = True
 ) -> list[Row]:
     """The rows of a Monte Carlo study, in order."""
-    study = plan("none", scenario, runs, shared)
+    study = montecarlo_plan("none", scenario, runs, shared)
     rows = [row for part in rows_of(scenario, range(len(study)), jobs, shared) for row in part]
     return sorted(rows, key=lambda row: row["run"])

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any
 
-from nsaid_mj.lab.evaluation import RunResult, Truth, evaluate, summary_of, with_curves
-from nsaid_mj.lab.evaluation.run_result import judged
+from nsaid_mj.lab.evaluation.curves import with_curves
+from nsaid_mj.lab.evaluation.run_evaluation import evaluate
+from nsaid_mj.lab.evaluation.run_result import RunResult, judged
 from nsaid_mj.lab.evaluation.statistics import (
     Conditions,
     Dimensions,
@@ -16,6 +17,8 @@ from nsaid_mj.lab.evaluation.statistics import (
     RunEnding,
     Unobservable,
 )
+from nsaid_mj.lab.evaluation.summary import summary_of
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.loop import Run, SimulatedRun
 
 

@@ -8,20 +8,18 @@ import mujoco
 import numpy as np
 
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.plants import (
+from nsaid_mj.lab.plants.jointed import FlyingArmPlant, RoverPlant, UvmsPlant
+from nsaid_mj.lab.plants.listed import ListedPlant
+from nsaid_mj.lab.plants.vehicles import (
     AstrobeePlant,
     BlueROV2Plant,
     BMW320iPlant,
     F1TenthPlant,
-    FlyingArmPlant,
-    ListedPlant,
-    Plant,
-    PlantConfig,
     QuadrotorPlant,
     REMUS100Plant,
-    RoverPlant,
-    UvmsPlant,
 )
+from nsaid_mj.lab.plants.world.config import PlantConfig
+from nsaid_mj.lab.plants.world.plant import Plant
 
 VEHICLES: dict[str, PlantConfig] = {
     "bluerov2": BlueROV2Plant(),

@@ -16,7 +16,7 @@ from ...core.log import SensorLevels
 from ...core.parameters import Array
 from ...core.structure.joints import JointScales, positions
 from ...core.structure.multibody import CompiledMultibody
-from ...lab.baselines import Problem
+from ...lab.baselines.base import Problem
 from ...lab.baselines.sysid import BUDGET, sysid, toolbox
 from ...robots.identified import Identified, with_inertias
 from ...robots.mjcf_file import compile_file

@@ -10,7 +10,7 @@ import numpy as np
 from ...core.structure.joints import moving_joints, slides
 from ...lab.evaluation.confidence import INTERVAL
 from ...report.panels import COLOURS, Comparison, Forest, Panel, Points
-from ..servos import Replayed, ServoIdentification
+from ..servos.words import Replayed, ServoIdentification
 from . import words
 from .result import Identification, shifts
 

@@ -172,7 +172,7 @@ def servos_of(
         return servo_logs(model, logs, mapping, lock, joints, loads)
     if model.servos is None or not logs:
         return None
-    from ..logs import read_tables
+    from ..logs.tables import read_tables
     from ..servos.identify import read_servos
 
     return read_servos(model, read_tables(logs, mapping), mapping, loads)
@@ -235,7 +235,9 @@ def _validation(files: list[Path], mapping: Map | None, robot: RobotModel) -> Re
 
 def recordings_of(files: Sequence[Path], mapping: Map | None, robot: RobotModel) -> Recordings:
     """Prepared and checked logs of a robot."""
-    from ..logs import checked, prepare, read_tables
+    from ..logs.checks import checked
+    from ..logs.preparation import prepare
+    from ..logs.tables import read_tables
 
     return checked(prepare(read_tables(files, mapping), mapping, robot), robot)
 

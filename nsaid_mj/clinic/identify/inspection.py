@@ -100,7 +100,7 @@ def _servo_findings(
     """Findings about position targets of a servo arm; None for other logs."""
     if not any(finding.code == "servo" for finding in robot.findings):
         return None
-    from ..servos import read_servos
+    from ..servos.identify import read_servos
 
     given = read_servos(robot, tables, mapping)
     if given is None:

@@ -85,7 +85,7 @@ def _cells(channel: ChannelFigures) -> list[Cell]:
     ]
 
 
-def draw(found: Inspection, path: Path) -> Path:
+def draw_inspection(found: Inspection, path: Path) -> Path:
     """Draws q, v and u of every joint over time, or all channels if they are not matched, as PNG.
 
     Rows that are not used for a joint are marked on its velocity. Returns the path.

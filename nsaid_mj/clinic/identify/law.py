@@ -10,15 +10,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from ...base.findings import Finding
-from ...core.laws import (
-    EfficientConfig,
-    Identifier,
-    MemoryConfig,
-    NullspaceAID,
-    State,
-    Status,
-    gain_deviations,
-)
+from ...core.laws.base import Identifier, State, Status, gain_deviations
+from ...core.laws.config import NullspaceAID
+from ...core.laws.settings import EfficientConfig, MemoryConfig
 from ...core.log import Log, Measurement
 from ...core.parameters import Array
 from ...lab.evaluation.confidence import INTERVAL

@@ -14,17 +14,19 @@ import numpy as np
 
 from ...base.bounds import Flag, Name, Number, Positive, config
 from ...base.errors import InvalidInput
-from ...core.laws import Identifier, NullspaceAID, Status
+from ...core.laws.base import Identifier, Status
 from ...core.laws.cone.prior import drawn_inside
+from ...core.laws.config import NullspaceAID
 from ...core.parameters import Block, Geometry, ParameterSpace
 from ...core.structure.multibody import CompiledMultibody
 from ...core.structure.parts import Column, Rotor
 from ...core.structure.system import rebuilt
 from ...lab.loop import Cost, Ending, Robot, Run
 from ...lab.loop import columns as columns_of
-from ...lab.plants import PlantConfig, SensorNoise
 from ...lab.plants.arm import nominal_scales
 from ...lab.plants.jointed import ArmPlant
+from ...lab.plants.world.config import PlantConfig
+from ...lab.plants.world.noise import SensorNoise
 from ...lab.record import Record
 from ...lab.scenario import MOST_STEPS, Scenario
 from ...lab.setup import identifier_of

@@ -21,7 +21,7 @@ from ...robots.model import RobotModel
 
 if TYPE_CHECKING:
     from ...core.structure.system import SecondOrderSystem
-    from ...lab.plants import PlantConfig
+    from ...lab.plants.world.config import PlantConfig
 
 _STEP = 1e-3  # any time step: a structure has none [s]
 
@@ -55,7 +55,7 @@ def load_robot_model(
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
     from ...core.laws.cone.prior import drawn_inside
-    from ...lab.plants import ParametricPlantConfig
+    from ...lab.plants.world.config import ParametricPlantConfig
     from ...lab.setup import published
 
     packed = model in scenarios()
@@ -136,11 +136,12 @@ def plant_of(sheet: Path) -> PlantConfig:
 def _families() -> list[type[Any]]:
     """The plants made from a vehicle's TOML file, without special cases of others."""
     from ...base.bounds import kinds_of
-    from ...lab import plants
+    from ...lab.plants import __name__, __path__
+    from ...lab.plants.world.config import ParametricPlantConfig as plants_ParametricPlantConfig
 
-    for file in iter_modules(plants.__path__, f"{plants.__name__}."):
+    for file in iter_modules(__path__, f"{__name__}."):
         import_module(file.name)
-    known = kinds_of(plants.ParametricPlantConfig).values()
+    known = kinds_of(plants_ParametricPlantConfig).values()
     found = [kind for kind in known if "vehicle" in {field.name for field in fields(kind)}]
     return [f for f in found if not any(f is not g and issubclass(f, g) for g in found)]
 

@@ -15,7 +15,7 @@ from ...report.page import (
     Figure,
     Figures,
     Page,
-    Panel,
+    PageItem,
     Section,
     Table,
     Text,
@@ -56,7 +56,7 @@ _FRAMES = (
 )
 
 
-def page(result: Identification, command: str = "") -> Page:
+def identification_page(result: Identification, command: str = "") -> Page:
     """The page of an identification; without a `command` line it names model and logs only."""
     from ...report.drawings import figures_of  # imported late: matplotlib takes half a second
     from . import picture
@@ -162,7 +162,7 @@ def _quality(result: Identification) -> Table:
     return Table(heads, lines, (0, last), spare=spare, most=_LINES).without_empty_columns()
 
 
-def _kinds(result: Identification) -> list[Panel]:
+def _kinds(result: Identification) -> list[PageItem]:
     """Friction and rotor inertia, one line for each joint, one column for each kind."""
     names = [j.name for j in result.joints]
     kinds: dict[str, dict[str, Parameter]] = {}
@@ -187,13 +187,13 @@ def _kinds(result: Identification) -> list[Panel]:
     return [table, Text("In brackets: not identified by itself.")]
 
 
-def _frictions(figures: Sequence[Figure]) -> list[Panel]:
+def _frictions(figures: Sequence[Figure]) -> list[PageItem]:
     note = Text("Lines are 95 % intervals; ◇ is the prior, a guess from the model and the motion. "
                 "The numbers are in the tables below.", note=True)  # fmt: skip
     return [Figures(figures), note] if figures else []
 
 
-def _law(result: Identification, figures: Sequence[Figure]) -> list[Panel]:
+def _law(result: Identification, figures: Sequence[Figure]) -> list[PageItem]:
     """Gains of a law and its prediction of the log's last fifth, beside the batch fit's."""
     along = result.law
     if along is None:
@@ -216,15 +216,15 @@ def _law(result: Identification, figures: Sequence[Figure]) -> list[Panel]:
     return [*gains, last, *([Figures(figures)] if figures else []), Text(note, note=True)]
 
 
-def _unknown(result: Identification) -> list[Panel]:
+def _unknown(result: Identification) -> list[PageItem]:
     """Parameters that the log does not determine."""
-    found: list[Panel] = []
+    found: list[PageItem] = []
     for status, names in words.unknown_in_words(result):
         found += [Badges([STATUSES[status]]), Text(f"{_SILENT[status].capitalize()}: {names}.")]
     return found
 
 
-def _combinations(result: Identification) -> list[Panel]:
+def _combinations(result: Identification) -> list[PageItem]:
     lines = []
     for k, combination in enumerate(result.combinations, 1):
         value, interval = estimate(combination.value, combination.low, combination.high)
@@ -247,7 +247,7 @@ def _command(result: Identification) -> str:
     return shlex.join(["nsaid", "identify", "--model", model, "--log", *logs])
 
 
-def _correlations(result: Identification, draw: Draw) -> list[Panel]:
+def _correlations(result: Identification, draw: Draw) -> list[PageItem]:
     """Correlations of gains, frictions and rotor inertias; empty for fewer than two."""
     bodies, variance = result.bodies, np.diag(result.covariance)
     chosen = [

@@ -12,7 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from ...core.parameters import Array
-from ...report.page import Page, Text, markdown, panels
+from ...report.page import Page, Text, item_lines, markdown
 from ...report.panels import Comparison
 from ...report.panels import Panel as Curves
 from ...report.parameters import folds, table
@@ -26,7 +26,7 @@ from . import words
 from .result import Identification, recording_shifts
 
 if TYPE_CHECKING:
-    from ..servos import Replayed
+    from ..servos.words import Replayed
 
 _FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
 _FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
@@ -50,7 +50,7 @@ def record(page: Page, file: Path) -> Path:
     ends = [float(p.t[-1]) for p in result.curves if isinstance(p, Comparison) and len(p.t)]
     plots = Plots(lines, max(ends) if ends else None)
     layout = _blueprint(result, camera, plots)
-    documents = {"result": markdown(page), "parameters": "\n".join(panels(folds(result)))}
+    documents = {"result": markdown(page), "parameters": "\n".join(item_lines(folds(result)))}
     return write(file, result.robot.name, layout, documents, lines, draw)
 
 
@@ -206,7 +206,7 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
         replayed: the logs, and simulations of them with the exported model.
         file: path of the recording, ending in .rrd.
     """
-    from ..servos import ServoIdentification
+    from ..servos.words import ServoIdentification
 
     found = page.result
     assert isinstance(found, ServoIdentification)
@@ -234,6 +234,6 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
             table([p for p in found.parameters if p.label.endswith(f" of {name}")]),
         )
     ]
-    documents = {"result": markdown(page), "parameters": "\n".join(panels(by_joint))}
+    documents = {"result": markdown(page), "parameters": "\n".join(item_lines(by_joint))}
     layout = whole(*pages, parameters())
     return write(file, found.robot.name, layout, documents, lines, draw)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...base.findings import Finding
-from ...core.laws import Status
+from ...core.laws.base import Status
 from ...core.parameters import Array, Indices
 from ...core.structure.parts import Column, Rotor
 from ...lab.loop import Run

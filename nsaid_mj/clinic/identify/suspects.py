@@ -11,10 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numba import njit
 
 from ...base.optional import pin
-from ...core.numerics import cache  # noqa: F401 (sets the folder of compiled kernels)
+from ...core.numerics.kernels import kernel
 from ...core.parameters import Array
 from ...core.structure.joints import positions
 from ...robots.identified import with_inertias
@@ -160,7 +159,7 @@ def _moved(slopes: Array, motion: tuple[Array, Array, Array]) -> Array:
     return changes
 
 
-@njit(cache=True)
+@kernel()
 def _between_flanks(t, needed, play):
     """(N, n) distances of links behind their motors, in gears with play (rad or m), no rebound.
 

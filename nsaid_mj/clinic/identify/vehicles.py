@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...core.parameters import Array, Block, ParameterSpace
-from ...core.structure.columns import fluid, thrust
+from ...core.structure.columns import DRAG_AND_LIFT
 from ...core.structure.parts import Column
 from ...core.structure.sensing import rate_labels
 from ...core.structure.system import SecondOrderSystem, rebuilt
@@ -22,7 +22,6 @@ from .problem import Problem, Size, size_weights
 from .rows import Rows, with_columns
 from .smoothing import Filter, Smooth
 
-_FLOWN = {kind.name for kind in (*fluid.KINDS, *thrust.KINDS) if kind.reads == "velocity"}
 _FLOW = 0.05  # of a current, for differences [m/s]
 _SPREAD = 0.3  # prior spread of positive parameters
 
@@ -73,7 +72,7 @@ class VehicleRows(Rows):
         k is 0 for vehicles on which neither water nor air acts, or of several bodies.
         """
         system, acting = self.system, np.zeros(len(self.system.space))
-        at = [c.parameter for c in system.structure.columns if c.kind in _FLOWN]
+        at = [c.parameter for c in system.structure.columns if c.kind in DRAG_AND_LIFT]
         acting[at] = theta[at]
         if not acting.any() or (system.m, system.n) not in ((7, 6), (3, 3)):
             return np.zeros((len(self.t), system.n, 0))

@@ -15,7 +15,7 @@ from ...base.bounds import shown
 from ...base.choices import FRAMES, check_choice
 from ...base.errors import InvalidInput
 from ...base.files import json_of
-from ...core.laws import Status
+from ...core.laws.base import Status
 from ...core.log import Log, Measurement
 from ...core.parameters import Array
 from ...core.structure.system import SecondOrderSystem

@@ -18,7 +18,8 @@ from ..identify.choose.servo_effects import hidden_profile
 from ..identify.links import carrier, check_loads
 from ..identify.loads import Load
 from ..identify.models import load_robot_model
-from ..logs import Map, Table, read_map, read_tables
+from ..logs.mapping import Map, read_map
+from ..logs.tables import Table, read_tables
 from .estimate import estimate
 from .fit import DELAY
 from .logs import ServoLog, ServoLogs, read_servo_logs, servo_map

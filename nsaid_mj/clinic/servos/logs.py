@@ -17,12 +17,12 @@ from ...core.structure.joints import positions
 from ...robots.model import RobotModel, Servos
 from ...robots.target_profile import followed
 from ..identify.loads import Load
-from ..logs import Map, signals
+from ..logs import signals
 from ..logs.checks import beyond_limits
 from ..logs.cleaning import clean
 from ..logs.formats.run import FOLLOWED
 from ..logs.layout import Layout, layout
-from ..logs.mapping import Column, Joint
+from ..logs.mapping import Column, Joint, Map
 from ..logs.matching import candidates, lacking_targets, match_targets
 from ..logs.tables import Table, join
 from ..logs.unusable import UnmatchedChannels, UnusableLog

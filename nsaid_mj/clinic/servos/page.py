@@ -8,13 +8,13 @@ import numpy as np
 from ... import __version__
 from ...core.structure.joints import moving_joints, slides
 from ...report.drawings import figures_of
-from ...report.page import Cell, Figures, Page, Panel, Section, Table, Text, count
+from ...report.page import Cell, Figures, Page, PageItem, Section, Table, Text, count
 from ...report.panels import Comparison
 from ...report.result import Parameter, Result
 from ..identify.comparison import Score
 from ..identify.curves import replays_of
-from . import Replayed, ServoIdentification
 from .logs import ServoLog
+from .words import Replayed, ServoIdentification
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
 # factor to the unit in the head
@@ -26,7 +26,7 @@ _REPLAYED = 30.0  # of a log that are drawn [s]
 _PER_SERVO = 6  # parameters
 
 
-def page(
+def servo_page(
     result: ServoIdentification, commands: Sequence[str] = (), replay: Replayed | None = None
 ) -> Page:
     """The page of identified servos.
@@ -60,7 +60,7 @@ def _replay(result: ServoIdentification, log: ServoLog) -> Section:
     return Section(f"Replay of {log.source}", [Figures(figures_of(panels)), Text(note, note=True)])
 
 
-def _servos(result: ServoIdentification) -> list[Panel]:
+def _servos(result: ServoIdentification) -> list[PageItem]:
     """Every servo with its 95 % intervals."""
     lines: list[list[Cell]] = []
     for k, servo in enumerate(result.servos):
@@ -70,7 +70,7 @@ def _servos(result: ServoIdentification) -> list[Panel]:
     kinds = sorted({slides(joint) for joint in moving_joints(result.robot.model)})
     units = {name: ", ".join(own[kind] for kind in kinds) for name, own in _UNITS.items()}
     heads = [head.format(**units) for head in _HEADS]
-    panels: list[Panel] = [Table(heads, lines, spare=(7,))]
+    panels: list[PageItem] = [Table(heads, lines, spare=(7,))]
     if any(parameter.combination for parameter in result.parameters):
         panels.append(Text("~ only in combination with others; identification.json says which."))
     panels.append(Text("± in %; error: of the open-loop simulation; simple: of the delayed target "

@@ -13,9 +13,8 @@ the latter are those of a simulation of all joints together, which decouples the
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from ...core.numerics import cache  # noqa: F401 (sets the folder of compiled kernels)
+from ...core.numerics.kernels import kernel
 from ...core.parameters import Array
 
 STEP = 4e-3
@@ -62,7 +61,7 @@ def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
     return out
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _area(t, target, held, begin, h):
     """Integral of a target from `begin` over h, and the number of that in force at `begin`."""
     end = len(t) - 1
@@ -76,7 +75,7 @@ def _area(t, target, held, begin, h):
     return area + target[k] * (begin + h - at), held
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def move(t, target, load, inertia, limit, theta, effects, longest, first, last, held, q, v, out):
     """Writes the positions after sample `first` up to sample `last` to `out` (N,).
 
@@ -116,7 +115,7 @@ def move(t, target, load, inertia, limit, theta, effects, longest, first, last, 
     return q, v, held
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def move_arm(t, target, load, mass, limit, theta, longest, q, v):
     """Writes positions and velocities (N, n) of all joints from the first row on, see `move`.
 

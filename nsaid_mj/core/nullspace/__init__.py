@@ -1,8 +1,1 @@
-"""The persistent nullspace P_s(θ) with the only rank decision, and the excitation levels.
-
-The names are listed in `__init__.pyi`; each is imported on first use.
-"""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+"""The persistent nullspace P_s(θ) with the only rank decision, and the excitation levels."""

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from ...base.errors import InvalidInput, UnknownName
 from . import arrays as layout
 from .arrays import Array, Slopes, StructureArrays, Workspace
-from .columns import KINDS, Kind
-from .columns.kind import CURVE, LISTED
+from .columns import KINDS
+from .columns.kind import CURVE, LISTED, Kind
 from .forces import BODY_KINDS
 from .parts import KINDS_OF_JOINT, Body, Column, Inertia, Rotor
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from ...base.errors import NoEstimate
-from ...core.laws import Identifier, Status
+from ...core.laws.base import Identifier, Status
 from ...core.log import EXACT, Log, SensorLevels
 from ...core.parameters import Array
 from ...core.structure.system import SecondOrderSystem

@@ -11,7 +11,7 @@ import scipy.linalg
 
 from ...base.errors import InvalidInput, NoEstimate
 from ...core.log import Log
-from ...core.nullspace import TOLERANCE
+from ...core.nullspace.subspace import TOLERANCE
 from ...core.numerics.low_pass import decimated, symmetric, zero_phase
 from ...core.numerics.spatial import continuous_signs
 from ...core.parameters import Array

@@ -29,7 +29,7 @@ from ..plants.world.quiet import quiet
 
 if TYPE_CHECKING:
     from ...core.log import Log
-    from . import Problem
+    from .base import Problem
 
 BUDGET = 120.0
 """Default limit of the CPU time of the search [s]."""

@@ -1,8 +1,1 @@
-"""Excitation: drivers that command a plant during identification, without its true parameters.
-
-The names are listed in `__init__.pyi`; each is imported on first use.
-"""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+"""Excitation: drivers that command a plant during identification, without its true parameters."""

@@ -7,10 +7,4 @@ None, for a run whose truth is unknown. `figures` evaluates the estimate of any 
 the paper's V, `excitation` the motion; `verify` checks the paper's statements against a run.
 `result` defines the result that every command reports, `statistics` what is special to a run's,
 `wording` how numbers are phrased.
-
-The names are listed in `__init__.pyi`; each is imported on first use.
 """
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ...core.laws import Confidence, gain_deviations
-from ...core.nullspace import Nullspace
+from ...core.laws.base import Confidence, gain_deviations
+from ...core.nullspace.subspace import Nullspace
 from ...core.parameters import Array, Indices, ParameterSpace
 
 INTERVAL = 1.96  # half width of a 95 % interval of the normal distribution [standard deviations]

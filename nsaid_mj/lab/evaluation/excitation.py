@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.nullspace import level, split
+from ...core.nullspace.persistence import level
+from ...core.nullspace.subspace import split
 from ...core.parameters import Array
 from ..loop import Run
 from .figures import last_tenth, states, stride_of

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core.log import Log
-from ...core.nullspace import regressor_stack, split
+from ...core.nullspace.subspace import regressor_stack, split
 from ...core.parameters import Array, Indices
 from ...core.structure.system import SecondOrderSystem
 from ..loop import Run

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.laws import Identifier
+from ...core.laws.base import Identifier
 from ...core.laws.nullspace_aid import NullspaceIdentifier
 from ...core.parameters import Array
 from ...core.structure.system import SecondOrderSystem

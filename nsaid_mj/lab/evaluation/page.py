@@ -11,13 +11,13 @@ from rich.console import Console
 from ...base.files import RECORDING
 from ...core.parameters import ABSENT, rounded
 from ...report.page import (
-    FILE,
+    REPORT_FILE,
     Figure,
     Figures,
     Fold,
     Items,
     Page,
-    Panel,
+    PageItem,
     Section,
     Table,
     Text,
@@ -30,7 +30,7 @@ from ...report.result import Mark, Result
 from ...report.terminal import print_page
 from ...report.wording import share_in_words, statistic
 from ..loop import Run
-from . import RunResult
+from .run_result import RunResult
 from .verify import Verification
 
 _FIRST = 5  # unobservable directions that are not folded
@@ -134,7 +134,7 @@ def print_result(name: str, result: RunResult, folder: Path) -> None:
     seen = f"{file}   (nsaid view {shlex.quote(str(folder))})"
     files = (
         f"recording  {seen if file.is_file() else _NO_RERUN}",
-        f"report     {folder / FILE}",
+        f"report     {folder / REPORT_FILE}",
     )
     print_page(brief(name, result), Console(highlight=False), files)
 
@@ -168,13 +168,13 @@ def _statistics(result: Result) -> Table:
     return Table(["figures", *(result.statistics[0].values if result.statistics else ())], lines)
 
 
-def _confidence(result: RunResult) -> list[Panel]:
+def _confidence(result: RunResult) -> list[PageItem]:
     """The stated confidence in words; empty if none is stated."""
     lines = result.confidence_in_words
     return [Items(lines)] if lines else []
 
 
-def _least_known(result: RunResult) -> list[Panel]:
+def _least_known(result: RunResult) -> list[PageItem]:
     """The least known directions; empty if no confidence is stated."""
     stated, labels = result.confidence, result.labels
     if stated is None:
@@ -206,12 +206,12 @@ def _relative_to(result: Result) -> str:
     return words
 
 
-def _correlated(figures: Sequence[Figure]) -> list[Panel]:
+def _correlated(figures: Sequence[Figure]) -> list[PageItem]:
     """The heat map of correlations with its explanation; empty if there is none."""
     return [Figures(figures), Text(f"{CORRELATIONS} {_HELD}", note=True)] if figures else []
 
 
-def _checks(result: RunResult) -> list[Panel]:
+def _checks(result: RunResult) -> list[PageItem]:
     """Agreement of the run with the theory: conserved quantity and excitation."""
     said = []
     if (drift := result.theory.conserved_drift) is not None:
@@ -228,7 +228,7 @@ def _checks(result: RunResult) -> list[Panel]:
     return [Text(" ".join(said), note=True)] if said else []
 
 
-def statements(checks: Verification | None) -> list[Panel]:
+def statements(checks: Verification | None) -> list[PageItem]:
     """The paper's statements with their verdicts, then those that do not apply, by reason."""
     kinds = {"holds": ("✔", "good"), "not yet": ("◐", "fair"), "fails": ("✘", "poor")}
     lines, apart = [], dict[str, list[str]]()
@@ -258,7 +258,7 @@ def verification_page(name: str, found: Verification) -> Page:
     )
 
 
-def unobservable(result: RunResult) -> list[Panel]:
+def unobservable(result: RunResult) -> list[PageItem]:
     """The five directions that concern most parameters, and the others by block."""
     entries = result.unobservable_in_words
     sizes = {one.direction: len(one.labels) for one in result.unobservable}

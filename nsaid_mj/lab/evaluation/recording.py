@@ -6,30 +6,36 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ...core.laws import FaultEvent
+from ...core.laws.faults import FaultEvent
 from ...core.log import Log
 from ...core.parameters import Array, Indices, ParameterSpace
 from ...core.structure.system import SecondOrderSystem
-from ...report.page import markdown, panels
+from ...report.page import item_lines, markdown
 from ...report.panels import spread
-from ...report.recording import FILE, forces, inertia, torques
+from ...report.recording import FILE
+from ...report.recording.forces import FAILED, Arrows, mounts_of
+from ...report.recording.inertia import ESTIMATED_INERTIA, REFERENCE, Inertias
 from ...report.recording.layout import blueprint, words
 from ...report.recording.lines import lines_of
 from ...report.recording.plots import Plots
 from ...report.recording.scene import BODY, Scene
 from ...report.recording.stream import write as write_file
 from ...report.recording.text import drawable
+from ...report.recording.torques import Arcs
+from ...report.recording.torques import drawn as torques_drawn
 from ..loop import Run
 from ..record import Record
-from . import RunResult, Truth, common_factor
 from .curves import shared
+from .figures import common_factor
 from .page import brief, statements, unobservable
+from .run_result import RunResult
+from .truth import Truth
 from .verify import Verification
 
 _SHORT = "The run is too short for a verdict."
 
 
-def write(
+def write_run_recording(
     run: Run, result: RunResult, truth: Truth | None, checks: Verification | None = None
 ) -> Path:
     """Writes a run's recording atomically, and returns its path.
@@ -45,8 +51,8 @@ def write(
     name = run.folder.resolve().name
     documents = {
         "result": markdown(brief(name, result)),
-        "statements": "\n".join(panels(statements(checks))) or _SHORT,
-        "unknown": "\n".join(panels(unobservable(result))),
+        "statements": "\n".join(item_lines(statements(checks))) or _SHORT,
+        "unknown": "\n".join(item_lines(unobservable(result))),
     }
     space, plots = run.system.space, Plots(lines, float(run.record["t"][-1]))
     kind = "" if truth is None else _kind(space, shared(space, result.dimensions.r, truth.theta))
@@ -90,10 +96,10 @@ class Robot:
         theta = record.rows("theta_hat", -1) if truth is None else truth.theta
         self.camera = camera = None if scene.empty else scene.camera(some.q, some.v)
         self.survey = scene.survey(some.q) if camera and scene.vehicle else None
-        self._links = inertia.Inertias.of(system) if camera else None
-        self._efforts: forces.Arrows | torques.Arcs | None = None
-        if camera and (forces.mounts_of(system) or torques.drawn(system)):
-            kind = torques.Arcs if torques.drawn(system) else forces.Arrows
+        self._links = Inertias.of(system) if camera else None
+        self._efforts: Arrows | Arcs | None = None
+        if camera and (mounts_of(system) or torques_drawn(system)):
+            kind = Arcs if torques_drawn(system) else Arrows
             self._efforts = kind(system, camera.size, some, theta)
 
     @property
@@ -112,7 +118,7 @@ class Robot:
         """Logs everything."""
         record, truth = self._run.record, self._truth
         t, frames = record["t"], _at_rate(record["t"], _RATE, _FRAMES)
-        inside = isinstance(self._efforts, forces.Arrows) or self._links is not None
+        inside = isinstance(self._efforts, Arrows) or self._links is not None
         failed = (path for event in self._run.faults for path in self._failed(event))
         changing = dict.fromkeys(failed, float(t[0]))
         self._scene.log_shapes(rec, self.camera, ghost=inside, changing=changing)
@@ -126,9 +132,9 @@ class Robot:
             few, size = spread(len(t), _ELLIPSOIDS), self.camera.size
             self._links.log_frames(rec, t[frames], record["q"][frames])
             theta_hat = record.rows("theta_hat", few)
-            self._links.log(rec, inertia.ESTIMATED, t[few], theta_hat, size)
+            self._links.log(rec, ESTIMATED_INERTIA, t[few], theta_hat, size)
             reference = self._run.prior[None] if truth is None else truth.theta_at(t[few])
-            self._links.log(rec, inertia.REFERENCE, t[few][: len(reference)], reference, size)
+            self._links.log(rec, REFERENCE, t[few][: len(reference)], reference, size)
 
     def _log_faults(self, rec: rr.RecordingStream) -> None:
         """Logs every fault at the time it was found; its part is red from then on.
@@ -145,12 +151,12 @@ class Robot:
             places = _mounts(self._run.system, event)
             if len(places):
                 ball = rr.Points3D(
-                    places, colors=[forces.FAILED], radii=[_MARK * self.camera.size],
+                    places, colors=[FAILED], radii=[_MARK * self.camera.size],
                     labels=[drawable(event.part)],
                 )  # fmt: skip
                 rec.log(f"{BODY}/fault_{number}", ball)
             for path in self._failed(event):
-                rec.log(path, rr.Mesh3D.from_fields(albedo_factor=forces.FAILED))
+                rec.log(path, rr.Mesh3D.from_fields(albedo_factor=FAILED))
         rec.reset_time()
 
     def _failed(self, event: FaultEvent) -> list[str]:
@@ -160,7 +166,7 @@ class Robot:
 
 def _log_efforts(
     rec: rr.RecordingStream,
-    drawn: forces.Arrows | torques.Arcs,
+    drawn: Arrows | Arcs,
     rows: Log,
     theta_hat: Array,
     truth: Truth | None,

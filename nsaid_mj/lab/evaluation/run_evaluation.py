@@ -8,8 +8,9 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 from ...base.threads import single_threaded
-from ...core.laws import ConventionalAID, IdentifierConfig, NullspaceAID
-from ...core.nullspace import Nullspace, directions
+from ...core.laws.config import IdentifierConfig, NullspaceAID
+from ...core.laws.conventional import ConventionalAID
+from ...core.nullspace.subspace import Nullspace, directions
 from ...core.parameters import ParameterSpace, rounded
 from ..loop import Run
 from .confidence import Determined, determined, known

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.laws import NullspaceAID
+from ...core.laws.config import NullspaceAID
 from ...core.log import Log
 from ...core.structure.system import SecondOrderSystem
 from ..loop import Run
@@ -21,7 +21,8 @@ from ..setup import with_prior_error
 from ..source import LONGEST_STEP
 
 if TYPE_CHECKING:
-    from ...core.laws import KalmanFilter, Signals
+    from ...core.laws.efficient.estimator import KalmanFilter
+    from ...core.laws.efficient.signals import Signals
     from ...watch import Misfit
 
 
@@ -36,7 +37,7 @@ def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | N
         return None
     config = with_prior_error(config, scenario)
     assert isinstance(config, NullspaceAID)
-    from ...core.laws import KalmanFilter
+    from ...core.laws.efficient.estimator import KalmanFilter
 
     return KalmanFilter(system, scenario.dt, config.efficient) if system.forward else None
 

@@ -32,7 +32,7 @@ from .statistics import (
 )
 
 if TYPE_CHECKING:
-    from ...core.laws import FaultEvent
+    from ...core.laws.faults import FaultEvent
     from ...watch import Misfit
 
 OWN = "NS-AID"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.laws import Identifier, State, gain_deviations
+from ...core.laws.base import Identifier, State, gain_deviations
 from ...core.log import Log, extended
 from ...core.parameters import Array
 from ...watch import (

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from ...base.bounds import shown, without_nonfinite
 from ...base.errors import InvalidInput
-from ...core.laws import FaultEvent
+from ...core.laws.faults import FaultEvent
 from ...core.parameters import ParameterSpace
 from .run_result import RunResult, judged
 from .statistics import (
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from ...watch import Misfit
 
-FILE = "summary.json"
+SUMMARY_FILE = "summary.json"
 
 _WITHOUT_ROWS = (
     "velocity_error_rms",
@@ -142,7 +142,9 @@ def _plain(value: Any, known: bool) -> Any:
 _REMEDY = "Delete the file: `nsaid view --rebuild` then makes it again from the record."
 
 
-def result_from(found: Any, space: ParameterSpace | None = None, name: str = FILE) -> RunResult:
+def result_from(
+    found: Any, space: ParameterSpace | None = None, name: str = SUMMARY_FILE
+) -> RunResult:
     """The result, without curves, whose `summary_of` is a value of JSON.
 
     Args:

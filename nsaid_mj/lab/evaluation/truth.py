@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.laws.cone.prior import drawn_covariance
 from ...core.log import Log
-from ...core.nullspace import Nullspace, structural
+from ...core.nullspace.subspace import Nullspace, structural
 from ...core.parameters import Array
 from ...core.structure.system import SecondOrderSystem
 from ..loop import Run, SimulatedRun

@@ -16,8 +16,8 @@ import numpy as np
 from ...base.errors import BadRun
 from ...base.files import write_json
 from ...base.threads import single_threaded
-from ...core.laws import ConventionalAID
-from ...core.laws import Status as Ended
+from ...core.laws.base import Status as Ended
+from ...core.laws.conventional import ConventionalAID
 from ...core.laws.nullspace_aid import NullspaceIdentifier
 from ...core.parameters import number, rounded
 from ...report.result import Explains, Result
@@ -28,7 +28,7 @@ from .run_result import RunResult
 from .statistics import Accuracy, Theory
 from .truth import Truth, truth_of
 
-FILE = "verify.json"
+VERIFY_FILE = "verify.json"
 SETTLED = 0.1  # last value over first, below which a quantity counts as vanished
 DRIFT = 1e-4  # relative drift of the conserved quantity; a tenth of what ends a run
 UNEXCITED = 1e-9  # of a window's excitation, or of ‖θ̂‖; rounding error and its propagation
@@ -145,7 +145,7 @@ def verification_of(run: Run, statements: tuple[StatementVerdict, ...]) -> Verif
         status=run.ending.status.words,
         end=float(run.record["t"][-1]),
         scenario_hash=run.scenario.hash,
-        file=run.folder / FILE,
+        file=run.folder / VERIFY_FILE,
     )
 
 

@@ -73,11 +73,11 @@ class ColumnRow(Table):
 
     def column(self, parameter: int) -> Column:
         """The column of the structure; `parameter` is its index in the block."""
-        from ...core.structure.columns import curve  # compiled
+        from ...core.structure.columns.curve import polynomial
 
         constants: dict[str, Any] = dict(self.__pydantic_extra__ or {})
         if "curve" in constants:
-            constants["curve"] = curve.polynomial(*constants["curve"])
+            constants["curve"] = polynomial(*constants["curve"])
         number = -1 if self.command is None else self.command - 1
         return Column(self.kind, parameter, body=0, input=number, **constants)
 

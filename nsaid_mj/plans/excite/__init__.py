@@ -1,8 +1,1 @@
-"""Design of experiments: finds the most informative motion within limits.
-
-The names are listed in `__init__.pyi`; each is imported on first use.
-"""
-
-import lazy_loader
-
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+"""Design of experiments: finds the most informative motion within limits."""

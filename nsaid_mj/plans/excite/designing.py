@@ -17,7 +17,8 @@ from ...base.choices import CRITERIA, check_choice
 from ...base.errors import NoEstimate, NoMotion
 from ...core.log import Log
 from ...core.parameters import Array
-from ...lab.control import DriverConfig, FourierTracking
+from ...lab.control.driver import DriverConfig
+from ...lab.control.tracking import FourierTracking
 from .experiment import DRAWS, Experiment
 from .information import (
     GAINS,

@@ -23,14 +23,17 @@ from ...base.files import path_of, scenarios, vehicle_files
 from ...clinic.identify.models import plant_of
 from ...core.laws.cone.prior import drawn_inside
 from ...core.log import Log, SensorLevels
-from ...core.nullspace import Nullspace, structural
+from ...core.nullspace.subspace import Nullspace, structural
 from ...core.parameters import Array
 from ...core.structure.system import SecondOrderSystem
-from ...lab.control import DriverConfig, FourierTracking
+from ...lab.control.driver import DriverConfig
+from ...lab.control.tracking import FourierTracking
 from ...lab.library import load
-from ...lab.plants import ArmPlant, ParametricPlantConfig, Plant, Sensors
+from ...lab.plants.jointed import ArmPlant
+from ...lab.plants.world.config import ParametricPlantConfig
 from ...lab.plants.world.contacts import Contacts
-from ...lab.plants.world.sensors import EXACT_SENSORS
+from ...lab.plants.world.plant import Plant
+from ...lab.plants.world.sensors import EXACT_SENSORS, Sensors
 from ...lab.scenario import Scenario
 from ...lab.setup import is_sound, published, trajectory
 from ...robots.loading import load_robot

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from ...base.files import write_json, write_text
-from ...core.laws import NullspaceAID
+from ...core.laws.config import NullspaceAID
 from ...core.structure.sensing import velocity_labels
-from ...lab.control import DesignedTracking
+from ...lab.control.tracking import DesignedTracking
 from ...lab.scenario import Scenario
 from .designing import Design
 from .information import Ranks, rms
@@ -49,19 +49,21 @@ def scenario_of(found: Design, original: Scenario) -> Scenario:
     )
 
 
-def write(
+def write_design(
     found: Design, prediction: Prediction, ranks: Ranks, scenario: Scenario, folder: Path
 ) -> list[Path]:
     """Writes motion, scenario and figures into a folder, made if need be; returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / DESIGN, document(found, prediction, ranks, folder.name))
+    write_json(folder / DESIGN, design_document(found, prediction, ranks, folder.name))
     write_text(folder / MOTION, motion_csv(found))
     write_text(folder / SCENARIO, scenario.to_json() + "\n")
     write_text(folder / SCRIPT, _SCRIPT.format(title=folder.name, file=SCENARIO))
     return [folder / name for name in (DESIGN, MOTION, SCENARIO, SCRIPT)]
 
 
-def document(found: Design, prediction: Prediction, ranks: Ranks, title: str) -> dict[str, Any]:
+def design_document(
+    found: Design, prediction: Prediction, ranks: Ranks, title: str
+) -> dict[str, Any]:
     """All figures of a design, for JSON."""
     experiment = found.experiment
     return {

@@ -9,10 +9,11 @@ import scipy.linalg
 
 from ...base.errors import InvalidInput, NoEstimate, UnknownName
 from ...core.log import Log
-from ...core.nullspace import split
+from ...core.nullspace.subspace import split
 from ...core.parameters import Array, ParameterSpace
 from ...core.structure.information import acceleration_rows, information_along
-from ...lab.control import DriverConfig, FourierTracking
+from ...lab.control.driver import DriverConfig
+from ...lab.control.tracking import FourierTracking
 from .experiment import Experiment
 from .limits import Limits
 from .motions import JointMotions

@@ -27,9 +27,9 @@ from ...core.structure.arrays import memory_of
 from ...core.structure.information import torques_along
 from ...core.structure.joints import JointTree
 from ...core.structure.system import SecondOrderSystem
-from ...lab.control import DesignedSignals, DesignedTracking, DriverConfig, FourierTracking
+from ...lab.control.driver import DriverConfig
 from ...lab.control.signals import Series
-from ...lab.control.tracking import Given
+from ...lab.control.tracking import DesignedSignals, DesignedTracking, FourierTracking, Given
 from .experiment import Experiment
 from .limits import COMMAND, Limits, coordinates_of, extents_of, settled
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from ...core.parameters import Array, number, rounded
-from ...lab.evaluation import versions
 from ...lab.evaluation.confidence import INTERVAL
+from ...lab.evaluation.run_evaluation import versions
 from ...report.labels import command_names, velocity_names
-from ...report.page import Items, Page, Panel, Section, Table, Text, count
+from ...report.page import Items, Page, PageItem, Section, Table, Text, count
 from ...report.panels import Panel as Curves
 from ...report.result import Result, Statistic
 from .designing import Design
@@ -111,14 +111,14 @@ def _remedy_rows(document: dict[str, Any]) -> list[list[str]]:
     ]
 
 
-def page(
+def design_page(
     robot: str, document: dict[str, Any], trial: Trial | None, found: Design, folder: Path
 ) -> Page:
     """The page of a design in a folder; the arguments are those of `result_of`."""
     from ...report.drawings import figures_of  # imported late: matplotlib takes half a second
 
     result, weak = result_of(document, trial, found), _weak_rows(document)
-    determined: list[Panel] = [Items(statements(document))]
+    determined: list[PageItem] = [Items(statements(document))]
     if weak:
         heads = ["weak direction", "deviation left", "best remedy", "left then"]
         determined += [Table(heads, weak, (0, 2)), Text(_WEAK, note=True)]

@@ -19,15 +19,16 @@ from itertools import pairwise
 import numpy as np
 import scipy.linalg
 
-from ...core.laws import NullspaceAID, Status
+from ...core.laws.base import Status
+from ...core.laws.config import NullspaceAID
 from ...core.log import Log, SensorLevels
-from ...core.nullspace import directions
+from ...core.nullspace.subspace import directions
 from ...core.parameters import Array, phrase
 from ...core.structure.joints import JointTree
 from ...core.structure.payload import point_mass
-from ...lab.control import DesignedSignals, DesignedTracking
+from ...lab.control.tracking import DesignedSignals, DesignedTracking
 from ...lab.evaluation.confidence import INTERVAL
-from ...lab.plants import Sensors
+from ...lab.plants.world.sensors import Sensors
 from ...lab.setup import Seeds
 from ...watch import supervised
 from .designing import Design, Report

@@ -14,11 +14,11 @@ from ...report.recording.scene import Scene
 from ...report.recording.stream import write
 from .designing import Design
 
-FILE = "design.rrd"
+DESIGN_RECORDING = "design.rrd"
 _RATE = 30.0  # frames of the robot per second
 
 
-def record(page: Page, found: Design, file: Path) -> Path:
+def record_design(page: Page, found: Design, file: Path) -> Path:
     """Writes a design's recording atomically, and returns its path, which ends in .rrd.
 
     Args:

@@ -18,12 +18,15 @@ from ...base.choices import METHODS, check_choice
 from ...base.errors import InvalidInput, NoEstimate, NsaidError
 from ...base.files import write_json
 from ...base.threads import single_threaded
-from ...core.laws import ConventionalAID, IdentifierConfig, NullspaceAID
+from ...core.laws.config import IdentifierConfig, NullspaceAID
+from ...core.laws.conventional import ConventionalAID
 from ...core.log import EXACT, Log
-from ...lab import evaluation
-from ...lab.baselines import BATCH, Estimate, Method, Problem, follow
+from ...lab.baselines import BATCH
+from ...lab.baselines.base import Estimate, Method, Problem, follow
 from ...lab.baselines.sysid import BUDGET, sysid
 from ...lab.evaluation.bound import bound_figures, cramer_rao
+from ...lab.evaluation.figures import Judge
+from ...lab.evaluation.truth import Truth
 from ...lab.scenario import Scenario
 from ...lab.setup import Setup, is_sound
 from ...report.page import Page
@@ -32,14 +35,14 @@ from . import compare_report
 from .compare_report import BOUND, DEFAULT, PRIOR, row_of, runs_of, sensors
 from .study import Row, Study, carried_out, write_csv
 
-FILES = ("compare.json", "compare.csv")
+COMPARE_FILES = ("compare.json", "compare.csv")
 
 
 MOST_LOGGED = 1e7
 """Largest number of time steps of a log, which every method keeps in memory."""
 
 
-def plan(
+def comparison_plan(
     script: str,
     scenario: Scenario,
     methods: tuple[str, ...] = DEFAULT,
@@ -159,7 +162,7 @@ class World:
             raise NoEstimate(f"the plant diverged ({plant.diverged})", "Use a smaller dt.")
         levels = scenario.noise.levels if noise else EXACT
         self._problem = Problem(setup.system, log, setup.prior, levels)
-        self._judges: dict[int, evaluation.Judge] = {}
+        self._judges: dict[int, Judge] = {}
         self._methods: dict[str, Method] = {
             **{name: partial(follow, i) for name, i in identifiers.items() if name},
             **{name: method for name, method in BATCH.items() if name in study.vary["method"]},
@@ -191,7 +194,7 @@ class World:
 
     def _bound(self, duration: float, log: Log) -> Row:
         """The figures of estimates that attain the Cramér–Rao bound."""
-        truth = evaluation.Truth(self._setup, duration)
+        truth = Truth(self._setup, duration)
         try:
             covariance = cramer_rao(truth, log, self._setup.scenario.noise.levels)
         except NsaidError as error:
@@ -199,12 +202,12 @@ class World:
         figures = bound_figures(truth, self._judge(duration), covariance)
         return row_of(BOUND, *self._key, duration, **figures)
 
-    def _judge(self, duration: float) -> evaluation.Judge:
+    def _judge(self, duration: float) -> Judge:
         """The judge of estimates at a time [s], as faults change the truth."""
-        truth = evaluation.Truth(self._setup, duration)
+        truth = Truth(self._setup, duration)
         epoch = int(truth.epoch(duration))
         if epoch not in self._judges:
-            self._judges[epoch] = evaluation.Judge(truth)
+            self._judges[epoch] = Judge(truth)
         return self._judges[epoch]
 
 
@@ -255,12 +258,12 @@ def _attempt(method: Method, problem: Problem) -> tuple[Estimate | None, str]:
 
 def write(folder: Path, study: Study, rows: Sequence[Row]) -> None:
     """Writes compare.json, with all rows and the plan, and compare.csv; may raise `NotWritten`."""
-    write_json(folder / FILES[0], study.manifest | {"cells": rows})
-    write_csv(folder / FILES[1], list(row_of("", 0, 0.0, 0.0)), rows)
+    write_json(folder / COMPARE_FILES[0], study.manifest | {"cells": rows})
+    write_csv(folder / COMPARE_FILES[1], list(row_of("", 0, 0.0, 0.0)), rows)
 
 
 @single_threaded
-def run(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[Row]]:
+def run_comparison(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[Row]]:
     """Runs a comparison, writes its files and plots, and prints its page; see `carried_out`."""
     columns = sum(len(compared_at(study, noise)) for noise in study.vary["noise"])
     total = columns * len(study.seeds) * len(study.vary["duration"])
@@ -270,7 +273,7 @@ def run(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[R
         drawn = compare_report.lines(runs)
         plots = compare_report.write_pictures(folder, drawn)
         page = compare_report.page_of(runs, drawn)
-        return page, [*(folder / name for name in FILES), *plots]
+        return page, [*(folder / name for name in COMPARE_FILES), *plots]
 
     made, write_all = partial(compare, study), partial(write, folder, study)
-    return carried_out(folder, FILES[:1], total, made, write_all, draw, quiet)
+    return carried_out(folder, COMPARE_FILES[:1], total, made, write_all, draw, quiet)

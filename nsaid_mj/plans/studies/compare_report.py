@@ -13,10 +13,10 @@ import numpy as np
 from ...base.choices import LAWS as OURS
 from ...base.choices import METHODS
 from ...base.findings import Finding
-from ...report import plots
 from ...report.page import Cell as Written
 from ...report.page import Figure, Page, Section, Table, Text, count
 from ...report.panels import BAD, COLOURS, INK, LAWS
+from ...report.plots import CURVE, logarithmic, page_figure, png_of
 from ...report.result import Result, Statistic
 from .runs import Group, Runs, digits
 from .study import Row, repeated
@@ -324,9 +324,7 @@ def lines(runs: Runs) -> dict[str, dict[str, Panels]]:
 def write_pictures(folder: Path, drawn: Mapping[str, Mapping[str, Panels]]) -> list[Path]:
     """Writes the plots as PNG, and returns their paths."""
     return [
-        plots.png_of(
-            list(of.values()), (12.5, 1.0 + 3.3 * len(of)), folder / f"{stem}.png", list(of)
-        )
+        png_of(list(of.values()), (12.5, 1.0 + 3.3 * len(of)), folder / f"{stem}.png", list(of))
         for stem, of in sorted(drawn.items())
     ]
 
@@ -339,7 +337,7 @@ def figures(drawn: Mapping[str, Mapping[str, Panels]]) -> list[Figure]:
         axis.set_ylabel(f"{label} [–]")
 
     return [
-        plots.page_figure(
+        page_figure(
             f"{label.capitalize()} over {_TITLES[stem]}: {logs}",
             partial(labelled, label, panels[label]),
         )
@@ -377,14 +375,14 @@ def _curves(
         axis.errorbar(
             list(map(abscissa, own)), middle, reach, color=colour, ls=dash,
             marker=_MARKS.get(method, "."), ms=7 if ours else 5, lw=2.2 if ours else 1.1,
-            elinewidth=0.8, capsize=2, label=method, gid=plots.CURVE + method,
+            elinewidth=0.8, capsize=2, label=method, gid=CURVE + method,
         )  # fmt: skip
     axis.set_xlabel(name)
     if not ticks:
-        plots.logarithmic(axis, "x")
+        logarithmic(axis, "x")
     else:
         if min(ticks) > 0:  # lengths of logs
             axis.set_xscale("log")
             axis.minorticks_off()
         axis.set_xticks(list(ticks), list(ticks.values()))
-    plots.logarithmic(axis)
+    logarithmic(axis)

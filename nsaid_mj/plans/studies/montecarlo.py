@@ -20,14 +20,13 @@ import numpy as np
 
 from ...base.errors import InvalidInput
 from ...base.stopwatch import compile_seconds
-from ...core.laws import Identifier, State, Status
-from ...core.laws.base import Estimates
+from ...core.laws.base import Estimates, Identifier, State, Status
 from ...core.laws.nullspace_aid import NullspaceIdentifier
 from ...core.log import Log
 from ...core.parameters import Array
 from ...core.structure.system import Motion
-from ...lab.evaluation import Truth, converged_at
-from ...lab.evaluation.figures import actuator_ratio_error
+from ...lab.evaluation.figures import actuator_ratio_error, converged_at
+from ...lab.evaluation.truth import Truth
 from ...lab.following import CHECK, Following, due_rows
 from ...lab.scenario import Scenario
 from ...lab.setup import Setup
@@ -43,7 +42,7 @@ Seen = Callable[[float], object]
 """Called with the progress since the last call, in runs, also fractional."""
 
 
-def plan(
+def montecarlo_plan(
     script: str,
     scenario: Scenario,
     runs: int,

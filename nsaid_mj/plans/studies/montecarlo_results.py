@@ -9,7 +9,7 @@ import numpy as np
 
 from ...base.findings import Finding
 from ...base.threads import single_threaded
-from ...core.laws import Status
+from ...core.laws.base import Status
 from ...core.parameters import rounded
 from ...report.page import Page, Section, Table, count
 from ...report.result import Result, Statistic
@@ -31,7 +31,9 @@ QUANTILES = {"median": 0.5, "90 %": 0.9, "worst": 1.0}
 
 
 @single_threaded
-def run(study: Study, folder: Path, jobs: int | None = None, quiet: bool = False) -> Runs:
+def run_montecarlo(
+    study: Study, folder: Path, jobs: int | None = None, quiet: bool = False
+) -> Runs:
     """Executes the runs that are missing in a folder, and writes the files of a sweep.
 
     After Ctrl-C, finished runs are kept and the same call resumes the study. `jobs` is a number of
@@ -84,7 +86,7 @@ def cost(runs: Runs) -> float:
     return float(np.median([row["identifier_us_per_step"] for row in runs.rows]))
 
 
-def document(runs: Runs) -> dict[str, Any]:
+def montecarlo_document(runs: Runs) -> dict[str, Any]:
     """The output of `nsaid montecarlo --json`."""
     found = {
         key: {name: value if np.isfinite(value) else None for name, value in each.items()}
@@ -100,7 +102,7 @@ def document(runs: Runs) -> dict[str, Any]:
     }
 
 
-def result_of(runs: Runs) -> Result:
+def montecarlo_result(runs: Runs) -> Result:
     """The result of a study; a run is lost if it ended before the scenario's duration."""
     gone, shared = lost(runs), runs.manifest["montecarlo"]["shared"]
     failures = (
@@ -112,13 +114,13 @@ def result_of(runs: Runs) -> Result:
         for row in gone
     )  # fmt: skip
     statistics = (Statistic(*FIGURES[key], values) for key, values in quantiles(runs).items())
-    own = sweep.result_of(runs)
+    own = sweep.sweep_result(runs)
     return replace(own, statistics=tuple(statistics), findings=tuple(failures), complete=not gone)
 
 
-def page_of(runs: Runs) -> Page:
+def montecarlo_page(runs: Runs) -> Page:
     """The page of a study for the terminal."""
-    result = result_of(runs)
+    result = montecarlo_result(runs)
     lines = [
         [f"{f.name} [{f.unit}]", *(digits(value, f.unit) for value in f.values.values())]
         for f in result.statistics

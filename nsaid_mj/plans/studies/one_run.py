@@ -9,8 +9,11 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from ...base.errors import NsaidError
-from ...core.laws import Status
-from ...lab import evaluation
+from ...core.laws.base import Status
+from ...lab.evaluation.figures import converged_at
+from ...lab.evaluation.run_evaluation import evaluate
+from ...lab.evaluation.summary import summary_of
+from ...lab.evaluation.truth import Truth, truth_of
 from ...lab.library import digest_of, load
 from ...lab.loop import SimulatedRun
 from ...lab.loop import run as run_scenario
@@ -66,9 +69,9 @@ def _loaded(script: str) -> str:
 
 def figures(run: SimulatedRun) -> dict[str, Any]:
     """Scalar entries of a run's summary by key, dotted if nested, and `time_to_converge`."""
-    truth = evaluation.truth_of(run)
+    truth = truth_of(run)
     converged = {"time_to_converge": time_to_converge(run, truth)}
-    return converged | _scalars(evaluation.summary_of(evaluation.evaluate(run, truth)))
+    return converged | _scalars(summary_of(evaluate(run, truth)))
 
 
 def _scalars(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -81,7 +84,7 @@ def _scalars(summary: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     return scalars
 
 
-def time_to_converge(run: SimulatedRun, truth: evaluation.Truth) -> float | None:
+def time_to_converge(run: SimulatedRun, truth: Truth) -> float | None:
     """The time from which the distance to the true set stays small [s].
 
     See `evaluation.converged_at`. None if it does not stay small, or if the run ended early.
@@ -89,7 +92,7 @@ def time_to_converge(run: SimulatedRun, truth: evaluation.Truth) -> float | None
     if run.ending.status is not Status.completed:
         return None
     t = run.record["t"]
-    return evaluation.converged_at(t, truth.distance(t, run.record["theta_hat"]))
+    return converged_at(t, truth.distance(t, run.record["theta_hat"]))
 
 
 # -- the process it runs in ------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from rich.progress import Progress as Bar
 from ...base.bounds import shown
 from ...base.errors import InvalidInput
 from ...base.files import check_own, locked, write_text
-from ...lab import evaluation
+from ...lab.evaluation.run_evaluation import versions
 from ...lab.library import digest_of
 from ...lab.scenario import Scenario
 from ...report.page import Page, write_html
@@ -122,7 +122,7 @@ class Study:
             "script_sha256": self.digest,
             "scenario": json.loads(self.scenario.to_json()),
             **self.settings,
-            "versions": evaluation.versions(),
+            "versions": versions(),
             "arguments": list(self.arguments),
         }
 

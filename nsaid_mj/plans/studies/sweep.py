@@ -38,7 +38,7 @@ SPREADS = (
 HEADS = (*(f"{name} [{unit}]" for name, unit in FIGURES.values()), "converged", "early", "lost")
 
 
-def plan(
+def sweep_plan(
     script: str,
     scenario: Scenario,
     vary: Mapping[str, tuple[Any, ...]],
@@ -85,7 +85,7 @@ def scenario_of(study: Study, number: int) -> Scenario:
     return replace(own, seed=study.seeds[draw])
 
 
-def run(
+def run_sweep(
     study: Study,
     folder: Path,
     engine: Engine | None = None,
@@ -125,7 +125,7 @@ def run(
 # -- what is found ---------------------------------------------------------------------------------
 
 
-def document(runs: Runs) -> dict[str, Any]:
+def sweep_document(runs: Runs) -> dict[str, Any]:
     """The output of `nsaid sweep --json`; numbers may be infinite."""
     return {
         "folder": str(runs.folder),
@@ -168,7 +168,7 @@ def table_of(runs: Runs, fields: Sequence[str]) -> Table:
     return Table([*fields, *HEADS], lines, range(len(fields)))
 
 
-def result_of(runs: Runs) -> Result:
+def sweep_result(runs: Runs) -> Result:
     """The result of a sweep: the share of converged runs, and the distribution of its figures.
 
     A sweep shows a distribution: it fails only if no run has a result.

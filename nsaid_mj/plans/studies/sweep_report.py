@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from ...report import plots
 from ...report.page import Page, Section, Text, count, write_html
 from ...report.panels import BAD, COLOURS, thin
+from ...report.plots import COLUMNS, categories, logarithmic, page_figure, png_of
+from ...report.plots import line as plots_line
 from .runs import Group, Runs
 from .study_page import study_page
-from .sweep import SPREADS, lead_of, result_of, table_of
+from .sweep import SPREADS, lead_of, sweep_result, table_of
 
 PICTURE = "distributions.png"
 _DOTS = 400  # largest number of dots per group of runs
@@ -30,16 +31,16 @@ Draw = Callable[[Any], None]
 """Draws one panel into matplotlib axes."""
 
 
-def write(runs: Runs) -> list[Path]:
+def write_sweep_page(runs: Runs) -> list[Path]:
     """Writes a sweep's report.html and distributions.png, and returns their paths."""
     lines = [_line(runs, field) for field in runs.manifest["vary"] or [""]]
     widest = max((len(values) for values in runs.manifest["vary"].values()), default=1)
     size = (min(max(12.5, 2.4 * widest), 40.0), 0.4 + 3.6 * len(lines))
-    picture = plots.png_of(lines, size, runs.folder / PICTURE)
-    return [write_html(page_of(runs, lines), runs.folder), picture]
+    picture = png_of(lines, size, runs.folder / PICTURE)
+    return [write_html(sweep_page(runs, lines), runs.folder), picture]
 
 
-def page_of(runs: Runs, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:
+def sweep_page(runs: Runs, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:
     """The page of a sweep, with the panels of these lines if there are any."""
     manifest = runs.manifest
     fields = list(manifest["vary"])
@@ -47,16 +48,16 @@ def page_of(runs: Runs, lines: Sequence[Mapping[str, Draw]] = ()) -> Page:
     thinned = any(len(group.results) > _DOTS for field in fields for group in runs.by(field))
     drawn = []
     for field, line in zip(fields or [""], lines, strict=bool(lines)):
-        wide = len(manifest["vary"].get(field, "")) > plots.COLUMNS or sum(map(len, lines)) == 1
+        wide = len(manifest["vary"].get(field, "")) > COLUMNS or sum(map(len, lines)) == 1
         for title, draw in line.items():
             over = f"{title}, by {field}" if field else title
-            drawn.append(plots.page_figure(over, draw, wide))
+            drawn.append(page_figure(over, draw, wide))
     first = 2 if lines and "Time to converge" in lines[0] else 1
     last = [path.rpartition(".")[2] for path in fields]
     named = [k if last.count(k) == 1 else path for path, k in zip(fields, last, strict=True)]
     return study_page(
         runs,
-        result_of(runs),
+        sweep_result(runs),
         Section("Combinations", [table_of(runs, named), Text(SPREADS)], brief=True),
         f"{lead_of(runs)}; {count(seeds, 'seed')} from the master seed {manifest['master_seed']}.",
         drawn=drawn,
@@ -115,14 +116,14 @@ def _distribution(groups: list[Group], labels: list[str], field: str, key: str, 
         shown = values[thin(len(values), _DOTS)]
         aside = place + rng.uniform(-0.2, 0.2, len(shown))
         pale = max(0.05, len(shown) ** -0.4)
-        plots.line(axis, aside, shown, "run", ".", color=COLOURS[0], ms=4, alpha=pale)
-    plots.categories(axis, labels, field)
+        plots_line(axis, aside, shown, "run", ".", color=COLOURS[0], ms=4, alpha=pale)
+    categories(axis, labels, field)
     if key == "time_to_converge":
         axis.set_ylim(bottom=0)
         axis.set_ylabel("time [s]")
     else:
         axis.set_ylabel("‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]")
-        plots.logarithmic(axis)
+        logarithmic(axis)
 
 
 def _failed(
@@ -138,7 +139,7 @@ def _failed(
         bottom += counts
     axis.set_ylim(0, max(1.05 * bottom.max(initial=0.0), 5.0))
     axis.set_ylabel("share of runs [%]")
-    plots.categories(axis, labels, field)
+    categories(axis, labels, field)
 
 
 def _count(group: Group) -> Counter[str]:

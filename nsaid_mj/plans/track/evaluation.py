@@ -9,7 +9,7 @@ from ...core.laws.metric import Metric
 from ...core.log import Log
 from ...core.parameters import Array
 from ...core.structure.system import SecondOrderSystem
-from ...lab.control.adaptive import Tracker
+from ...lab.control.adaptive.tracker import Tracker
 from ...lab.evaluation.truth import Truth
 
 _ROUNDING = 64 * np.finfo(float).eps

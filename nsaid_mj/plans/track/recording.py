@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 from ...core.parameters import Array
 from ...core.structure.joints import JointTree, bones
 from ...core.structure.system import SecondOrderSystem
-from ...lab.control.adaptive import Tracker
+from ...lab.control.adaptive.tracker import Tracker
 from ...lab.setup import Setup
 from ...report.page import Page, markdown
 from ...report.panels import Panel, spread

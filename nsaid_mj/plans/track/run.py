@@ -7,21 +7,21 @@ from functools import partial
 from pathlib import Path
 
 from ...base.threads import single_threaded
-from ...report import plots
 from ...report.drawings import figures_of
 from ...report.page import Figures, Page, Section, Text, count
 from ...report.panels import Panel
 from ...report.picture import picture
+from ...report.plots import curves, png_of
 from ...report.recording import available
 from ...report.result import Result
 from ..studies.study import Study, carried_out, repeated
-from .tracking import FILES, Course, courses, medians_in_words, result_of, table_of, write
+from .tracking import TRACKING_FILES, Course, courses, medians_in_words, result_of, table_of, write
 
 PICTURE, RECORDING = "tracking.png", "tracking.rrd"
 
 
 @single_threaded
-def run(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[Course]]:
+def run_tracking(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[Course]]:
     """Runs a study, writes its files, page and recording, and prints the page."""
 
     def made(say: Callable[[str], object]) -> Iterator[Course]:
@@ -31,17 +31,19 @@ def run(study: Study, folder: Path, quiet: bool = False) -> tuple[Result, list[C
             yield replace(found, motion=motion)
 
     total, draw = len(study.seeds) * len(study.vary["law"]), partial(drawn, folder, study)
-    return carried_out(folder, FILES[:1], total, made, partial(write, folder, study), draw, quiet)
+    return carried_out(
+        folder, TRACKING_FILES[:1], total, made, partial(write, folder, study), draw, quiet
+    )
 
 
 def drawn(folder: Path, study: Study, done: list[Course]) -> tuple[Page, list[Path]]:
     """The page; writes tracking.png and, with Rerun, tracking.rrd, and returns all files."""
-    page, files = page_of(folder, study, done), [folder / name for name in FILES]
+    page, files = page_of(folder, study, done), [folder / name for name in TRACKING_FILES]
     if not done:
         return page, files
     panels = [p for p in page.result.curves if isinstance(p, Panel) and p.page]
-    lines = [{panel.title: partial(plots.curves, panel) for panel in panels}]
-    files.append(plots.png_of(lines, (1.0 + 6.0 * len(panels), 3.4), folder / PICTURE))
+    lines = [{panel.title: partial(curves, panel) for panel in panels}]
+    files.append(png_of(lines, (1.0 + 6.0 * len(panels), 3.4), folder / PICTURE))
     if available():
         from .recording import record
 

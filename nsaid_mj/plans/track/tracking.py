@@ -15,15 +15,15 @@ from ...base.choices import TRACKING_LAWS, check_choice
 from ...base.errors import InvalidInput
 from ...base.files import write_json
 from ...base.findings import Finding
-from ...core.laws import Status
+from ...core.laws.base import Status
 from ...core.laws.cone.law import ConeMetric
 from ...core.log import Log
 from ...core.parameters import Array, rounded
-from ...lab.control.adaptive import AdaptiveTracking, Tracker
+from ...lab.control.adaptive.tracker import AdaptiveTracking, Tracker
 from ...lab.control.driver import Driver
-from ...lab.evaluation import Truth
+from ...lab.evaluation.truth import Truth
 from ...lab.following import Following
-from ...lab.plants import Plant
+from ...lab.plants.world.plant import Plant
 from ...lab.scenario import Scenario
 from ...lab.setup import Setup
 from ...lab.source import informing_steps
@@ -35,12 +35,12 @@ from ...report.result import Explains, Result, Statistic
 from ..studies.study import Study, write_csv
 from .evaluation import Motion, figures, lyapunov_rises
 
-FILES = ("tracking.json", "tracking.csv")
+TRACKING_FILES = ("tracking.json", "tracking.csv")
 _POINTS = 4000  # of a command over time, at most
 _LAST = 1 / 3  # of the duration, over which rms errors are taken
 
 
-def plan(
+def tracking_plan(
     script: str,
     scenario: Scenario,
     laws: tuple[str, ...] = TRACKING_LAWS,
@@ -182,8 +182,8 @@ def write(folder: Path, study: Study, done: list[Course]) -> None:
     rows = [{"law": c.law, "seed": c.seed} | c.figures for c in done]
     heads = list(dict.fromkeys(key for row in rows for key in row))
     found = {"medians": medians(study, done), "rows": without_nonfinite(rows)}
-    write_json(folder / FILES[0], study.manifest | found)
-    write_csv(folder / FILES[1], heads, rows)
+    write_json(folder / TRACKING_FILES[0], study.manifest | found)
+    write_csv(folder / TRACKING_FILES[1], heads, rows)
 
 
 def medians(study: Study, done: list[Course]) -> dict[str, dict[str, float]]:

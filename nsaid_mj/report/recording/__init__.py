@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...clinic.identify.recording import record as record
     from ...clinic.identify.recording import record_servos as record_servos
     from ...clinic.live_recording import Live as Live
-    from ...lab.evaluation.recording import write as write
+    from ...lab.evaluation.recording import write_run_recording as write_run_recording
     from .viewer import viewer_command as viewer_command
 
 

@@ -10,7 +10,7 @@ from ...core.parameters import Array
 from ...core.structure.joints import JointTree, bones
 from ...core.structure.single_body import SingleBody
 from ...core.structure.system import SecondOrderSystem
-from ...lab.loop import Looks
+from ...lab.plants.world.plant import Looks
 
 ROBOT = "robot"
 BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"

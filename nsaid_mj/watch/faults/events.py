@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.laws import FaultEvent
 from ...core.laws.efficient.filter import FilterState
+from ...core.laws.faults import FaultEvent
 from ...core.parameters import Array, Indices, ParameterSpace
 from .hypotheses import Hypothesis
 

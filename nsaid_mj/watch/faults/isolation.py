@@ -11,9 +11,9 @@ as on a real robot's log, only an inexact structure is tried.
 
 from typing import NamedTuple
 
-from ...core.laws import FaultEvent
 from ...core.laws.efficient.estimator import KalmanFilter
 from ...core.laws.efficient.state import EfficientState
+from ...core.laws.faults import FaultEvent
 from ...core.log import Log, Measurement
 from ...core.parameters import Array
 from ..state import in_motion, keeping, kept_of, moving_of, saying

@@ -13,7 +13,8 @@ from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.choose.timing import Timing
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.clinic.logs import prepare, read_tables
+from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.library import load

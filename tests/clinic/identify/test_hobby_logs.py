@@ -6,10 +6,11 @@ import pytest
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.inspection import inspect
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.clinic.logs import map_of, read_map, read_tables
 from nsaid_mj.clinic.logs.first_map import first_map
+from nsaid_mj.clinic.logs.mapping import map_of, read_map
+from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnreadableLog, UnusableLog
-from nsaid_mj.clinic.servos import servo_logs
+from nsaid_mj.clinic.servos.identify import servo_logs
 from tests.clinic.servos.simulated import JOINTS, MODEL, write
 from tests.support.lerobot import write_dataset
 

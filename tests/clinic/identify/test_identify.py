@@ -15,8 +15,9 @@ from nsaid_mj.clinic.identify.fit import minimise, tempered, tempered_fit
 from nsaid_mj.clinic.identify.identify import coupled, identify_forces
 from nsaid_mj.clinic.identify.problem import Problem, least_squares
 from nsaid_mj.clinic.identify.result import Identification, Options
-from nsaid_mj.clinic.logs import Map, prepare, read_tables
-from nsaid_mj.clinic.logs.mapping import Coupling
+from nsaid_mj.clinic.logs.mapping import Coupling, Map
+from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.tables import read_tables
 from scripts.calibration import essential
 from tests.support.robot_logs import columns, two_joints, write_csv
 from tests.support.simulated_logs import Simulated, nominal_model

@@ -10,12 +10,14 @@ import pytest
 from nsaid_mj.base.files import asset
 from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.inspection import Inspection, figures_of, inspect, signal_names
-from nsaid_mj.clinic.identify.inspection_page import draw
+from nsaid_mj.clinic.identify.inspection_page import draw_inspection
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.clinic.logs import checked, map_of, prepare, read_map, read_tables
+from nsaid_mj.clinic.logs.checks import checked
 from nsaid_mj.clinic.logs.first_map import first_map
+from nsaid_mj.clinic.logs.mapping import map_of, read_map
+from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.signals import quantum
-from nsaid_mj.clinic.logs.tables import Channel, Table
+from nsaid_mj.clinic.logs.tables import Channel, Table, read_tables
 from tests.support.robot_logs import columns, two_joints, write_csv
 
 
@@ -112,7 +114,7 @@ def test_a_first_map_quotes_names_of_joints(tmp_path):
 
 @pytest.mark.parametrize("extra", [{}, {"current1": np.ones(2000), "current2": np.ones(2000)}])
 def test_a_picture_is_drawn_with_and_without_a_match(tmp_path, extra):
-    path = draw(inspected(tmp_path, **extra), tmp_path / "inspection.png")
+    path = draw_inspection(inspected(tmp_path, **extra), tmp_path / "inspection.png")
     assert path.read_bytes().startswith(b"\x89PNG")
 
 

@@ -105,7 +105,8 @@ def test_a_record_of_a_log_is_opened_again(arm, tmp_path):
 
 def test_logs_of_a_law_are_on_one_clock_and_commands_lie_between_samples(arm):
     from nsaid_mj.clinic.identify.models import load_robot_model
-    from nsaid_mj.clinic.logs import prepare, read_tables
+    from nsaid_mj.clinic.logs.preparation import prepare
+    from nsaid_mj.clinic.logs.tables import read_tables
 
     robot = load_robot_model(arm[0])
     recordings = prepare(read_tables([arm[1]]), None, robot)

@@ -17,11 +17,11 @@ from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
 from nsaid_mj.clinic.live import _LINE
 from nsaid_mj.clinic.logs.stream import Cleaner, parsed, sample_of, turned
 from nsaid_mj.clinic.session import Estimate, Session
-from nsaid_mj.core.laws import gain_deviations
+from nsaid_mj.core.laws.base import gain_deviations
 from nsaid_mj.core.log import Log
-from nsaid_mj.lab.evaluation import summary_of
 from nsaid_mj.lab.evaluation.run_misfit import filter_of
 from nsaid_mj.lab.evaluation.running import RunningMisfit
+from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.finish import finish, rebuild
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import Run

@@ -15,10 +15,10 @@ from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.measured import LiveRobot
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.identify.result import Identification
-from nsaid_mj.clinic.logs import read_tables
 from nsaid_mj.clinic.logs.layout import layout
 from nsaid_mj.clinic.logs.mapping import Column, Joint, Map
 from nsaid_mj.clinic.logs.matching import match
+from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
 from nsaid_mj.lab.setup import Setup
 from tests.support.robot_logs import write_csv

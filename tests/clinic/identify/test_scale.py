@@ -22,7 +22,8 @@ from nsaid_mj.clinic.identify.links import file_links, link_blocks, sizes_of_lin
 from nsaid_mj.clinic.identify.problem import Problem, Size
 from nsaid_mj.clinic.identify.result import Identification, JointFit, Options
 from nsaid_mj.clinic.identify.statements import verdict
-from nsaid_mj.clinic.logs import prepare, read_tables
+from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.core.parameters import Block, ParameterSpace
 from tests.support.robot_logs import two_joints
 from tests.support.simulated_logs import HeavyWrist

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.clinic.logs import limited_to
-from nsaid_mj.clinic.logs.formats import FORMATS, TEXT, text
+from nsaid_mj.clinic.logs.formats import FORMATS, TEXT, limited_to, text
 from nsaid_mj.clinic.logs.tables import Table, read
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from tests.support import damaged

@@ -10,8 +10,8 @@ import pyarrow.feather
 import pyarrow.parquet
 import pytest
 
-from nsaid_mj.clinic.logs import Table, prepare
-from nsaid_mj.clinic.logs.tables import read
+from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.tables import Table, read
 from nsaid_mj.clinic.logs.unusable import MissingExtra, UnreadableLog
 from nsaid_mj.lab.record import RecordWriter
 from tests.support.bags import write_bag

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.clinic.logs import prepare, read_tables
+from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.tables import read_tables
 from tests.support.robot_logs import motion, two_joints
 
 T = np.arange(1000) / 100

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.clinic.logs import map_of
 from nsaid_mj.clinic.logs import mapping as m
+from nsaid_mj.clinic.logs.mapping import map_of
 
 PAGE = (Path(__file__).parents[3] / "docs" / "map.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)

@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.clinic.logs import Map, Table, preparation, prepare, signals
-from nsaid_mj.clinic.logs.mapping import Column, Coupling, File, Joint, map_of
+from nsaid_mj.clinic.logs import preparation, signals
+from nsaid_mj.clinic.logs.mapping import Column, Coupling, File, Joint, Map, map_of
+from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.recordings import Recordings
-from nsaid_mj.clinic.logs.tables import Channel
+from nsaid_mj.clinic.logs.tables import Channel, Table
 from nsaid_mj.clinic.logs.unusable import UnusableLog
 from tests.support.robot_logs import JOINTS, columns, motion, two_joints
 

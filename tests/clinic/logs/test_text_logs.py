@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.findings import Finding
-from nsaid_mj.clinic.logs import read_tables
 from nsaid_mj.clinic.logs.formats import text
 from nsaid_mj.clinic.logs.mapping import Time
-from nsaid_mj.clinic.logs.tables import Table, read
+from nsaid_mj.clinic.logs.tables import Table, read, read_tables
 from nsaid_mj.clinic.logs.unusable import UnreadableLog
 
 VALUES = np.array([[0.0, 1.5, -2.0], [0.01, 1.25, -2.5e-3], [0.02, 1.0, 3.0], [0.03, 0.75, 1e3]])

@@ -5,8 +5,10 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.base.files import asset
-from nsaid_mj.clinic.logs import prepare, read_map, read_tables
+from nsaid_mj.clinic.logs.mapping import read_map
+from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.recordings import Recordings
+from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.robots.model import RobotModel
 
 

@@ -8,9 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.clinic.logs import Map, Table, map_of, prepare
 from nsaid_mj.clinic.logs.checks import checks
-from nsaid_mj.clinic.logs.tables import Channel
+from nsaid_mj.clinic.logs.mapping import Map, map_of
+from nsaid_mj.clinic.logs.preparation import prepare
+from nsaid_mj.clinic.logs.tables import Channel, Table
 from nsaid_mj.clinic.logs.unusable import UnmatchedChannels
 from nsaid_mj.robots.model import RobotModel
 

@@ -9,8 +9,9 @@ import pytest
 from nsaid_mj.base.errors import BadRobot, InvalidInput, NoEstimate
 from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.comparison import IDENTIFIED, STOCK, SYSID, compare_servos
-from nsaid_mj.clinic.servos import rollout, servo_logs
 from nsaid_mj.clinic.servos.estimate import DELAYS, late
+from nsaid_mj.clinic.servos.export import rollout
+from nsaid_mj.clinic.servos.identify import servo_logs
 
 from .simulated import ARMATURE, DELAY, JOINTS, KP, MODEL, F, T, log, write
 

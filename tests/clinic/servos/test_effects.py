@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from nsaid_mj.clinic.servos import identify_servos, servo_logs
 from nsaid_mj.clinic.servos.estimate import _reveals
 from nsaid_mj.clinic.servos.fit import GRAVITY, JointFit, Prior, covariance_of, minimise
+from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
 from nsaid_mj.clinic.servos.simulation import JointLog, simulate
 
 from .simulated import KP, MODEL, F, log, write

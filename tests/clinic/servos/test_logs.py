@@ -10,9 +10,10 @@ from nsaid_mj.base.errors import InvalidInput, NsaidError
 from nsaid_mj.base.files import asset
 from nsaid_mj.clinic.identify.inspection import inspect
 from nsaid_mj.clinic.identify.models import load_robot_model
-from nsaid_mj.clinic.logs import map_of, read_tables
+from nsaid_mj.clinic.logs.mapping import map_of
 from nsaid_mj.clinic.logs.matching import match_targets
-from nsaid_mj.clinic.servos import identify_servos, servo_logs
+from nsaid_mj.clinic.logs.tables import read_tables
+from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
 
 from .simulated import JOINTS, MODEL, write
 

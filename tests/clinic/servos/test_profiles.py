@@ -6,8 +6,9 @@ import pytest
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.comparison import compare_servos
-from nsaid_mj.clinic.logs import map_of
-from nsaid_mj.clinic.servos import identify_servos, servo_logs, write_servo_mjcf
+from nsaid_mj.clinic.logs.mapping import map_of
+from nsaid_mj.clinic.servos.export import write_servo_mjcf
+from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
 from nsaid_mj.robots.target_profile import followed
 
 from .simulated import DELAY, JOINTS, KP, MODEL, SKEW, F, T, limited, log, smoothed, write

@@ -4,7 +4,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.clinic.servos import identify_servos, rollout, servo_logs, write_servo_mjcf
+from nsaid_mj.clinic.servos.export import rollout, write_servo_mjcf
+from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
 
 from .simulated import ARMATURE, DELAY, JOINTS, KP, MODEL, SKEW, F, T, log, write
 

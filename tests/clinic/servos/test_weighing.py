@@ -7,7 +7,8 @@ import pytest
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.links import with_mass
 from nsaid_mj.clinic.identify.loads import Load
-from nsaid_mj.clinic.servos import identify_servos, servo_logs, write_servo_mjcf
+from nsaid_mj.clinic.servos.export import write_servo_mjcf
+from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
 from nsaid_mj.clinic.servos.joint_fits import Arm
 from nsaid_mj.clinic.servos.logs import weighed, without_armature
 from tests.support import menagerie

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from nsaid_mj.clinic.identify.loads import Load
-from nsaid_mj.clinic.servos import identify_servos, servo_logs, write_servo_mjcf
 from nsaid_mj.clinic.servos.estimate import JointEstimate, MassScale, _moderated
+from nsaid_mj.clinic.servos.export import write_servo_mjcf
 from nsaid_mj.clinic.servos.fit import Spread
+from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
 from nsaid_mj.clinic.servos.words import (
     gravity_notes,
     masses,

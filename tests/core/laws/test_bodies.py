@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from nsaid_mj.core.laws import Status
+from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.numerics import spatial

@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.core.laws import NullspaceAID, Status
+from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.cone import chart
 from nsaid_mj.core.laws.cone.law import ACCURACY, ConeMetric
 from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.core.parameters import Block, ParameterSpace
 from nsaid_mj.core.quotient import barrier

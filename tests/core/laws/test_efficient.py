@@ -9,22 +9,24 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.core.laws import EfficientConfig, KalmanFilter
 from nsaid_mj.core.laws.base import Estimates, State, Status
 from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.efficient.noise import Noise, add_increment
+from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace import structural
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.core.quotient.barrier import gradient_and_hessian, local_norm
 from nsaid_mj.core.quotient.cone import cone_of
 from nsaid_mj.core.structure.joints import JointScales
 from nsaid_mj.core.structure.multibody import CompiledMultibody
 from nsaid_mj.core.structure.system import SecondOrderSystem
-from nsaid_mj.lab import evaluation
 from nsaid_mj.lab.evaluation.bound import bound_figures, cramer_rao
 from nsaid_mj.lab.evaluation.confidence import Known, known
+from nsaid_mj.lab.evaluation.figures import Judge
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import Loss
+from nsaid_mj.lab.plants.world.faults.kinds import Loss
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.watch.misfit import CONTRADICTS, NONE, judged
@@ -37,11 +39,11 @@ class Followed(NamedTuple):
     log: Log
     state: State
     estimates: Estimates
-    truth: evaluation.Truth
+    truth: Truth
 
     @property
     def figures(self) -> dict[str, Any]:
-        return evaluation.Judge(self.truth)(self.state.theta_hat)
+        return Judge(self.truth)(self.state.theta_hat)
 
     @property
     def known(self) -> Known:
@@ -77,14 +79,14 @@ def followed(name: str, seed: int, duration: float, **changes: Any) -> Followed:
     with setup.plant.running():
         log = setup.simulate()
     state, estimates = identifier.follow(identifier.init(log.at(0)), log)
-    return Followed(setup, log, state, estimates, evaluation.Truth(setup, duration))
+    return Followed(setup, log, state, estimates, Truth(setup, duration))
 
 
 @pytest.mark.parametrize("seed", [10, 11])
 def test_under_noise_it_is_as_accurate_as_the_data_allow(seed: int) -> None:
     found = followed("bluerov2", seed, 30.0)
     levels = found.setup.scenario.noise.levels
-    judge = evaluation.Judge(found.truth)
+    judge = Judge(found.truth)
     least = bound_figures(found.truth, judge, cramer_rao(found.truth, found.log, levels))
     assert found.state.status is Status.completed
     for key, value in found.figures.items():
@@ -288,7 +290,7 @@ def test_from_far_away_it_ends_where_it_does_from_nearby(name: str) -> None:
 
 def test_a_system_without_compiled_dynamics_is_refused() -> None:
     from nsaid_mj.base.errors import InvalidInput
-    from nsaid_mj.lab.plants import ArmPlant
+    from nsaid_mj.lab.plants.jointed import ArmPlant
 
     scenario = load("double_pendulum")
     law = replace(scenario.identifier, law="efficient", gamma="scale")

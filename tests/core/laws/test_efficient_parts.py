@@ -10,9 +10,9 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 from scipy.stats import chi2
 
-from nsaid_mj.core.laws import EfficientConfig, KalmanFilter
 from nsaid_mj.core.laws.cone.prior import drawn_inside
 from nsaid_mj.core.laws.efficient.covariance import innovate, predict, update
+from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.efficient.filter import (
     FilterConstants,
     FilterState,
@@ -23,8 +23,9 @@ from nsaid_mj.core.laws.efficient.kalman import _linear_share
 from nsaid_mj.core.laws.efficient.state import EfficientState
 from nsaid_mj.core.laws.efficient.steps import margin_of, project_inside
 from nsaid_mj.core.laws.efficient.supervision import Supervision
+from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace import parts_of
+from nsaid_mj.core.nullspace.subspace import parts_of
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
 from nsaid_mj.core.quotient.cone import cone_of, inside
 from nsaid_mj.core.structure.arrays import StructureArrays

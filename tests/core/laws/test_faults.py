@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.core.laws import FaultEvent, Signals
 from nsaid_mj.core.laws.base import Estimates, Identifier, State
 from nsaid_mj.core.laws.efficient.law import EfficientIdentifier
+from nsaid_mj.core.laws.efficient.signals import Signals
+from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.evaluation.run_misfit import misfit_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.plants import parse_faults
+from nsaid_mj.lab.plants.world.faults.text import parse_faults
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.watch.faults.evidence import jumped, most_evident, posterior, shift_jumps
 from nsaid_mj.watch.faults.hypotheses import hypotheses_of

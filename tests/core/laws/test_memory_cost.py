@@ -15,7 +15,7 @@ from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.core.log import EXACT
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.quotient.cost import Quotient, Remembered
-from nsaid_mj.lab.plants import SensorNoise
+from nsaid_mj.lab.plants.world.noise import SensorNoise
 from tests.support.remembered import Log, driven, noisy, remember
 from tests.support.strategies import seeds
 

@@ -12,28 +12,30 @@ import pytest
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.cli.options import parse
-from nsaid_mj.core.laws import MemoryConfig, NullspaceAID, State, Status
+from nsaid_mj.core.laws.base import State, Status
 from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.memory.implicit import ImplicitMemory
 from nsaid_mj.core.laws.memory.statistics import Memory
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
+from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.core.log import EXACT, Measurement, SensorLevels
 from nsaid_mj.core.log import Log as Measured
-from nsaid_mj.core.nullspace import Nullspace, structural
+from nsaid_mj.core.nullspace.subspace import Nullspace, structural
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.quotient import cone as geometry
 from nsaid_mj.core.quotient.cost import Quotient, Remembered
-from nsaid_mj.lab import evaluation as metrics
-from nsaid_mj.lab.control import Driver
-from nsaid_mj.lab.evaluation import summary_of
+from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.evaluation.confidence import Known, known
 from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
 from nsaid_mj.lab.evaluation.lyapunov import energy, rises_of
+from nsaid_mj.lab.evaluation.summary import summary_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.finish import rebuild
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.plants import SensorNoise
-from nsaid_mj.lab.record import FILE
+from nsaid_mj.lab.plants.world.noise import SensorNoise
+from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import trajectory
 from tests.support.bench import followed, identify
@@ -188,7 +190,7 @@ def test_v_falls_in_every_step_of_a_run(name):
 def test_a_rise_of_v_beyond_its_bound_is_counted(implicit, tmp_path):
     """Thrice the bound in one step is a violation; a bound 100 times wider would hide it."""
     done = run(scenario("bluerov2", duration=6.0), tmp_path)
-    truth, record = metrics.truth_of(done), done.record
+    truth, record = truth_of(done), done.record
     rises = rises_of(done, truth)
     assert rises is not None and rises.violations == 0
     own = done.identifiers[""]
@@ -486,7 +488,7 @@ def finished(request, tmp_path_factory):
 
 
 def test_the_record_has_what_was_spent_and_the_summary_the_confidence(finished):
-    record, summary = finished.record, summarize(finished, metrics.truth_of(finished))
+    record, summary = finished.record, summarize(finished, truth_of(finished))
     steps = np.flatnonzero(np.diff(record["spent"])) + 1
     number = record["t"][steps] / 0.5
     np.testing.assert_allclose(number, np.round(number), atol=1e-9)
@@ -512,8 +514,8 @@ def test_a_log_is_replayed_to_the_bit(finished):
 
 
 def test_a_killed_run_is_rebuilt_from_its_record(finished, tmp_path):
-    whole = (finished.folder / FILE).read_bytes()
-    (tmp_path / FILE).write_bytes(whole[: round(0.8 * len(whole))])
+    whole = (finished.folder / RECORD_FILE).read_bytes()
+    (tmp_path / RECORD_FILE).write_bytes(whole[: round(0.8 * len(whole))])
     summary = summary_of(rebuild(tmp_path))
     assert summary["status"] == "interrupted" and summary["sim_s"] > 1
     assert summary["confidence"] is None  # a record has no memory

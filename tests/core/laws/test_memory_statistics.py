@@ -17,7 +17,7 @@ from nsaid_mj.core.laws.memory.statistics import Memory, Recorder
 from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.core.log import EXACT, SensorLevels
 from nsaid_mj.core.quotient.cost import Remembered
-from nsaid_mj.lab.plants import SensorNoise
+from nsaid_mj.lab.plants.world.noise import SensorNoise
 from tests.support.dense import transport
 from tests.support.plants import plant
 from tests.support.remembered import (

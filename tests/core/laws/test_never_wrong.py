@@ -10,14 +10,17 @@ import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.core.laws import Confidence, EfficientConfig, FaultEvent, KalmanFilter, Signals
-from nsaid_mj.core.laws.base import State
+from nsaid_mj.core.laws.base import Confidence, State
 from nsaid_mj.core.laws.cone.prior import drawn_covariance, drawn_inside
+from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
 from nsaid_mj.core.laws.efficient.law import EfficientIdentifier
+from nsaid_mj.core.laws.efficient.signals import Signals
 from nsaid_mj.core.laws.efficient.state import EfficientState
 from nsaid_mj.core.laws.efficient.steps import carry_scale, margin_of, project_inside
+from nsaid_mj.core.laws.faults import FaultEvent
+from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace import parts_of, structural
+from nsaid_mj.core.nullspace.subspace import parts_of, structural
 from nsaid_mj.core.parameters import Block, ParameterSpace
 from nsaid_mj.core.quotient.cone import cone_of, inside
 from nsaid_mj.core.structure.system import SecondOrderSystem, gains_by_command

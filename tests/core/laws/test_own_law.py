@@ -9,17 +9,21 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.core.laws import ConventionalAID, EfficientIdentifier, NullspaceAID, Status
+from nsaid_mj.core.laws.base import Status
+from nsaid_mj.core.laws.config import NullspaceAID
+from nsaid_mj.core.laws.conventional import ConventionalAID
+from nsaid_mj.core.laws.efficient.law import EfficientIdentifier
 from nsaid_mj.core.laws.efficient.state import EfficientState
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
-from nsaid_mj.lab.evaluation import evaluate, summary_of
+from nsaid_mj.lab.evaluation.run_evaluation import evaluate
+from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.evaluation.verify import verify
 from nsaid_mj.lab.finish import finish
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.plants import parse_faults
+from nsaid_mj.lab.plants.world.faults.text import parse_faults
 from nsaid_mj.lab.setup import Setup
 from tests.support.bench import bench
 from tests.support.own_law import OwnConfig, OwnLaw

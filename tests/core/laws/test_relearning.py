@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nsaid_mj.core.laws import EfficientConfig, KalmanFilter
+from nsaid_mj.core.laws.efficient.estimator import KalmanFilter
+from nsaid_mj.core.laws.settings import EfficientConfig
 from nsaid_mj.core.log import Log, extended
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.library import load

@@ -8,8 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.core.nullspace import TOLERANCE, Nullspace, directions, split, structural
-from nsaid_mj.lab.plants import ArmPlant, ScalarRovPlant
+from nsaid_mj.core.nullspace.subspace import (
+    TOLERANCE,
+    Nullspace,
+    directions,
+    split,
+    structural,
+)
+from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=40)

@@ -14,7 +14,7 @@ from nsaid_mj.base.stopwatch import clock, exclude
 from nsaid_mj.base.threads import beside
 from nsaid_mj.core.laws.base import Estimates
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import parse_faults
+from nsaid_mj.lab.plants.world.faults.text import parse_faults
 from nsaid_mj.lab.setup import Setup
 
 LONG = threads._LONG

@@ -13,17 +13,17 @@ import pytest
 
 from nsaid_mj.base.errors import BadRobot
 from nsaid_mj.base.files import known_robots
-from nsaid_mj.core.laws import MemoryConfig, NullspaceAID
 from nsaid_mj.core.laws.base import State, Status
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
+from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.core.log import Log, Measurement
 from nsaid_mj.core.structure import multibody
 from nsaid_mj.core.structure.multibody import CompiledMultibody, Multibody
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.lab.plants import ArmPlant
 from nsaid_mj.lab.plants.arm import nominal_scales
-from nsaid_mj.lab.plants.jointed import Backend
+from nsaid_mj.lab.plants.jointed import ArmPlant, Backend
 from nsaid_mj.robots.loading import Base, load_robot
 from tests.support.dense import Dense
 from tests.support.dense import transport as transported

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.files import numbers
-from nsaid_mj.lab.plants import Mismatch
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from tests.support.evaluation import Evaluation
 from tests.support.fossen import Fossen, true_numbers, vehicle
 from tests.support.plants import draw_state, plant

@@ -10,8 +10,9 @@ import pytest
 from nsaid_mj.base.errors import InvalidInput, NoEstimate
 from nsaid_mj.core.log import Log, SensorLevels
 from nsaid_mj.core.structure.joints import JointTree
-from nsaid_mj.lab.baselines import BATCH, Estimate, follow
+from nsaid_mj.lab.baselines import BATCH
 from nsaid_mj.lab.baselines import sysid as toolbox_module
+from nsaid_mj.lab.baselines.base import Estimate, follow
 from nsaid_mj.lab.baselines.least_squares import (
     Gauge,
     candidates,
@@ -26,13 +27,13 @@ from nsaid_mj.lab.baselines.least_squares import (
 from nsaid_mj.lab.baselines.sysid import sysid
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.plans.studies.compare import World, plan
+from nsaid_mj.plans.studies.compare import World, comparison_plan
 
 
 @cache
 def world(name, duration, noise=0.0, **changes):
     scenario = replace(load(name), duration=duration, **changes)
-    return World(plan(name, scenario, durations=(duration,), noises=(noise,)), 0, noise)
+    return World(comparison_plan(name, scenario, durations=(duration,), noises=(noise,)), 0, noise)
 
 
 @pytest.fixture(scope="module")
@@ -247,7 +248,7 @@ def test_recursive_least_squares_keeps_its_known_gain(pendulum):
 
 def test_an_identifier_gives_the_same_estimate_from_a_log_as_in_a_run(tmp_path):
     scenario = replace(load("scalar_rov"), duration=2.0)
-    study = plan("scalar_rov", scenario, methods=("paper",), durations=(2.0,))
+    study = comparison_plan("scalar_rov", scenario, methods=("paper",), durations=(2.0,))
     here = World(study, 0, 0.0)
     done = run(here._setup.scenario, tmp_path)
     followed = here._methods["paper"](here._problem)

@@ -19,7 +19,6 @@ from nsaid_mj.core.numerics.spatial import product
 from nsaid_mj.core.parameters import Array, Block, ParameterSpace
 from nsaid_mj.core.structure.parts import Column
 from nsaid_mj.core.structure.system import SecondOrderSystem
-from nsaid_mj.lab.control.adaptive import AdaptiveTracking, Tracker
 from nsaid_mj.lab.control.adaptive.actuation import Actuation, unit_forces
 from nsaid_mj.lab.control.adaptive.laws import Estimate
 from nsaid_mj.lab.control.adaptive.reference import (
@@ -28,7 +27,7 @@ from nsaid_mj.lab.control.adaptive.reference import (
     prior_motion,
     stiffness,
 )
-from nsaid_mj.lab.control.adaptive.tracker import command_range
+from nsaid_mj.lab.control.adaptive.tracker import AdaptiveTracking, Tracker, command_range
 from tests.support.plants import plant
 
 RATE = 1.5

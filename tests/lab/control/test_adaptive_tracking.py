@@ -14,23 +14,22 @@ import pytest
 
 from nsaid_mj.base.errors import FolderInUse, InvalidInput, NsaidError
 from nsaid_mj.base.files import locked, scenarios
-from nsaid_mj.core.laws import NullspaceAID
 from nsaid_mj.core.laws.cone.law import ConeMetric
 from nsaid_mj.core.laws.cone.prior import drawn_inside
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.metric import ConstantMetric
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.control.adaptive import AdaptiveTracking, Tracker
 from nsaid_mj.lab.control.adaptive.actuation import Actuation
 from nsaid_mj.lab.control.adaptive.laws import Estimate
-from nsaid_mj.lab.control.adaptive.tracker import command_range
+from nsaid_mj.lab.control.adaptive.tracker import AdaptiveTracking, Tracker, command_range
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import Observer, run
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.plans.track.evaluation import lyapunov, rise_bounds
-from nsaid_mj.plans.track.run import run as run_study
+from nsaid_mj.plans.track.run import run_tracking as run_study
 from nsaid_mj.plans.track.tracking import courses, drive
-from nsaid_mj.plans.track.tracking import plan as plan_of
+from nsaid_mj.plans.track.tracking import tracking_plan as plan_of
 from nsaid_mj.report.recording.scene import ROBOT
 from tests.support.plants import config_of, plant
 from tests.support.recordings import entities_of

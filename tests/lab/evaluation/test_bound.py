@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from nsaid_mj.lab import evaluation
 from nsaid_mj.lab.evaluation.bound import cramer_rao
+from nsaid_mj.lab.evaluation.truth import Truth
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup
 from tests.support.batch import batch_bound
@@ -19,7 +19,7 @@ def test_the_bound_is_that_of_least_squares_in_every_direction(name: str) -> Non
     setup = Setup.of(replace(load(name), sensors="noisy", duration=10.0, seed=12))
     with setup.plant.running():
         log = setup.simulate()
-    truth, levels = evaluation.Truth(setup, 10.0), setup.scenario.noise.levels
+    truth, levels = Truth(setup, 10.0), setup.scenario.noise.levels
     Z = truth.nullspace.P_perp
     G = Z @ np.linalg.cholesky(Z.T @ truth.prior_covariance @ Z)
     R = np.repeat(np.array(levels) ** 2, setup.system.n)

@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from nsaid_mj.lab.evaluation import evaluate, truth_of
 from nsaid_mj.lab.evaluation.confidence import INTERVAL, Known
 from nsaid_mj.lab.evaluation.figures import last_tenth
+from nsaid_mj.lab.evaluation.run_evaluation import evaluate
 from nsaid_mj.lab.evaluation.statistics import (
     Correlations,
     Estimated,
     KnownParameter,
     StatedConfidence,
 )
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.loop import run
 from tests.support.faulty import ROV
 from tests.support.summaries import run_result

@@ -7,8 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from nsaid_mj.lab.evaluation import RunResult, evaluate, result_from, summary_of, truth_of
+from nsaid_mj.lab.evaluation.run_evaluation import evaluate
+from nsaid_mj.lab.evaluation.run_result import RunResult
 from nsaid_mj.lab.evaluation.statistics import Accuracy
+from nsaid_mj.lab.evaluation.summary import result_from, summary_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.loop import SimulatedRun, run
 from tests.support.faulty import WITH_RIVAL
 from tests.support.summaries import run_result, unknown

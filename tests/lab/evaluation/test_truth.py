@@ -23,15 +23,17 @@ from nsaid_mj import (
     Scenario,
 )
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace import structural
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.lab import finish as postprocessing
-from nsaid_mj.lab.evaluation import converged_at, summary_of, truth_of
-from nsaid_mj.lab.evaluation.figures import averaged_rows, residual_ratio
+from nsaid_mj.lab.evaluation.figures import averaged_rows, converged_at, residual_ratio
+from nsaid_mj.lab.evaluation.recording import write_run_recording
+from nsaid_mj.lab.evaluation.summary import summary_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.evaluation.verify import verify
 from nsaid_mj.lab.loop import Run, SimulatedRun, run
-from nsaid_mj.lab.record import FILE as RECORD
+from nsaid_mj.lab.record import RECORD_FILE as RECORD
 from nsaid_mj.report import recording
-from nsaid_mj.report.page import FILE
+from nsaid_mj.report.page import REPORT_FILE
 from tests.support.faulty import ROV
 from tests.support.recordings import entities_of
 from tests.support.summaries import evaluated, summarize, unknown
@@ -171,7 +173,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
     bare = dataclasses.replace(unknown(done), folder=tmp_path)
     summary = summary_of(postprocessing.finish(bare))
     assert json.loads((tmp_path / postprocessing.SUMMARY).read_text(encoding="utf-8")) == summary
-    page = (tmp_path / FILE).read_text(encoding="utf-8")
+    page = (tmp_path / REPORT_FILE).read_text(encoding="utf-8")
     assert "nan" not in page and "distance to the true set" not in page
     seen = entities_of(tmp_path / recording.FILE)
     wanted = {"/velocity", "/velocity/predicted", "/force/motion", "/force/actuators"}
@@ -185,7 +187,7 @@ def test_a_run_without_a_truth_is_recorded_and_reported(done, tmp_path):
 def test_a_recording_without_a_truth_shows_the_robot_move(tmp_path):
     done = run(BOAT, tmp_path)
     bare = Run(**{field.name: getattr(done, field.name) for field in fields(Run)})
-    recording.write(bare, evaluated(bare, None), None)
+    write_run_recording(bare, evaluated(bare, None), None)
     seen = entities_of(tmp_path / recording.FILE)
     assert "/robot/body" in seen and "/robot/body/force/estimated" in seen
     assert "/robot/body/force/commanded" not in seen

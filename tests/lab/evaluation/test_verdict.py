@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 
 from nsaid_mj import Mismatch
-from nsaid_mj.lab.evaluation import RunResult, evaluate, summary_of, truth_of
 from nsaid_mj.lab.evaluation.figures import residual_floor
-from nsaid_mj.lab.evaluation.run_result import verdict_of
+from nsaid_mj.lab.evaluation.run_evaluation import evaluate
+from nsaid_mj.lab.evaluation.run_result import RunResult, verdict_of
+from nsaid_mj.lab.evaluation.summary import summary_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.setup import Setup

@@ -13,10 +13,10 @@ import pytest
 from nsaid_mj import ConventionalAID, Scenario
 from nsaid_mj.base.errors import BadRun
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.evaluation.verify import StatementVerdict, verify
 from nsaid_mj.lab.loop import SimulatedRun, columns, run
-from nsaid_mj.lab.record import FILE, Record, RecordWriter
+from nsaid_mj.lab.record import RECORD_FILE, Record, RecordWriter
 from tests.support.faulty import FILES, ROV, flat, shell, strict
 
 LONG = replace(ROV, duration=60.0, pe_window=10.0)
@@ -180,7 +180,7 @@ def test_verify_of_a_falsified_folder_exits_with_1_and_names_what_fails(honest, 
     """`turned`, written as a run would write it."""
     record, scenario = altered(honest, turned).record, honest.scenario
     widths = columns(honest.plant.system, honest.scenario)
-    writer = RecordWriter(tmp_path / FILE, widths, honest.record.metadata, 100)
+    writer = RecordWriter(tmp_path / RECORD_FILE, widths, honest.record.metadata, 100)
     writer.extend(*(record[name] for name in widths))
     writer.close()
     assert isinstance(scenario, Scenario)

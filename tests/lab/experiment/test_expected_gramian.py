@@ -13,22 +13,22 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.core.laws import NullspaceAID
-from nsaid_mj.core.laws.config import floored_inverse
+from nsaid_mj.core.laws.config import NullspaceAID, floored_inverse
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab import expected_gramian as simulation
 from nsaid_mj.lab import loop as experiment
 from nsaid_mj.lab import setup
-from nsaid_mj.lab.control import DriverConfig, MultisineCommand
-from nsaid_mj.lab.control.driver import Driver
-from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.control.driver import Driver, DriverConfig
+from nsaid_mj.lab.control.multisine import MultisineCommand
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.expected_gramian import expected_gramian
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import BlueROV2Plant, ScalarRovPlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant
 from nsaid_mj.lab.plants.world.simulated import SimulatedRobot
-from nsaid_mj.lab.record import FILE
+from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
 from tests.support.bench import TwoVehicles
 from tests.support.strategies import seeds
@@ -295,8 +295,8 @@ def test_removing_the_truth_after_the_prior_does_not_change_the_record(
     scenario = replace(scenario, identifier=replace(scenario.identifier, gamma=gamma))
     experiment.run(scenario, tmp_path / "clean")
     experiment.run(scenario, tmp_path / "again")
-    clean = (tmp_path / "clean" / FILE).read_bytes()
-    assert (tmp_path / "again" / FILE).read_bytes() == clean
+    clean = (tmp_path / "clean" / RECORD_FILE).read_bytes()
+    assert (tmp_path / "again" / RECORD_FILE).read_bytes() == clean
 
     class ReachedError(Exception):
         pass
@@ -314,7 +314,7 @@ def test_removing_the_truth_after_the_prior_does_not_change_the_record(
 
     monkeypatch.setattr(setup, "draw_prior", draw_prior)
     experiment.run(scenario, tmp_path / "poisoned")
-    assert (tmp_path / "poisoned" / FILE).read_bytes() == clean
+    assert (tmp_path / "poisoned" / RECORD_FILE).read_bytes() == clean
 
 
 def test_the_simulated_gain_depends_on_prior_and_excitation_only():

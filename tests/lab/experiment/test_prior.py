@@ -18,19 +18,14 @@ from nsaid_mj.core.parameters import Array, ParameterSpace
 from nsaid_mj.core.quotient.cone import cone_of, inside
 from nsaid_mj.lab import loop as experiment
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import (
-    ArmPlant,
-    FloatingBasePlant,
-    ParametricPlantConfig,
-    PlantConfig,
-    RoverPlant,
-    ScalarRovPlant,
-)
+from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant, RoverPlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from nsaid_mj.lab.plants.world.blueprint import sheet_of
-from nsaid_mj.lab.record import FILE
+from nsaid_mj.lab.plants.world.config import ParametricPlantConfig, PlantConfig
+from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup
-from nsaid_mj.plans.studies.montecarlo import plan
+from nsaid_mj.plans.studies.montecarlo import montecarlo_plan
 from tests.support.plants import assert_engines_agree, name_of
 from tests.support.strategies import seeds
 from tests.support.studies import monte_carlo
@@ -202,14 +197,16 @@ def test_a_run_from_published_numbers_comes_closer_to_the_truth_and_is_reproduci
     again = experiment.reopen(tmp_path / "one", record)
     assert again.scenario == scenario and (again.plant.truth == truth).all()
     experiment.run(again.scenario, tmp_path / "two")
-    assert (tmp_path / "one" / FILE).read_bytes() == (tmp_path / "two" / FILE).read_bytes()
+    assert (tmp_path / "one" / RECORD_FILE).read_bytes() == (
+        tmp_path / "two" / RECORD_FILE
+    ).read_bytes()
 
 
 def test_a_study_from_published_numbers_needs_a_plant_for_each_run():
     scenario = nominal("scalar_rov", duration=2.0, held_out=1.0)
     for refused in (
         lambda: monte_carlo(scenario, 2),
-        lambda: plan("scalar_rov", scenario, 2, arguments=()),
+        lambda: montecarlo_plan("scalar_rov", scenario, 2, arguments=()),
     ):
         with pytest.raises(InvalidInput, match="--own-plants") as caught:
             refused()

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import BadRun
-from nsaid_mj.lab.record import FILE, Record, RecordWriter
+from nsaid_mj.lab.record import RECORD_FILE, Record, RecordWriter
 
 FEW = settings(deadline=None, max_examples=25)
 WIDTHS = {"t": 0, "q": 3, "v": 2, "one": 1}
@@ -44,7 +44,7 @@ def expect(record: Record, values) -> None:
 @FEW
 @given(st.integers(0, 20), st.integers(1, 8), st.integers(0, 99))
 def test_data_written_is_read_back_unchanged(tmp_path_factory, count, batch, seed):
-    path = tmp_path_factory.mktemp("record") / FILE
+    path = tmp_path_factory.mktemp("record") / RECORD_FILE
     write(path, rows(count, seed), batch)
     record = Record.read(path)
     expect(record, rows(count, seed))
@@ -56,7 +56,7 @@ def test_data_written_is_read_back_unchanged(tmp_path_factory, count, batch, see
     [0, -1, slice(None), slice(None, None, -3), slice(3, 9), slice(5, 5), np.array([8, 3, 3, -1])],
 )
 def test_an_opened_record_reads_the_rows_asked_for(tmp_path, chosen):
-    write(tmp_path / FILE, rows(11))
+    write(tmp_path / RECORD_FILE, rows(11))
     opened, whole = Record.opened(tmp_path), Record.read(tmp_path)
     for name in WIDTHS:
         part = opened.rows(name, chosen)
@@ -66,11 +66,11 @@ def test_an_opened_record_reads_the_rows_asked_for(tmp_path, chosen):
 
 
 def test_an_opened_record_is_not_read_from_a_file_that_has_changed(tmp_path):
-    write(tmp_path / FILE, rows(11))
+    write(tmp_path / RECORD_FILE, rows(11))
     opened = Record.opened(tmp_path)
     assert "q" in opened.columns and opened.rows("q", 0).shape == (3,)
-    (tmp_path / FILE).unlink()
-    write(tmp_path / FILE, rows(9, seed=1))
+    (tmp_path / RECORD_FILE).unlink()
+    write(tmp_path / RECORD_FILE, rows(9, seed=1))
     with pytest.raises(BadRun, match="changed"):
         opened["q"]
 
@@ -81,7 +81,7 @@ def test_a_record_lies_in_a_folder_of_any_name(tmp_path):
         folder.mkdir()
     except OSError:
         pytest.skip("names are text here")
-    write(folder / FILE, rows(11))
+    write(folder / RECORD_FILE, rows(11))
     expect(Record.read(folder), rows(11))
     assert Record.metadata_of(folder) == METADATA
 
@@ -89,7 +89,7 @@ def test_a_record_lies_in_a_folder_of_any_name(tmp_path):
 @FEW
 @given(st.lists(st.floats(width=64), min_size=1, max_size=9))
 def test_every_float_is_read_back_to_the_bit(tmp_path_factory, values):
-    path = tmp_path_factory.mktemp("record") / FILE
+    path = tmp_path_factory.mktemp("record") / RECORD_FILE
     writer = RecordWriter(path, {"t": 0}, METADATA, 4)
     for value in values:
         writer.extend(np.array([value]))
@@ -98,7 +98,7 @@ def test_every_float_is_read_back_to_the_bit(tmp_path_factory, values):
 
 
 def test_a_record_can_be_read_by_its_folder(tmp_path):
-    write(tmp_path / FILE, rows(5))
+    write(tmp_path / RECORD_FILE, rows(5))
     expect(Record.read(tmp_path), rows(5))
 
 
@@ -110,8 +110,8 @@ def test_equal_runs_write_equal_bytes(tmp_path):
 
 
 def test_a_record_is_overwritten(tmp_path):
-    write(tmp_path / FILE, rows(30))
-    write(tmp_path / FILE, rows(2, 5))
+    write(tmp_path / RECORD_FILE, rows(30))
+    write(tmp_path / RECORD_FILE, rows(2, 5))
     expect(Record.read(tmp_path), rows(2, 5))
 
 
@@ -137,7 +137,7 @@ def test_a_truncated_record_gives_whole_batches_or_BadRun(tmp_path):
 
 def test_batches_written_before_a_kill_are_on_disk(tmp_path):
     """Nothing is closed: whole batches are readable, and only a part of one is lost."""
-    writer = write(tmp_path / FILE, rows(11), close=False)
+    writer = write(tmp_path / RECORD_FILE, rows(11), close=False)
     record = Record.read(tmp_path)
     expect(record, rows(11)[:8])
     assert not record.complete
@@ -146,7 +146,7 @@ def test_batches_written_before_a_kill_are_on_disk(tmp_path):
 
 
 def test_a_record_without_rows_is_empty(tmp_path):
-    writer = write(tmp_path / FILE, [], close=False)
+    writer = write(tmp_path / RECORD_FILE, [], close=False)
     record = Record.read(tmp_path)
     expect(record, [])
     assert not record.complete
@@ -154,9 +154,9 @@ def test_a_record_without_rows_is_empty(tmp_path):
 
 
 def test_a_read_record_survives_replacement_of_its_file(tmp_path):
-    write(tmp_path / FILE, rows(9))
+    write(tmp_path / RECORD_FILE, rows(9))
     record = Record.read(tmp_path)
-    write(tmp_path / FILE, rows(9, 1))
+    write(tmp_path / RECORD_FILE, rows(9, 1))
     expect(record, rows(9))
 
 
@@ -172,16 +172,16 @@ OTHERS = {
 
 @pytest.mark.parametrize("content", OTHERS)
 def test_another_file_is_a_bad_run(tmp_path, content):
-    (tmp_path / FILE).write_bytes(OTHERS[content])
+    (tmp_path / RECORD_FILE).write_bytes(OTHERS[content])
     with pytest.raises(BadRun) as caught:
         Record.read(tmp_path)
-    assert caught.value.path == tmp_path / FILE and caught.value.remedy
+    assert caught.value.path == tmp_path / RECORD_FILE and caught.value.remedy
 
 
 @pytest.mark.parametrize("metadata", [None, {"other": "1"}, {"nsaid": "not json"}])
 def test_another_arrow_stream_is_a_bad_run(tmp_path, metadata):
     schema = pa.schema([("t", pa.float64())], metadata=metadata)
-    with pa.ipc.new_stream(str(tmp_path / FILE), schema) as stream:
+    with pa.ipc.new_stream(str(tmp_path / RECORD_FILE), schema) as stream:
         stream.write_batch(pa.record_batch([pa.array([1.0])], schema=schema))
     with pytest.raises(BadRun):
         Record.read(tmp_path)
@@ -194,7 +194,7 @@ def test_a_folder_without_a_record_is_a_bad_run(tmp_path, there):
 
 
 def test_a_row_has_one_value_for_each_column(tmp_path):
-    writer = write(tmp_path / FILE, [], close=False)
+    writer = write(tmp_path / RECORD_FILE, [], close=False)
     with pytest.raises(ValueError, match="zip"):
         writer.extend(*(np.array([part]) for part in rows(1)[0][:-1]))
     writer.close()
@@ -202,7 +202,10 @@ def test_a_row_has_one_value_for_each_column(tmp_path):
 
 def test_rivals_are_found_by_their_columns(tmp_path):
     writer = RecordWriter(
-        tmp_path / FILE, {"t": 0, "theta_hat": 2, "v_hat_other": 1, "theta_hat_other": 2}, {}, 1
+        tmp_path / RECORD_FILE,
+        {"t": 0, "theta_hat": 2, "v_hat_other": 1, "theta_hat_other": 2},
+        {},
+        1,
     )
     writer.close()
     assert Record.read(tmp_path).rivals == ["other"]

@@ -13,49 +13,48 @@ from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.base.files import scenarios
-from nsaid_mj.core.laws import ConventionalAID, EfficientConfig, MemoryConfig, NullspaceAID
-from nsaid_mj.lab.control import (
-    AdaptiveTracking,
-    AxisMultisine,
-    DepthHeadingAutopilot,
-    DesignedSignals,
-    DesignedTracking,
-    DriverConfig,
-    Driving,
-    FourierTracking,
-    HoverAndReach,
-    MultisineCommand,
-    Phase,
-    PoseHold,
-    QuadrotorFlight,
-    Sequence,
-    SwimAndReach,
-)
+from nsaid_mj.core.laws.config import NullspaceAID
+from nsaid_mj.core.laws.conventional import ConventionalAID
+from nsaid_mj.core.laws.settings import EfficientConfig, MemoryConfig
+from nsaid_mj.lab.control.adaptive.tracker import AdaptiveTracking
+from nsaid_mj.lab.control.autopilot import DepthHeadingAutopilot
+from nsaid_mj.lab.control.driver import DriverConfig
+from nsaid_mj.lab.control.driving import Driving
+from nsaid_mj.lab.control.multisine import AxisMultisine, MultisineCommand
+from nsaid_mj.lab.control.pose_hold import PoseHold
+from nsaid_mj.lab.control.quadrotor import QuadrotorFlight
+from nsaid_mj.lab.control.sequence import Phase, Sequence
+from nsaid_mj.lab.control.tracking import DesignedSignals, DesignedTracking, FourierTracking
+from nsaid_mj.lab.control.vehicle_manipulator import HoverAndReach, SwimAndReach
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import (
+from nsaid_mj.lab.plants.jointed import (
     ArmPlant,
-    AstrobeePlant,
-    Bias,
-    BlueROV2Plant,
-    BMW320iPlant,
-    Broken,
-    F1TenthPlant,
+    Backend,
     FloatingBasePlant,
     FlyingArmPlant,
-    Friction,
-    Loss,
-    Mismatch,
-    Payload,
-    QuadrotorPlant,
-    REMUS100Plant,
-    Reversed,
     RoverPlant,
-    ScalarRovPlant,
-    SensorNoise,
-    Stuck,
     UvmsPlant,
 )
-from nsaid_mj.lab.plants.jointed import Backend
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
+from nsaid_mj.lab.plants.vehicles import (
+    AstrobeePlant,
+    BlueROV2Plant,
+    BMW320iPlant,
+    F1TenthPlant,
+    QuadrotorPlant,
+    REMUS100Plant,
+)
+from nsaid_mj.lab.plants.world.faults.kinds import (
+    Bias,
+    Broken,
+    Friction,
+    Loss,
+    Payload,
+    Reversed,
+    Stuck,
+)
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.scenario import Scenario
 
 NAN, INF = np.nan, np.inf

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj import BlueROV2Plant, Loss, Scenario
-from nsaid_mj.core.laws import Status
+from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.sensors import Errors, Sensors

@@ -11,9 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.base.files import numbers
-from nsaid_mj.core.nullspace import directions, structural
-from nsaid_mj.lab.control import QuadrotorFlight
-from nsaid_mj.lab.plants import BlueROV2Plant, Mismatch, QuadrotorPlant
+from nsaid_mj.core.nullspace.subspace import directions, structural
+from nsaid_mj.lab.control.quadrotor import QuadrotorFlight
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, QuadrotorPlant
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup, draw_prior, trajectory
 from tests.support.matrices import skew

@@ -4,7 +4,7 @@ import pytest
 
 from nsaid_mj.base.errors import BadRobot
 from nsaid_mj.base.files import known_robots
-from nsaid_mj.lab.plants import ArmPlant
+from nsaid_mj.lab.plants.jointed import ArmPlant
 
 
 @pytest.mark.slow

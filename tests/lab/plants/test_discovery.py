@@ -15,8 +15,8 @@ import nsaid_mj
 from nsaid_mj.core import structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
 from nsaid_mj.lab import control, plants
-from nsaid_mj.lab.control import DriverConfig
-from nsaid_mj.lab.plants import PlantConfig
+from nsaid_mj.lab.control.driver import DriverConfig
+from nsaid_mj.lab.plants.world.config import PlantConfig
 
 PACKAGE = Path(nsaid_mj.__file__).parent
 

@@ -14,23 +14,20 @@ import pytest
 from nsaid_mj.base.errors import BadRobot
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.multibody import Multibody
-from nsaid_mj.lab.control import FourierTracking, MultisineCommand
 from nsaid_mj.lab.control.driver import Driver, DriverConfig
+from nsaid_mj.lab.control.multisine import MultisineCommand
 from nsaid_mj.lab.control.signals import FourierTrajectory, Multisine
-from nsaid_mj.lab.plants import (
-    ArmPlant,
-    BlueROV2Plant,
-    F1TenthPlant,
-    FloatingBasePlant,
-    Loss,
-    Mismatch,
-    Plant,
-    PlantConfig,
-    ScalarRovPlant,
-    SensorNoise,
-    Sensors,
-)
+from nsaid_mj.lab.control.tracking import FourierTracking
+from nsaid_mj.lab.plants.jointed import ArmPlant, FloatingBasePlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, F1TenthPlant
 from nsaid_mj.lab.plants.world import plant as plants
+from nsaid_mj.lab.plants.world.config import PlantConfig
+from nsaid_mj.lab.plants.world.faults.kinds import Loss
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.lab.plants.world.noise import SensorNoise
+from nsaid_mj.lab.plants.world.plant import Plant
+from nsaid_mj.lab.plants.world.sensors import Sensors
 
 TRACKING, SINES = FourierTracking(), MultisineCommand(amplitude=0.3)
 CASES: dict[str, tuple[PlantConfig, DriverConfig]] = {

@@ -12,21 +12,18 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.base.files import numbers
-from nsaid_mj.core.laws import NullspaceAID, Status
-from nsaid_mj.core.nullspace import structural
+from nsaid_mj.core.laws.base import Status
+from nsaid_mj.core.laws.config import NullspaceAID
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.control import Driving
 from nsaid_mj.lab.control.driver import Driver
-from nsaid_mj.lab.plants import (
-    BlueROV2Plant,
-    BMW320iPlant,
-    F1TenthPlant,
-    Mismatch,
-    Plant,
-    PlantConfig,
-    RoverPlant,
-)
+from nsaid_mj.lab.control.driving import Driving
+from nsaid_mj.lab.plants.jointed import RoverPlant
 from nsaid_mj.lab.plants.rover import STEERED, WHEELS, Rover, ackermann
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, BMW320iPlant, F1TenthPlant
+from nsaid_mj.lab.plants.world.config import PlantConfig
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.setup import trajectory
 from tests.support.plants import drive, hold, plant, wrong_prior
 from tests.support.vehicles import acceleration

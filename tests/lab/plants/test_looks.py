@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.files import numbers
-from nsaid_mj.lab.plants import (
+from nsaid_mj.lab.plants.jointed import RoverPlant, UvmsPlant
+from nsaid_mj.lab.plants.vehicles import (
     AstrobeePlant,
     BlueROV2Plant,
     CarPlant,
-    Mismatch,
     QuadrotorPlant,
     REMUS100Plant,
-    RoverPlant,
-    UvmsPlant,
 )
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from tests.support.fossen import published
 
 NEAR = 0.005  # m

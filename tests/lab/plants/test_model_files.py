@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import RobotChanged
-from nsaid_mj.lab.control import FourierTracking, MultisineCommand
-from nsaid_mj.lab.plants import ArmPlant
+from nsaid_mj.lab.control.multisine import MultisineCommand
+from nsaid_mj.lab.control.tracking import FourierTracking
+from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.lab.plants.world.simulated import SimulatedRobot
 from nsaid_mj.lab.setup import trajectory
 from tests.support.plants import assert_engines_agree

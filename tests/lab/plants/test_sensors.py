@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.lab.plants import SensorNoise
+from nsaid_mj.lab.plants.world.noise import SensorNoise
 from tests.support.strategies import seeds
 
 FEW = settings(deadline=None, max_examples=50)

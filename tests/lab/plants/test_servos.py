@@ -9,8 +9,10 @@ import pytest
 from nsaid_mj.base.errors import InvalidInput, RobotChanged
 from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import ArmPlant, Loss, Mismatch
 from nsaid_mj.lab.plants.arm import arm_spec, true_model
+from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.lab.plants.world.faults.kinds import Loss
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.robots.loading import load_robot
 from tests.support.vehicles import acceleration
@@ -141,7 +143,7 @@ def test_delays_of_a_file_are_simulated_and_identified(file, tmp_path):
     """The record's u is what acts; read as a log, its targets are as early as they were issued."""
     from dataclasses import replace
 
-    from nsaid_mj.clinic.servos import identify_servos, servo_logs
+    from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
     from nsaid_mj.lab.loop import run
 
     scenario = replace(load("arm"), plant=ArmPlant(str(file), spread=0.0), duration=12.0, dt=2e-3)
@@ -165,7 +167,8 @@ def test_a_profile_of_a_file_is_simulated_and_applied_once(file, tmp_path):
     """The elbow's targets move at .4 rad/s at most, the lift's are smoothed over .05 s."""
     from dataclasses import replace
 
-    from nsaid_mj.clinic.servos import identify_servos, servo_logs, write_servo_mjcf
+    from nsaid_mj.clinic.servos.export import write_servo_mjcf
+    from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
     from nsaid_mj.lab.loop import run
 
     scenario = replace(load("arm"), plant=ArmPlant(str(file), spread=0.0), duration=12.0, dt=2e-3)
@@ -205,7 +208,7 @@ def test_stiffnesses_are_found_from_targets_and_encoders(tmp_path):
     """Within 20 s, by the law `efficient` under noise: ratios of kp to one in a thousand."""
     from dataclasses import replace
 
-    from nsaid_mj.lab.evaluation import truth_of
+    from nsaid_mj.lab.evaluation.truth import truth_of
     from nsaid_mj.lab.loop import run
     from tests.support.summaries import summarize
 

@@ -15,14 +15,14 @@ from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput, NsaidError, UnknownName
 from nsaid_mj.base.files import asset, numbers
-from nsaid_mj.lab.plants import (
+from nsaid_mj.lab.plants.vehicles import (
     AstrobeePlant,
     BlueROV2Plant,
     CarPlant,
-    PlantConfig,
     QuadrotorPlant,
     REMUS100Plant,
 )
+from nsaid_mj.lab.plants.world.config import PlantConfig
 
 FAMILIES: dict[str, Any] = {
     "bluerov2": BlueROV2Plant,

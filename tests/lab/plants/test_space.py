@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from nsaid_mj.base.files import numbers
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.plants import AstrobeePlant, Plant
+from nsaid_mj.lab.plants.vehicles import AstrobeePlant
+from nsaid_mj.lab.plants.world.plant import Plant
 from tests.support.vehicles import acceleration
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.2, -0.1, 0.15, 0.5, 0.6, -0.4])

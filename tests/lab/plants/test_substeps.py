@@ -10,17 +10,14 @@ import pytest
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab import loop as experiment
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import (
-    ArmPlant,
-    BlueROV2Plant,
-    F1TenthPlant,
-    Loss,
-    Mismatch,
-    PlantConfig,
-    ScalarRovPlant,
-    SensorNoise,
-)
-from nsaid_mj.lab.record import FILE
+from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, F1TenthPlant
+from nsaid_mj.lab.plants.world.config import PlantConfig
+from nsaid_mj.lab.plants.world.faults.kinds import Loss
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.lab.plants.world.noise import SensorNoise
+from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.plans.studies import montecarlo
@@ -135,7 +132,9 @@ def test_a_run_with_substeps_is_reproduced_from_its_record(tmp_path):
     again = experiment.reopen(tmp_path / "first", first.record).scenario
     assert again.substeps == 3
     experiment.run(again, tmp_path / "again")
-    assert (tmp_path / "first" / FILE).read_bytes() == (tmp_path / "again" / FILE).read_bytes()
+    assert (tmp_path / "first" / RECORD_FILE).read_bytes() == (
+        tmp_path / "again" / RECORD_FILE
+    ).read_bytes()
 
 
 def test_a_monte_carlo_study_simulates_its_plants_with_substeps():

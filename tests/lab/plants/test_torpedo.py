@@ -10,9 +10,10 @@ from scipy.integrate import solve_ivp
 
 from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.base.files import numbers
-from nsaid_mj.lab.control import DepthHeadingAutopilot
+from nsaid_mj.lab.control.autopilot import DepthHeadingAutopilot
 from nsaid_mj.lab.control.signals import Multisine
-from nsaid_mj.lab.plants import BlueROV2Plant, Mismatch
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import trajectory
 from tests.support.plants import drive, hold, plant, wrong_prior
 from tests.support.vehicles import acceleration

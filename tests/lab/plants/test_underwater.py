@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab.plants import ArmPlant, BlueROV2Plant, Mismatch, Plant
+from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.lab.plants.world.plant import Plant
 from tests.support.fossen import (
     FLOW,
     START,

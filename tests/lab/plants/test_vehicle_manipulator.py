@@ -10,18 +10,21 @@ import pytest
 
 from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.base.files import numbers
-from nsaid_mj.core.laws import NullspaceAID, Status
+from nsaid_mj.core.laws.base import Status
+from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
 from nsaid_mj.core.log import Log
-from nsaid_mj.core.nullspace import structural
+from nsaid_mj.core.nullspace.subspace import structural
 from nsaid_mj.core.numerics.spatial import unrotate
 from nsaid_mj.core.structure.joints import JointScales
 from nsaid_mj.core.structure.multibody import CompiledMultibody
-from nsaid_mj.lab.control import HoverAndReach, SwimAndReach
 from nsaid_mj.lab.control.signals import FourierTrajectory, Multisine
-from nsaid_mj.lab.plants import BlueROV2Plant, FlyingArmPlant, Mismatch, UvmsPlant
+from nsaid_mj.lab.control.vehicle_manipulator import HoverAndReach, SwimAndReach
 from nsaid_mj.lab.plants.flying_arm import flying_arm
+from nsaid_mj.lab.plants.jointed import FlyingArmPlant, UvmsPlant
 from nsaid_mj.lab.plants.uvms import published_links
+from nsaid_mj.lab.plants.vehicles import BlueROV2Plant
+from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from tests.support.dense import Dense, rk4_step, transport
 from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near, coupled

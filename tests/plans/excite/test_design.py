@@ -8,26 +8,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput, NoMotion, UnknownName
-from nsaid_mj.lab.control import DesignedSignals, DesignedTracking, FourierTracking
 from nsaid_mj.lab.control.computed_torque import Tracking
+from nsaid_mj.lab.control.tracking import DesignedSignals, DesignedTracking, FourierTracking
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import ArmPlant
+from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.lab.scenario import Scenario
-from nsaid_mj.plans.excite import (
-    Design,
-    Experiment,
-    Limit,
-    Limits,
-    asked_for,
-    design,
-    designing,
-    prediction,
-    read_limits,
-)
-from nsaid_mj.plans.excite.experiment import own_limits, scenario_of_model
+from nsaid_mj.plans.excite import designing, prediction
+from nsaid_mj.plans.excite.designing import Design, design
+from nsaid_mj.plans.excite.experiment import Experiment, own_limits, scenario_of_model
 from nsaid_mj.plans.excite.files import motion_csv
-from nsaid_mj.plans.excite.information import ranks
-from nsaid_mj.plans.excite.limits import extents_of
+from nsaid_mj.plans.excite.information import asked_for, ranks
+from nsaid_mj.plans.excite.limits import Limit, Limits, extents_of, read_limits
 from nsaid_mj.plans.excite.motions import JointMotions, simulated
 from nsaid_mj.plans.excite.prediction import predict, remedies, tried
 from nsaid_mj.plans.excite.search import minimise

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsaid_mj.core.nullspace import level, split
-from nsaid_mj.lab.control import FourierTracking
+from nsaid_mj.core.nullspace.persistence import level
+from nsaid_mj.core.nullspace.subspace import split
+from nsaid_mj.lab.control.tracking import FourierTracking
 from nsaid_mj.lab.library import load
-from nsaid_mj.plans.excite import Experiment, Limit, Limits
+from nsaid_mj.plans.excite.experiment import Experiment
 from nsaid_mj.plans.excite.information import ranks
+from nsaid_mj.plans.excite.limits import Limit, Limits
 
 
 @pytest.fixture(scope="module")

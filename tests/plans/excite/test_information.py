@@ -7,7 +7,7 @@ import pytest
 
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.library import load
-from nsaid_mj.plans.excite import Experiment
+from nsaid_mj.plans.excite.experiment import Experiment
 from nsaid_mj.plans.excite.information import PRIOR, gramian, predicted
 from tests.support.batch import batch_bound
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.plans.excite import Limit, Limits, read_limits
+from nsaid_mj.plans.excite.limits import Limit, Limits, read_limits
 
 
 @pytest.mark.parametrize("value", ["9" * 400, "1e300", "-" + "9" * 400, "nan", "[1, 2, 3]", "true"])

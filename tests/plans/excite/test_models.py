@@ -8,12 +8,11 @@ import pytest
 from nsaid_mj.base.errors import BadRobot
 from nsaid_mj.base.files import vehicle_files
 from nsaid_mj.core.structure.joints import JointTree
-from nsaid_mj.lab.control import MultisineCommand
+from nsaid_mj.lab.control.multisine import MultisineCommand
 from nsaid_mj.lab.library import load
-from nsaid_mj.lab.plants import ArmPlant
-from nsaid_mj.plans.excite import Experiment, Limit, Limits
-from nsaid_mj.plans.excite.experiment import own_limits, scenario_of_model
-from nsaid_mj.plans.excite.limits import COMMAND, RANDOM
+from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.plans.excite.experiment import Experiment, own_limits, scenario_of_model
+from nsaid_mj.plans.excite.limits import COMMAND, RANDOM, Limit, Limits
 from nsaid_mj.plans.excite.motions import DrivenMotions
 
 XML = """

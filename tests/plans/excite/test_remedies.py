@@ -7,7 +7,8 @@ import pytest
 
 from nsaid_mj.core.structure.payload import point_mass
 from nsaid_mj.lab.library import load
-from nsaid_mj.plans.excite import Design, Experiment, design
+from nsaid_mj.plans.excite.designing import Design, design
+from nsaid_mj.plans.excite.experiment import Experiment
 from nsaid_mj.plans.excite.information import PRIOR, bound
 from nsaid_mj.plans.excite.prediction import Remedy, helped, predict, remedies, weak_directions
 

@@ -12,8 +12,9 @@ from rich.console import Console
 
 from nsaid_mj.base.errors import BadRun, InvalidInput, NoEstimate, UnknownName
 from nsaid_mj.cli.commands import command
-from nsaid_mj.core.laws import ConventionalAID
-from nsaid_mj.lab.baselines import BATCH, Estimate
+from nsaid_mj.core.laws.conventional import ConventionalAID
+from nsaid_mj.lab.baselines import BATCH
+from nsaid_mj.lab.baselines.base import Estimate
 from nsaid_mj.lab.library import load
 from nsaid_mj.plans.studies import compare, compare_report
 from nsaid_mj.plans.studies.compare import BOUND, PRIOR, World
@@ -39,7 +40,7 @@ MANIFEST = {"script": "ur5", "methods": ["ols", "memory", "tls"], "seeds": [0, 1
 
 def plan(**changes) -> Study:
     given = {"methods": ("paper", "ols"), "seeds": (0,), "durations": (2.0, 4.0)}
-    return compare.plan("scalar_rov", SCALAR, **(given | changes))
+    return compare.comparison_plan("scalar_rov", SCALAR, **(given | changes))
 
 
 def cells(**changes) -> list[Row]:
@@ -81,7 +82,7 @@ def test_a_plan_that_cannot_be_run_is_refused(changes):
 
 def test_a_scenario_of_another_identifier_is_refused():
     with pytest.raises(InvalidInput, match="NullspaceAID"):
-        compare.plan("scalar_rov", replace(SCALAR, identifier=ConventionalAID()))
+        compare.comparison_plan("scalar_rov", replace(SCALAR, identifier=ConventionalAID()))
 
 
 def test_every_law_can_be_compared():
@@ -196,7 +197,7 @@ def test_a_fault_changes_the_truth_that_judges():
 
     rover = load("bluerov2")
     struck = replace(rover.plant, faults=(Loss(actuator=1, share=0.4, time=2.0),))
-    here = compare.plan(
+    here = compare.comparison_plan(
         "bluerov2", replace(rover, plant=struck), methods=("ols",), seeds=(0,), durations=(1.5, 3.0)
     )
     before, after = (c for c in compare.compare(here) if c["method"] == PRIOR)
@@ -354,7 +355,7 @@ def test_an_unwritable_folder_is_refused_before_any_work(tmp_path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setattr(World, "__init__", lambda *_: pytest.fail("it has begun"))
     with pytest.raises(BadRun, match="--out"):
-        compare.run(plan(), tmp_path / "file" / "out", quiet=True)
+        compare.run_comparison(plan(), tmp_path / "file" / "out", quiet=True)
 
 
 def test_stopped_by_ctrl_c_it_writes_what_it_has(tmp_path, monkeypatch):
@@ -364,6 +365,6 @@ def test_stopped_by_ctrl_c_it_writes_what_it_has(tmp_path, monkeypatch):
     monkeypatch.setitem(BATCH, "ols", stopped)
     monkeypatch.setattr(World, "warm_up", lambda _: None)
     with pytest.raises(KeyboardInterrupt):
-        compare.run(plan(), tmp_path, quiet=True)
+        compare.run_comparison(plan(), tmp_path, quiet=True)
     found = json.loads((tmp_path / "compare.json").read_text())
     assert [cell["method"] for cell in found["cells"]] == [PRIOR, "paper"]

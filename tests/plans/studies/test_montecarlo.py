@@ -21,18 +21,18 @@ from nsaid_mj import (
 )
 from nsaid_mj.base.errors import BadRun, InvalidInput
 from nsaid_mj.cli.commands import command
-from nsaid_mj.core.laws import MemoryConfig, State, Status
-from nsaid_mj.core.laws.base import Estimates
+from nsaid_mj.core.laws.base import Estimates, State, Status
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
+from nsaid_mj.core.laws.settings import MemoryConfig
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.parameters import Array
-from nsaid_mj.lab import evaluation as metrics
 from nsaid_mj.lab import following
 from nsaid_mj.lab import loop as experiment
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.plans.studies import montecarlo, montecarlo_results
 from nsaid_mj.plans.studies.folder import ROWS, TABLE
-from nsaid_mj.plans.studies.montecarlo import Course, plan
+from nsaid_mj.plans.studies.montecarlo import Course, montecarlo_plan
 from nsaid_mj.report.terminal import print_page
 from tests.support.studies import COSTS, monte_carlo
 from tests.support.summaries import summarize
@@ -112,7 +112,7 @@ def test_unshared_plants_give_the_runs_of_their_seeds(name, tmp_path):
         assert np.array_equal(part, alone.record[key])
     last = alone.record["theta_hat"][-1]
     assert rows[2]["theta_perp_ratio"] == float(course.ratio(last))
-    summary = summarize(alone, metrics.truth_of(alone))
+    summary = summarize(alone, truth_of(alone))
     for key in ("status", "status_time", "actuator_ratio_error"):
         assert rows[2][key] == summary[key], key
     for key in ("theta_perp_ratio", "theta_perp_ratio_initial"):
@@ -293,21 +293,26 @@ def test_montecarlo_writes_a_table_and_resumes(tmp_path, capsys):
 
 
 def test_failed_runs_are_listed_with_their_seeds(tmp_path, capsys):
-    study = plan("ur5", replace(ARM, identifier=NullspaceAID(gain=1e6)), 3)
-    found = montecarlo_results.run(study, tmp_path / "mc", 2, quiet=True)
-    print_page(montecarlo_results.page_of(found), Console(width=200))
+    study = montecarlo_plan("ur5", replace(ARM, identifier=NullspaceAID(gain=1e6)), 3)
+    found = montecarlo_results.run_montecarlo(study, tmp_path / "mc", 2, quiet=True)
+    print_page(montecarlo_results.montecarlo_page(found), Console(width=200))
     said = capsys.readouterr().out
     assert "3 lost" in said
     for row in found.rows:
         assert f"run {row['run']} (seed {row['seed']}): {row['status']}" in said
-    assert montecarlo_results.document(found)["quantiles"]["theta_perp_ratio"]["median"] is None
+    assert (
+        montecarlo_results.montecarlo_document(found)["quantiles"]["theta_perp_ratio"]["median"]
+        is None
+    )
 
 
 def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
     """Of runs that ended well, and of none that did."""
     for name, gain in (("well", 0.3), ("lost", 1e6)):
-        study = plan("double_pendulum", replace(ARM, identifier=NullspaceAID(gain=gain)), 3)
-        montecarlo_results.run(study, tmp_path / name, 1, quiet=True)
+        study = montecarlo_plan(
+            "double_pendulum", replace(ARM, identifier=NullspaceAID(gain=gain)), 3
+        )
+        montecarlo_results.run_montecarlo(study, tmp_path / name, 1, quiet=True)
         assert command(["report", str(tmp_path / name)]) == 0
         assert "report.html" in capsys.readouterr().out
         assert (tmp_path / name / "distributions.png").stat().st_size > 1000
@@ -318,5 +323,5 @@ def test_many_runs_get_a_report_with_plots(tmp_path, capsys):
 def test_montecarlo_refuses_a_folder_of_something_else_and_keeps_it(tmp_path: Path):
     (tmp_path / "thesis.tex").write_text("mine")
     with pytest.raises(BadRun, match="other files"):
-        montecarlo_results.run(plan("ur5", ARM, 2), tmp_path, quiet=True)
+        montecarlo_results.run_montecarlo(montecarlo_plan("ur5", ARM, 2), tmp_path, quiet=True)
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]

@@ -18,8 +18,9 @@ import pytest
 
 from nsaid_mj.base.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.cli.process import NOT_EXPLAINED, UNUSABLE
-from nsaid_mj.core.laws import Status
+from nsaid_mj.core.laws.base import Status
 from nsaid_mj.lab import evaluation as metrics
+from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run as run_alone
 from nsaid_mj.lab.scenario import Scenario, field_at, varied
@@ -28,9 +29,9 @@ from nsaid_mj.plans.studies.folder import ROWS, TABLE, _column, read
 from nsaid_mj.plans.studies.one_run import time_to_converge
 from nsaid_mj.plans.studies.runs import Runs
 from nsaid_mj.plans.studies.study import seed_of
-from nsaid_mj.plans.studies.sweep import plan as plan_of
-from nsaid_mj.plans.studies.sweep import run, scenario_of
-from nsaid_mj.plans.studies.sweep_report import write
+from nsaid_mj.plans.studies.sweep import run_sweep, scenario_of
+from nsaid_mj.plans.studies.sweep import sweep_plan as plan_of
+from nsaid_mj.plans.studies.sweep_report import write_sweep_page
 from tests.report.pages.markup import Page, unscripted
 from tests.support.faulty import ROV, shell, start, strict
 from tests.support.studies import COSTS
@@ -72,7 +73,7 @@ scenario = Scenario(
 
 @pytest.fixture(scope="module")
 def sweep(tmp_path_factory: pytest.TempPathFactory) -> Runs:
-    return run(PLAN, tmp_path_factory.mktemp("sweep"), Engine(jobs=2), quiet=True)
+    return run_sweep(PLAN, tmp_path_factory.mktemp("sweep"), Engine(jobs=2), quiet=True)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +110,7 @@ def test_seeds_come_from_the_master_by_spawn_key(sweep: Runs) -> None:
 
 def test_a_run_of_a_sweep_equals_the_run_alone(sweep: Runs, tmp_path: Path) -> None:
     done = run_alone(scenario_of(PLAN, 3), tmp_path)
-    summary = summarize(done, metrics.truth_of(done))
+    summary = summarize(done, truth_of(done))
     row = sweep.rows[3]
     same = {key for key in row if key in summary} - set(COSTS)
     assert {"theta_perp_ratio", "conserved_drift", "status", "scenario_hash"} <= same
@@ -132,7 +133,7 @@ def test_the_command_listed_for_a_run_repeats_it(sweep: Runs, tmp_path: Path) ->
 
 
 def test_the_number_of_workers_changes_no_result(sweep: Runs, tmp_path: Path) -> None:
-    assert results(run(PLAN, tmp_path, Engine(jobs=1), quiet=True)) == results(sweep)
+    assert results(run_sweep(PLAN, tmp_path, Engine(jobs=1), quiet=True)) == results(sweep)
 
 
 def test_a_dask_cluster_gives_the_same_results(sweep: Runs, tmp_path: Path) -> None:
@@ -141,7 +142,7 @@ def test_a_dask_cluster_gives_the_same_results(sweep: Runs, tmp_path: Path) -> N
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
     ) as cluster:
         engine = Engine("dask", cluster.scheduler_address)
-        assert results(run(PLAN, tmp_path, engine, quiet=True)) == results(sweep)
+        assert results(run_sweep(PLAN, tmp_path, engine, quiet=True)) == results(sweep)
 
 
 # -- what goes wrong -----------------------------------------------------------------------------
@@ -196,7 +197,7 @@ def test_another_sweeps_folder_is_refused(
     if changed == "versions":
         monkeypatch.setattr(metrics, "versions", lambda: {"python": "2.7"})
     with pytest.raises(BadRun, match=f"another sweep.*{changed}") as caught:
-        run(other, sweep.folder, quiet=True)
+        run_sweep(other, sweep.folder, quiet=True)
     assert caught.value.path == sweep.folder
     assert read(sweep.folder).rows == sweep.rows
 
@@ -271,7 +272,7 @@ def test_an_engine_that_is_not_installed_says_how_to_get_it(
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)  # as if it were not installed
     with pytest.raises(InvalidInput, match=r"nsaid-mj\[dask\]"):
-        run(PLAN, tmp_path, Engine("dask", "tcp://localhost:1"), quiet=True)
+        run_sweep(PLAN, tmp_path, Engine("dask", "tcp://localhost:1"), quiet=True)
 
 
 # -- what is found -------------------------------------------------------------------------------
@@ -291,7 +292,7 @@ def test_the_table_holds_every_row_and_the_manifest(sweep: Runs) -> None:
 def test_a_run_that_ended_early_has_not_converged(tmp_path: Path) -> None:
     near = replace(ROV, initial_error=1e-6, duration=1.0)
     done = run_alone(near, tmp_path)
-    truth = metrics.truth_of(done)
+    truth = truth_of(done)
     assert time_to_converge(done, truth) == 0.0
     done.ending.status = Status.plant_diverged
     assert time_to_converge(done, truth) is None
@@ -318,7 +319,7 @@ def test_runs_that_never_converged_count_as_infinite(sweep: Runs) -> None:
 
 
 def test_the_page_shows_every_combination_and_is_well_formed(sweep: Runs) -> None:
-    page, picture = write(sweep)
+    page, picture = write_sweep_page(sweep)
     assert picture.read_bytes().startswith(b"\x89PNG")
     text = page.read_text(encoding="utf-8")
     shown = Page.of(text)
@@ -334,7 +335,7 @@ def test_the_page_shows_every_combination_and_is_well_formed(sweep: Runs) -> Non
     assert text.count('role="img"') == panels * len(FIELDS)
     assert not re.findall(r"https?:|<script|<link|<img|src=", unscripted(text))
     before = text, picture.read_bytes()
-    write(sweep)
+    write_sweep_page(sweep)
     assert (page.read_text(encoding="utf-8"), picture.read_bytes()) == before
 
 
@@ -353,7 +354,7 @@ def test_the_page_escapes_all_text_of_manifest_and_rows(sweep: Runs, tmp_path: P
     rows[1] |= {"status": evil}
     folder = tmp_path / evil.replace("/", "|")
     folder.mkdir()
-    text = write(Runs(folder, manifest, rows))[0].read_text(encoding="utf-8")
+    text = write_sweep_page(Runs(folder, manifest, rows))[0].read_text(encoding="utf-8")
     assert "<script" not in unscripted(text)
     assert unescape(text).count("<script>") > 15
     shown = Page.of(text)
@@ -406,12 +407,12 @@ def test_bad_input_is_one_line_and_writes_nothing(
 
 def test_failures_are_retried_only_on_request(fates: Path, tmp_path: Path) -> None:
     plan = plan_of(str(fates), load(str(fates)), {"excitation.fate": ("errs",)}, seeds=1)
-    (row,) = run(plan, tmp_path / "out", Engine(jobs=1), quiet=True).lost
+    (row,) = run_sweep(plan, tmp_path / "out", Engine(jobs=1), quiet=True).lost
     assert row["failure"] == "ZeroDivisionError: by nought"
     mended = Path(f"{fates}.mended")
     mended.touch()
-    assert run(plan, tmp_path / "out", Engine(jobs=1), quiet=True).lost
-    found = run(plan, tmp_path / "out", Engine(jobs=1), quiet=True, retry=True)
+    assert run_sweep(plan, tmp_path / "out", Engine(jobs=1), quiet=True).lost
+    found = run_sweep(plan, tmp_path / "out", Engine(jobs=1), quiet=True, retry=True)
     mended.unlink()
     assert len(found.rows) == 1
     assert not found.lost
@@ -448,7 +449,7 @@ def test_a_run_that_dies_or_hangs_does_not_affect_the_others(
 
     monkeypatch.setattr(Engine, "time", timeout)
     plan = plan_of(str(fates), load(str(fates)), {"excitation.fate": named}, seeds=1)
-    found = run(plan, tmp_path / "out", Engine(jobs=2), quiet=True)
+    found = run_sweep(plan, tmp_path / "out", Engine(jobs=2), quiet=True)
     why = {
         "lives": None,
         "dies": "its process died: exit code 3",
@@ -462,7 +463,7 @@ def test_a_run_that_dies_or_hangs_does_not_affect_the_others(
     assert found.rows[-1]["theta_perp_ratio"] > 0
     assert "is_killed" in found.command(found.rows[2])
     assert str(found.rows[2]["seed"]) in found.command(found.rows[2])
-    page = write(found)[0].read_text()
+    page = write_sweep_page(found)[0].read_text()
     assert all(words in page for words in why.values() if words)
     table = pq.read_table(tmp_path / "out" / TABLE)
     assert table["failure"].null_count == 1

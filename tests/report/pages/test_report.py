@@ -14,10 +14,8 @@ import numpy as np
 import pytest
 
 from nsaid_mj.core.parameters import number
-from nsaid_mj.lab import evaluation as metrics
-from nsaid_mj.lab.evaluation import RunResult
 from nsaid_mj.lab.evaluation import page as report
-from nsaid_mj.lab.evaluation.run_result import judged
+from nsaid_mj.lab.evaluation.run_result import OWN, RunResult, judged
 from nsaid_mj.lab.evaluation.statistics import (
     Conditions,
     Correlations,
@@ -29,6 +27,8 @@ from nsaid_mj.lab.evaluation.statistics import (
     StatedConfidence,
     Unobservable,
 )
+from nsaid_mj.lab.evaluation.summary import summary_of
+from nsaid_mj.lab.evaluation.truth import Truth, truth_of
 from nsaid_mj.lab.evaluation.verify import verify
 from nsaid_mj.lab.loop import SimulatedRun, run
 from nsaid_mj.report.page import render_html
@@ -53,17 +53,17 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> SimulatedRun:
 
 @pytest.fixture(scope="module")
 def result(done: SimulatedRun) -> RunResult:
-    return evaluated(done, metrics.truth_of(done))
+    return evaluated(done, truth_of(done))
 
 
 @pytest.fixture(scope="module")
 def summary(result: RunResult) -> dict[str, Any]:
-    return metrics.summary_of(result)
+    return summary_of(result)
 
 
 @pytest.fixture(scope="module")
 def text(done: SimulatedRun, result: RunResult) -> str:
-    return render(done, result, verify(done, metrics.truth_of(done), result))
+    return render(done, result, verify(done, truth_of(done), result))
 
 
 def value_of(text: str) -> float:
@@ -85,13 +85,13 @@ def drawings(text: str) -> list[ElementTree.Element]:
 def test_every_identifiers_distance_is_drawn_as_recorded(done: SimulatedRun, text: str) -> None:
     first = drawings(text)[0]
     assert first.get("aria-label") == "Distance to the true set"
-    assert {metrics.OWN, "conventional"} <= set(Page.of(text).legends[0])
+    assert {OWN, "conventional"} <= set(Page.of(text).legends[0])
     drawn, wanted = [], []
     for suffix, colour in (
         ("", COLOURS[LAWS["paper"]]),
         ("_conventional", COLOURS[LAWS["conventional"]]),
     ):
-        ratio = metrics.truth_of(done).distance(done.record["t"], done.record[f"theta_hat{suffix}"])
+        ratio = truth_of(done).distance(done.record["t"], done.record[f"theta_hat{suffix}"])
         drawn += [*points_of(first, colour)[[0, -1], 1]]
         wanted += [*np.log10(ratio[[0, -1]])]
     slope, start = np.polyfit(wanted, drawn, 1)  # one axis for both curves, upwards
@@ -229,7 +229,7 @@ def test_everything_from_outside_is_escaped(
         )
     )
     evil = replace(done, folder=tmp_path / EVIL.replace("/", "|"))
-    text = render(evil, told, verify(evil, metrics.truth_of(done), told))
+    text = render(evil, told, verify(evil, truth_of(done), told))
     assert "<script" not in unscripted(text)
     assert unescape(text).count("<script>") > 20
     Page.of(text)
@@ -252,7 +252,7 @@ def test_without_a_truth_everything_but_the_comparison_is_there(
 
     monkeypatch.setattr("nsaid_mj.lab.evaluation.curves.energy_of", nobody_knows)
     for name in ("distance", "theta_at", "nullspace_at"):
-        monkeypatch.setattr(metrics.Truth, name, nobody_knows)
+        monkeypatch.setattr(Truth, name, nobody_knows)
     monkeypatch.setattr(type(done.plant), "truth_at", nobody_knows)
     result = evaluated(unknown(done), None)
     text = render(unknown(done), result)
@@ -283,7 +283,7 @@ def test_a_verdict_is_shown_where_there_is_one(done: SimulatedRun, result: RunRe
 def test_a_run_of_one_row_has_a_report(done: SimulatedRun, tmp_path: Path) -> None:
     columns = {name: rows[:1] for name, rows in done.record.columns.items()}
     short = replace(done, folder=tmp_path, record=replace(done.record, columns=columns))
-    text = render(short, evaluated(short, metrics.truth_of(done)))
+    text = render(short, evaluated(short, truth_of(done)))
     assert len(drawings(text)) >= 4
     assert "nan" not in "".join(re.findall(r"<svg.*?</svg>", text, flags=re.DOTALL))
 
@@ -297,5 +297,5 @@ def test_axes_have_labels_with_units(text: str) -> None:
 def test_reporting_a_run_twice_gives_the_same_page(
     done: SimulatedRun, result: RunResult, text: str
 ) -> None:
-    verdicts = verify(done, metrics.truth_of(done), result)
-    assert render(done, evaluated(done, metrics.truth_of(done)), verdicts) == text
+    verdicts = verify(done, truth_of(done), result)
+    assert render(done, evaluated(done, truth_of(done)), verdicts) == text

@@ -25,15 +25,16 @@ from nsaid_mj import (
 )
 from nsaid_mj.base.errors import NotWritten
 from nsaid_mj.base.files import write_json
-from nsaid_mj.core.laws import FaultEvent
+from nsaid_mj.core.laws.faults import FaultEvent
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.columns.curve import LINEAR, polynomial
 from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.core.structure.parts import Body, Column, Inertia, tied
 from nsaid_mj.core.structure.structure import Structure
 from nsaid_mj.core.structure.system import SecondOrderSystem
-from nsaid_mj.lab import evaluation as metrics
-from nsaid_mj.lab.evaluation import truth_of
+from nsaid_mj.lab.evaluation.recording import write_run_recording
+from nsaid_mj.lab.evaluation.truth import truth_of
+from nsaid_mj.lab.evaluation.truth import truth_of as metrics_truth_of
 from nsaid_mj.lab.loop import FAULTS, SimulatedRun, run
 from nsaid_mj.report import recording
 from nsaid_mj.report.labels import groups, velocity_names
@@ -68,8 +69,8 @@ ARM = Scenario(
 
 def recorded(scenario: Scenario, folder: Path) -> SimulatedRun:
     result = run(scenario, folder)
-    truth = metrics.truth_of(result)
-    recording.write(result, evaluated(result, truth), truth)
+    truth = metrics_truth_of(result)
+    write_run_recording(result, evaluated(result, truth), truth)
     return result
 
 
@@ -145,7 +146,7 @@ def test_the_last_estimate_is_bit_exact_and_the_timeline_ends_with_the_run(
 
 
 def test_recorded_distances_are_those_of_the_summary(rov: SimulatedRun) -> None:
-    entities, summary = read(rov), summarize(rov, metrics.truth_of(rov))
+    entities, summary = read(rov), summarize(rov, metrics_truth_of(rov))
     for name, numbers in (("NS-AID", summary), ("conventional", summary["rivals"]["conventional"])):
         values = [v for v in entities[f"/distance/{name}"]["Scalars:scalars"] if v]
         assert values[0][0] == numbers["theta_perp_ratio_initial"]
@@ -309,8 +310,8 @@ def test_a_robot_without_meshes_is_drawn_by_its_joints(tmp_path: Path) -> None:
     if result.plant.visuals():
         pytest.skip("it has meshes now")
     assert not drawn.empty
-    truth = metrics.truth_of(result)
-    recording.write(result, evaluated(result, truth), truth)
+    truth = metrics_truth_of(result)
+    write_run_recording(result, evaluated(result, truth), truth)
     assert "LineStrips3D:strips" in read(result)["/robot/links"]
 
 
@@ -534,8 +535,8 @@ def test_the_link_of_a_failed_joint_turns_red_when_that_is_found(tmp_path: Path)
     result = run(ARM, tmp_path)
     event = FaultEvent(0.1, 0.12, "loss", "gain", ("gain_3",), 0.4, 0.3, 0.5, "1", 1.0)
     write_json(tmp_path / FAULTS, [event.keys()])
-    truth = metrics.truth_of(result)
-    recording.write(result, evaluated(result, truth), truth)
+    truth = metrics_truth_of(result)
+    write_run_recording(result, evaluated(result, truth), truth)
     mesh = "Mesh3D:albedo_factor"
     parts = {name: part for name, part in read(result).items() if mesh in part}
     red = int.from_bytes(bytes([224, 49, 49, 255]))

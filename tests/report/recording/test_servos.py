@@ -5,9 +5,11 @@ import subprocess
 import numpy as np
 import pytest
 
-from nsaid_mj.clinic.servos import Replayed, ServoLog
-from nsaid_mj.clinic.servos.page import page
-from nsaid_mj.report.recording import record_servos, viewer
+from nsaid_mj.clinic.identify.recording import record_servos
+from nsaid_mj.clinic.servos.logs import ServoLog
+from nsaid_mj.clinic.servos.page import servo_page
+from nsaid_mj.clinic.servos.words import Replayed
+from nsaid_mj.report.recording import viewer
 from tests.support.recordings import entities_of
 from tests.support.servos import NAMES, identified_servos
 
@@ -30,7 +32,7 @@ def recorded(tmp_path_factory):
     used = np.r_[np.ones(250), np.zeros(100), np.ones(50)]
     replayed = Replayed(logs, (q + 0.01, q - 0.01), used)
     found = identified_servos(used, folder / "arm.xml")
-    return record_servos(page(found, replay=replayed), replayed, folder / "run.rrd"), replayed
+    return record_servos(servo_page(found, replay=replayed), replayed, folder / "run.rrd"), replayed
 
 
 def values(entities, entity):

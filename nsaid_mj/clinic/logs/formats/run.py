@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from ....base.errors import BadRun
-from ....lab.record import FILE, PROFILED, TARGET_DELAYS, Record
+from ....lab.record import PROFILED, RECORD_FILE, TARGET_DELAYS, Record
 from ..unusable import UnreadableLog
 from . import Columns, check_size
 
@@ -21,7 +21,7 @@ def read(path: Path) -> list[Columns]:
     Raises:
         UnreadableLog: the record is damaged, empty, or beyond the limit.
     """
-    file = path / FILE if path.is_dir() else path
+    file = path / RECORD_FILE if path.is_dir() else path
     check_size(file, file.stat().st_size)
     try:
         record = Record.read(path)

@@ -10,7 +10,7 @@ import scipy.linalg
 
 from ....base.errors import InvalidInput
 from ...log import Log, Measurement
-from ...nullspace import parts_of
+from ...nullspace.subspace import parts_of
 from ...parameters import Array
 from ...quotient.cone import cone_of
 from ...structure.system import SecondOrderSystem

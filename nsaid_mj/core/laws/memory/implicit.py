@@ -14,7 +14,7 @@ import numpy as np
 
 from ....base.errors import InvalidInput
 from ...log import Log, SensorLevels
-from ...nullspace import parts_of
+from ...nullspace.subspace import parts_of
 from ...parameters import Array
 from ...quotient.cone import inside
 from ...quotient.cost import Quotient, Remembered

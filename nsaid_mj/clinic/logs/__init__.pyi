@@ -1,9 +1,0 @@
-from .checks import checked as checked
-from .checks import checks as checks
-from .formats import limited_to as limited_to
-from .mapping import Map as Map
-from .mapping import map_of as map_of
-from .mapping import read_map as read_map
-from .preparation import prepare as prepare
-from .tables import Table as Table
-from .tables import read_tables as read_tables

@@ -1,2 +1,0 @@
-from .tracker import AdaptiveTracking as AdaptiveTracking
-from .tracker import Tracker as Tracker
