@@ -17,7 +17,6 @@ from nsaid_mj.errors import InvalidInput
 from nsaid_mj.evaluation.confidence import Known, known
 from nsaid_mj.evaluation.figures import actuator_ratio_error
 from nsaid_mj.evaluation.lyapunov import energy, lyapunov_figures
-from nsaid_mj.evaluation.summary import law_of
 from nsaid_mj.experiment.library import load
 from nsaid_mj.experiment.loop import run
 from nsaid_mj.experiment.record import FILE
@@ -527,7 +526,7 @@ def test_a_killed_run_is_rebuilt_from_its_record(finished, tmp_path):
 def test_a_law_is_a_flag_and_survives_json(law):
     chosen, _ = parse("bluerov2", load("bluerov2"), ["--law", law, "--horizon", "30"])
     assert isinstance(chosen.identifier, NullspaceAID)
-    assert chosen.identifier.law == law == law_of(chosen.identifier)
+    assert chosen.identifier.law == law == chosen.identifier.name
     assert chosen.identifier.memory == MemoryConfig(horizon=30.0)
     assert Scenario.from_json(chosen.to_json()) == chosen
     assert chosen.identifier.in_cone == (law != "paper")
