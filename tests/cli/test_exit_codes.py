@@ -156,7 +156,7 @@ def test_identify(explains: str, code: int, monkeypatch: Patch) -> None:
     result = identification(("one",), explains=explains)
     put(monkeypatch, "cli.identifying.check_identify", None)
     put(monkeypatch, "cli.identifying.servos_of", None)
-    put(monkeypatch, "calibration.identify.identify", result)
+    put(monkeypatch, "calibration.identify.identify_forces", result)
     put(monkeypatch, "cli.identifying.write", (Page("", result), []))
     assert shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")[0] == code
     put(monkeypatch, "cli.identifying.servos_of", object())
@@ -193,7 +193,7 @@ def test_inspect_ends_as_identify_does(
     if findings[0].level == "refusal":
         put(monkeypatch, "cli.identifying.check_identify", None)
         put(monkeypatch, "cli.identifying.servos_of", None)
-        monkeypatch.setattr("nsaid_mj.calibration.identify.identify", refuse)
+        monkeypatch.setattr("nsaid_mj.calibration.identify.identify_forces", refuse)
         said = shell("identify", "--model", "arm.urdf", "--log", "a.csv", "--quiet")
         assert said[0] == code and "something is wrong" in said[1].err
 
