@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base.choices import (
+from ..base import (
     CRITERIA,
     FRAMES,
     IDENTIFICATION_LAWS,
@@ -17,14 +17,18 @@ from ..base.choices import (
     LAWS,
     LIMITS_FORM,
     VEHICLE_COLUMNS,
+    BadRun,
+    InvalidInput,
+    asset,
     check_choice,
+    path_of,
+    toml_of,
+    vehicle_files,
 )
-from ..base.errors import BadRun, InvalidInput
-from ..base.files import asset, path_of, toml_of, vehicle_files
-from ..robots.files import check_model, robot_file
+from ..robots import check_model, robot_file
 
 if TYPE_CHECKING:
-    from ..lab.plants.world.config import PlantConfig
+    from ..lab import PlantConfig
     from .grammar import Excite, Identify, Inspect, Live
 
 
@@ -65,7 +69,7 @@ def two_noises(text: str) -> tuple[float, float]:
 def check_logs(paths: Sequence[Path]) -> None:
     """Raises `UnreadableLog` if a file is missing, empty, or of no known format."""
     if paths:
-        from ..clinic.logs.formats import files, form_of
+        from ..clinic import files, form_of
 
         for path in paths:
             for file in files(path_of(path)):
@@ -75,19 +79,19 @@ def check_logs(paths: Sequence[Path]) -> None:
 def check_map(path: Path | None) -> None:
     """Raises `InvalidInput` unless the file is a map of columns; None is none."""
     if path is not None:
-        from ..clinic.logs.mapping import read_map
+        from ..clinic import read_map
 
         read_map(path)
 
 
 def check_plant(plant: PlantConfig) -> None:
     """Raises an error if there is no such robot or vehicle as a plant of this package names."""
-    from ..lab.plants.jointed import ArmPlant
+    from ..lab import ArmPlant
 
     if isinstance(plant, ArmPlant):
         robot_file(plant.robot)
         return
-    from ..lab.plants.world.blueprint import VehiclePlant
+    from ..lab import VehiclePlant
 
     if isinstance(plant, VehiclePlant):
         vehicle_files(plant.vehicle)
@@ -106,7 +110,7 @@ def check_identify(chosen: Identify, model: str) -> None:
                 check_choice("column", name, JOINT_COLUMNS)
     check_model(model)
     if chosen.load:
-        from ..clinic.identify.loads import load_of
+        from ..clinic import load_of
 
         for text in chosen.load:
             load_of(text)
@@ -130,7 +134,7 @@ def check_inspect(chosen: Inspect) -> None:
 def check_live(chosen: Live) -> None:
     """Checks what `nsaid live` was given."""
     if chosen.law not in LAWS:
-        from ..core.laws.config import NullspaceAID
+        from ..core import NullspaceAID
 
         NullspaceAID(law=chosen.law)  # type: ignore[arg-type]  # raises
     check_choice("frame", chosen.frame, FRAMES)

@@ -20,25 +20,26 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from .. import __version__
-from ..base.errors import BadRun, InvalidInput, NotWritten, NsaidError, printable
-from ..base.files import (
+from ..base import (
     MORE_ROBOTS,
     RECORDING,
+    BadRun,
+    InvalidInput,
+    NotWritten,
+    NsaidError,
     has_example_robots,
     known_robots,
     print_json,
+    printable,
     reading,
     record_file,
     scenarios,
 )
-from ..lab.library import load
+from ..lab import load
 from .process import INTERRUPTED, UNUSABLE, code_of, ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
-    from ..lab.evaluation.run_result import RunResult
-    from ..lab.evaluation.verify import Verification
-    from ..lab.loop import Run
-    from ..lab.scenario import Scenario
+    from ..lab import Run, RunResult, Scenario, Verification
     from . import grammar
 
 
@@ -108,7 +109,7 @@ def _with_script_errors(action: Callable[[], int]) -> int:
     except NsaidError:
         raise
     except (Exception, SystemExit) as error:
-        from ..lab.library import script_error
+        from ..lab import script_error
 
         if found := script_error(error):
             raise found from error
@@ -136,7 +137,7 @@ def _command(arguments: Sequence[str]) -> int:
     chosen = grammar.parse(["--want" if a == "--for" else a for a in arguments])
     if isinstance(chosen, grammar.Verify):
         record_file(chosen.run)
-        from ..lab.evaluation.verify import verify_folder
+        from ..lab import verify_folder
 
         return _judged(chosen.run.name, verify_folder(chosen.run), chosen.json, chosen.quiet)
     if isinstance(chosen, grammar.View):
@@ -152,8 +153,7 @@ def _command(arguments: Sequence[str]) -> int:
 
 def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "run")
-    from ..lab.evaluation.page import print_result
-    from ..lab.evaluation.summary import summary_of
+    from ..lab import print_result, summary_of
 
     if output.json:
         print_json(summary_of(result))
@@ -164,8 +164,7 @@ def _run(name: str, default: Scenario, arguments: Sequence[str]) -> int:
 
 def _verify(name: str, default: Scenario, arguments: Sequence[str]) -> int:
     title, finished, result, output = _carry_out(name, default, arguments, "verify")
-    from ..lab.evaluation.truth import truth_of
-    from ..lab.evaluation.verify import verify
+    from ..lab import truth_of, verify
 
     found = verify(finished, truth_of(finished), result)
     found.write()
@@ -177,8 +176,8 @@ def _judged(name: str, found: Verification, as_json: bool, quiet: bool) -> int:
     """Prints the verdicts and returns the exit code."""
     from rich.console import Console
 
-    from ..lab.evaluation.page import verification_page
-    from ..report.terminal import print_page
+    from ..lab import verification_page
+    from ..report import print_page
 
     if as_json:
         print_json(found.document())
@@ -201,12 +200,12 @@ def _carry_out(
     check_plant(scenario.plant)
     check_excitation(given)
     title = title_of(name, default, scenario)
-    from ..lab.loop import Observer, run
-    from ..report.progress import Progress
+    from ..lab import Observer, run
+    from ..report import Progress
 
     watchers: list[Observer] = []
     if output.live:
-        from ..clinic.live_recording import Live
+        from ..clinic import Live
 
         watchers.append(Live(title, output.live_speed))
     with (
@@ -226,7 +225,7 @@ def _carry_out(
 
 def _finish(finished: Run, say: Callable[[str], None], command: str) -> RunResult:
     """Post-processes a run; if interrupted or out of disk space, says how to resume."""
-    from ..lab.finish import finish
+    from ..lab import finish
 
     again = f"`nsaid view --rebuild {shlex.quote(str(finished.folder))}` finishes the run"
     try:
@@ -239,7 +238,7 @@ def _finish(finished: Run, say: Callable[[str], None], command: str) -> RunResul
 
 def _code(finished: Run, result: RunResult) -> int:
     """The exit code of a finished run: that of its verdict, unless it was interrupted."""
-    from ..core.laws.base import Status
+    from ..core import Status
 
     interrupted = finished.ending.status is Status.interrupted
     return INTERRUPTED if interrupted else code_of(result)
@@ -267,10 +266,10 @@ def _view(folder: Path, web: bool, rebuild: bool) -> int:
                 folder, "there is no such run", "Give the folder of a run, e.g. runs/ur5-paper."
             )
         record_file(folder)
-        from ..lab.finish import rebuild as post_process
+        from ..lab import rebuild as post_process
 
         post_process(folder)
-    from ..report.recording.viewer import viewer_command
+    from ..report import viewer_command
 
     words = viewer_command(file, web)
     if os.name == "posix":

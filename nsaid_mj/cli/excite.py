@@ -6,17 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base.errors import InvalidInput
-from ..base.files import print_json, reading
+from ..base import InvalidInput, print_json, reading
 from .checks import check_excite, two_noises
 from .folders import folder_for_results
 from .grammar import Excite
 from .process import code_of
 
 if TYPE_CHECKING:
-    from ..lab.control.driver import DriverConfig
-    from ..lab.scenario import Scenario
-    from ..report.progress import Progress
+    from ..lab import DriverConfig, Scenario
+    from ..report import Progress
 
 DESIGN = "design.json"
 
@@ -43,18 +41,21 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
     """Designs, and writes and prints the results."""
     from rich.console import Console
 
-    from ..plans.excite.designing import design as design_design
-    from ..plans.excite.experiment import Experiment, own_limits
-    from ..plans.excite.files import design_document as files_document
-    from ..plans.excite.files import scenario_of, write_design
-    from ..plans.excite.information import ranks as information_ranks
-    from ..plans.excite.limits import Limits, read_limits
-    from ..plans.excite.page import design_page as pages_page
-    from ..plans.excite.prediction import predict, tried
-    from ..report.page import write_html
-    from ..report.progress import Progress
-    from ..report.recording import available
-    from ..report.terminal import print_page
+    from ..plans import (
+        Experiment,
+        Limits,
+        own_limits,
+        predict,
+        read_limits,
+        scenario_of,
+        tried,
+        write_design,
+    )
+    from ..plans import design as design_design
+    from ..plans import design_document as files_document
+    from ..plans import design_page as pages_page
+    from ..plans import ranks as information_ranks
+    from ..report import Progress, available, print_page, write_html
 
     def limited(own: Limits) -> Limits:
         """The limits of model and file; a real robot must not touch itself or the ground either."""
@@ -84,7 +85,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
         page = pages_page(name, document, trial, found, folder)
         written.append(write_html(page, folder))
         if available():
-            from ..plans.excite.recording import DESIGN_RECORDING, record_design
+            from ..plans import DESIGN_RECORDING, record_design
 
             written.append(record_design(page, found, folder / DESIGN_RECORDING))
     if chosen.json:
@@ -96,10 +97,10 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
 
 def _scenario(chosen: Excite) -> Scenario:
     """The requested experiment, before it has a motion."""
-    from ..lab.library import load
+    from ..lab import load
 
     if chosen.model is not None:
-        from ..plans.excite.experiment import scenario_of_model
+        from ..plans import scenario_of_model
 
         found = scenario_of_model(chosen.model)
     else:
@@ -119,12 +120,12 @@ def designed(scenario: Scenario, given: str, progress: Progress) -> DriverConfig
 
     `checks.check_excitation` has accepted the value.
     """
-    from ..lab.scenario import Scenario
+    from ..lab import Scenario
 
     _, colon, folder = given.partition(":")
     if colon:
         return Scenario.from_json((Path(folder) / "scenario.json").read_bytes()).excitation
-    from ..plans.excite.designing import design as design_design
-    from ..plans.excite.experiment import Experiment
+    from ..plans import Experiment
+    from ..plans import design as design_design
 
     return design_design(Experiment.of(scenario), report=progress.stage).driver

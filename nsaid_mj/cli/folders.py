@@ -9,12 +9,11 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base.errors import BadRun, FolderInUse
-from ..base.files import RECORD, check_own, json_of, locked
+from ..base import RECORD, BadRun, FolderInUse, check_own, json_of, locked
 
 if TYPE_CHECKING:
-    from ..core.laws.config import IdentifierConfig
-    from ..lab.scenario import Scenario
+    from ..core import IdentifierConfig
+    from ..lab import Scenario
 
 RUNS = Path("runs")
 _FORCE = ", or --force to write among them"
@@ -49,8 +48,7 @@ def folder_for(
 
 def _law_of(identifier: IdentifierConfig) -> str:
     """The law as given on the command line, or its own name."""
-    from ..core.laws.config import NullspaceAID
-    from ..core.laws.conventional import ConventionalAID
+    from ..core import ConventionalAID, NullspaceAID
 
     if isinstance(identifier, NullspaceAID):
         return identifier.law

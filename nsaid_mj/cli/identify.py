@@ -9,19 +9,15 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..base.errors import InvalidInput, printable
-from ..base.files import asset, print_json, reading, write_json
+from ..base import InvalidInput, asset, print_json, printable, reading, write_json
 from .checks import check_identify, check_inspect, known_number, names_in, numbers_in
 from .folders import check_writable, folder_for_results
 from .grammar import Identify, Inspect
 from .process import EXPLAINED, UNUSABLE, code_of
 
 if TYPE_CHECKING:
-    from ..clinic.identify.inspection import Inspection
-    from ..clinic.identify.result import Identification
-    from ..clinic.servos.logs import ServoLogs
-    from ..report.page import Page
-    from ..report.progress import Progress
+    from ..clinic import Identification, Inspection, ServoLogs
+    from ..report import Page, Progress
 
 RESULT = "identification.json"
 
@@ -32,7 +28,7 @@ def identify_log(chosen: Identify) -> int:
     if model is None:
         raise InvalidInput("--model", "a model file or name", "none", "Such as --model arm.urdf.")
     check_identify(chosen, model)
-    from ..clinic.logs.formats import limited_to
+    from ..clinic import limited_to
 
     with (
         reading(model, *chosen.log, *chosen.validate, chosen.map, chosen.validate_map),
@@ -47,9 +43,8 @@ def identify_log(chosen: Identify) -> int:
 def _identify(model: str, chosen: Identify, folder: Path) -> int:
     from rich.console import Console
 
-    from ..clinic.logs.unusable import UnusableLog
-    from ..report.progress import Progress
-    from ..report.terminal import print_findings, print_page
+    from ..clinic import UnusableLog
+    from ..report import Progress, print_findings, print_page
 
     quiet, ended = chosen.quiet or chosen.json, False
     with Progress(Path(model).stem, quiet=quiet) as progress:
@@ -76,7 +71,7 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
 
 def _identified(model: str, chosen: Identify, folder: Path, progress: Progress) -> Identification:
     """The result of logs with commands that are forces."""
-    from ..clinic.identify.identify import identify_forces
+    from ..clinic import identify_forces
 
     return identify_forces(
         model,
@@ -119,8 +114,8 @@ def write(
     Returns:
         The page, whose result has findings about the exported model, too, and the files.
     """
-    from ..base.bounds import without_nonfinite
-    from ..clinic.identify.export import write_models
+    from ..base import without_nonfinite
+    from ..clinic import write_models
 
     folder.mkdir(parents=True, exist_ok=True)
     report("writing and trying the calibrated models")
@@ -128,19 +123,19 @@ def write(
     result = replace(result, findings=(*result.findings, *followed))
     write_json(folder / RESULT, without_nonfinite(result.summary()))
     report("writing the report")
-    from ..clinic.identify.page import identification_page as pages_page
-    from ..report.page import write_html
+    from ..clinic import identification_page as pages_page
+    from ..report import write_html
 
     page = pages_page(result, command)
     files.append(write_html(page, folder))
-    from ..clinic.identify.recording import record
-    from ..report.recording import FILE, available
+    from ..clinic import record
+    from ..report import FILE, available
 
     if available():
         report("writing the recording")
         files.append(record(page, folder / FILE))
     if result.law is not None:
-        from ..lab.finish import finish
+        from ..lab import finish
 
         finish(result.law.run, report)
         files.append(result.law.run.folder / "report.html")
@@ -160,9 +155,8 @@ def _options(chosen: Identify) -> dict[str, Any]:
 
 def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs | None:
     """The arm and its logs if they hold targets and positions, else None."""
-    from ..clinic.identify.identify import servos_of as given
-    from ..clinic.identify.loads import load_of
-    from ..clinic.logs.mapping import read_map
+    from ..clinic import load_of, read_map
+    from ..clinic import servos_of as given
 
     mapping = None if chosen.map is None else read_map(chosen.map)
     lock, joints = names_in(chosen.lock), names_in(chosen.joints) or None
@@ -178,9 +172,8 @@ def identify_given(
     Raises:
         InvalidInput: an option has no meaning for logs of targets.
     """
-    from ..base.bounds import without_nonfinite
-    from ..clinic.servos.export import replayed, write_servo_mjcf
-    from ..clinic.servos.identify import check_servo_options, identify_servos
+    from ..base import without_nonfinite
+    from ..clinic import check_servo_options, identify_servos, replayed, write_servo_mjcf
 
     check_servo_options(chosen.law, **_options(chosen))
     own = replace(chosen, map=chosen.validate_map or chosen.map)
@@ -193,10 +186,9 @@ def identify_given(
     followed, replay = replayed(result, model_file, given, others)
     result = replace(result, findings=(*result.findings, followed))
     write_json(path, without_nonfinite(result.summary()))
-    from ..clinic.identify.recording import record_servos
-    from ..clinic.servos.page import servo_page as servos_page
-    from ..report.page import write_html
-    from ..report.recording import FILE, available
+    from ..clinic import record_servos
+    from ..clinic import servo_page as servos_page
+    from ..report import FILE, available, write_html
 
     commands, folder, files = [repeated(chosen)], path.parent, [path, model_file]
     if available():
@@ -222,15 +214,17 @@ def inspect_log(chosen: Inspect) -> int:
         raise InvalidInput("logs", "one or more files", "none", "Such as `nsaid inspect log.csv`.")
     check_writable(chosen.out)
     check_inspect(chosen)
-    from ..base.files import write_text
-    from ..clinic.identify.identify import files_of
-    from ..clinic.identify.inspection import inspect
-    from ..clinic.identify.inspection_page import draw_inspection
-    from ..clinic.logs.first_map import first_map
-    from ..clinic.logs.formats import limited_to
-    from ..clinic.logs.mapping import read_map
-    from ..clinic.logs.tables import read_tables
-    from ..report.plots import is_own
+    from ..base import write_text
+    from ..clinic import (
+        draw_inspection,
+        files_of,
+        first_map,
+        inspect,
+        limited_to,
+        read_map,
+        read_tables,
+    )
+    from ..report import is_own
 
     logs, mapping = list(chosen.logs), read_map(chosen.map) if chosen.map else None
     model, name = chosen.model, str(logs[0])
@@ -238,7 +232,7 @@ def inspect_log(chosen: Inspect) -> int:
         model, (logs, mapping) = model or name, files_of(name, [], mapping)
     robot = None
     if model is not None:
-        from ..clinic.identify.models import load_robot_model
+        from ..clinic import load_robot_model
 
         robot = load_robot_model(model, names_in(chosen.lock), names_in(chosen.joints) or None)
     with limited_to(chosen.limit * 1e9):
@@ -261,7 +255,7 @@ def inspect_log(chosen: Inspect) -> int:
     else:
         from rich.console import Console
 
-        from ..clinic.identify.inspection_page import print_inspection
+        from ..clinic import print_inspection
 
         print_inspection(found, Console(highlight=False))
         for path in files:

@@ -14,8 +14,8 @@ from .grammar import Live
 from .process import code_of
 
 if TYPE_CHECKING:
-    from ..clinic.session import Estimate
-    from ..lab.loop import Observer
+    from ..clinic import Estimate
+    from ..lab import Observer
 
 _SHOWN = 1.0  # time between two printed estimates [s]
 
@@ -23,13 +23,9 @@ _SHOWN = 1.0  # time between two printed estimates [s]
 def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
     check_live(chosen)
-    from ..clinic.identify.measured import LiveRobot, measured_scenario
-    from ..clinic.logs.stream import bound
-    from ..clinic.session import Session
-    from ..lab.evaluation.page import print_result
-    from ..lab.evaluation.summary import summary_of
-    from ..lab.finish import finish
-    from ..report.progress import Progress
+    from ..clinic import LiveRobot, Session, bound, measured_scenario
+    from ..lab import finish, print_result, summary_of
+    from ..report import Progress
 
     name = Path(chosen.model).stem
     lock, joints = names_in(chosen.lock), names_in(chosen.joints)
@@ -54,7 +50,7 @@ def follow_robot(chosen: Live) -> int:
             print(f"{name}: waiting for samples from {where}", file=sys.stderr)
         observers: list[Observer] = []
         if chosen.view:
-            from ..clinic.live_recording import Live as Viewer
+            from ..clinic import Live as Viewer
 
             observers.append(Viewer(name, 0))
         every = chosen.every if chosen.every is not None else _SHOWN
@@ -77,8 +73,8 @@ def _send(estimate: Estimate) -> None:
 
 
 def _print(estimate: Estimate) -> None:
-    from ..core.parameters import number
-    from ..report.wording import estimate as written
+    from ..core import number
+    from ..report import estimate as written
 
     gains = "  ".join(
         f"{gain.name} {written(gain.value, gain.low, gain.high)[0]} ± "

@@ -11,9 +11,16 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import tyro
 
-from ..lab.plants.world.faults.kinds import Fault
-from ..lab.plants.world.faults.text import fault_text
-from ..lab.scenario import REGISTRY, Scenario, field_at, field_paths, same_end, with_fields
+from ..lab import (
+    REGISTRY,
+    Fault,
+    Scenario,
+    fault_text,
+    field_at,
+    field_paths,
+    same_end,
+    with_fields,
+)
 from .grammar import Run
 
 MAIN = {

@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..report.result import Result
+    from ..report import Result
 
 
 EXPLAINED, NOT_EXPLAINED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130

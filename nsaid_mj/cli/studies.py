@@ -14,20 +14,29 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import tyro
 from tyro.conf import arg
 
-from ..base.choices import ENGINES, FITTED, METHODS, TRACKING_LAWS, check_choice
-from ..base.errors import InvalidInput, UnknownName, printable
-from ..base.files import check_sweep, print_json
-from ..lab.library import load
-from ..robots.files import check_model
+from ..base import (
+    ENGINES,
+    FITTED,
+    METHODS,
+    TRACKING_LAWS,
+    InvalidInput,
+    UnknownName,
+    check_choice,
+    check_sweep,
+    print_json,
+    printable,
+)
+from ..lab import load
+from ..robots import check_model
 from .checks import check_logs, check_map, check_plant, numbers_in
 from .grammar_of_studies import Compare, MonteCarlo, Report, Sweep, Track
 from .process import code_of
 
 if TYPE_CHECKING:
-    from ..clinic.identify.comparison import Score
-    from ..plans.studies.runs import Runs
-    from ..report.page import Page
-    from ..robots.model import RobotModel
+    from ..clinic import Score
+    from ..plans import Runs
+    from ..report import Page
+    from ..robots import RobotModel
 
 
 _MOST_SEEDS = 10_000  # of a comparison
@@ -52,13 +61,7 @@ def compare(script: str, arguments: Sequence[str]) -> int:
     durations = (0.5 * scenario.duration, scenario.duration)
     if chosen.durations:
         durations = numbers_in("--durations", chosen.durations, _TEN)
-    from ..plans.studies.compare import (
-        BUDGET,
-        COMPARE_FILES,
-        DEFAULT,
-        comparison_plan,
-        run_comparison,
-    )
+    from ..plans import BUDGET, COMPARE_FILES, DEFAULT, comparison_plan, run_comparison
 
     study = comparison_plan(
         **given,
@@ -100,12 +103,11 @@ def _given(
 def sweep(script: str, arguments: Sequence[str]) -> int:
     """Runs a scenario with varied fields and seeds."""
     given, chosen, folder = _given("sweep", script, arguments, Sweep)
-    from ..lab.scenario import varied
+    from ..lab import varied
 
     vary = varied(chosen.vary, given["scenario"])
     check_choice("engine", chosen.engine, ENGINES)
-    from ..plans.studies.engine import Engine
-    from ..plans.studies.sweep import run_sweep, sweep_document, sweep_plan, sweep_result
+    from ..plans import Engine, run_sweep, sweep_document, sweep_plan, sweep_result
 
     study = sweep_plan(**given, vary=vary, seeds=chosen.seeds)
     engine = Engine(chosen.engine, chosen.address, chosen.jobs, chosen.timeout)
@@ -120,10 +122,10 @@ def sweep(script: str, arguments: Sequence[str]) -> int:
 def montecarlo(script: str, arguments: Sequence[str]) -> int:
     """Identifies from many priors."""
     given, chosen, folder = _given("montecarlo", script, arguments, MonteCarlo)
-    from ..plans.studies.montecarlo import montecarlo_plan
-    from ..plans.studies.montecarlo_results import (
+    from ..plans import (
         montecarlo_document,
         montecarlo_page,
+        montecarlo_plan,
         montecarlo_result,
         run_montecarlo,
     )
@@ -141,8 +143,8 @@ def _print(page: Page, found: Runs) -> None:
     """Prints the page of a sweep, and the paths of its files."""
     from rich.console import Console
 
-    from ..plans.studies.sweep import files_of
-    from ..report.terminal import print_page
+    from ..plans import files_of
+    from ..report import print_page
 
     print_page(page, Console(highlight=False), files_of(found))
 
@@ -155,8 +157,7 @@ def track(script: str, arguments: Sequence[str]) -> int:
     for law in laws:
         check_choice("tracking law", law, TRACKING_LAWS)
     seeds = _seeds(chosen.seeds)
-    from ..plans.track.run import run_tracking
-    from ..plans.track.tracking import TRACKING_FILES, tracking_plan
+    from ..plans import TRACKING_FILES, run_tracking, tracking_plan
 
     study = tracking_plan(**given, laws=laws, seeds=seeds)
     result, _ = run_tracking(study, folder, quiet=chosen.quiet or chosen.json)
@@ -168,8 +169,7 @@ def track(script: str, arguments: Sequence[str]) -> int:
 def report(chosen: Report) -> int:
     """Draws a sweep's page."""
     check_sweep(chosen.sweep)
-    from ..plans.studies.folder import read
-    from ..plans.studies.sweep_report import write_sweep_page
+    from ..plans import read, write_sweep_page
 
     runs = read(chosen.sweep)
     if runs.damaged:
@@ -238,8 +238,8 @@ def compare_on_logs(arguments: Sequence[str]) -> int:
     elif not chosen.quiet:
         from rich.console import Console
 
-        from ..clinic.servos.page import scores_page
-        from ..report.terminal import print_page
+        from ..clinic import scores_page
+        from ..report import print_page
 
         print_page(scores_page(scores, robot.small_unit), Console())
     return 0
@@ -247,13 +247,17 @@ def compare_on_logs(arguments: Sequence[str]) -> int:
 
 def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Score, ...]]:
     """The first model, and the scores."""
-    from ..clinic.identify.comparison import compare_arms, compare_servos
-    from ..clinic.identify.identify import coupled, recordings_of
-    from ..clinic.identify.models import load_robot_model
-    from ..clinic.identify.result import Options
-    from ..clinic.logs.mapping import read_map
-    from ..clinic.servos.identify import servo_logs
-    from ..report.progress import Progress
+    from ..clinic import (
+        Options,
+        compare_arms,
+        compare_servos,
+        coupled,
+        load_robot_model,
+        read_map,
+        recordings_of,
+        servo_logs,
+    )
+    from ..report import Progress
 
     with Progress("compare", quiet=chosen.quiet or chosen.json) as progress:
         given = servo_logs(first, chosen.log, chosen.map)

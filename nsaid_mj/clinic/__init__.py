@@ -1,1 +1,8 @@
-"""A user's own robot: from its logs to its parameters and its calibrated model."""
+"""A user's own robot: from its logs to its parameters and its calibrated model.
+
+The names that other houses may use are in `__init__.pyi`; each is imported on first use.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

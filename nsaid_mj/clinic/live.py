@@ -15,7 +15,7 @@ from typing import Any
 import orjson
 from numpy.typing import ArrayLike
 
-from ..base.errors import BadRun, InvalidInput
+from ..base import BadRun, InvalidInput
 from .identify.measured import LiveRobot, measured_scenario
 from .logs.stream import sample_of
 from .session import Estimate, Session

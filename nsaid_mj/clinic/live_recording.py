@@ -8,27 +8,30 @@ import time
 import numpy as np
 import rerun as rr
 
-from ..base.errors import InvalidInput
-from ..core.laws.base import State
-from ..core.log import Log, Measurement
-from ..core.structure.system import SecondOrderSystem
-from ..lab.loop import Observer, Robot
-from ..lab.scenario import Scenario
-from ..report.labels import EXCITATION_LEVELS, groups, velocity_names
-from ..report.recording.forces import ESTIMATED, Arrows, mounts_of
-from ..report.recording.layout import live_blueprint, words
-from ..report.recording.lines import Lines, path
-from ..report.recording.scene import Scene
-from ..report.recording.text import application
-from ..report.recording.viewer import (
+from ..base import InvalidInput
+from ..core import Log, Measurement, SecondOrderSystem, State
+from ..lab import Observer, Robot, Scenario
+from ..report import (
+    ESTIMATED,
+    EXCITATION_LEVELS,
     GRPC_PORT,
     LOCAL,
     WEB_PORT,
+    Arrows,
+    Lines,
+    Scene,
+    application,
     free_port,
+    groups,
     has_display,
     listening,
+    live_blueprint,
+    mounts_of,
+    path,
     program,
     serving,
+    velocity_names,
+    words,
 )
 
 _PERIOD = 0.05  # between two updates, in simulated time and in wall time [s]

@@ -13,14 +13,9 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 import orjson
 
-from ..base.threads import single_threaded
-from ..core.laws.base import Identifier, State
-from ..core.log import Log, Measurement
-from ..core.parameters import Array, ParameterSpace
-from ..lab.evaluation.confidence import INTERVAL
-from ..lab.evaluation.running import RunningMisfit
-from ..lab.loop import Observer, Robot, Run, followed
-from ..lab.scenario import Scenario
+from ..base import single_threaded
+from ..core import Array, Identifier, Log, Measurement, ParameterSpace, State
+from ..lab import INTERVAL, Observer, Robot, Run, RunningMisfit, Scenario, followed
 from .identify.measured import MeasuredRobot, identifiers_of
 from .logs.stream import Cleaner, Counts, Stream
 

@@ -1,4 +1,10 @@
 """The paper: one robot as data, its persistent nullspace, and the laws that identify it.
 
 No MuJoCo, no files.
+
+The names that other houses may use are in `__init__.pyi`; each is imported on first use.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.errors import InvalidInput
+from ..base import InvalidInput
 from .parameters import Array
 
 

@@ -14,7 +14,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.errors import InvalidInput, UnknownName
+from ..base import InvalidInput, UnknownName
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]

@@ -1,1 +1,8 @@
-"""Simulated robots: plants, drivers, scenarios, the loop, the record, and what is said of a run."""
+"""Simulated robots: plants, drivers, scenarios, the loop, the record, and what is said of a run.
+
+The names that other houses may use are in `__init__.pyi`; each is imported on first use.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

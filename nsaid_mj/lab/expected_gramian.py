@@ -6,10 +6,8 @@ Gramian's eigenvalues by about as much.
 
 import numpy as np
 
-from ..base.errors import InvalidInput
-from ..core.log import Measurement
-from ..core.parameters import Array
-from ..core.structure.system import SecondOrderSystem
+from ..base import InvalidInput
+from ..core import Array, Measurement, SecondOrderSystem
 from .control.driver import Driver
 
 _SAMPLES = 3000  # largest number averaged in the Gramian

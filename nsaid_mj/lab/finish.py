@@ -7,14 +7,18 @@ from threading import Thread
 
 import numpy as np
 
-from ..base.bounds import LARGEST
-from ..base.errors import BadRun, InvalidInput
-from ..base.files import json_of, locked, write_json, write_text
-from ..base.threads import single_threaded
-from ..core.laws.base import Status
-from ..report.page import write_html
-from ..report.progress import Progress
-from ..report.recording import available
+from ..base import (
+    LARGEST,
+    BadRun,
+    InvalidInput,
+    json_of,
+    locked,
+    single_threaded,
+    write_json,
+    write_text,
+)
+from ..core import Status
+from ..report import Progress, available, write_html
 from .evaluation import page as report
 from .evaluation.curves import with_curves
 from .evaluation.recording import write_run_recording
@@ -109,7 +113,7 @@ def rebuild(folder: Path) -> RunResult:
         BadRun: the folder has no readable record, or one with fewer than two rows.
         InvalidInput: a value in this record's summary.json is missing or of a wrong type.
     """
-    from ..clinic.identify.measured import reopen_measured  # no simulated run needs it
+    from ..clinic import reopen_measured  # no simulated run needs it
 
     record = Record.opened(folder)
     if len(record) < 2:

@@ -11,13 +11,18 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.files import write_json
-from ..base.stopwatch import clock
-from ..core.laws.base import Estimates, Identifier, State, Status
-from ..core.laws.faults import FaultEvent
-from ..core.log import Log, Measurement
-from ..core.nullspace.persistence import PersistenceMonitor
-from ..report.observer import Observer, Robot
+from ..base import clock, write_json
+from ..core import (
+    Estimates,
+    FaultEvent,
+    Identifier,
+    Log,
+    Measurement,
+    PersistenceMonitor,
+    State,
+    Status,
+)
+from ..report import Observer, Robot
 from .record import BATCH_SECONDS, RecordWriter
 from .scenario import Scenario
 from .source import Segment, Source

@@ -12,8 +12,7 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base.errors import BadScript, InvalidInput, NsaidError, UnknownName
-from ..base.files import scenarios
+from ..base import BadScript, InvalidInput, NsaidError, UnknownName, scenarios
 
 if TYPE_CHECKING:
     from .scenario import Scenario

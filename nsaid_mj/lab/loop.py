@@ -14,16 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import BadRun
-from ..base.files import json_of, locked, writing
-from ..base.stopwatch import clock, compile_seconds
-from ..base.threads import single_threaded
-from ..core.laws.base import Identifier, State, Status
-from ..core.laws.faults import FaultEvent
-from ..core.nullspace.persistence import PersistenceMonitor
-from ..core.nullspace.subspace import structural
-from ..core.parameters import Array
-from ..core.structure.system import SecondOrderSystem
+from ..base import BadRun, clock, compile_seconds, json_of, locked, single_threaded, writing
+from ..core import (
+    Array,
+    FaultEvent,
+    Identifier,
+    PersistenceMonitor,
+    SecondOrderSystem,
+    State,
+    Status,
+    structural,
+)
 from .following import FAULTS, Cost, Ending, Loop, Observer, Robot, segment_steps
 from .plants.world.plant import Looks, Plant
 from .record import PROFILED, RECORD_FILE, TARGET_DELAYS, Record, RecordWriter

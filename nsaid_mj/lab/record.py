@@ -19,10 +19,8 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ..base.errors import BadRun, NotWritten
-from ..base.files import RECORD, create, json_of, record_file, writing
-from ..core.log import Log
-from ..core.parameters import Array, Indices
+from ..base import RECORD, BadRun, NotWritten, create, json_of, record_file, writing
+from ..core import Array, Indices, Log
 
 BATCH_SECONDS = 0.5
 """Duration of a batch, and of what identifiers follow at once: by default an interval of the

@@ -16,9 +16,19 @@ from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_
 from pydantic_core import PydanticCustomError, PydanticSerializationError
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from ..base.bounds import Config, Name, NonNegative, Positive, Seed, Share, config, refusal
-from ..base.errors import InvalidInput, UnknownName
-from ..core.laws.config import IdentifierConfig, NullspaceAID
+from ..base import (
+    Config,
+    InvalidInput,
+    Name,
+    NonNegative,
+    Positive,
+    Seed,
+    Share,
+    UnknownName,
+    config,
+    refusal,
+)
+from ..core import IdentifierConfig, NullspaceAID
 from .control.driver import DriverConfig
 from .control.tracking import FourierTracking
 from .plants.jointed import ArmPlant

@@ -18,13 +18,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.errors import BadScript, InvalidInput
-from ..core.laws.base import Identifier
-from ..core.laws.cone.prior import drawn_inside
-from ..core.laws.config import ExpectedGramian, IdentifierConfig, NullspaceAID
-from ..core.log import EXACT, Log, SensorLevels
-from ..core.parameters import Array, ParameterSpace
-from ..core.structure.system import SecondOrderSystem
+from ..base import BadScript, InvalidInput
+from ..core import (
+    EXACT,
+    Array,
+    ExpectedGramian,
+    Identifier,
+    IdentifierConfig,
+    Log,
+    NullspaceAID,
+    ParameterSpace,
+    SecondOrderSystem,
+    SensorLevels,
+    drawn_inside,
+)
 from ..watch import supervised
 from .control.computed_torque import Tracking
 from .control.driver import CompiledDriver, Driver, DriverConfig

@@ -8,10 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.stopwatch import clock
-from ..core.laws.base import Status
-from ..core.log import Log, Measurement
-from ..core.parameters import Array
+from ..base import clock
+from ..core import Array, Log, Measurement, Status
 from .control.driver import Driver, InformedDriver
 from .plants.world.plant import Plant
 from .plants.world.sensors import Sensors

@@ -1,1 +1,8 @@
-"""What is done with many runs, or before one: excitation, tracking, studies."""
+"""What is done with many runs, or before one: excitation, tracking, studies.
+
+The names that other houses may use are in `__init__.pyi`; each is imported on first use.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

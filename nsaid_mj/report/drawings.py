@@ -9,7 +9,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 
-from ..core.parameters import Array, Indices
+from ..core import Array, Indices
 from .page import Figure as PageFigure
 from .panels import (
     BAD,

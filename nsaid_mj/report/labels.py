@@ -4,9 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.parameters import Indices, ParameterSpace
-from ..core.structure.sensing import rate_labels, velocity_labels
-from ..core.structure.system import SecondOrderSystem
+from ..core import Indices, ParameterSpace, SecondOrderSystem, rate_labels, velocity_labels
 
 
 @dataclass(frozen=True)

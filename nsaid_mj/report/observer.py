@@ -8,12 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from ..core.laws.base import State
-    from ..core.log import Log, Measurement
-    from ..core.parameters import Array
-    from ..core.structure.system import SecondOrderSystem
-    from ..lab.plants.world.plant import Looks
-    from ..lab.scenario import Scenario
+    from ..core import Array, Log, Measurement, SecondOrderSystem, State
+    from ..lab import Looks, Scenario
 
 
 class Robot(NamedTuple):

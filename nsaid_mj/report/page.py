@@ -15,8 +15,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..base.files import write_text
-from ..core.parameters import ABSENT
+from ..base import write_text
+from ..core import ABSENT
 from .panels import BAD, BAND, COLOURS, DASHES, GRID, INK, PALE
 from .result import LEVELS, Mark, Result
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.parameters import Array, Indices
+from ..core import Array, Indices
 
 INK, GRID, BAD = "#1c2733", "#dde3e8", "#c92a2a"
 COLOURS = (

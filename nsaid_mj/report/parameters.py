@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..core.parameters import ABSENT, Array, number
+from ..core import ABSENT, Array, number
 from .page import Cell, Fold, Link, Table
 from .panels import Forest, HeatMap, Points
 from .result import STATUSES, Parameter, Result, counts

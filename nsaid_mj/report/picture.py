@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..core.parameters import Array
-from ..lab.plants.world.plant import Looks
+from ..core import Array
+from ..lab import Looks
 from .page import Figure
 
 _WIDTH, _HEIGHT, _DPI = 760, 540, 100.0  # of the picture [pixels], at most; pixels per inch

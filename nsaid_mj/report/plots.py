@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
-from ..core.parameters import Array
+from ..core import Array
 from .page import VARIABLES
 from .page import Figure as PageFigure
 from .panels import COLOURS, GRID, INK, Panel, thin

@@ -19,14 +19,12 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bar
 
-from ..base.stopwatch import clock, on_compiling
+from ..base import clock, on_compiling
 from .observer import Observer, Robot
 
 if TYPE_CHECKING:
-    from ..core.laws.base import State
-    from ..core.log import Log, Measurement
-    from ..core.structure.system import SecondOrderSystem
-    from ..lab.scenario import Scenario
+    from ..core import Log, Measurement, SecondOrderSystem, State
+    from ..lab import Scenario
 
 COMPILING = "compiling, once (half a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
@@ -130,7 +128,7 @@ class Progress(Observer):
 
 def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
     """The approximate cost of a run of an hour or more, or of a large record; "" for others."""
-    from ..lab.loop import columns
+    from ..lab import columns
 
     hours = scenario.steps * _STEP * (1 + len(scenario.rivals)) / 3600
     widths = columns(system, scenario).values()

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, NamedTuple
 
-from ..base.findings import Finding, Level
+from ..base import Finding, Level
 from .panels import AnyPanel
 
 Explains = Literal["yes", "partly", "no"]

@@ -8,8 +8,7 @@ from rich import markup
 from rich.console import Console
 from rich.table import Table as Grid
 
-from ..base.errors import printable
-from ..base.findings import Finding
+from ..base import Finding, printable
 from .page import Badges, Cell, Items, Link, Page, PageItem, Table, Text, count, in_brief
 from .result import LEVELS, Mark
 

@@ -2,7 +2,7 @@
 
 import math
 
-from ..core.parameters import ABSENT, number, rounded
+from ..core import ABSENT, number, rounded
 
 
 def estimate(value: float, low: float, high: float) -> tuple[str, str]:

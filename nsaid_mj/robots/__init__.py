@@ -1,1 +1,8 @@
-"""Reads robots from URDF or MJCF files, and writes these files with identified values."""
+"""Reads robots from URDF or MJCF files, and writes these files with identified values.
+
+The names that other houses may use are in `__init__.pyi`; each is imported on first use.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

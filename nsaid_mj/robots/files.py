@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ..base.errors import BadRobot, UnknownName
-from ..base.files import (
+from ..base import (
     MORE_ROBOTS,
+    BadRobot,
+    UnknownName,
     asset,
     example_robots,
     folder,

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base.optional import pin
-from ..core.parameters import Array
+from ..base import pin
+from ..core import Array
 from .model import RobotModel
 from .tree import set_inertias
 

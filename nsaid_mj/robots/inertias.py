@@ -11,10 +11,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..base.errors import BadRobot
-from ..base.findings import Finding
-from ..base.optional import pin
-from ..core.parameters import Array, rounded
+from ..base import BadRobot, Finding, pin
+from ..core import Array, rounded
 
 _INSIDE = 1e-6  # least ratio of the smallest to the largest second moment that stays unchanged
 _FLATNESS = 0.02  # least ratio after a change

@@ -5,8 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from ..base.errors import BadRobot
-from ..base.findings import Finding
+from ..base import BadRobot, Finding
 from .files import REMEDY, robot_file
 from .model import RobotModel
 from .xml import read_xml

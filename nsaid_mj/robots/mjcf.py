@@ -10,12 +10,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..base.errors import BadRobot, RobotChanged
-from ..base.findings import Finding
-from ..base.optional import pin
-from ..core.parameters import Array
-from ..core.structure.joints import body_names
-from ..core.structure.joints import joint_names as system_joints
+from ..base import BadRobot, Finding, RobotChanged, pin
+from ..core import Array, body_names
+from ..core import joint_names as system_joints
 from .inertias import make_physical
 from .mjcf_file import compile_file
 from .model import RobotModel, check_tree, home, locked_joints, reduced

@@ -13,11 +13,8 @@ import numpy as np
 from lxml.etree import Element, SubElement
 from lxml.etree import _Element as Node
 
-from ..base.errors import InvalidInput
-from ..base.files import write_text
-from ..base.optional import pin
-from ..core.parameters import Array
-from ..core.structure.joints import bodies_of, body_names
+from ..base import InvalidInput, pin, write_text
+from ..core import Array, bodies_of, body_names
 from .identified import Coupling, Identified, remarks
 from .mjcf import initial_pose
 from .mjcf_file import (

@@ -17,11 +17,8 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Node
 
-from ..base.bounds import LARGEST
-from ..base.errors import BadRobot
-from ..base.findings import Finding, missing_files
-from ..base.optional import pin
-from ..core.parameters import Array
+from ..base import LARGEST, BadRobot, Finding, missing_files, pin
+from ..core import Array
 from .inertias import moved, moved_inside, plausible_size
 from .tree import body_name, wxyz
 from .xml import numbers, read_xml

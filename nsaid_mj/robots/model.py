@@ -9,12 +9,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ..base.errors import BadRobot, InvalidInput, UnknownName
-from ..base.findings import Finding
-from ..base.optional import pin
-from ..core.parameters import Array, ParameterSpace
-from ..core.structure.joints import JointScales, JointTree, floats
-from ..core.structure.system import rebuilt
+from ..base import BadRobot, Finding, InvalidInput, UnknownName, pin
+from ..core import Array, JointScales, JointTree, ParameterSpace, floats, rebuilt
 
 
 class Servos(NamedTuple):

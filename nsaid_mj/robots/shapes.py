@@ -13,9 +13,8 @@ import mujoco
 import numpy as np
 from lxml.etree import _Element as Element
 
-from ..base.findings import Finding, missing_files
-from ..base.optional import pin
-from ..core.parameters import Array
+from ..base import Finding, missing_files, pin
+from ..core import Array
 from .tree import pose
 
 _CORNERS = np.array(np.meshgrid(*[[-1, 1]] * 3, indexing="ij")).reshape(3, 8).T.astype(float)

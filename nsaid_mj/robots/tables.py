@@ -6,9 +6,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ..base.files import write_text
-from ..base.optional import pin
-from ..core.parameters import Array
+from ..base import pin, write_text
+from ..core import Array
 from .identified import Identified
 from .mjcf_export import moving_bodies
 from .model import RobotModel

@@ -8,8 +8,7 @@ none.
 
 import numpy as np
 
-from ..core.numerics.kernels import kernel
-from ..core.parameters import Array
+from ..core import Array, kernel
 
 _STEP = 4e-3  # longest, between rows of a log [s]
 

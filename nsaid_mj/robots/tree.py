@@ -12,12 +12,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..base.bounds import LARGEST
-from ..base.errors import InvalidInput
-from ..base.findings import Finding, Level
-from ..base.optional import pin
-from ..core.parameters import Array
-from ..core.structure.joints import bodies_of
+from ..base import LARGEST, Finding, InvalidInput, Level, pin
+from ..core import Array, bodies_of
 from .model import Servos
 
 

@@ -16,11 +16,8 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Element
 
-from ..base.errors import BadRobot, InvalidInput
-from ..base.findings import Finding
-from ..base.optional import coal, pin
-from ..core.parameters import Array
-from ..core.structure.joints import body_names, joint_names
+from ..base import BadRobot, Finding, InvalidInput, coal, pin
+from ..core import Array, body_names, joint_names
 from .inertias import check_inertias, make_physical
 from .model import RobotModel, check_tree, home, locked_joints, reduced
 from .shapes import Shape, Shapes, resolve_meshes, shapes_of_geometry

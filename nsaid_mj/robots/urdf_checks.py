@@ -13,11 +13,8 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Element
 
-from ..base.bounds import LARGEST
-from ..base.errors import BadRobot, MimicIgnored
-from ..base.files import packed_robots
-from ..base.findings import Finding
-from ..core.parameters import Array
+from ..base import LARGEST, BadRobot, Finding, MimicIgnored, packed_robots
+from ..core import Array
 from .inertias import is_physical, moved, moved_inside, plausible_size
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2),

@@ -8,9 +8,7 @@ import numpy as np
 from lxml import etree
 from lxml.etree import _Element as Element
 
-from ..base.errors import BadRobot
-from ..base.files import write_text
-from ..base.findings import Finding
+from ..base import BadRobot, Finding, write_text
 
 _DECLARED = re.compile(rb"""^\s*<\?xml[^>]*encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _WIDE = (b"\xff\xfe", b"\xfe\xff")

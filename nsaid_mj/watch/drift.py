@@ -19,10 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.laws.efficient.estimator import KalmanFilter
-from ..core.laws.efficient.filter import FilterState
-from ..core.log import Log
-from ..core.parameters import Array, ParameterSpace
+from ..core import Array, FilterState, KalmanFilter, Log, ParameterSpace
 
 _WALKS = (1e-8, 1e-7, 1e-6, 1e-5)
 """Relative variances per second of a gain's random walk [1/s]; the last counts as no drift."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ..core.laws.base import Identifier
+    from ..core import Identifier
 
 
 def supervised(identifier: Identifier) -> Identifier:

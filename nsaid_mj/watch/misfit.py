@@ -33,13 +33,20 @@ import numpy as np
 import scipy.linalg
 from scipy.special import gammaincc
 
-from ..core.laws.base import Confidence, State, gain_deviations
-from ..core.laws.cone.prior import drawn_inside
-from ..core.laws.efficient.estimator import KalmanFilter
-from ..core.laws.efficient.state import EfficientState
-from ..core.log import Log
-from ..core.parameters import Array, Indices, ParameterSpace
-from ..core.quotient.cone import cone_of, inside
+from ..core import (
+    Array,
+    Confidence,
+    EfficientState,
+    Indices,
+    KalmanFilter,
+    Log,
+    ParameterSpace,
+    State,
+    cone_of,
+    drawn_inside,
+    gain_deviations,
+    inside,
+)
 from .drift import walks
 from .replay import Replay, replay
 from .state import kept_of

@@ -11,10 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..core.laws.efficient.estimator import KalmanFilter
-from ..core.laws.efficient.filter import Along, FilterState
-from ..core.log import Log
-from ..core.parameters import Array
+from ..core import Along, Array, FilterState, KalmanFilter, Log
 
 _PIECE = 25  # rows between two rests
 _PASSES = 6  # along the log, at most

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..core.laws.base import State
-from ..core.laws.efficient.state import EfficientState
-from ..core.log import Log
-from ..core.parameters import Array
+from ..core import Array, EfficientState, Log, State
 from .drift import Rivals
 from .faults.events import Loose
 from .faults.snapshots import Snapshots

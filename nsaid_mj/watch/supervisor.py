@@ -8,10 +8,7 @@ better, see `drift`; then the law returns the filter's θ̂, as the memory avera
 
 from __future__ import annotations
 
-from ..core.laws.efficient.law import EfficientIdentifier
-from ..core.laws.efficient.state import EfficientState
-from ..core.laws.efficient.supervision import ChosenBy
-from ..core.log import Log, extended
+from ..core import ChosenBy, EfficientIdentifier, EfficientState, Log, extended
 from .drift import LONGEST, Rivals, walks
 from .faults.isolation import Isolation
 from .faults.trial import LEAD

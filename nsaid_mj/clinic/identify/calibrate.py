@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base.findings import Finding, refused
-from ...core.parameters import Array
-from ...report.result import gravest_first
-from ...robots.model import RobotModel
+from ...base import Finding, refused
+from ...core import Array
+from ...report import gravest_first
+from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from ..logs.unusable import UnusableLog
 from .choose.structured import structured

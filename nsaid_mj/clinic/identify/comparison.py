@@ -9,19 +9,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.choices import FITTED
-from ...base.errors import BadRobot, InvalidInput
-from ...core.laws.cone.prior import drawn_inside
-from ...core.log import SensorLevels
-from ...core.parameters import Array
-from ...core.structure.joints import JointScales, positions
-from ...core.structure.multibody import CompiledMultibody
-from ...lab.baselines.base import Problem
-from ...lab.baselines.sysid import BUDGET, sysid, toolbox
-from ...robots.identified import Identified, with_inertias
-from ...robots.mjcf_file import compile_file
-from ...robots.model import RobotModel
-from ...robots.tree import joint_names, position_servos
+from ...base import FITTED, BadRobot, InvalidInput
+from ...core import Array, CompiledMultibody, JointScales, SensorLevels, drawn_inside, positions
+from ...lab import BUDGET, Problem, sysid, toolbox
+from ...robots import (
+    Identified,
+    RobotModel,
+    compile_file,
+    joint_names,
+    position_servos,
+    with_inertias,
+)
 from ..logs.recordings import Recordings, Segment
 from ..servos.export import rollout, write_by_toolbox, write_servo_mjcf
 from ..servos.identify import identify_servos

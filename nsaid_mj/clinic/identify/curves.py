@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.structure.joints import moving_joints, slides
-from ...lab.evaluation.confidence import INTERVAL
-from ...report.panels import COLOURS, Comparison, Forest, Panel, Points
+from ...core import moving_joints, slides
+from ...lab import INTERVAL
+from ...report import COLOURS, Comparison, Forest, Panel, Points
 from ..servos.words import Replayed, ServoIdentification
 from . import words
 from .result import Identification, shifts

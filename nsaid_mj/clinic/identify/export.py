@@ -9,17 +9,22 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-from ...base.errors import InvalidInput, NsaidError
-from ...base.findings import Finding
-from ...core.parameters import Array, number
-from ...lab.plants.world.coordinates import JointMap
-from ...lab.plants.world.quiet import quiet
-from ...robots.identified import Coupling, Identified, Spring, with_inertias
-from ...robots.mjcf_export import mjcf_text, write_mjcf
-from ...robots.model import RobotModel
-from ...robots.tables import write_sysid, write_table
-from ...robots.tree import actuators_of
-from ...robots.urdf import write_urdf
+from ...base import Finding, InvalidInput, NsaidError
+from ...core import Array, number
+from ...lab import JointMap, quiet
+from ...robots import (
+    Coupling,
+    Identified,
+    RobotModel,
+    Spring,
+    actuators_of,
+    mjcf_text,
+    with_inertias,
+    write_mjcf,
+    write_sysid,
+    write_table,
+    write_urdf,
+)
 from ..logs.recordings import Recordings
 from .joints import joint_of
 from .result import Identification

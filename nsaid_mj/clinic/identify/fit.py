@@ -32,15 +32,22 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ...base.errors import NoEstimate
-from ...core.parameters import Array, ParameterSpace
-from ...core.quotient.barrier import barrier, gradient_and_hessian, local_norm
-from ...core.quotient.cone import cone_of
-from ...core.quotient.cost import Posterior, Quotient, efforts
-from ...core.quotient.descent import Rules
-from ...core.quotient.descent import minimise as descend
-from ...core.quotient.gramians import Sums
-from ...core.quotient.matrices import inverse_on
+from ...base import NoEstimate
+from ...core import (
+    Array,
+    ParameterSpace,
+    Posterior,
+    Quotient,
+    Rules,
+    Sums,
+    barrier,
+    cone_of,
+    efforts,
+    gradient_and_hessian,
+    inverse_on,
+    local_norm,
+)
+from ...core import minimise as descend
 from .problem import Problem, folds
 
 _RULES = Rules(steps=200, halvings=12, done=1e-2)

@@ -9,15 +9,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.choices import IDENTIFICATION_LAWS, check_choice
-from ...base.errors import InvalidInput, UnknownName
-from ...base.files import asset
-from ...base.threads import single_threaded
-from ...robots.files import mjcf_of
+from ...base import (
+    IDENTIFICATION_LAWS,
+    InvalidInput,
+    UnknownName,
+    asset,
+    check_choice,
+    single_threaded,
+)
+from ...robots import mjcf_of
 from ..logs.unusable import UnreadableLog, UnusableLog
 
 if TYPE_CHECKING:
-    from ...robots.model import RobotModel
+    from ...robots import RobotModel
     from ..logs.mapping import Map
     from ..logs.recordings import Recordings
     from ..servos.logs import ServoLogs
@@ -188,7 +192,7 @@ def _robot(
     model: str | RobotModel, lock: Sequence[str], joints: Sequence[str] | None
 ) -> RobotModel:
     """The model, read unless it is loaded already."""
-    from ...robots.model import RobotModel
+    from ...robots import RobotModel
     from .models import load_robot_model
 
     return model if isinstance(model, RobotModel) else load_robot_model(model, lock, joints)

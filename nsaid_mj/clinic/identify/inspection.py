@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.findings import Finding
-from ...core.structure.sensing import position_labels, velocity_labels
-from ...robots.model import RobotModel
+from ...base import Finding
+from ...core import position_labels, velocity_labels
+from ...robots import RobotModel
 from ..logs import signals
 from ..logs.checks import checks
 from ..logs.layout import Layout, layout, with_angles

@@ -8,14 +8,25 @@ import numpy as np
 from matplotlib.axes import Axes
 from rich.console import Console
 
-from ...core.parameters import Array, number
-from ...report.drawings import extremes
-from ...report.page import Cell, Page, Table, Text, count
-from ...report.panels import BAD, COLOURS
-from ...report.plots import png_of
-from ...report.result import Mark, Result, gravest_first
-from ...report.terminal import print_findings, print_page, print_panels
-from ...robots.model import RobotModel
+from ...core import Array, number
+from ...report import (
+    BAD,
+    COLOURS,
+    Cell,
+    Mark,
+    Page,
+    Result,
+    Table,
+    Text,
+    count,
+    extremes,
+    gravest_first,
+    png_of,
+    print_findings,
+    print_page,
+    print_panels,
+)
+from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .inspection import ChannelFigures, Inspection, signal_names
 

@@ -8,10 +8,9 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from ...base.findings import Finding
-from ...core.parameters import Array
-from ...robots.identified import with_inertias
-from ...robots.model import RobotModel
+from ...base import Finding
+from ...core import Array
+from ...robots import RobotModel, with_inertias
 from .choose.columns import BROAD, Choice
 from .choose.held_out import held_out_errors, joint_columns, rms
 from .fit import minimise

@@ -16,10 +16,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from ...core.parameters import Array, Block, Indices, ParameterSpace
-from ...core.structure.joints import slides
-from ...core.structure.parts import Column, Rotor
-from ...robots.model import RobotModel
+from ...core import Array, Block, Column, Indices, ParameterSpace, Rotor, slides
+from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .choose.columns import (
     COLUMNS,

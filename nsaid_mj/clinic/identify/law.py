@@ -9,20 +9,22 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from ...base.findings import Finding
-from ...core.laws.base import Identifier, State, Status, gain_deviations
-from ...core.laws.config import NullspaceAID
-from ...core.laws.settings import EfficientConfig, MemoryConfig
-from ...core.log import Log, Measurement
-from ...core.parameters import Array
-from ...lab.evaluation.confidence import INTERVAL
-from ...lab.evaluation.run_misfit import misfit_of
-from ...lab.loop import Observer, Robot, Run, followed
-from ...lab.record import Record
-from ...lab.scenario import Scenario
-from ...lab.source import Logs
-from ...report.result import gravest_first
-from ...robots.model import RobotModel
+from ...base import Finding
+from ...core import (
+    Array,
+    EfficientConfig,
+    Identifier,
+    Log,
+    Measurement,
+    MemoryConfig,
+    NullspaceAID,
+    State,
+    Status,
+    gain_deviations,
+)
+from ...lab import INTERVAL, Logs, Observer, Record, Robot, Run, Scenario, followed, misfit_of
+from ...report import gravest_first
+from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .choose.cutoff import filter_for
 from .fit import minimise, tempered

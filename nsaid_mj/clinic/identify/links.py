@@ -14,12 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.errors import InvalidInput, UnknownName
-from ...base.optional import pin
-from ...core.parameters import Array, Block, Indices
-from ...core.structure.blocks import link_block
-from ...core.structure.joints import body_names, positions
-from ...core.structure.system import SecondOrderSystem
+from ...base import InvalidInput, UnknownName, pin
+from ...core import Array, Block, Indices, SecondOrderSystem, body_names, link_block, positions
 from .loads import Load
 from .problem import size_weights
 
@@ -95,7 +91,7 @@ def weight_of(model: pin.Model, coordinates: Array) -> Array:
 
 def link_blocks(model: pin.Model) -> list[Block]:
     """The links' blocks of θ."""
-    from ...lab.plants.arm import extent
+    from ...lab import extent
 
     names, blocks = body_names(model), []
     for i in range(1, model.njoints):

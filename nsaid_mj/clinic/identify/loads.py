@@ -3,8 +3,7 @@
 import re
 from typing import NamedTuple
 
-from ...base.bounds import LARGEST
-from ...base.errors import InvalidInput
+from ...base import LARGEST, InvalidInput
 
 _FORM = "FILE:MASSkg, FILE:MASSkg@LINK or FILE:MASSkg@LINK:X,Y,Z"
 _TEXT = re.compile(

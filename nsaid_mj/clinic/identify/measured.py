@@ -12,25 +12,36 @@ from typing import Any
 
 import numpy as np
 
-from ...base.bounds import Flag, Name, Number, Positive, config
-from ...base.errors import InvalidInput
-from ...core.laws.base import Identifier, Status
-from ...core.laws.cone.prior import drawn_inside
-from ...core.laws.config import NullspaceAID
-from ...core.parameters import Block, Geometry, ParameterSpace
-from ...core.structure.multibody import CompiledMultibody
-from ...core.structure.parts import Column, Rotor
-from ...core.structure.system import rebuilt
-from ...lab.loop import Cost, Ending, Robot, Run
-from ...lab.loop import columns as columns_of
-from ...lab.plants.arm import nominal_scales
-from ...lab.plants.jointed import ArmPlant
-from ...lab.plants.world.config import PlantConfig
-from ...lab.plants.world.noise import SensorNoise
-from ...lab.record import Record
-from ...lab.scenario import MOST_STEPS, Scenario
-from ...lab.setup import identifier_of
-from ...robots.model import RobotModel, links_of
+from ...base import Flag, InvalidInput, Name, Number, Positive, config
+from ...core import (
+    Block,
+    Column,
+    CompiledMultibody,
+    Geometry,
+    Identifier,
+    NullspaceAID,
+    ParameterSpace,
+    Rotor,
+    Status,
+    drawn_inside,
+    rebuilt,
+)
+from ...lab import (
+    MOST_STEPS,
+    ArmPlant,
+    Cost,
+    Ending,
+    PlantConfig,
+    Record,
+    Robot,
+    Run,
+    Scenario,
+    SensorNoise,
+    identifier_of,
+    nominal_scales,
+)
+from ...lab import columns as columns_of
+from ...robots import RobotModel, links_of
 from .links import file_links
 from .models import load_robot_model
 from .result import Identification

@@ -12,16 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base.errors import BadRobot, InvalidInput, NsaidError, UnknownName
-from ...base.files import scenarios, vehicle_files
-from ...lab.library import load
-from ...robots.files import is_vehicle, packed_vehicles
-from ...robots.loading import load_tree
-from ...robots.model import RobotModel
+from ...base import BadRobot, InvalidInput, NsaidError, UnknownName, scenarios, vehicle_files
+from ...lab import load
+from ...robots import RobotModel, is_vehicle, load_tree, packed_vehicles
 
 if TYPE_CHECKING:
-    from ...core.structure.system import SecondOrderSystem
-    from ...lab.plants.world.config import PlantConfig
+    from ...core import SecondOrderSystem
+    from ...lab import PlantConfig
 
 _STEP = 1e-3  # any time step: a structure has none [s]
 
@@ -54,9 +51,8 @@ def load_robot_model(
     if lock or joints is not None:
         expected = "no joints, for a vehicle"
         raise InvalidInput("lock", expected, [*lock, *(joints or ())], "Leave it out.")
-    from ...core.laws.cone.prior import drawn_inside
-    from ...lab.plants.world.config import ParametricPlantConfig
-    from ...lab.setup import published
+    from ...core import drawn_inside
+    from ...lab import ParametricPlantConfig, published
 
     packed = model in scenarios()
     config = load(model).plant if packed else plant_of(vehicle_files(model).sheet)
@@ -85,7 +81,7 @@ def load_robot_model(
 
 def _top_speed(config: PlantConfig) -> float:
     """The speed of a multicopter's rotors at full command [rad/s]; inf if its sheet has none."""
-    from ...lab.plants.world.blueprint import VehiclePlant
+    from ...lab import VehiclePlant
 
     sheet = config.sheet.of(config.vehicle) if isinstance(config, VehiclePlant) else None
     return getattr(getattr(sheet, "rotors", None), "top_speed", np.inf)
@@ -135,9 +131,9 @@ def plant_of(sheet: Path) -> PlantConfig:
 
 def _families() -> list[type[Any]]:
     """The plants made from a vehicle's TOML file, without special cases of others."""
-    from ...base.bounds import kinds_of
-    from ...lab.plants import __name__, __path__
-    from ...lab.plants.world.config import ParametricPlantConfig as plants_ParametricPlantConfig
+    from ...base import kinds_of
+    from ...lab import ParametricPlantConfig as plants_ParametricPlantConfig
+    from ...lab import __name__, __path__
 
     for file in iter_modules(__path__, f"{__name__}."):
         import_module(file.name)

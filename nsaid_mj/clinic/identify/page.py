@@ -8,24 +8,32 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from ... import __version__
-from ...core.parameters import number
-from ...report.page import (
+from ...core import number
+from ...report import (
+    CORRELATIONS,
+    STATUSES,
+    AnyPanel,
     Badges,
     Cell,
+    Comparison,
     Figure,
     Figures,
+    Mark,
     Page,
     PageItem,
+    Parameter,
     Section,
     Table,
     Text,
+    correlations,
     count,
+    counts,
+    estimate,
+    folds,
+    forests,
+    gains_of,
 )
-from ...report.panels import AnyPanel, Comparison
-from ...report.panels import Panel as Curves
-from ...report.parameters import CORRELATIONS, correlations, folds, forests, gains_of
-from ...report.result import STATUSES, Mark, Parameter, counts
-from ...report.wording import estimate
+from ...report import Panel as Curves
 from . import words
 from .curves import with_curves
 from .result import Identification
@@ -58,7 +66,7 @@ _FRAMES = (
 
 def identification_page(result: Identification, command: str = "") -> Page:
     """The page of an identification; without a `command` line it names model and logs only."""
-    from ...report.drawings import figures_of  # imported late: matplotlib takes half a second
+    from ...report import figures_of  # imported late: matplotlib takes half a second
     from . import picture
 
     row, rows = words.rows_of(result)

@@ -4,11 +4,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ...core.parameters import Array
-from ...core.structure.joints import bones, positions
-from ...report.page import Figure as PageFigure
-from ...report.panels import BAD, COLOURS, GRID, INK
-from ...report.plots import WIDTH, style, svg
+from ...core import Array, bones, positions
+from ...report import BAD, COLOURS, GRID, INK, WIDTH, style, svg
+from ...report import Figure as PageFigure
 from . import words
 from .result import Identification
 

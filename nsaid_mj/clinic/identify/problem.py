@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.parameters import Array, Indices, ParameterSpace
+from ...core import Array, Indices, ParameterSpace
 
 _IDLE = 1e-6  # ratio of actuators' to inertial forces below which a velocity is not actuated
 _TRIFLE = 0.1  # of the largest force: below it, an undriven velocity is not judged

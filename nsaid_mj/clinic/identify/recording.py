@@ -11,17 +11,30 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...core.parameters import Array
-from ...report.page import Page, Text, item_lines, markdown
-from ...report.panels import Comparison
-from ...report.panels import Panel as Curves
-from ...report.parameters import folds, table
-from ...report.recording.layout import RIGHT, beside, result, robot, whole
-from ...report.recording.lines import LOGARITHM, lines_of, path
-from ...report.recording.plots import Plots
-from ...report.recording.scene import Camera, Scene
-from ...report.recording.stream import write
-from ...robots.model import RobotModel
+from ...core import Array
+from ...report import (
+    LOGARITHM,
+    RIGHT,
+    Camera,
+    Comparison,
+    Page,
+    Plots,
+    Scene,
+    Text,
+    beside,
+    folds,
+    item_lines,
+    lines_of,
+    markdown,
+    path,
+    result,
+    robot,
+    table,
+    whole,
+    write,
+)
+from ...report import Panel as Curves
+from ...robots import RobotModel
 from . import words
 from .result import Identification, recording_shifts
 

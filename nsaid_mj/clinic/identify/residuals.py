@@ -26,10 +26,10 @@ import numpy as np
 import scipy.linalg
 import scipy.special
 
-from ...base.findings import Finding
-from ...core.parameters import Array
-from ...lab.evaluation.confidence import INTERVAL
-from ...report.result import Explains
+from ...base import Finding
+from ...core import Array
+from ...lab import INTERVAL
+from ...report import Explains
 from .fit import Precision, cost_of, gramians
 from .problem import Problem, mean_squares
 

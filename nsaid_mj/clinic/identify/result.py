@@ -6,13 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.findings import Finding
-from ...core.laws.base import Status
-from ...core.parameters import Array, Indices
-from ...core.structure.parts import Column, Rotor
-from ...lab.loop import Run
-from ...report.result import Result, Statistic
-from ...robots.model import RobotModel
+from ...base import Finding
+from ...core import Array, Column, Indices, Rotor, Status
+from ...lab import Run
+from ...report import Result, Statistic
+from ...robots import RobotModel
 from ..logs.recordings import Recordings
 from .fit import Fit, Precision
 from .loads import Load

@@ -10,9 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.parameters import Array, Block, ParameterSpace
-from ...core.structure.parts import Column, Rotor
-from ...core.structure.system import SecondOrderSystem, rebuilt
+from ...core import Array, Block, Column, ParameterSpace, Rotor, SecondOrderSystem, rebuilt
 from ..logs.recordings import Recordings, Segment
 from .smoothing import Filter, Smooth
 

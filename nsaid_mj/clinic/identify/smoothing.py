@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy
 
-from ...core.log import Log
-from ...core.numerics.low_pass import decimated, symmetric, zero_phase
-from ...core.parameters import Array, Indices
+from ...core import Array, Indices, Log, decimated, symmetric, zero_phase
 from ..logs.recordings import Recordings, Segment
 from ..logs.signals import noise
 from .problem import Mask

@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.errors import InvalidInput, UnknownName
-from ...base.findings import Finding
-from ...core.parameters import Array, ParameterSpace
-from ...lab.evaluation.confidence import INTERVAL
-from ...report.result import Explains, Parameter, Status
+from ...base import Finding, InvalidInput, UnknownName
+from ...core import Array, ParameterSpace
+from ...lab import INTERVAL
+from ...report import Explains, Parameter, Status
 from .fit import Combinations, Fit, Precision, combinations
 from .problem import Problem
 from .result import Combination, JointFit

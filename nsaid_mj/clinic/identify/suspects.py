@@ -12,11 +12,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ...base.optional import pin
-from ...core.numerics.kernels import kernel
-from ...core.parameters import Array
-from ...core.structure.joints import positions
-from ...robots.identified import with_inertias
+from ...base import pin
+from ...core import Array, kernel, positions
+from ...robots import with_inertias
 from .choose.columns import SPEEDS, Choice
 from .joints import JointRows
 from .links import weight_of

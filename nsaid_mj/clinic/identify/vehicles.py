@@ -7,13 +7,18 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...core.parameters import Array, Block, ParameterSpace
-from ...core.structure.columns import DRAG_AND_LIFT
-from ...core.structure.parts import Column
-from ...core.structure.sensing import rate_labels
-from ...core.structure.system import SecondOrderSystem, rebuilt
-from ...lab.baselines.least_squares import smoothed
-from ...robots.model import RobotModel
+from ...core import (
+    DRAG_AND_LIFT,
+    Array,
+    Block,
+    Column,
+    ParameterSpace,
+    SecondOrderSystem,
+    rate_labels,
+    rebuilt,
+)
+from ...lab import smoothed
+from ...robots import RobotModel
 from ..logs.recordings import Recordings, Segment
 from .choose.columns import further_columns, further_names
 from .choose.timing import Timing

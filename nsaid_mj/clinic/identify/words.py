@@ -2,10 +2,8 @@
 
 import math
 
-from ...core.parameters import ABSENT, number
-from ...core.structure.joints import slides
-from ...report.result import EXPLAINS, Mark
-from ...report.wording import estimate, statistic
+from ...core import ABSENT, number, slides
+from ...report import EXPLAINS, Mark, estimate, statistic
 from .result import AlongLog, Identification, JointFit
 
 UNKNOWN = math.log(30.0)

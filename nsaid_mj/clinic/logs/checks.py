@@ -8,11 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.findings import Finding, refused
-from ...base.optional import pin
-from ...core.parameters import Array, number, rounded
-from ...core.structure.joints import positions, slides
-from ...robots.model import RobotModel
+from ...base import Finding, pin, refused
+from ...core import Array, number, positions, rounded, slides
+from ...robots import RobotModel
 from . import signals
 from .recordings import Recordings
 from .unusable import UnusableLog

@@ -9,10 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.findings import Finding, Level
-from ...core.log import Log
-from ...core.numerics.spatial import continuous_signs
-from ...core.parameters import Array, number
+from ...base import Finding, Level
+from ...core import Array, Log, continuous_signs, number
 from . import signals
 from .layout import Layout, Source
 from .recordings import Segment

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.parameters import Array
+from ...core import Array
 from .mapping import TIME, of_name
 
 _CORE = {"t", "time", "timestamp", "timestamps", "stamp", "datetime", "date", "clock", "times"}

@@ -5,8 +5,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ...core.parameters import Array
-from ...robots.model import RobotModel
+from ...core import Array
+from ...robots import RobotModel
 from .checks import limits
 from .mapping import FACTORS, Quantity, of_name
 from .matching import candidates, match_targets, words

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.parameters import Array
-from ...robots.model import RobotModel
+from ...core import Array
+from ...robots import RobotModel
 from .mapping import Column, Map, Vehicle
 from .tables import Table, channel_names, values_of
 

@@ -8,10 +8,9 @@ import numpy as np
 import scipy
 from scipy.spatial.transform import Rotation
 
-from ...base.errors import InvalidInput
-from ...core.numerics.spatial import continuous_signs
-from ...core.parameters import Array
-from ...robots.model import RobotModel
+from ...base import InvalidInput
+from ...core import Array, continuous_signs
+from ...robots import RobotModel
 from . import matching
 from .flight import flight_map
 from .mapping import Column, Map, Quantity, Vehicle, matrix, si

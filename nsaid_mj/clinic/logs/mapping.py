@@ -12,8 +12,7 @@ from typing import Annotated, Any, Literal, cast
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, TypeAdapter, ValidationError
 
-from ...base.bounds import Flag, Name, NonNegative, Number, Positive, config, shown
-from ...base.errors import InvalidInput
+from ...base import Flag, InvalidInput, Name, NonNegative, Number, Positive, config, shown
 
 Quantity = Literal["position", "velocity", "command"]
 

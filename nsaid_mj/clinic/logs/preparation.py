@@ -5,10 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...base.findings import Finding
-from ...core.log import Log
-from ...core.parameters import Array
-from ...robots.model import RobotModel
+from ...base import Finding
+from ...core import Array, Log
+from ...robots import RobotModel
 from . import signals
 from .cleaning import (
     Cleaned,

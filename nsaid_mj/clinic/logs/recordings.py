@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.findings import Finding
-from ...core.log import Log
-from ...robots.model import RobotModel
+from ...base import Finding
+from ...core import Log
+from ...robots import RobotModel
 
 
 class Segment(NamedTuple):

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import ndimage
 
-from ...core.numerics.low_pass import zero_phase
-from ...core.parameters import Array
+from ...core import Array, zero_phase
 
 LONG_GAP = 0.05
 """A signal is split where it has no rows for longer than this [s] and than five of its periods."""

@@ -11,15 +11,9 @@ from typing import BinaryIO
 import numpy as np
 import orjson
 
-from ...base.bounds import shown
-from ...base.choices import FRAMES, check_choice
-from ...base.errors import InvalidInput
-from ...base.files import json_of
-from ...core.laws.base import Status
-from ...core.log import Log, Measurement
-from ...core.parameters import Array
-from ...core.structure.system import SecondOrderSystem
-from ...lab.source import LONGEST_STEP, Segment, Source
+from ...base import FRAMES, InvalidInput, check_choice, json_of, shown
+from ...core import Array, Log, Measurement, SecondOrderSystem, Status
+from ...lab import LONGEST_STEP, Segment, Source
 
 """Axes of world and body: east, north, up and forward, left, up, as in the models; or north, east,
 down and forward, right, down."""

@@ -9,10 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.errors import InvalidInput, printable
-from ...base.files import path_of
-from ...base.findings import Finding
-from ...core.parameters import Array
+from ...base import Finding, InvalidInput, path_of, printable
+from ...core import Array
 from . import clocks, formats
 from .mapping import Map, Time
 from .unusable import UnreadableLog

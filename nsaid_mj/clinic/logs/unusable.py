@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from ...base.errors import NsaidError
-from ...base.findings import Finding
+from ...base import Finding, NsaidError
 
 _MOST = 60  # channels named in a message
 

@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.findings import Finding
-from ...core.parameters import Array, Indices
-from ...core.structure.joints import moving_joints, slides
-from ...robots.model import RobotModel
+from ...base import Finding
+from ...core import Array, Indices, moving_joints, slides
+from ...robots import RobotModel
 from ..identify.choose.servo_effects import effects_of
 from ..identify.problem import Mask
 from .fit import (

@@ -27,29 +27,25 @@ from lxml.etree import _Element as Node
 from mujoco import rollout as batch
 from numpy.typing import ArrayLike
 
-from ...base.files import write_text
-from ...base.findings import Finding
-from ...core.parameters import Array
-from ...lab.baselines.sysid import toolbox
-from ...lab.plants.world.coordinates import JointMap
-from ...lab.plants.world.quiet import quiet
-from ...robots.mjcf_file import (
-    actuators_of_file,
-    compile_file,
-    joints_of_file,
-    own_file,
-    relocate,
-)
-from ...robots.target_profile import followed
-from ...robots.tree import (
+from ...base import Finding, write_text
+from ...core import Array
+from ...lab import JointMap, quiet, toolbox
+from ...robots import (
     TARGET_DELAY,
     TARGET_PROFILE,
     actuators_of,
+    actuators_of_file,
+    compile_file,
+    followed,
     joint_names,
+    joints_of_file,
+    numbers,
+    own_file,
+    relocate,
     target_delays,
     target_profiles,
+    write_xml,
 )
-from ...robots.xml import numbers, write_xml
 from .logs import ServoLog, ServoLogs
 from .words import Replayed, Servo, ServoIdentification
 

@@ -6,7 +6,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 from scipy import stats
 
-from ...core.parameters import Array, Indices
+from ...core import Array, Indices
 from .logs import ServoLog
 from .simulation import NONE, Effects, JointLog, simulate
 

@@ -7,13 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import InvalidInput
-from ...base.findings import Finding
-from ...base.threads import single_threaded
-from ...core.parameters import Array
-from ...robots.files import mjcf_of
-from ...robots.model import RobotModel
-from ...robots.target_profile import followed
+from ...base import Finding, InvalidInput, single_threaded
+from ...core import Array
+from ...robots import RobotModel, followed, mjcf_of
 from ..identify.choose.servo_effects import hidden_profile
 from ..identify.links import carrier, check_loads
 from ..identify.loads import Load

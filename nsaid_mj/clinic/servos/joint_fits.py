@@ -15,8 +15,8 @@ import numpy as np
 import scipy.linalg
 from scipy import optimize
 
-from ...core.parameters import Array, Indices
-from ...robots.model import RobotModel
+from ...core import Array, Indices
+from ...robots import RobotModel
 from ..identify.links import carrier, with_mass
 from ..identify.loads import Load
 from ..logs import signals

@@ -9,13 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base.errors import InvalidInput
-from ...base.findings import Finding, refused
-from ...base.optional import pin
-from ...core.parameters import Array
-from ...core.structure.joints import positions
-from ...robots.model import RobotModel, Servos
-from ...robots.target_profile import followed
+from ...base import Finding, InvalidInput, pin, refused
+from ...core import Array, positions
+from ...robots import RobotModel, Servos, followed
 from ..identify.loads import Load
 from ..logs import signals
 from ..logs.checks import beyond_limits

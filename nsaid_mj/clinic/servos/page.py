@@ -6,11 +6,21 @@ from dataclasses import replace
 import numpy as np
 
 from ... import __version__
-from ...core.structure.joints import moving_joints, slides
-from ...report.drawings import figures_of
-from ...report.page import Cell, Figures, Page, PageItem, Section, Table, Text, count
-from ...report.panels import Comparison
-from ...report.result import Parameter, Result
+from ...core import moving_joints, slides
+from ...report import (
+    Cell,
+    Comparison,
+    Figures,
+    Page,
+    PageItem,
+    Parameter,
+    Result,
+    Section,
+    Table,
+    Text,
+    count,
+    figures_of,
+)
 from ..identify.comparison import Score
 from ..identify.curves import replays_of
 from .logs import ServoLog

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.numerics.kernels import kernel
-from ...core.parameters import Array
+from ...core import Array, kernel
 
 STEP = 4e-3
 """Longest step of the simulation [s]."""

@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.findings import Finding
-from ...core.parameters import Array
-from ...report.result import Explains, Parameter, Result, Status
-from ...robots.model import RobotModel
+from ...base import Finding
+from ...core import Array
+from ...report import Explains, Parameter, Result, Status
+from ...robots import RobotModel
 from ..identify.loads import Load
 from .estimate import JointEstimate, MassScale
 from .fit import ARMATURE, GRAVITY

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...base.errors import InvalidInput
+from ...base import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array, ParameterSpace
 from ..structure.system import SecondOrderSystem, checked

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Literal, Self
 import numpy as np
 from pydantic import model_validator
 
-from ...base.bounds import Config, NonNegative, Positive, PositiveShare, config
-from ...base.errors import InvalidInput
+from ...base import Config, InvalidInput, NonNegative, Positive, PositiveShare, config
 from ..log import EXACT, SensorLevels
 from ..parameters import Array
 from .settings import EfficientConfig, MemoryConfig

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base.bounds import Name, Positive, config
-from ...base.errors import InvalidInput, UnknownName
+from ...base import InvalidInput, Name, Positive, UnknownName, config
 from ..log import EXACT, SensorLevels
 from ..parameters import Array, ParameterSpace
 from .config import ExpectedGramian, IdentifierConfig

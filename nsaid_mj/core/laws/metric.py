@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numba import types
 
-from ...base.errors import InvalidInput
+from ...base import InvalidInput
 from ..numerics.kernels import boolean, matrix, routine, vector, void
 from ..numerics.linalg import copy_into, times_into
 from ..parameters import Array

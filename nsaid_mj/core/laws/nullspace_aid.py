@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base.errors import InvalidInput
-from ...base.threads import beside
+from ...base import InvalidInput, beside
 from ..log import Log, Measurement
 from ..parameters import Array
 from ..structure.motion import Motion

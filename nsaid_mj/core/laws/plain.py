@@ -4,7 +4,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from ...base.errors import InvalidInput
+from ...base import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array
 from ..structure.system import SecondOrderSystem, checked

@@ -1,6 +1,6 @@
 """Settings of the laws `memory` and `efficient`, as part of a scenario."""
 
-from ...base.bounds import Config, NonNegative, Positive, config
+from ...base import Config, NonNegative, Positive, config
 from ..log import SensorLevels
 
 

@@ -14,7 +14,7 @@ B is taken in θ/scale coordinates.
 
 import numpy as np
 
-from ...base.errors import InvalidInput
+from ...base import InvalidInput
 from ..parameters import Array
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from ...base.errors import InvalidInput
+from ...base import InvalidInput
 from ..parameters import Array, Block, Indices, ParameterSpace, phrase
 from ..structure.system import SecondOrderSystem
 

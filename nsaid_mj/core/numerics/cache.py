@@ -25,7 +25,7 @@ import llvmlite
 import numba
 import numpy as np
 
-from ...base.errors import NoKernelCache, NotWritten
+from ...base import NoKernelCache, NotWritten
 
 try:
     import fcntl
@@ -37,6 +37,7 @@ WHOLE = ("core/numerics", "core/structure")
 """Packages included in full: nearly all of their files define kernels, or parts of kernels."""
 
 _IMPORTS = re.compile(rb"from (\.+)([\w.]*) import (\([^)]*\)|[^\n]*)")
+_OFFERS = re.compile(r"from \.([\w.]+) import (\w+)")
 
 KEPT = 3  # folders of other digests that survive when a new one is made
 IN_USE = 86400.0  # folders used more recently than this are never deleted [s]
@@ -76,6 +77,13 @@ def kernel_sources(package: Path = PACKAGE) -> dict[str, bytes]:
             path = os.path.join(folder, name)
             with open(path, "rb") as file:
                 texts[path[len(str(package)) + 1 : -3].replace(os.sep, "/")] = file.read()
+    doors = {
+        path.parent.name: {
+            name: f"{path.parent.name}/{module.replace('.', '/')}"
+            for module, name in _OFFERS.findall(path.read_text("utf-8"))
+        }
+        for path in package.glob("*/__init__.pyi")
+    }
     left = [
         name
         for name, text in texts.items()
@@ -86,19 +94,24 @@ def kernel_sources(package: Path = PACKAGE) -> dict[str, bytes]:
         name = left.pop()
         if name not in found:
             found[name] = texts[name]
-            left += _imported(name, texts)
+            left += _imported(name, texts, doors)
     return found
 
 
-def _imported(name: str, texts: dict[str, bytes]) -> list[str]:
-    """The modules of `texts` that a module imports relative to itself."""
+def _imported(name: str, texts: dict[str, bytes], doors: dict[str, dict[str, str]]) -> list[str]:
+    """The modules of `texts` that a module imports relative to itself.
+
+    A house's `doors` give the modules in which the names that it offers are defined.
+    """
     found: list[str] = []
     for dots, module, names in _IMPORTS.findall(texts[name]):
         base = "/".join([*name.split("/")[: -len(dots)], *module.decode().split(".")]).rstrip("/")
         package = f"{base}/__init__".lstrip("/")
         if package in texts:
             each = [part.split(" as ")[0].strip() for part in names.decode().strip("()").split(",")]
+            offered = doors.get(base, {})
             found += [package, *(f"{base}/{part}".lstrip("/") for part in each)]
+            found += [offered[part] for part in each if part in offered]
         else:
             found.append(base)
     return [each for each in found if each in texts]

@@ -20,8 +20,7 @@ from llvmlite import binding, ir
 from numba import NumbaError, config, njit, typeof, types
 from numba.extending import lower_builtin, type_callable, typeof_impl
 
-from ...base.errors import DamagedKernelCache, NoKernelCache
-from ...base.stopwatch import timed
+from ...base import DamagedKernelCache, NoKernelCache, timed
 from . import shipped
 from .cache import FOLDER, one_process
 

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...base.optional import pin
+from ...base import pin
 from ..parameters import Array, Block, ParameterSpace
 from .blocks import Term, link_block, mounts_of, placed, term
 from .columns import KINDS

@@ -7,8 +7,7 @@ import weakref
 
 import numpy as np
 
-from ...base.errors import EnginesDisagree
-from ...base.optional import pin
+from ...base import EnginesDisagree, pin
 from ..log import Log
 from ..numerics.spatial import bracket
 from ..parameters import Array

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ...base.errors import InvalidInput, UnknownName
+from ...base import InvalidInput, UnknownName
 from ..parameters import Array, ParameterSpace
 from .blocks import GRAVITY
 from .parts import unit_mass

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...base.errors import InvalidInput
+from ...base import InvalidInput
 from ..parameters import Array, Block, ParameterSpace
 from .blocks import Term, mounts_of, placed
 from .parts import Body, Inertia, Operation

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.errors import InvalidInput, UnknownName
+from ...base import InvalidInput, UnknownName
 from . import arrays as layout
 from .arrays import Array, Slopes, StructureArrays, Workspace
 from .columns import KINDS

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.errors import InvalidInput
+from ...base import InvalidInput
 from ..log import Log, Measurement
 from ..parameters import Array, Indices, ParameterSpace, finite
 from .arrays import StructureArrays

@@ -3,11 +3,8 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from ...base.errors import NoEstimate
-from ...core.laws.base import Identifier, Status
-from ...core.log import EXACT, Log, SensorLevels
-from ...core.parameters import Array
-from ...core.structure.system import SecondOrderSystem
+from ...base import NoEstimate
+from ...core import EXACT, Array, Identifier, Log, SecondOrderSystem, SensorLevels, Status
 
 
 class Problem(NamedTuple):

@@ -9,15 +9,21 @@ to the prior in θ/scale.
 import numpy as np
 import scipy.linalg
 
-from ...base.errors import InvalidInput, NoEstimate
-from ...core.log import Log
-from ...core.nullspace.subspace import TOLERANCE
-from ...core.numerics.low_pass import decimated, symmetric, zero_phase
-from ...core.numerics.spatial import continuous_signs
-from ...core.parameters import Array
-from ...core.quotient.cost import Posterior, Quotient
-from ...core.quotient.descent import Rules, minimise
-from ...core.structure.system import SecondOrderSystem
+from ...base import InvalidInput, NoEstimate
+from ...core import (
+    TOLERANCE,
+    Array,
+    Log,
+    Posterior,
+    Quotient,
+    Rules,
+    SecondOrderSystem,
+    continuous_signs,
+    decimated,
+    minimise,
+    symmetric,
+    zero_phase,
+)
 from .base import Estimate, Problem
 
 

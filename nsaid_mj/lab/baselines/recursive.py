@@ -5,10 +5,8 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from ...base.errors import NoEstimate
-from ...core.log import Log, SensorLevels
-from ...core.parameters import Array
-from ...core.structure.system import SecondOrderSystem
+from ...base import NoEstimate
+from ...core import Array, Log, SecondOrderSystem, SensorLevels
 from .base import Estimate, Problem
 from .least_squares import central_rows, window
 

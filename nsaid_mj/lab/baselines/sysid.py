@@ -18,17 +18,15 @@ import numpy as np
 from numba import carray, cfunc, types
 from scipy import signal
 
-from ...base.errors import NoEstimate
-from ...base.optional import pin
-from ...core.parameters import Array
-from ...core.structure.joints import JointTree
-from ...robots.tree import tree_spec
+from ...base import NoEstimate, pin
+from ...core import Array, JointTree
+from ...robots import tree_spec
 from ..plants.world.callbacks import ARRAYS, WORDS, field_offsets, installed
 from ..plants.world.coordinates import JointMap
 from ..plants.world.quiet import quiet
 
 if TYPE_CHECKING:
-    from ...core.log import Log
+    from ...core import Log
     from .base import Problem
 
 BUDGET = 120.0

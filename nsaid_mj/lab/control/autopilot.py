@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from ...base.bounds import Number, Positive, Tones, config
-from ...core.parameters import Array
+from ...base import Number, Positive, Tones, config
+from ...core import Array
 from .driver import Driver, DriverConfig, Feedback
 
 if TYPE_CHECKING:
-    from ...core.structure.system import SecondOrderSystem
+    from ...core import SecondOrderSystem
 
 _DAMPING = 1.0  # of the attitude loops
 _SHARE = 0.1  # bandwidth of the depth loop over that of the attitude loops
@@ -53,7 +53,7 @@ class DepthHeadingAutopilot(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless it is a torpedo, and no band is empty."""
-        from ...core.structure.single_body import single_body
+        from ...core import single_body
         from .signals import Multisine
 
         wanted = ("propeller gain", "fin lift", "quadratic drag", "righting moment")
@@ -95,7 +95,7 @@ class DepthHeadingAutopilot(DriverConfig):
 
     def _errors(self, course: Array, q: Array, speed: float) -> tuple[float, Array]:
         """Pitch, nose down, and errors of pitch and heading (2,) [rad] on a course (2,) in ±1."""
-        from ...core.numerics.spatial import rotation
+        from ...core import rotation
 
         R, (dive, turn) = rotation(q[3:]), course
         climb = _SHARE * self.bandwidth * (self.dive * dive - self.depth - q[2]) / speed

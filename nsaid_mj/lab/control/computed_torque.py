@@ -5,11 +5,12 @@ from typing import NamedTuple
 import numpy as np
 from numba import f8, i8, types, void
 
-from ...core.numerics.kernels import kernel
-from ...core.parameters import Array, Indices
-from ...core.structure.inverse_dynamics import (
+from ...core import (
     INVERSE_DYNAMICS,
+    Array,
+    Indices,
     InverseDynamics,
+    kernel,
     position_error,
     write_required_force,
 )

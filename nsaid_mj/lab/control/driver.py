@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.bounds import Config, config
-from ...base.errors import InvalidInput
-from ...core.parameters import Array
+from ...base import Config, InvalidInput, config
+from ...core import Array
 
 if TYPE_CHECKING:
-    from ...core.structure.joints import JointTree
-    from ...core.structure.system import SecondOrderSystem
+    from ...core import JointTree, SecondOrderSystem
     from .computed_torque import Tracking
 
 
@@ -91,7 +89,7 @@ def tree(system: SecondOrderSystem, wanted: str, remedy: str, carried_by: str = 
     Raises:
         InvalidInput: it is not.
     """
-    from ...core.structure.joints import JointTree
+    from ...core import JointTree
 
     suits = system.columns(carried_by) if carried_by else not system.group
     if not isinstance(system, JointTree) or not suits:

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from ...base.bounds import Positive, Tones, config
-from ...core.parameters import Array
+from ...base import Positive, Tones, config
+from ...core import Array
 from .driver import Driver, DriverConfig, Feedback
 
 if TYPE_CHECKING:
-    from ...core.structure.system import SecondOrderSystem
+    from ...core import SecondOrderSystem
 
 _LOOP = 3.0  # bandwidth of the speed loop [rad/s]
 _WIDEST = 0.55  # of the cruising speed: even with the loop's tracking error, the speed stays above
@@ -54,7 +54,7 @@ class Driving(DriverConfig):
         Raises:
             InvalidInput: the system is not a ground vehicle, or a frequency band is empty.
         """
-        from ...core.structure.single_body import single_body
+        from ...core import single_body
         from .signals import Multisine
 
         wanted = ("cornering stiffness", "drive gain", "drive loss", "rolling resistance")

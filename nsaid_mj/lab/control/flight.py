@@ -11,13 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import f8, types, u4, void
 
-from ...core.numerics.kernels import kernel, routine
-from ...core.parameters import Array
-from ...core.structure.blocks import GRAVITY
-from ...core.structure.configuration import plain
-from ...core.structure.kinematics import write_rotation
-from ...core.structure.single_body import SingleBody
-from ...core.structure.spatial import dot3
+from ...core import GRAVITY, Array, SingleBody, dot3, kernel, plain, routine, write_rotation
 from .driver import Driver
 from .signals import Multisine
 

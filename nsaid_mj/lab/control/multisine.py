@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
-from ...base.bounds import Number, Positive, Tones, config
-from ...base.errors import InvalidInput
-from ...core.parameters import Array
+from ...base import InvalidInput, Number, Positive, Tones, config
+from ...core import Array
 from .driver import CompiledDriver, Driver, DriverConfig
 
 if TYPE_CHECKING:
-    from ...core.structure.system import SecondOrderSystem
+    from ...core import SecondOrderSystem
     from .signals import Multisine
 
 Axis = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.bounds import Flag, NonNegative, Positive, Tones, config
-from ...core.parameters import Array
+from ...base import Flag, NonNegative, Positive, Tones, config
+from ...core import Array
 from .driver import Driver, DriverConfig, Feedback
 from .multisine import unit_wrenches
 
 if TYPE_CHECKING:
-    from ...core.structure.system import SecondOrderSystem
+    from ...core import SecondOrderSystem
 
 
 @config

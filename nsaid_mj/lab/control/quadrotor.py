@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from ...base.bounds import Positive, config
-from ...core.parameters import Array
+from ...base import Positive, config
+from ...core import Array
 from .driver import Driver, DriverConfig
 
 if TYPE_CHECKING:
-    from ...core.structure.system import SecondOrderSystem
+    from ...core import SecondOrderSystem
 
 
 @config
@@ -50,7 +50,7 @@ class QuadrotorFlight(DriverConfig):
 
     def build(self, system: SecondOrderSystem, prior: Array, rng: np.random.Generator) -> Driver:
         """Makes the driver; raises `InvalidInput` unless the system is a quadrotor."""
-        from ...core.structure.single_body import single_body
+        from ...core import single_body
         from .flight import Flight
 
         wanted = ("body", "rotor thrust gain", "rotor torque gain")

@@ -10,14 +10,13 @@ import numpy as np
 from pydantic import AfterValidator, model_validator
 from pydantic_core import PydanticCustomError
 
-from ...base.bounds import Config, Name, NonNegative, Positive, config
-from ...base.errors import InvalidInput
-from ...core.parameters import Array
+from ...base import Config, InvalidInput, Name, NonNegative, Positive, config
+from ...core import Array
 from .driver import Driver, DriverConfig, InformedDriver
 from .multisine import MultisineCommand
 
 if TYPE_CHECKING:
-    from ...core.structure.system import SecondOrderSystem
+    from ...core import SecondOrderSystem
 
 
 def _identifier(name: str) -> str:

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.parameters import Array, Indices
-from ...core.structure.configuration import plain
-from ...core.structure.inverse_dynamics import InverseDynamics
-from ...core.structure.joints import JointTree
+from ...core import Array, Indices, InverseDynamics, JointTree, plain
 from .computed_torque import Tracking, computed_torque, tracking_workspace
 from .driver import CompiledDriver, Driver
 from .signals import Series, fourier

@@ -8,11 +8,8 @@ import numpy as np
 from numba import f8, types, void
 from numpy.typing import ArrayLike
 
-from ...base.errors import InvalidInput
-from ...core.numerics.kernels import kernel
-from ...core.parameters import Array
-from ...core.structure.joints import JointTree
-from ...core.structure.system import SecondOrderSystem
+from ...base import InvalidInput
+from ...core import Array, JointTree, SecondOrderSystem, kernel
 
 
 class Series(NamedTuple):

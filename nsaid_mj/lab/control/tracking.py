@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from ...base.bounds import Number, Positive, PositiveShare, Tones, config
-from ...base.errors import InvalidInput
-from ...core.parameters import Array
+from ...base import InvalidInput, Number, Positive, PositiveShare, Tones, config
+from ...core import Array
 from .driver import Driver, DriverConfig, tree
 from .multisine import MultisineCommand
 
 if TYPE_CHECKING:
-    from ...core.structure.system import SecondOrderSystem
+    from ...core import SecondOrderSystem
     from .signals import Series
 
 LIMIT = 5.0

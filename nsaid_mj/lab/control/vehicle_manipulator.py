@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.bounds import Positive, PositiveShare, Tones, config
-from ...core.parameters import Array
+from ...base import Positive, PositiveShare, Tones, config
+from ...core import Array
 from .driver import Driver, DriverConfig, Feedback, tree
 from .multisine import pushes
 
 if TYPE_CHECKING:
-    from ...core.structure.joints import JointTree
-    from ...core.structure.system import SecondOrderSystem
+    from ...core import JointTree, SecondOrderSystem
     from .signals import FourierTrajectory, Multisine
 
 
@@ -139,7 +138,7 @@ class _HoverAndReach(Driver):
         self.start()
 
     def start(self) -> tuple[Array, Array]:
-        from ...core.numerics.spatial import quaternion_of, unrotate
+        from ...core import quaternion_of, unrotate
 
         self._then = 0.0
         self._integral = np.zeros(self._system.n)  # of position, attitude and joint errors
@@ -162,7 +161,7 @@ class _HoverAndReach(Driver):
 
     def _desired(self, t: float, q: Array, v: Array) -> Array:
         """(n,) desired accelerations: feedforward plus PID feedback; updates the integrals."""
-        from ...core.numerics.spatial import cross, rotate, unrotate
+        from ...core import cross, rotate, unrotate
 
         step, self._then = t - self._then, t
         position, rate, acceleration = self._path(t)
@@ -189,7 +188,7 @@ class _HoverAndReach(Driver):
         The attitude is a quaternion x, y, z, w; `pull` (3,) the desired specific force, world
         [m/s²].
         """
-        from ...core.numerics.spatial import product, quaternion_of, rotation_vector
+        from ...core import product, quaternion_of, rotation_vector
 
         z = pull / np.linalg.norm(pull)
         z[2] = max(z[2], 0.5)  # at most 60° of tilt

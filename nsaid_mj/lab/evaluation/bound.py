@@ -17,10 +17,8 @@ rounding errors that the subtractions of the first seconds leave.
 import numpy as np
 import scipy.linalg
 
-from ...base.errors import NoEstimate
-from ...core.log import Log, SensorLevels
-from ...core.parameters import Array
-from ...core.structure.information import information_along
+from ...base import NoEstimate
+from ...core import Array, Log, SensorLevels, information_along
 from .figures import Judge
 from .truth import Truth
 

@@ -10,9 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ...core.laws.base import Confidence, gain_deviations
-from ...core.nullspace.subspace import Nullspace
-from ...core.parameters import Array, Indices, ParameterSpace
+from ...core import Array, Confidence, Indices, Nullspace, ParameterSpace, gain_deviations
 
 INTERVAL = 1.96  # half width of a 95 % interval of the normal distribution [standard deviations]
 _BELOW = 0.7  # posterior over prior standard deviation above which data count as uninformative

@@ -7,17 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.parameters import Array, Indices, ParameterSpace
-from ...core.structure.sensing import velocity_labels
-from ...report.labels import (
+from ...core import Array, Indices, ParameterSpace, velocity_labels
+from ...report import (
+    COLOURS,
     EXCITATION_LEVELS,
+    LAWS,
+    Comparison,
+    Panel,
     command_names,
     force_units,
     groups,
+    local_rms,
+    spread,
+    statistic,
     velocity_names,
 )
-from ...report.panels import COLOURS, LAWS, Comparison, Panel, local_rms, spread
-from ...report.wording import statistic
 from ..loop import Run
 from .confidence import INTERVAL
 from .figures import CONVERGED, common_factor, forces_of, midpoints

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...core.nullspace.persistence import level
-from ...core.nullspace.subspace import split
-from ...core.parameters import Array
+from ...core import Array, level, split
 from ..loop import Run
 from .figures import last_tenth, states, stride_of
 from .statistics import Excitation, finite

@@ -4,10 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.log import Log
-from ...core.nullspace.subspace import regressor_stack, split
-from ...core.parameters import Array, Indices
-from ...core.structure.system import SecondOrderSystem
+from ...core import Array, Indices, Log, SecondOrderSystem, regressor_stack, split
 from ..loop import Run
 from ..source import LONGEST_STEP
 from .confidence import INTERVAL, known

@@ -6,10 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.laws.base import Identifier
-from ...core.laws.nullspace_aid import NullspaceIdentifier
-from ...core.parameters import Array
-from ...core.structure.system import SecondOrderSystem
+from ...core import Array, Identifier, NullspaceIdentifier, SecondOrderSystem
 from ..loop import Run
 from ..record import Record
 from .figures import states

@@ -8,27 +8,34 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from ...base.files import RECORDING
-from ...core.parameters import ABSENT, rounded
-from ...report.page import (
+from ...base import RECORDING
+from ...core import ABSENT, rounded
+from ...report import (
+    CORRELATIONS,
     REPORT_FILE,
+    Comparison,
     Figure,
     Figures,
     Fold,
+    HeatMap,
     Items,
+    Mark,
     Page,
     PageItem,
+    Result,
     Section,
     Table,
     Text,
+    correlations,
+    folds,
+    forests,
+    gains_of,
+    picture,
+    print_page,
+    share_in_words,
+    statistic,
 )
-from ...report.panels import Comparison, HeatMap
-from ...report.panels import Panel as Curves
-from ...report.parameters import CORRELATIONS, correlations, folds, forests, gains_of
-from ...report.picture import picture
-from ...report.result import Mark, Result
-from ...report.terminal import print_page
-from ...report.wording import share_in_words, statistic
+from ...report import Panel as Curves
 from ..loop import Run
 from .run_result import RunResult
 from .verify import Verification
@@ -70,9 +77,7 @@ def page(
         checks: of the paper's statements; None for a run that is too short for them.
         command: command line of the run, to be repeated; empty if it is not known.
     """
-    from ...report.drawings import (
-        figures_of as drawn,  # imported late: matplotlib takes half a second
-    )
+    from ...report import figures_of as drawn
 
     robot, folder = _robot(run), shlex.quote(str(run.folder))
     made = brief(robot, result)

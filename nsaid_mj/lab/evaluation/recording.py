@@ -6,23 +6,29 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ...core.laws.faults import FaultEvent
-from ...core.log import Log
-from ...core.parameters import Array, Indices, ParameterSpace
-from ...core.structure.system import SecondOrderSystem
-from ...report.page import item_lines, markdown
-from ...report.panels import spread
-from ...report.recording import FILE
-from ...report.recording.forces import FAILED, Arrows, mounts_of
-from ...report.recording.inertia import ESTIMATED_INERTIA, REFERENCE, Inertias
-from ...report.recording.layout import blueprint, words
-from ...report.recording.lines import lines_of
-from ...report.recording.plots import Plots
-from ...report.recording.scene import BODY, Scene
-from ...report.recording.stream import write as write_file
-from ...report.recording.text import drawable
-from ...report.recording.torques import Arcs
-from ...report.recording.torques import drawn as torques_drawn
+from ...core import Array, FaultEvent, Indices, Log, ParameterSpace, SecondOrderSystem
+from ...report import (
+    BODY,
+    ESTIMATED_INERTIA,
+    FAILED,
+    FILE,
+    REFERENCE,
+    Arcs,
+    Arrows,
+    Inertias,
+    Plots,
+    Scene,
+    blueprint,
+    drawable,
+    item_lines,
+    lines_of,
+    markdown,
+    mounts_of,
+    spread,
+    words,
+)
+from ...report import drawn as torques_drawn
+from ...report import write as write_file
 from ..loop import Run
 from ..record import Record
 from .curves import shared

@@ -7,11 +7,16 @@ from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-from ...base.threads import single_threaded
-from ...core.laws.config import IdentifierConfig, NullspaceAID
-from ...core.laws.conventional import ConventionalAID
-from ...core.nullspace.subspace import Nullspace, directions
-from ...core.parameters import ParameterSpace, rounded
+from ...base import single_threaded
+from ...core import (
+    ConventionalAID,
+    IdentifierConfig,
+    Nullspace,
+    NullspaceAID,
+    ParameterSpace,
+    directions,
+    rounded,
+)
 from ..loop import Run
 from .confidence import Determined, determined, known
 from .excitation import excitation_of

@@ -12,17 +12,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...core.laws.config import NullspaceAID
-from ...core.log import Log
-from ...core.structure.system import SecondOrderSystem
+from ...core import Log, NullspaceAID, SecondOrderSystem
 from ..loop import Run
 from ..scenario import Scenario
 from ..setup import with_prior_error
 from ..source import LONGEST_STEP
 
 if TYPE_CHECKING:
-    from ...core.laws.efficient.estimator import KalmanFilter
-    from ...core.laws.efficient.signals import Signals
+    from ...core import KalmanFilter, Signals
     from ...watch import Misfit
 
 
@@ -37,7 +34,7 @@ def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | N
         return None
     config = with_prior_error(config, scenario)
     assert isinstance(config, NullspaceAID)
-    from ...core.laws.efficient.estimator import KalmanFilter
+    from ...core import KalmanFilter
 
     return KalmanFilter(system, scenario.dt, config.efficient) if system.forward else None
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...base.findings import Finding
-from ...core.parameters import ParameterSpace, phrase
-from ...report.result import Explains, Parameter, Result, Statistic, Status
-from ...report.wording import share_in_words
+from ...base import Finding
+from ...core import ParameterSpace, phrase
+from ...report import Explains, Parameter, Result, Statistic, Status, share_in_words
 from .confidence import INTERVAL
 from .figures import CONVERGED, common_factor
 from .statistics import (
@@ -32,7 +31,7 @@ from .statistics import (
 )
 
 if TYPE_CHECKING:
-    from ...core.laws.faults import FaultEvent
+    from ...core import FaultEvent
     from ...watch import Misfit
 
 OWN = "NS-AID"

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.laws.base import Identifier, State, gain_deviations
-from ...core.log import Log, extended
-from ...core.parameters import Array
+from ...core import Array, Identifier, Log, State, extended, gain_deviations
 from ...watch import (
     CONTRADICTS,
     FEWEST,

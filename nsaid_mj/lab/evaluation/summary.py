@@ -12,10 +12,8 @@ from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from ...base.bounds import shown, without_nonfinite
-from ...base.errors import InvalidInput
-from ...core.laws.faults import FaultEvent
-from ...core.parameters import ParameterSpace
+from ...base import InvalidInput, shown, without_nonfinite
+from ...core import FaultEvent, ParameterSpace
 from .run_result import RunResult, judged
 from .statistics import (
     COMPARED,

@@ -10,11 +10,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...core.laws.cone.prior import drawn_covariance
-from ...core.log import Log
-from ...core.nullspace.subspace import Nullspace, structural
-from ...core.parameters import Array
-from ...core.structure.system import SecondOrderSystem
+from ...core import Array, Log, Nullspace, SecondOrderSystem, drawn_covariance, structural
 from ..loop import Run, SimulatedRun
 from ..setup import Seeds, Setup
 

@@ -13,14 +13,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ...base.errors import BadRun
-from ...base.files import write_json
-from ...base.threads import single_threaded
-from ...core.laws.base import Status as Ended
-from ...core.laws.conventional import ConventionalAID
-from ...core.laws.nullspace_aid import NullspaceIdentifier
-from ...core.parameters import number, rounded
-from ...report.result import Explains, Result
+from ...base import BadRun, single_threaded, write_json
+from ...core import ConventionalAID, NullspaceIdentifier, number, rounded
+from ...core import Status as Ended
+from ...report import Explains, Result
 from ..loop import Run, reopen
 from ..record import Record
 from .run_evaluation import evaluate

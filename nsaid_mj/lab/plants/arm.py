@@ -10,12 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base.errors import BadRobot, EnginesDisagree
-from ...base.optional import pin
-from ...core.parameters import Array
-from ...core.structure.blocks import guessed
-from ...core.structure.joints import JointScales, JointTree
-from ...robots.tree import set_inertias, tree_spec
+from ...base import BadRobot, EnginesDisagree, pin
+from ...core import Array, JointScales, JointTree, guessed
+from ...robots import set_inertias, tree_spec
 from .world.simulated import SimulatedRobot
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines

@@ -4,24 +4,24 @@ A converter is a `VehicleSheet` in the numbers that its literature publishes; it
 the vehicle's columns, in SI units, x forward, y left, z up.
 """
 
-from ...base.bounds import Share as Share
-from ...base.errors import InvalidInput as InvalidInput
-from ...core.parameters import Array as Array
-from ...core.parameters import Block as Block
-from ...core.structure.blocks import AXES as AXES
-from ...core.structure.blocks import GRAVITY as GRAVITY
-from ...core.structure.blocks import Term as Term
-from ...core.structure.blocks import actuators as actuators
-from ...core.structure.blocks import guessed as guessed
-from ...core.structure.blocks import inertial_block as inertial_block
-from ...core.structure.blocks import mass_block as mass_block
-from ...core.structure.blocks import named as named
-from ...core.structure.blocks import term as term
-from ...core.structure.columns.curve import odd as odd
-from ...core.structure.parts import Column as Column
-from ...core.structure.parts import Operation as Operation
-from ...core.structure.parts import full as full
-from ...core.structure.parts import tied as tied
+from ...base import InvalidInput as InvalidInput
+from ...base import Share as Share
+from ...core import AXES as AXES
+from ...core import GRAVITY as GRAVITY
+from ...core import Array as Array
+from ...core import Block as Block
+from ...core import Column as Column
+from ...core import Operation as Operation
+from ...core import Term as Term
+from ...core import actuators as actuators
+from ...core import full as full
+from ...core import guessed as guessed
+from ...core import inertial_block as inertial_block
+from ...core import mass_block as mass_block
+from ...core import named as named
+from ...core import odd as odd
+from ...core import term as term
+from ...core import tied as tied
 from .rotors import rotor_terms as rotor_terms
 from .single_track import operation as operation
 from .single_track import planar_mass as planar_mass

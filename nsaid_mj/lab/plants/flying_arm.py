@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ...base.optional import pin
-from ...core.structure.joints import Carrier, JointScales, link_blocks
-from ...core.structure.multibody import CompiledMultibody
-from ...core.structure.parts import Inertia, Operation
+from ...base import pin
+from ...core import Carrier, CompiledMultibody, Inertia, JointScales, Operation, link_blocks
 from .rotors import rotor_terms
 
 

@@ -10,15 +10,12 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from ...base.bounds import Name, NonNegative, Positive, Share, config
-from ...base.errors import BadRobot, UnknownName
-from ...base.files import numbers
-from ...core.structure.blocks import GRAVITY
-from ...core.structure.parts import Actuator
+from ...base import BadRobot, Name, NonNegative, Positive, Share, UnknownName, config, numbers
+from ...core import GRAVITY, Actuator
 from .world.config import Known, KnownPlant, PlantConfig
 
 if TYPE_CHECKING:
-    from ...core.parameters import Array
+    from ...core import Array
     from .world.plant import Plant
     from .world.simulated import SimulatedRobot
 
@@ -75,8 +72,8 @@ class ArmPlant(KnownPlant):
         Raises:
             BadRobot: the robot cannot be simulated, or has no joint for a motor.
         """
-        from ...core.structure.multibody import CompiledMultibody, Multibody
-        from ...robots.loading import load_robot
+        from ...core import CompiledMultibody, Multibody
+        from ...robots import load_robot
         from .arm import nominal_scales, published_theta
 
         robot = load_robot(self.robot, self._base)
@@ -177,7 +174,7 @@ class FlyingArmPlant(KnownPlant):
         Raises:
             UnknownName: assets/flying_arm/vehicle.toml does not list this robot's rotors.
         """
-        from ...robots.loading import load_robot
+        from ...robots import load_robot
         from .arm import nominal_scales, published_theta
         from .flying_arm import flying_arm
 
@@ -194,7 +191,7 @@ class FlyingArmPlant(KnownPlant):
         return Known(robot, system, theta, _UNSURE)
 
     def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
-        from ...robots.tree import tree_spec
+        from ...robots import tree_spec
         from .arm import give_rotors, true_model
         from .world.body import command_inputs
         from .world.simulated import SimulatedRobot
@@ -230,7 +227,7 @@ class UvmsPlant(KnownPlant):
 
     def _made(self, known: Known, dt: float, theta: Array) -> SimulatedRobot:
         """See `Blueprint.split` for how M of the base is divided into rigid-body and added mass."""
-        from ...robots.tree import set_inertias, tree_spec
+        from ...robots import set_inertias, tree_spec
         from .arm import give_rotors
         from .uvms import BASE, add_visual_geoms, uvms_model
         from .world.body import command_inputs

@@ -5,11 +5,19 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
-from ...base.bounds import Name, Share, config
-from ...base.errors import InvalidInput, UnknownName
-from ...core.parameters import Array, Block
-from ...core.structure.blocks import Term, guessed, inertial_block, mass_block, term
-from ...core.structure.parts import Column, Operation, full
+from ...base import InvalidInput, Name, Share, UnknownName, config
+from ...core import (
+    Array,
+    Block,
+    Column,
+    Operation,
+    Term,
+    full,
+    guessed,
+    inertial_block,
+    mass_block,
+    term,
+)
 from .world.blueprint import Blueprint, VehiclePlant, VehicleSheet
 from .world.body import Inertia
 from .world.sheet import (
@@ -41,7 +49,7 @@ class ColumnRow(Table):
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        from ...core.structure.columns import KINDS  # compiled
+        from ...core import KINDS  # compiled
 
         if self.kind not in KINDS or KINDS[self.kind].number < 100:
             bodily = [name for name, kind in KINDS.items() if kind.number >= 100]
@@ -73,7 +81,7 @@ class ColumnRow(Table):
 
     def column(self, parameter: int) -> Column:
         """The column of the structure; `parameter` is its index in the block."""
-        from ...core.structure.columns.curve import polynomial
+        from ...core import polynomial
 
         constants: dict[str, Any] = dict(self.__pydantic_extra__ or {})
         if "curve" in constants:
@@ -117,7 +125,7 @@ class ListedSheet(VehicleSheet):
 
         Without added mass, a body in space has the ten parameters of a rigid one.
         """
-        from ...core.structure.single_body import LEVEL
+        from ...core import LEVEL
 
         rigid = Inertia(self.mass, np.array(self.centre), np.diag(self.inertia)).matrix()
         axes = list(LEVEL if self.plane else range(6))
@@ -147,7 +155,7 @@ class ListedSheet(VehicleSheet):
 
 def _term(rows: list[ColumnRow]) -> Term:
     """The block of all columns of one kind; those of one name share their parameter."""
-    from ...core.structure.columns import KINDS  # compiled
+    from ...core import KINDS  # compiled
 
     kind, own = KINDS[rows[0].kind], {row.name: row for row in rows}
     names = list(own)

@@ -4,8 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...core.parameters import Array
-from ...core.structure.blocks import Term, actuators
+from ...core import Array, Term, actuators
 
 _UP = (0.0, 0.0, 1.0)
 

@@ -5,11 +5,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ...base.files import asset, numbers
-from ...core.parameters import Array
-from ...core.structure.blocks import guessed
-from ...core.structure.single_body import SingleBody
-from ...robots.tree import set_options
+from ...base import asset, numbers
+from ...core import Array, SingleBody, guessed
+from ...robots import set_options
 from .single_track import operation, planar_mass, single_track
 from .world.body import BODY, hidden
 from .world.coordinates import LevelMap

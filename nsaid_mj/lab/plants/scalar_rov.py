@@ -5,12 +5,8 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from ...base.bounds import Number, Positive, Share, config
-from ...base.errors import InvalidInput
-from ...base.files import VehicleFiles, asset
-from ...core.parameters import Array, Block
-from ...core.structure.blocks import Term, term
-from ...core.structure.parts import Column, Operation, tied
+from ...base import InvalidInput, Number, Positive, Share, VehicleFiles, asset, config
+from ...core import Array, Block, Column, Operation, Term, term, tied
 from .world.blueprint import Blueprint, BodyPlant
 from .world.body import hidden
 

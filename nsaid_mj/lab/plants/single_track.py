@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from ...core.parameters import Array, Block
-from ...core.structure.blocks import term
-from ...core.structure.parts import Operation, tied
+from ...core import Array, Block, Operation, term, tied
 from .world.blueprint import Blueprint
 
 CREEP = 0.1

@@ -7,13 +7,22 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from ...base.files import numbers, vehicle_files
-from ...base.optional import pin
-from ...core.parameters import Array, Block
-from ...core.structure.blocks import GRAVITY, guessed, term
-from ...core.structure.joints import Carrier, JointScales, body_names, link_blocks
-from ...core.structure.multibody import CompiledMultibody
-from ...core.structure.parts import Inertia, cylinder, full
+from ...base import numbers, pin, vehicle_files
+from ...core import (
+    GRAVITY,
+    Array,
+    Block,
+    Carrier,
+    CompiledMultibody,
+    Inertia,
+    JointScales,
+    body_names,
+    cylinder,
+    full,
+    guessed,
+    link_blocks,
+    term,
+)
 from .arm import extent
 from .world.blueprint import sheet_of
 from .world.body import Inertia as RigidBody

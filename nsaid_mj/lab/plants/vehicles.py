@@ -5,7 +5,7 @@ A converter for every family, in assets/families, turns these numbers into colum
 
 from typing import ClassVar
 
-from ...base.bounds import Name, Share, config
+from ...base import Name, Share, config
 from .world.blueprint import VehiclePlant
 
 

@@ -13,12 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.choices import CRITERIA, check_choice
-from ...base.errors import NoEstimate, NoMotion
-from ...core.log import Log
-from ...core.parameters import Array
-from ...lab.control.driver import DriverConfig
-from ...lab.control.tracking import FourierTracking
+from ...base import CRITERIA, NoEstimate, NoMotion, check_choice
+from ...core import Array, Log
+from ...lab import DriverConfig, FourierTracking
 from .experiment import DRAWS, Experiment
 from .information import (
     GAINS,

@@ -18,25 +18,25 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.errors import InvalidInput, UnknownName
-from ...base.files import path_of, scenarios, vehicle_files
-from ...clinic.identify.models import plant_of
-from ...core.laws.cone.prior import drawn_inside
-from ...core.log import Log, SensorLevels
-from ...core.nullspace.subspace import Nullspace, structural
-from ...core.parameters import Array
-from ...core.structure.system import SecondOrderSystem
-from ...lab.control.driver import DriverConfig
-from ...lab.control.tracking import FourierTracking
-from ...lab.library import load
-from ...lab.plants.jointed import ArmPlant
-from ...lab.plants.world.config import ParametricPlantConfig
-from ...lab.plants.world.contacts import Contacts
-from ...lab.plants.world.plant import Plant
-from ...lab.plants.world.sensors import EXACT_SENSORS, Sensors
-from ...lab.scenario import Scenario
-from ...lab.setup import is_sound, published, trajectory
-from ...robots.loading import load_robot
+from ...base import InvalidInput, UnknownName, path_of, scenarios, vehicle_files
+from ...clinic import plant_of
+from ...core import Array, Log, Nullspace, SecondOrderSystem, SensorLevels, drawn_inside, structural
+from ...lab import (
+    EXACT_SENSORS,
+    ArmPlant,
+    Contacts,
+    DriverConfig,
+    FourierTracking,
+    ParametricPlantConfig,
+    Plant,
+    Scenario,
+    Sensors,
+    is_sound,
+    load,
+    published,
+    trajectory,
+)
+from ...robots import load_robot
 from .limits import Limit, Limits, source_of
 
 DRAWS = 4

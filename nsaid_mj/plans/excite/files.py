@@ -9,11 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from ...base.files import write_json, write_text
-from ...core.laws.config import NullspaceAID
-from ...core.structure.sensing import velocity_labels
-from ...lab.control.tracking import DesignedTracking
-from ...lab.scenario import Scenario
+from ...base import write_json, write_text
+from ...core import NullspaceAID, velocity_labels
+from ...lab import DesignedTracking, Scenario
 from .designing import Design
 from .information import Ranks, rms
 from .prediction import Prediction

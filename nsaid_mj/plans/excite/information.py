@@ -7,13 +7,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import scipy.linalg
 
-from ...base.errors import InvalidInput, NoEstimate, UnknownName
-from ...core.log import Log
-from ...core.nullspace.subspace import split
-from ...core.parameters import Array, ParameterSpace
-from ...core.structure.information import acceleration_rows, information_along
-from ...lab.control.driver import DriverConfig
-from ...lab.control.tracking import FourierTracking
+from ...base import InvalidInput, NoEstimate, UnknownName
+from ...core import Array, Log, ParameterSpace, acceleration_rows, information_along, split
+from ...lab import DriverConfig, FourierTracking
 from .experiment import Experiment
 from .limits import Limits
 from .motions import JointMotions

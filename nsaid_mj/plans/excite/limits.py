@@ -12,14 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ...base.bounds import LARGEST, shown
-from ...base.choices import LIMITS_FORM
-from ...base.errors import InvalidInput, UnknownName
-from ...base.files import toml_of
-from ...core.log import Log
-from ...core.parameters import Array
-from ...core.structure.joints import JointTree
-from ...core.structure.system import SecondOrderSystem
+from ...base import LARGEST, LIMITS_FORM, InvalidInput, UnknownName, shown, toml_of
+from ...core import Array, JointTree, Log, SecondOrderSystem
 
 Extents = Mapping[str, tuple[Array, Array]]
 """The smallest and the largest values (k,) of every limited quantity along a motion."""

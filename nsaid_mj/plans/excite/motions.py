@@ -20,16 +20,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from ...base.errors import InvalidInput, NoMotion
-from ...core.log import Log
-from ...core.parameters import Array
-from ...core.structure.arrays import memory_of
-from ...core.structure.information import torques_along
-from ...core.structure.joints import JointTree
-from ...core.structure.system import SecondOrderSystem
-from ...lab.control.driver import DriverConfig
-from ...lab.control.signals import Series
-from ...lab.control.tracking import DesignedSignals, DesignedTracking, FourierTracking, Given
+from ...base import InvalidInput, NoMotion
+from ...core import Array, JointTree, Log, SecondOrderSystem, memory_of, torques_along
+from ...lab import DesignedSignals, DesignedTracking, DriverConfig, FourierTracking, Given, Series
 from .experiment import Experiment
 from .limits import COMMAND, Limits, coordinates_of, extents_of, settled
 

@@ -6,13 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from ...core.parameters import Array, number, rounded
-from ...lab.evaluation.confidence import INTERVAL
-from ...lab.evaluation.run_evaluation import versions
-from ...report.labels import command_names, velocity_names
-from ...report.page import Items, Page, PageItem, Section, Table, Text, count
-from ...report.panels import Panel as Curves
-from ...report.result import Result, Statistic
+from ...core import Array, number, rounded
+from ...lab import INTERVAL, versions
+from ...report import (
+    Items,
+    Page,
+    PageItem,
+    Result,
+    Section,
+    Statistic,
+    Table,
+    Text,
+    command_names,
+    count,
+    velocity_names,
+)
+from ...report import Panel as Curves
 from .designing import Design
 from .limits import RANDOM
 from .prediction import Trial
@@ -115,7 +124,7 @@ def design_page(
     robot: str, document: dict[str, Any], trial: Trial | None, found: Design, folder: Path
 ) -> Page:
     """The page of a design in a folder; the arguments are those of `result_of`."""
-    from ...report.drawings import figures_of  # imported late: matplotlib takes half a second
+    from ...report import figures_of  # imported late: matplotlib takes half a second
 
     result, weak = result_of(document, trial, found), _weak_rows(document)
     determined: list[PageItem] = [Items(statements(document))]

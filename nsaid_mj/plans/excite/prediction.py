@@ -19,17 +19,18 @@ from itertools import pairwise
 import numpy as np
 import scipy.linalg
 
-from ...core.laws.base import Status
-from ...core.laws.config import NullspaceAID
-from ...core.log import Log, SensorLevels
-from ...core.nullspace.subspace import directions
-from ...core.parameters import Array, phrase
-from ...core.structure.joints import JointTree
-from ...core.structure.payload import point_mass
-from ...lab.control.tracking import DesignedSignals, DesignedTracking
-from ...lab.evaluation.confidence import INTERVAL
-from ...lab.plants.world.sensors import Sensors
-from ...lab.setup import Seeds
+from ...core import (
+    Array,
+    JointTree,
+    Log,
+    NullspaceAID,
+    SensorLevels,
+    Status,
+    directions,
+    phrase,
+    point_mass,
+)
+from ...lab import INTERVAL, DesignedSignals, DesignedTracking, Seeds, Sensors
 from ...watch import supervised
 from .designing import Design, Report
 from .experiment import Experiment

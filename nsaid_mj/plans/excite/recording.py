@@ -5,13 +5,20 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...report.page import Page
-from ...report.panels import Panel
-from ...report.recording.layout import RIGHT, beside, robot, whole
-from ...report.recording.lines import LOGARITHM, lines_of, path
-from ...report.recording.plots import Plots
-from ...report.recording.scene import Scene
-from ...report.recording.stream import write
+from ...report import (
+    LOGARITHM,
+    RIGHT,
+    Page,
+    Panel,
+    Plots,
+    Scene,
+    beside,
+    lines_of,
+    path,
+    robot,
+    whole,
+    write,
+)
 from .designing import Design
 
 DESIGN_RECORDING = "design.rrd"

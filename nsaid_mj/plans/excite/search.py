@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from cmaes import SepCMA
 
-from ...core.parameters import Array
+from ...core import Array
 
 
 class Found(NamedTuple):

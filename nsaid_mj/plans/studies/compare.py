@@ -13,24 +13,34 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.choices import LAWS as OURS
-from ...base.choices import METHODS, check_choice
-from ...base.errors import InvalidInput, NoEstimate, NsaidError
-from ...base.files import write_json
-from ...base.threads import single_threaded
-from ...core.laws.config import IdentifierConfig, NullspaceAID
-from ...core.laws.conventional import ConventionalAID
-from ...core.log import EXACT, Log
-from ...lab.baselines import BATCH
-from ...lab.baselines.base import Estimate, Method, Problem, follow
-from ...lab.baselines.sysid import BUDGET, sysid
-from ...lab.evaluation.bound import bound_figures, cramer_rao
-from ...lab.evaluation.figures import Judge
-from ...lab.evaluation.truth import Truth
-from ...lab.scenario import Scenario
-from ...lab.setup import Setup, is_sound
-from ...report.page import Page
-from ...report.result import Result
+from ...base import LAWS as OURS
+from ...base import (
+    METHODS,
+    InvalidInput,
+    NoEstimate,
+    NsaidError,
+    check_choice,
+    single_threaded,
+    write_json,
+)
+from ...core import EXACT, ConventionalAID, IdentifierConfig, Log, NullspaceAID
+from ...lab import (
+    BATCH,
+    BUDGET,
+    Estimate,
+    Judge,
+    Method,
+    Problem,
+    Scenario,
+    Setup,
+    Truth,
+    bound_figures,
+    cramer_rao,
+    follow,
+    is_sound,
+    sysid,
+)
+from ...report import Page, Result
 from . import compare_report
 from .compare_report import BOUND, DEFAULT, PRIOR, row_of, runs_of, sensors
 from .study import Row, Study, carried_out, write_csv

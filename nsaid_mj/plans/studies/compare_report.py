@@ -10,14 +10,27 @@ from typing import Any
 
 import numpy as np
 
-from ...base.choices import LAWS as OURS
-from ...base.choices import METHODS
-from ...base.findings import Finding
-from ...report.page import Cell as Written
-from ...report.page import Figure, Page, Section, Table, Text, count
-from ...report.panels import BAD, COLOURS, INK, LAWS
-from ...report.plots import CURVE, logarithmic, page_figure, png_of
-from ...report.result import Result, Statistic
+from ...base import LAWS as OURS
+from ...base import METHODS, Finding
+from ...report import (
+    BAD,
+    COLOURS,
+    CURVE,
+    INK,
+    LAWS,
+    Figure,
+    Page,
+    Result,
+    Section,
+    Statistic,
+    Table,
+    Text,
+    count,
+    logarithmic,
+    page_figure,
+    png_of,
+)
+from ...report import Cell as Written
 from .runs import Group, Runs, digits
 from .study import Row, repeated
 from .study_page import study_page

@@ -18,9 +18,8 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
-from ...base.choices import ENGINES, check_choice
-from ...base.errors import InvalidInput
-from ...lab.scenario import Scenario
+from ...base import ENGINES, InvalidInput, check_choice
+from ...lab import Scenario
 from .one_run import Job, attempt, attempt_in_thread, prepare_process
 from .study import MOST_JOBS, check_count, processors
 

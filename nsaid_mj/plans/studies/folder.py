@@ -13,9 +13,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from rich.progress import Progress as Bar
 
-from ...base.bounds import without_nonfinite
-from ...base.errors import BadRun, NotWritten
-from ...base.files import SWEEP, atomic_write, json_of, no_sweep, write_json, writing
+from ...base import (
+    SWEEP,
+    BadRun,
+    NotWritten,
+    atomic_write,
+    json_of,
+    no_sweep,
+    without_nonfinite,
+    write_json,
+    writing,
+)
 from .runs import Runs
 from .study import Row, in_folder
 

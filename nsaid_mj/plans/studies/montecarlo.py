@@ -18,19 +18,19 @@ from typing import Any
 
 import numpy as np
 
-from ...base.errors import InvalidInput
-from ...base.stopwatch import compile_seconds
-from ...core.laws.base import Estimates, Identifier, State, Status
-from ...core.laws.nullspace_aid import NullspaceIdentifier
-from ...core.log import Log
-from ...core.parameters import Array
-from ...core.structure.system import Motion
-from ...lab.evaluation.figures import actuator_ratio_error, converged_at
-from ...lab.evaluation.truth import Truth
-from ...lab.following import CHECK, Following, due_rows
-from ...lab.scenario import Scenario
-from ...lab.setup import Setup
-from ...lab.source import ended
+from ...base import InvalidInput, compile_seconds
+from ...core import Array, Estimates, Identifier, Log, Motion, NullspaceIdentifier, State, Status
+from ...lab import (
+    CHECK,
+    Following,
+    Scenario,
+    Setup,
+    Truth,
+    actuator_ratio_error,
+    converged_at,
+    due_rows,
+    ended,
+)
 from .study import MOST_JOBS, DrawnSeeds, Row, Study, check_count, processors, seed_of
 
 _PIECE = 500  # time steps in a segment, approximately; progress is reported after each

@@ -7,12 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ...base.findings import Finding
-from ...base.threads import single_threaded
-from ...core.laws.base import Status
-from ...core.parameters import rounded
-from ...report.page import Page, Section, Table, count
-from ...report.result import Result, Statistic
+from ...base import Finding, single_threaded
+from ...core import Status, rounded
+from ...report import Page, Result, Section, Statistic, Table, count
 from . import sweep
 from .folder import opened, read
 from .montecarlo import JOBS, rows_of

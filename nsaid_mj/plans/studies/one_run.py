@@ -8,16 +8,20 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from ...base.errors import NsaidError
-from ...core.laws.base import Status
-from ...lab.evaluation.figures import converged_at
-from ...lab.evaluation.run_evaluation import evaluate
-from ...lab.evaluation.summary import summary_of
-from ...lab.evaluation.truth import Truth, truth_of
-from ...lab.library import digest_of, load
-from ...lab.loop import SimulatedRun
-from ...lab.loop import run as run_scenario
-from ...lab.scenario import Scenario
+from ...base import NsaidError
+from ...core import Status
+from ...lab import (
+    Scenario,
+    SimulatedRun,
+    Truth,
+    converged_at,
+    digest_of,
+    evaluate,
+    load,
+    summary_of,
+    truth_of,
+)
+from ...lab import run as run_scenario
 
 _LEFT_OUT = {"versions", "status_remedy"}  # keys of a summary with equal values in many runs
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from ...base.findings import Finding
-from ...core.parameters import ABSENT, rounded
+from ...base import Finding
+from ...core import ABSENT, rounded
 from .study import Row
 
 

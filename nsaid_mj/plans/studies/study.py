@@ -17,16 +17,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress as Bar
 
-from ...base.bounds import shown
-from ...base.errors import InvalidInput
-from ...base.files import check_own, locked, write_text
-from ...lab.evaluation.run_evaluation import versions
-from ...lab.library import digest_of
-from ...lab.scenario import Scenario
-from ...report.page import Page, write_html
-from ...report.progress import counted
-from ...report.result import Result
-from ...report.terminal import print_page
+from ...base import InvalidInput, check_own, locked, shown, write_text
+from ...lab import Scenario, digest_of, versions
+from ...report import Page, Result, counted, print_page, write_html
 
 MOST_RUNS = 1_000_000
 """Largest number of runs of a study; a day has as many tenths of a second."""

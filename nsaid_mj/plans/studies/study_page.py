@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from ...report.page import Figure, Figures, Page, Section, Text
-from ...report.result import Result
+from ...report import Figure, Figures, Page, Result, Section, Text
 from .runs import Runs
 
 

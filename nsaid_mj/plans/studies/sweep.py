@@ -14,11 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from ...base.errors import InvalidInput
-from ...base.findings import Finding
-from ...lab.scenario import Scenario, with_fields
-from ...report.page import Table, count
-from ...report.result import Result, Statistic
+from ...base import Finding, InvalidInput
+from ...lab import Scenario, with_fields
+from ...report import Result, Statistic, Table, count
 from .engine import Engine
 from .folder import TABLE, opened, read
 from .one_run import Job

@@ -8,10 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from ...report.page import Page, Section, Text, count, write_html
-from ...report.panels import BAD, COLOURS, thin
-from ...report.plots import COLUMNS, categories, logarithmic, page_figure, png_of
-from ...report.plots import line as plots_line
+from ...report import (
+    BAD,
+    COLOURS,
+    COLUMNS,
+    Page,
+    Section,
+    Text,
+    categories,
+    count,
+    logarithmic,
+    page_figure,
+    png_of,
+    thin,
+    write_html,
+)
+from ...report import line as plots_line
 from .runs import Group, Runs
 from .study_page import study_page
 from .sweep import SPREADS, lead_of, sweep_result, table_of

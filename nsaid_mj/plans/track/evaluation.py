@@ -4,13 +4,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ...core.laws.cone.law import ConeMetric
-from ...core.laws.metric import Metric
-from ...core.log import Log
-from ...core.parameters import Array
-from ...core.structure.system import SecondOrderSystem
-from ...lab.control.adaptive.tracker import Tracker
-from ...lab.evaluation.truth import Truth
+from ...core import Array, ConeMetric, Log, Metric, SecondOrderSystem
+from ...lab import Tracker, Truth
 
 _ROUNDING = 64 * np.finfo(float).eps
 

@@ -6,18 +6,26 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...core.parameters import Array
-from ...core.structure.joints import JointTree, bones
-from ...core.structure.system import SecondOrderSystem
-from ...lab.control.adaptive.tracker import Tracker
-from ...lab.setup import Setup
-from ...report.page import Page, markdown
-from ...report.panels import Panel, spread
-from ...report.recording.layout import RIGHT, beside, result, robot, whole
-from ...report.recording.lines import LOGARITHM, lines_of, path
-from ...report.recording.plots import Plots
-from ...report.recording.scene import ROBOT, Scene
-from ...report.recording.stream import write
+from ...core import Array, JointTree, SecondOrderSystem, bones
+from ...lab import Setup, Tracker
+from ...report import (
+    LOGARITHM,
+    RIGHT,
+    ROBOT,
+    Page,
+    Panel,
+    Plots,
+    Scene,
+    beside,
+    lines_of,
+    markdown,
+    path,
+    result,
+    robot,
+    spread,
+    whole,
+    write,
+)
 from .evaluation import Motion
 
 _FRAMES = 2000  # of the robot, at most

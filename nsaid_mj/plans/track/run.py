@@ -6,14 +6,21 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from ...base.threads import single_threaded
-from ...report.drawings import figures_of
-from ...report.page import Figures, Page, Section, Text, count
-from ...report.panels import Panel
-from ...report.picture import picture
-from ...report.plots import curves, png_of
-from ...report.recording import available
-from ...report.result import Result
+from ...base import single_threaded
+from ...report import (
+    Figures,
+    Page,
+    Panel,
+    Result,
+    Section,
+    Text,
+    available,
+    count,
+    curves,
+    figures_of,
+    picture,
+    png_of,
+)
 from ..studies.study import Study, carried_out, repeated
 from .tracking import TRACKING_FILES, Course, courses, medians_in_words, result_of, table_of, write
 

@@ -10,28 +10,38 @@ from typing import Any
 
 import numpy as np
 
-from ...base.bounds import without_nonfinite
-from ...base.choices import TRACKING_LAWS, check_choice
-from ...base.errors import InvalidInput
-from ...base.files import write_json
-from ...base.findings import Finding
-from ...core.laws.base import Status
-from ...core.laws.cone.law import ConeMetric
-from ...core.log import Log
-from ...core.parameters import Array, rounded
-from ...lab.control.adaptive.tracker import AdaptiveTracking, Tracker
-from ...lab.control.driver import Driver
-from ...lab.evaluation.truth import Truth
-from ...lab.following import Following
-from ...lab.plants.world.plant import Plant
-from ...lab.scenario import Scenario
-from ...lab.setup import Setup
-from ...lab.source import informing_steps
-from ...report.labels import command_names
-from ...report.page import Table, count
-from ...report.panels import LAWS as COLOUR_OF
-from ...report.panels import Panel, local_rms, spread
-from ...report.result import Explains, Result, Statistic
+from ...base import (
+    TRACKING_LAWS,
+    Finding,
+    InvalidInput,
+    check_choice,
+    without_nonfinite,
+    write_json,
+)
+from ...core import Array, ConeMetric, Log, Status, rounded
+from ...lab import (
+    AdaptiveTracking,
+    Driver,
+    Following,
+    Plant,
+    Scenario,
+    Setup,
+    Tracker,
+    Truth,
+    informing_steps,
+)
+from ...report import LAWS as COLOUR_OF
+from ...report import (
+    Explains,
+    Panel,
+    Result,
+    Statistic,
+    Table,
+    command_names,
+    count,
+    local_rms,
+    spread,
+)
 from ..studies.study import Study, write_csv
 from .evaluation import Motion, figures, lyapunov_rises
 

@@ -9,18 +9,17 @@ and starts Rerun's viewer.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from ...base.files import RECORDING
-from ...base.optional import installed, require
+from ...base import RECORDING, installed, require
 
 FILE = RECORDING
 _HOMES = {"write": "run", "Live": "live", "viewer_command": "viewer", "record": "identification",
           "record_servos": "identification"}  # fmt: skip
 
 if TYPE_CHECKING:
-    from ...clinic.identify.recording import record as record
-    from ...clinic.identify.recording import record_servos as record_servos
-    from ...clinic.live_recording import Live as Live
-    from ...lab.evaluation.recording import write_run_recording as write_run_recording
+    from ...clinic import Live as Live
+    from ...clinic import record as record
+    from ...clinic import record_servos as record_servos
+    from ...lab import write_run_recording as write_run_recording
     from .viewer import viewer_command as viewer_command
 
 

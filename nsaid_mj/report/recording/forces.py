@@ -6,9 +6,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ...core.log import Log
-from ...core.parameters import Array, Indices, phrase
-from ...core.structure.system import SecondOrderSystem
+from ...core import Array, Indices, Log, SecondOrderSystem, phrase
 from .scene import BODY, body_axes
 from .text import drawable
 

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from ...base.optional import pin
-from ...core.parameters import Array, ParameterSpace
-from ...core.structure.joints import JointTree
-from ...core.structure.system import SecondOrderSystem
+from ...base import pin
+from ...core import Array, JointTree, ParameterSpace, SecondOrderSystem
 from .scene import BODY, ROBOT, body_axes
 
 LINKS = f"{ROBOT}/links_of_theta"

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import rerun as rr
 import rerun.blueprint as rrb
 
-from ...core.parameters import Block, ParameterSpace
+from ...core import Block, ParameterSpace
 from ..labels import ParameterGroup, groups
 from .lines import PALETTE, path
 from .plots import Plots

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from ...core.parameters import Array, Indices
+from ...core import Array, Indices
 from ..panels import MEASURED, TARGET, AnyPanel, Comparison, Curve, Panel
 from .text import drawable
 

@@ -6,11 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 import rerun as rr
 
-from ...core.parameters import Array
-from ...core.structure.joints import JointTree, bones
-from ...core.structure.single_body import SingleBody
-from ...core.structure.system import SecondOrderSystem
-from ...lab.plants.world.plant import Looks
+from ...core import Array, JointTree, SecondOrderSystem, SingleBody, bones
+from ...lab import Looks
 
 ROBOT = "robot"
 BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"

@@ -12,7 +12,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 import rerun_bindings
 
-from ...base.files import atomic_write
+from ...base import atomic_write
 from .lines import Lines
 from .text import application, drawable
 

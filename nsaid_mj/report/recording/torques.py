@@ -8,11 +8,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from ...base.optional import pin
-from ...core.log import Log
-from ...core.parameters import Array, Indices
-from ...core.structure.joints import JointTree
-from ...core.structure.system import SecondOrderSystem
+from ...base import pin
+from ...core import Array, Indices, JointTree, Log, SecondOrderSystem
 from .forces import FAILED
 from .inertia import frames
 from .scene import ROBOT, rotated

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import rerun_cli
 
-from ...base.errors import BadRun
+from ...base import BadRun
 
 LOCAL = "127.0.0.1"
 GRPC_PORT, WEB_PORT = 9876, 9090  # Rerun's defaults, used if they are free

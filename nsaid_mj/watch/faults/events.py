@@ -8,9 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.laws.efficient.filter import FilterState
-from ...core.laws.faults import FaultEvent
-from ...core.parameters import Array, Indices, ParameterSpace
+from ...core import Array, FaultEvent, FilterState, Indices, ParameterSpace
 from .hypotheses import Hypothesis
 
 _SMALL = 0.1  # share of a gain up to which a loss may be the beginning of a slow one

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from ...core.parameters import Array
+from ...core import Array
 
 _EVIDENT = 9.0  # mean squared deviation of δ that is more than chance
 

@@ -12,13 +12,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.laws.efficient.covariance import SMALL
-from ...core.parameters import Array, Indices, ParameterSpace
-from ...core.quotient.barrier import gradient_and_hessian
-from ...core.quotient.cone import Cone, cone_of
-from ...core.structure.payload import carrier, point_mass, submerged
-from ...core.structure.sensing import sensor_labels, sensor_units
-from ...core.structure.system import SecondOrderSystem, gains_by_command
+from ...core import (
+    SMALL,
+    Array,
+    Cone,
+    Indices,
+    ParameterSpace,
+    SecondOrderSystem,
+    carrier,
+    cone_of,
+    gains_by_command,
+    gradient_and_hessian,
+    point_mass,
+    sensor_labels,
+    sensor_units,
+    submerged,
+)
 from .evidence import Jump
 
 _GAIN = 0.5  # standard deviation of a gain's jump, relative to the gain

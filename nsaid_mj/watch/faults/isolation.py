@@ -11,11 +11,7 @@ as on a real robot's log, only an inexact structure is tried.
 
 from typing import NamedTuple
 
-from ...core.laws.efficient.estimator import KalmanFilter
-from ...core.laws.efficient.state import EfficientState
-from ...core.laws.faults import FaultEvent
-from ...core.log import Log, Measurement
-from ...core.parameters import Array
+from ...core import Array, EfficientState, FaultEvent, KalmanFilter, Log, Measurement
 from ..state import in_motion, keeping, kept_of, moving_of, saying
 from .events import UNNOTICED, event_of, grown, loosened, revoked, without_effect
 from .hypotheses import Hypothesis, everything, hypotheses_of, inexact, nothing, restored

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...core.laws.efficient.signals import Signals
-from ...core.laws.faults import FaultEvent
-from ...core.structure.system import SecondOrderSystem, gains_by_command
+from ...core import FaultEvent, SecondOrderSystem, Signals, gains_by_command
 from .hypotheses import Hypothesis
 
 

@@ -10,9 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.laws.efficient.filter import FilterState
-from ...core.parameters import Array
-from ...core.structure.system import SecondOrderSystem
+from ...core import Array, FilterState, SecondOrderSystem
 from .evidence import most_evident, posterior, shift_jumps
 from .hypotheses import Hypothesis, most_changed, penalty, slow_changes, together
 

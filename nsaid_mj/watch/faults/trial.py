@@ -21,12 +21,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core.laws.efficient.estimator import KalmanFilter
-from ...core.laws.efficient.filter import FilterState
-from ...core.laws.efficient.signals import Signals
-from ...core.log import Log
-from ...core.parameters import Array, ParameterSpace
-from ...core.structure.system import SecondOrderSystem
+from ...core import (
+    Array,
+    FilterState,
+    KalmanFilter,
+    Log,
+    ParameterSpace,
+    SecondOrderSystem,
+    Signals,
+)
 from .evidence import jumped
 from .hypotheses import Hypothesis, command_of, loaded, most_changed
 

@@ -10,11 +10,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from ...core.laws.efficient.estimator import KalmanFilter
-from ...core.laws.efficient.filter import FilterState
-from ...core.laws.efficient.signals import Signals
-from ...core.log import Log
-from ...core.parameters import Array
+from ...core import Array, FilterState, KalmanFilter, Log, Signals
 from .evidence import posterior
 from .hypotheses import Hypothesis, penalty, together
 from .signals import signals_under

@@ -38,29 +38,42 @@ def package(tmp_path: Path) -> Path:
     """A small package laid out as ours is."""
     texts = {
         "__init__": "",
-        "units": "",
-        "structure/tree": "",
-        "plants/__init__": "",
-        "plants/forces": "from .world import sheet\n\n\n@kernel()\ndef push(): ...\n",
-        "plants/world/__init__": "",
-        "plants/world/sheet": "from ...units import (\n    METRE,\n    SECOND,\n)\n",
-        "plants/arm": "from .forces import thrust\n",
-        "laws/filter": "import numba\n\n\ndef late():\n    from ..lately import LENGTH\n",
-        "lately": "",
+        "base/__init__": "",
+        "base/units": "",
+        "base/clock": "",
+        "core/__init__": "",
+        "core/structure/tree": "",
+        "core/laws/filter": "import numba\n\n\ndef late():\n    from ..lately import LENGTH\n",
+        "core/lately": "",
+        "lab/__init__": "",
+        "lab/plants/forces": "from .world import sheet\n\n\n@kernel()\ndef push(): ...\n",
+        "lab/plants/world/__init__": "",
+        "lab/plants/world/sheet": "from ....base import (\n    METRE,\n    SECOND,\n)\n",
+        "lab/plants/arm": "from .forces import thrust\n",
         "cli/commands": "",
     }
     for name, text in texts.items():
         path = tmp_path / f"{name}.py"
         path.parent.mkdir(exist_ok=True, parents=True)
         path.write_text(f'"""Doc."""\n{text}')
+    door = "from .units import METRE as METRE\nfrom .clock import now as now\n"
+    (tmp_path / "base" / "__init__.pyi").write_text(door)
     return tmp_path
 
 
 @pytest.mark.parametrize(
     "changed",
-    ["structure/tree", "structure/new", "plants/forces", "plants/world/sheet",
-     "plants/world/__init__", "units", "laws/filter", "lately"],
-)  # fmt: skip
+    [
+        "core/structure/tree",
+        "core/structure/new",
+        "lab/plants/forces",
+        "lab/plants/world/sheet",
+        "lab/plants/world/__init__",
+        "base/units",
+        "core/laws/filter",
+        "core/lately",
+    ],
+)
 def test_digest_changes_with_any_source_that_a_kernel_may_depend_on(package: Path, changed: str):
     before = cache.digest(package)
     with (package / f"{changed}.py").open("a") as file:
@@ -70,12 +83,16 @@ def test_digest_changes_with_any_source_that_a_kernel_may_depend_on(package: Pat
 
 def test_digest_stays_where_no_kernel_can_depend_on_the_change(package: Path):
     before = cache.digest(package)
-    for name in ("cli/commands.py", "lab/plants/arm.py"):  # importing a kernel does not change it
+    for name in (
+        "cli/commands.py",
+        "lab/plants/arm.py",
+        "base/clock.py",
+    ):  # importing a kernel does not change it
         with (package / name).open("a") as file:
             file.write("LENGTH = 2\n")
-    (package / "structure" / "__pycache__").mkdir()
-    (package / "structure" / "__pycache__" / "tree.py").write_text("LENGTH = 2\n")
-    os.utime(package / "units.py", (0, 0))
+    (package / "core" / "structure" / "__pycache__").mkdir()
+    (package / "core" / "structure" / "__pycache__" / "tree.py").write_text("LENGTH = 2\n")
+    os.utime(package / "base" / "units.py", (0, 0))
     assert cache.digest(package) == before
 
 

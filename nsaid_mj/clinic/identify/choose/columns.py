@@ -12,13 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from ....core.parameters import Array, ParameterSpace
-from ....core.structure.columns import KINDS
-from ....core.structure.columns.curve import interpolated
-from ....core.structure.columns.kind import Kind
-from ....core.structure.parts import Column, Rotor
-from ....core.structure.single_body import LEVEL
-from ....core.structure.system import SecondOrderSystem
+from ....core import (
+    KINDS,
+    LEVEL,
+    Array,
+    Column,
+    Kind,
+    ParameterSpace,
+    Rotor,
+    SecondOrderSystem,
+    interpolated,
+)
 
 # -- a tree of joints ------------------------------------------------------------------------------
 

@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from ....core.log import Log
+from ....core import Log
 from ...logs.recordings import Recordings
 from ..smoothing import Filter, noise_levels
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.linalg
 
-from ....core.parameters import Array, Indices
+from ....core import Array, Indices
 from ..fit import cost_of, gramians, minimise
 from ..joints import JointRows
 from ..problem import Problem, folds

@@ -10,10 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ....base.findings import Finding, refused
-from ....core.parameters import Array
-from ....core.structure.multibody import check_consistency
-from ....robots.model import RobotModel
+from ....base import Finding, refused
+from ....core import Array, check_consistency
+from ....robots import RobotModel
 from ...logs.recordings import Recordings
 from ..fit import minimise
 from ..joint_checks import (

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from ....core.parameters import Array
+from ....core import Array
 from .columns import EXTRA, SPEEDS
 
 Adds = Literal["θ", "a constant of θ's columns", "timing", "filter", "targets"]

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from ....base.findings import Finding
-from ....core.parameters import Array, Indices
-from ....robots.target_profile import followed
+from ....base import Finding
+from ....core import Array, Indices
+from ....robots import followed
 from ...servos.fit import JointFit, OutputError, minimise, weights
 from ...servos.joint_fits import alone
 from ...servos.logs import TRAVEL, ServoLog

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from ....robots.model import RobotModel
+from ....robots import RobotModel
 from ...logs.recordings import Recordings
 from ..result import Options, Structured
 from .joint_search import structured_arm

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from ....base.findings import Finding
-from ....core.parameters import Array
+from ....base import Finding
+from ....core import Array
 from .options import DELAY, LAG, MIX, NUMBER, improves
 
 _FINE = 0.0005  # of the best delay [s]

@@ -8,10 +8,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from ....base.findings import Finding
-from ....core.parameters import Array
-from ....core.structure.sensing import rate_labels
-from ....robots.model import RobotModel
+from ....base import Finding
+from ....core import Array, rate_labels
+from ....robots import RobotModel
 from ...logs.recordings import Recordings
 from ..fit import inflation, minimise, tempered, tempered_fit
 from ..problem import Problem

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....base.errors import InvalidInput, NsaidError, printable
-from ....base.files import RECORD
+from ....base import RECORD, InvalidInput, NsaidError, printable
 from ..unusable import MissingExtra, UnreadableLog
 
 LIMIT = 4.0

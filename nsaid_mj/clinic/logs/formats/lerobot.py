@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from ....base.files import json_of
+from ....base import json_of
 from ..unusable import UnreadableLog
 from . import Columns
 from .arrow import flat, table_of

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ....base.errors import BadRun
-from ....lab.record import PROFILED, RECORD_FILE, TARGET_DELAYS, Record
+from ....base import BadRun
+from ....lab import PROFILED, RECORD_FILE, TARGET_DELAYS, Record
 from ..unusable import UnreadableLog
 from . import Columns, check_size
 

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import types
 
-from ....base.errors import InvalidInput
+from ....base import InvalidInput
 from ...numerics.kernels import boolean, f8, matrix, routine, vector, void
 from ...parameters import Array, ParameterSpace
 from ...quotient.barrier import barrier, barriers, gaps, gradient_and_hessian

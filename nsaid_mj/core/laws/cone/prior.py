@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ....base.errors import InvalidInput
+from ....base import InvalidInput
 from ...parameters import Array, ParameterSpace
 from ...quotient.cone import Cone, block_matrix, cone_of, coordinates, read_block, tied
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ....base.errors import InvalidInput
+from ....base import InvalidInput
 from ...log import Log, Measurement
 from ...nullspace.subspace import parts_of
 from ...parameters import Array

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ....base.threads import beside
+from ....base import beside
 from ...log import Log, Measurement
 from ...quotient.cost import Remembered
 from ...structure.system import checked

@@ -12,7 +12,7 @@ with D_ψ the Bregman divergence of ψ(θ) = ½ θᵀΓ⁻¹θ + μ b(θ), and �
 
 import numpy as np
 
-from ....base.errors import InvalidInput
+from ....base import InvalidInput
 from ...log import Log, SensorLevels
 from ...nullspace.subspace import parts_of
 from ...parameters import Array

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ....base.errors import InvalidInput
-from ....core.parameters import Array, Indices
-from ....core.structure.system import SecondOrderSystem
+from ....base import InvalidInput
+from ....core import Array, Indices, SecondOrderSystem
 
 _KNOTS = 4001  # of a tabulated command curve: relative errors of 1e-7 for smooth curves
 _PROBES = 4

@@ -12,11 +12,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import boolean, f8, types, void
 
-from ....core.laws.cone.law import ConeMetric
-from ....core.laws.metric import ConstantMetric, Metric
-from ....core.numerics.kernels import kernel_for
-from ....core.numerics.linalg import copy_into
-from ....core.parameters import Array, ParameterSpace
+from ....core import (
+    Array,
+    ConeMetric,
+    ConstantMetric,
+    Metric,
+    ParameterSpace,
+    copy_into,
+    kernel_for,
+)
 from .reference import PriorMotion, loop_frequency
 
 

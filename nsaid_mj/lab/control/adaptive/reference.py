@@ -18,10 +18,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ....core.numerics.kernels import kernel
-from ....core.numerics.spatial import cross, product, rotate, rotation_vector, unrotate
-from ....core.parameters import Array
-from ....core.structure.system import SecondOrderSystem
+from ....core import (
+    Array,
+    SecondOrderSystem,
+    cross,
+    kernel,
+    product,
+    rotate,
+    rotation_vector,
+    unrotate,
+)
 from ..signals import FourierTrajectory
 from .actuation import Actuation
 

@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ....base.bounds import NonNegative, Positive, PositiveShare, Tones, config
-from ....core.log import Measurement
-from ....core.parameters import Array
+from ....base import NonNegative, Positive, PositiveShare, Tones, config
+from ....core import Array, Measurement
 from ..driver import DriverConfig, InformedDriver
 
 if TYPE_CHECKING:
-    from ....core.laws.metric import Metric
-    from ....core.structure.system import SecondOrderSystem
+    from ....core import Metric, SecondOrderSystem
     from .actuation import Actuation
     from .laws import TrackingLaw
     from .reference import Reference
@@ -185,8 +183,7 @@ def command_range(system: SecondOrderSystem) -> tuple[Array, Array, Array]:
 
     A motor's largest command is the joint's rated torque where the model states one.
     """
-    from ....core.structure.joints import JointTree
-    from ....core.structure.single_body import SingleBody
+    from ....core import JointTree, SingleBody
 
     one = np.ones(system.n_u)
     if isinstance(system, SingleBody) and system.columns("nozzle"):

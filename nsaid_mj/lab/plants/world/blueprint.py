@@ -12,19 +12,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ....base.bounds import Name, Share, config
-from ....base.errors import InvalidInput
-from ....base.files import VehicleFiles, folder, vehicle_files
-from ....core.parameters import Array, Block
-from ....core.structure.blocks import Term, of_a_body
-from ....core.structure.parts import Operation
+from ....base import InvalidInput, Name, Share, VehicleFiles, config, folder, vehicle_files
+from ....core import Array, Block, Operation, Term, of_a_body
 from .body import BODY, JOINTS, Inertia, command_inputs, hidden, vehicle_spec
 from .config import KnownPlant
 from .mismatch import Mismatch
 from .sheet import Sheet
 
 if TYPE_CHECKING:
-    from ....core.structure.single_body import SingleBody
+    from ....core import SingleBody
     from .simulated import SimulatedRobot
 
 _NOTHING = np.zeros((6, 6))
@@ -72,7 +68,7 @@ class Blueprint:
     @cached_property
     def system(self) -> SingleBody:
         """The structure that an identifier may know."""
-        from ....core.structure.single_body import SingleBody
+        from ....core import SingleBody
 
         return SingleBody(self.body, self.tensor, self.terms, self.operation, self.gravity)
 

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....base.errors import InvalidInput
-from ....base.files import VehicleFiles
-from ....core.parameters import Array
+from ....base import InvalidInput, VehicleFiles
+from ....core import Array
 
 BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""
@@ -77,7 +76,7 @@ def vehicle_spec(
     """
     import mujoco
 
-    from ....robots.tree import set_options
+    from ....robots import set_options
 
     mass, centre, about = inertia
     spec = _visual_spec(files, size or box_of(mass, about), n)
@@ -106,7 +105,7 @@ def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
     """MuJoCo's specification of a vehicle's model.xml, or of a box of the given size."""
     import mujoco
 
-    from ....robots.shapes import DRAWN
+    from ....robots import DRAWN
 
     path = files.model
     if not path.is_file():

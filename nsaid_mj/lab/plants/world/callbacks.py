@@ -22,17 +22,7 @@ from llvmlite import binding as llvm
 from numba import carray, cfunc, types
 from numba.extending import intrinsic
 
-from ....core.numerics.kernels import (
-    INLINE,
-    boolean,
-    f8,
-    helper,
-    i8,
-    matrix,
-    routine,
-    table,
-    vector,
-)
+from ....core import INLINE, boolean, f8, helper, i8, matrix, routine, table, vector
 
 WORDS = 1 << 15
 """Number of 8-byte words of mjData to search; its pointers are near word 20,000 in MuJoCo 4.0."""

@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 import numpy as np
 from pydantic import model_validator
 
-from ....base.bounds import Config, config
+from ....base import Config, config
 from .faults.text import Faults
 from .mismatch import Mismatch
 
 if TYPE_CHECKING:
-    from ....core.parameters import Array
-    from ....core.structure.joints import JointTree
+    from ....core import Array, JointTree
     from .plant import Plant
     from .simulated import SimulatedRobot
 

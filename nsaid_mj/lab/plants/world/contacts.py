@@ -12,9 +12,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ....core.parameters import Array
-from ....robots.model import RobotModel
-from ....robots.tree import tree_spec, wxyz
+from ....core import Array
+from ....robots import RobotModel, tree_spec, wxyz
 
 _POSES, _MOST = 50, 0.8  # random poses, and largest share of them in which a counted pair touches
 

@@ -7,9 +7,7 @@ import mujoco
 import numpy as np
 from numba import f8, i8, types, void
 
-from ....core.numerics.kernels import kernel
-from ....core.numerics.spatial import cross, quaternion_of, rotate, rotation
-from ....core.parameters import Array, Indices
+from ....core import Array, Indices, cross, kernel, quaternion_of, rotate, rotation
 
 
 class Reading(NamedTuple):

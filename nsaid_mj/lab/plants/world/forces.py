@@ -20,31 +20,31 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from ....core.numerics.kernels import (
+from ....core import (
+    STRUCTURE,
+    WORKSPACE,
+    Array,
+    Structure,
+    StructureArrays,
+    Workspace,
+    act,
+    act_on_joints,
+    acting_arrays,
+    acts_on_bodies,
     f8,
+    gains_of_commands,
+    has_added_inertia,
     helper,
     i8,
     kernel,
     matrix,
     routine,
+    solve_positive,
     table,
     vector,
     void,
+    write_rotation,
 )
-from ....core.numerics.linalg import solve_positive
-from ....core.parameters import Array
-from ....core.structure.acting import (
-    act,
-    act_on_joints,
-    acting_arrays,
-    acts_on_bodies,
-    gains_of_commands,
-    has_added_inertia,
-)
-from ....core.structure.arrays import StructureArrays, Workspace
-from ....core.structure.compiled import STRUCTURE, WORKSPACE
-from ....core.structure.kinematics import write_rotation
-from ....core.structure.structure import Structure
 from .callbacks import (
     NUMBERS,
     WORDS,

@@ -4,8 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from ....base.bounds import Config, NonNegative, Number, config
-from ....base.errors import InvalidInput
+from ....base import Config, InvalidInput, NonNegative, Number, config
 
 Fluid = Literal["exact", "ellipsoid"]
 LONGEST_DELAY = 60.0

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from ....base.bounds import Config, NonNegative, config
-from ....core.log import SensorLevels
-from ....core.parameters import Array
+from ....base import Config, NonNegative, config
+from ....core import Array, SensorLevels
 
 
 @config

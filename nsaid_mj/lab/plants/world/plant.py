@@ -13,13 +13,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ....base.errors import InvalidInput
-from ....core.log import Log, Measurement
-from ....core.parameters import Array, Indices
-from ....core.structure.sensing import displaced
-from ....core.structure.system import SecondOrderSystem
-from ....robots.shapes import VisualMesh
-from ....robots.target_profile import advance, at_rest
+from ....base import InvalidInput
+from ....core import Array, Indices, Log, Measurement, SecondOrderSystem, displaced
+from ....robots import VisualMesh, advance, at_rest
 from ...control.computed_torque import Tracking
 from ...control.driver import CompiledDriver, Driver
 from .callbacks import installed

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import f8, i8, types, void
 
-from ....core.numerics.kernels import kernel
-from ....core.parameters import Array
+from ....core import Array, kernel
 from .noise import SensorNoise
 
 

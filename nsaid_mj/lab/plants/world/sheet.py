@@ -8,9 +8,8 @@ from typing import Annotated, Any, ClassVar, Self, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from ....base.errors import InvalidInput, UnknownName
-from ....base.files import vehicle_files
-from ....core.parameters import Array
+from ....base import InvalidInput, UnknownName, vehicle_files
+from ....core import Array
 
 LARGEST, SMALLEST = 1e9, 1e-12
 """Bounds on the magnitude of every number in a data sheet; products of a few remain finite."""

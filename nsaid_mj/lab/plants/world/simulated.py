@@ -6,10 +6,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ....core.parameters import Array
-from ....core.structure.joints import JointTree
-from ....core.structure.system import SecondOrderSystem
-from ....robots.shapes import VisualMesh, of_geom
+from ....core import Array, JointTree, SecondOrderSystem
+from ....robots import VisualMesh, of_geom
 from .coordinates import JointMap
 from .forces import Forces, column_forces
 from .mismatch import Mismatch

@@ -11,9 +11,7 @@ import mujoco
 import numpy as np
 from numba import boolean, f8, i8, types, void
 
-from ....core.log import Log
-from ....core.numerics.kernels import kernel
-from ....core.parameters import Array
+from ....core import Array, Log, kernel
 from ...control.computed_torque import (
     TRACKING,
     TRACKING_MEMORY,

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from .....base.bounds import Config, Name, NonNegative, Number, Positive, config
-from .....base.errors import InvalidInput, UnknownName
-from .....core.parameters import Array, Indices
+from .....base import Config, InvalidInput, Name, NonNegative, Number, Positive, UnknownName, config
+from .....core import Array, Indices
 
 if TYPE_CHECKING:
-    from .....core.structure.system import SecondOrderSystem
+    from .....core import SecondOrderSystem
 
 Index = Annotated[int, Field(strict=True, ge=1, le=1000)]
 Sensor = Literal["position", "velocity"]
@@ -160,7 +159,7 @@ def gains_of(system: SecondOrderSystem, actuator: int) -> Indices:
     Raises:
         InvalidInput: there is no such actuator, or its gain is not a parameter.
     """
-    from .....core.structure.system import gains_by_command
+    from .....core import gains_by_command
 
     found = gains_by_command(system)
     if actuator > system.n_u or not found[actuator - 1].size:
@@ -239,13 +238,13 @@ class Payload(PlantFault):
 
     def added(self, system: SecondOrderSystem) -> Array:
         """The inertial parameters of a point mass; in water also its weight and moment."""
-        from .....core.structure.payload import point_mass
+        from .....core import point_mass
 
         return point_mass(system.space, self.mass, np.array(self.place), self.link)
 
     def what(self, system: SecondOrderSystem) -> str:
         """Such as `1 kg on link 6 is picked up`."""
-        from .....core.structure.payload import carrier
+        from .....core import carrier
 
         return f"{self.mass:g} kg on {self.link or carrier(system.space)} is picked up"
 

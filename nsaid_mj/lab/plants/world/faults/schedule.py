@@ -10,8 +10,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .....core.parameters import Array
-from .....core.structure.system import SecondOrderSystem
+from .....core import Array, SecondOrderSystem
 from .kinds import ActuatorFault, Bias, Broken, Fault, PlantFault, Stuck
 
 _NOTCH = 0.02  # share of a gain, lost slowly, from which evaluation counts the truth as another

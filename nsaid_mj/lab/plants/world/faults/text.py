@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator
 
-from .....base.errors import InvalidInput
+from .....base import InvalidInput
 from .kinds import Bias, Broken, Fault, Friction, Loss, Payload, Reversed, Stuck
 
 _KINDS: dict[str, tuple[type[Fault], dict[str, str]]] = {
