@@ -57,7 +57,6 @@ from .lab.control.tracking import FourierTracking as FourierTracking
 from .lab.control.vehicle_manipulator import HoverAndReach as HoverAndReach
 from .lab.control.vehicle_manipulator import SwimAndReach as SwimAndReach
 from .lab.evaluation.run_result import RunResult as RunResult
-from .lab.finish import finish as finish
 from .lab.loop import run as run
 from .lab.plants.jointed import ArmPlant as ArmPlant
 from .lab.plants.jointed import FloatingBasePlant as FloatingBasePlant
@@ -88,6 +87,7 @@ from .lab.plants.world.mismatch import Mismatch as Mismatch
 from .lab.plants.world.noise import SensorNoise as SensorNoise
 from .lab.plants.world.plant import Plant as Plant
 from .lab.plants.world.sensors import Sensors as Sensors
+from .lab.postprocessing import finish as finish
 from .lab.record import Record as Record
 from .lab.scenario import Scenario as Scenario
 from .robots.model import RobotModel as RobotModel

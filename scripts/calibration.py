@@ -32,7 +32,6 @@ from pathlib import Path
 
 import numpy as np
 
-from nsaid_mj.base.files import asset
 from nsaid_mj.clinic.identify.choose.joint_search import structured_arm
 from nsaid_mj.clinic.identify.fit import minimise, tempered, tempered_fit
 from nsaid_mj.clinic.identify.identify import identify_forces
@@ -46,6 +45,7 @@ from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
 from nsaid_mj.lab import library
 from nsaid_mj.lab.loop import run as simulate
+from nsaid_mj.robots.assets import asset
 from tests.support.simulated_logs import HeavyWrist, Simulated, nominal_model
 
 TOLD = 0.2  # relative half-width up to which a ratio is told

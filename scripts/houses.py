@@ -75,7 +75,7 @@ class Street:
 
     @cached_property
     def doors(self) -> dict[str, dict[str, str]]:
-        """By house, the names that its `__init__.pyi` or `__init__.py` offers, and their modules."""
+        """By house, the names that its door offers, and the modules that define them."""
         found: dict[str, dict[str, str]] = {}
         for house in sorted({house_of(name) for name in self.files}):
             for file in ("__init__.pyi", "__init__.py"):

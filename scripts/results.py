@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from nsaid_mj import NullspaceAID, Scenario, Status
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.lab.evaluation.run_evaluation import evaluate
 from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
@@ -27,6 +26,7 @@ from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.plans.studies.montecarlo import Course, identify, simulate
 from nsaid_mj.plans.studies.study import seed_of
+from nsaid_mj.robots.assets import scenarios
 
 VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee",
             "scalar_rov")  # fmt: skip

@@ -30,7 +30,6 @@ from rerun.experimental import ViewerClient
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.base.errors import NsaidError
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.cli import commands as cli
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab import finish as postprocessing
@@ -39,6 +38,7 @@ from nsaid_mj.report.recording import FILE
 from nsaid_mj.report.recording.forces import Arrows, body_forces
 from nsaid_mj.report.recording.scene import EYE, base_poses
 from nsaid_mj.report.recording.viewer import LOCAL, free_port, listening, program
+from nsaid_mj.robots.assets import scenarios
 
 SCENARIOS = ("ur5", "wrong_gains", "scalar_rov", "bluerov2", "remus100", "uvms",
              "hummingbird", "crazyflie", "borinot", "f1tenth", "bmw320i", "rover",

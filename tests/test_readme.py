@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from nsaid_mj import ArmPlant, FourierTracking, Scenario
-from nsaid_mj.base.files import known_robots, scenarios
 from nsaid_mj.cli.process import code_of
 from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.setup import trajectory
+from nsaid_mj.robots.assets import known_robots, scenarios
 from tests.support.faulty import shell
 
 ROOT = Path(__file__).parents[1]

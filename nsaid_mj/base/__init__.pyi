@@ -86,17 +86,8 @@ from .choices import VEHICLE_COLUMNS as VEHICLE_COLUMNS
 # Raises `UnknownName`, which lists the choices, unless the word is among them.
 from .choices import check_choice as check_choice
 
-# A robot description that cannot be simulated.
-from .errors import BadRobot as BadRobot
-
 # A run folder or file that cannot be read.
 from .errors import BadRun as BadRun
-
-# An error in a user's script.
-from .errors import BadScript as BadScript
-
-# A cached kernel cannot be loaded and is compiled again.
-from .errors import DamagedKernelCache as DamagedKernelCache
 
 # Two engines compute different dynamics for the same robot.
 from .errors import EnginesDisagree as EnginesDisagree
@@ -107,17 +98,11 @@ from .errors import FolderInUse as FolderInUse
 # A value that cannot be used.
 from .errors import InvalidInput as InvalidInput
 
-# Joints that follow others in a robot's description are simulated with their own motors.
-from .errors import MimicIgnored as MimicIgnored
-
 # A method found no estimate on a log.
 from .errors import NoEstimate as NoEstimate
 
-# Compiled kernels cannot be cached, so that every process compiles them again.
-from .errors import NoKernelCache as NoKernelCache
-
-# No motion within the limits was found for an experiment.
-from .errors import NoMotion as NoMotion
+# A search has found nothing that meets its conditions.
+from .errors import NothingFound as NothingFound
 
 # A file that cannot be written: the disk is full, or its folder is gone or read-only.
 from .errors import NotWritten as NotWritten
@@ -125,17 +110,11 @@ from .errors import NotWritten as NotWritten
 # Root of all errors raised on purpose by nsaid_mj.
 from .errors import NsaidError as NsaidError
 
-# A robot's file is simulated with other numbers, or without some of its forces.
-from .errors import RobotChanged as RobotChanged
-
 # A name that does not exist, with similar names that do.
 from .errors import UnknownName as UnknownName
 
 # A text with U+FFFD for each control character, such as the escape that steers a terminal.
 from .errors import printable as printable
-
-# Remedy where a name is unknown and example-robot-data is not installed.
-from .files import MORE_ROBOTS as MORE_ROBOTS
 
 # File of a run's record.
 from .files import RECORD as RECORD
@@ -145,12 +124,6 @@ from .files import RECORDING as RECORDING
 
 # Files of a sweep: what it is, one row for every run, and their table.
 from .files import SWEEP as SWEEP
-
-# The files that describe a vehicle.
-from .files import VehicleFiles as VehicleFiles
-
-# The path of a file in a vehicle's asset folder, whether or not it exists.
-from .files import asset as asset
 
 # Yields a temporary path to write to; on exit the file is synced and renamed to `path`.
 from .files import atomic_write as atomic_write
@@ -164,32 +137,14 @@ from .files import check_sweep as check_sweep
 # Creates an empty file in place of any other, without following a symbolic link.
 from .files import create as create
 
-# The loaders of example-robot-data by name; empty if it is not installed.
-from .files import example_robots as example_robots
-
-# The path of the folder `assets` or `scenarios`.
-from .files import folder as folder
-
-# Whether example-robot-data and its loaders are installed.
-from .files import has_example_robots as has_example_robots
-
 # The value of a JSON text; raises `ValueError` if it is not JSON, or nested too deeply.
 from .files import json_of as json_of
-
-# The names of all robots that are packed or, if it is installed, in example-robot-data.
-from .files import known_robots as known_robots
 
 # Creates a folder if missing, and keeps other processes and threads from writing into it.
 from .files import locked as locked
 
 # The error to raise for a folder without a sweep.
 from .files import no_sweep as no_sweep
-
-# A vehicle's published numbers, from its vehicle.toml; sources are in its SOURCE.md.
-from .files import numbers as numbers
-
-# The URDF files of the robots in assets/robots, by name.
-from .files import packed_robots as packed_robots
 
 # A path with the home directory in place of a leading `~`, if there is such a user.
 from .files import path_of as path_of
@@ -203,14 +158,8 @@ from .files import reading as reading
 # The record in a run's folder, or the record file itself; raises `BadRun` if there is none.
 from .files import record_file as record_file
 
-# All scenario scripts by name.
-from .files import scenarios as scenarios
-
 # The content of a TOML file that a flag names; raises `InvalidInput` if it is not readable.
 from .files import toml_of as toml_of
-
-# A vehicle's files, by its folder's name in assets or the path of a TOML file or its folder.
-from .files import vehicle_files as vehicle_files
 
 # Writes a value as JSON, atomically.
 from .files import write_json as write_json
@@ -242,9 +191,6 @@ from .optional import installed as installed
 
 # TODO
 from .optional import pin as pin
-
-# Imports a package that an extra installs; `purpose` says what needs it.
-from .optional import require as require
 
 # A clock [s] that stops while this thread compiles, to measure the cost of a run.
 from .stopwatch import clock as clock

@@ -68,22 +68,6 @@ class UnknownName(NsaidError, KeyError):
         return str(self.args[0])  # KeyError would print the repr
 
 
-class BadRobot(NsaidError):
-    """A robot description that cannot be simulated.
-
-    Attributes:
-        robot: its name or file.
-        part: the link or joint at fault; "" for the robot as a whole.
-        reason: what is wrong with it.
-        remedy: what to do about it.
-    """
-
-    def __init__(self, robot: str, part: str, reason: str, remedy: str):
-        self.robot, self.part, self.reason, self.remedy = robot, part, reason, remedy
-        where = f", {part}" if part else ""
-        super().__init__(f"robot {robot}{where}: {reason}. {remedy}")
-
-
 class MissingPackage(NsaidError, ImportError):
     """A package that one of the extras installs is missing.
 
@@ -160,27 +144,6 @@ class FolderInUse(BadRun):
         )
 
 
-class BadScript(NsaidError):
-    """An error in a user's script.
-
-    Attributes:
-        path: the file.
-        line: number of the line at fault; 0 if there is none.
-        reason: what is wrong with it.
-        code: the line at fault; "" if there is none.
-        remedy: what to do about it.
-    """
-
-    def __init__(
-        self, path: object, line: int, reason: str, code: str = "", remedy: str = "Correct it."
-    ):
-        self.path, self.line, self.reason, self.code = path, line, " ".join(reason.split()), code
-        self.remedy = remedy
-        where = f"{path}, line {line}" if line else f"{path}"
-        lines = f"{where}: {self.reason}", code and f"  {code}", remedy
-        super().__init__("\n".join(filter(None, lines)))
-
-
 class NothingFound(NsaidError):
     """A search has found nothing that meets its conditions.
 
@@ -196,66 +159,3 @@ class NothingFound(NsaidError):
 
 class NoEstimate(NothingFound):
     """A method found no estimate on a log."""
-
-
-class NoMotion(NothingFound):
-    """No motion within the limits was found for an experiment."""
-
-
-class DamagedKernelCache(UserWarning):
-    """A cached kernel cannot be loaded and is compiled again.
-
-    Attributes:
-        reason: the error.
-    """
-
-    def __init__(self, reason: object):
-        self.reason = reason
-        super().__init__(
-            f"the cache of compiled kernels is damaged ({reason}); what cannot be loaded is "
-            "compiled again, which takes about half a minute."
-        )
-
-
-class NoKernelCache(UserWarning):
-    """Compiled kernels cannot be cached, so that every process compiles them again.
-
-    Attributes:
-        reason: the operating system's error.
-    """
-
-    def __init__(self, reason: object):
-        self.reason = reason
-        super().__init__(
-            f"compiled kernels cannot be cached ({reason}), so each run compiles them again, which "
-            "takes about half a minute. Set NUMBA_CACHE_DIR to a writable folder."
-        )
-
-
-class MimicIgnored(UserWarning):
-    """Joints that follow others in a robot's description are simulated with their own motors.
-
-    Attributes:
-        robot: its name or file.
-        joints: the joints.
-    """
-
-    def __init__(self, robot: str, joints: Iterable[str]):
-        self.robot, self.joints = robot, tuple(joints)
-        super().__init__(
-            f"robot {robot}: <mimic> is ignored: every joint has its own motor, including "
-            f"{', '.join(self.joints)}. Make a joint fixed if it should not move."
-        )
-
-
-class RobotChanged(UserWarning):
-    """A robot's file is simulated with other numbers, or without some of its forces.
-
-    Attributes:
-        robot: its file.
-        changes: what was changed or left out, in words.
-    """
-
-    def __init__(self, robot: str, changes: Iterable[str]):
-        self.robot, self.changes = robot, tuple(changes)
-        super().__init__(f"robot {robot}: {' '.join(self.changes)}")

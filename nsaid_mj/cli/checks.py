@@ -19,13 +19,11 @@ from ..base import (
     VEHICLE_COLUMNS,
     BadRun,
     InvalidInput,
-    asset,
     check_choice,
     path_of,
     toml_of,
-    vehicle_files,
 )
-from ..robots import check_model, robot_file
+from ..robots import asset, check_model, robot_file, vehicle_files
 
 if TYPE_CHECKING:
     from ..lab import PlantConfig

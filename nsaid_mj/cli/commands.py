@@ -21,21 +21,18 @@ from typing import TYPE_CHECKING, NoReturn
 
 from .. import __version__
 from ..base import (
-    MORE_ROBOTS,
     RECORDING,
     BadRun,
     InvalidInput,
     NotWritten,
     NsaidError,
-    has_example_robots,
-    known_robots,
     print_json,
     printable,
     reading,
     record_file,
-    scenarios,
 )
 from ..lab import load
+from ..robots import MORE_ROBOTS, has_example_robots, known_robots, scenarios
 from .process import INTERRUPTED, UNUSABLE, code_of, ending_like_ctrl_c, open_streams, silence
 
 if TYPE_CHECKING:
@@ -200,14 +197,13 @@ def _carry_out(
     check_plant(scenario.plant)
     check_excitation(given)
     title = title_of(name, default, scenario)
-    from ..lab import Observer, run
-    from ..report import Progress
+    from ..lab import Observer, Progress, run
 
     watchers: list[Observer] = []
     if output.live:
-        from ..clinic import Live
+        from ..clinic import LiveRecording
 
-        watchers.append(Live(title, output.live_speed))
+        watchers.append(LiveRecording(title, output.live_speed))
     with (
         reading(name, getattr(scenario.plant, "robot", None)),
         folder_for(title, scenario, output.out, output.force) as folder,

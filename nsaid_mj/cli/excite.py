@@ -13,8 +13,7 @@ from .grammar import Excite
 from .process import code_of
 
 if TYPE_CHECKING:
-    from ..lab import DriverConfig, Scenario
-    from ..report import Progress
+    from ..lab import DriverConfig, Progress, Scenario
 
 DESIGN = "design.json"
 
@@ -41,6 +40,8 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
     """Designs, and writes and prints the results."""
     from rich.console import Console
 
+    from ..base import installed
+    from ..lab import Progress
     from ..plans import (
         Experiment,
         Limits,
@@ -55,7 +56,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
     from ..plans import design_document as files_document
     from ..plans import design_page as pages_page
     from ..plans import ranks as information_ranks
-    from ..report import Progress, available, print_page, write_html
+    from ..report import print_page, write_html
 
     def limited(own: Limits) -> Limits:
         """The limits of model and file; a real robot must not touch itself or the ground either."""
@@ -84,7 +85,7 @@ def _designed_in(folder: Path, name: str, scenario: Scenario, chosen: Excite) ->
         trial = tried(found)
         page = pages_page(name, document, trial, found, folder)
         written.append(write_html(page, folder))
-        if available():
+        if installed("rerun"):
             from ..plans import DESIGN_RECORDING, record_design
 
             written.append(record_design(page, found, folder / DESIGN_RECORDING))

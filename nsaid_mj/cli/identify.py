@@ -9,7 +9,8 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..base import InvalidInput, asset, print_json, printable, reading, write_json
+from ..base import InvalidInput, print_json, printable, reading, write_json
+from ..robots import asset
 from .checks import check_identify, check_inspect, known_number, names_in, numbers_in
 from .folders import check_writable, folder_for_results
 from .grammar import Identify, Inspect
@@ -17,7 +18,8 @@ from .process import EXPLAINED, UNUSABLE, code_of
 
 if TYPE_CHECKING:
     from ..clinic import Identification, Inspection, ServoLogs
-    from ..report import Page, Progress
+    from ..lab import Progress
+    from ..report import Page
 
 RESULT = "identification.json"
 
@@ -44,7 +46,8 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
     from rich.console import Console
 
     from ..clinic import UnusableLog
-    from ..report import Progress, print_findings, print_page
+    from ..lab import Progress
+    from ..report import print_findings, print_page
 
     quiet, ended = chosen.quiet or chosen.json, False
     with Progress(Path(model).stem, quiet=quiet) as progress:
@@ -128,12 +131,12 @@ def write(
 
     page = pages_page(result, command)
     files.append(write_html(page, folder))
+    from ..base import RECORDING, installed
     from ..clinic import record
-    from ..report import FILE, available
 
-    if available():
+    if installed("rerun"):
         report("writing the recording")
-        files.append(record(page, folder / FILE))
+        files.append(record(page, folder / RECORDING))
     if result.law is not None:
         from ..lab import finish
 
@@ -186,17 +189,18 @@ def identify_given(
     followed, replay = replayed(result, model_file, given, others)
     result = replace(result, findings=(*result.findings, followed))
     write_json(path, without_nonfinite(result.summary()))
+    from ..base import RECORDING, installed
     from ..clinic import record_servos
     from ..clinic import servo_page as servos_page
-    from ..report import FILE, available, write_html
+    from ..report import write_html
 
     commands, folder, files = [repeated(chosen)], path.parent, [path, model_file]
-    if available():
+    if installed("rerun"):
         commands.append(shlex.join(["nsaid", "view", str(folder)]))
     page = servos_page(result, commands, replay)
-    if available():
+    if installed("rerun"):
         progress.say("writing the recording")
-        files.append(record_servos(page, replay, folder / FILE))
+        files.append(record_servos(page, replay, folder / RECORDING))
     return page, [*files, write_html(page, folder)]
 
 

@@ -24,8 +24,7 @@ def follow_robot(chosen: Live) -> int:
     """Executes the command and returns the exit code."""
     check_live(chosen)
     from ..clinic import LiveRobot, Session, bound, measured_scenario
-    from ..lab import finish, print_result, summary_of
-    from ..report import Progress
+    from ..lab import Progress, finish, print_result, summary_of
 
     name = Path(chosen.model).stem
     lock, joints = names_in(chosen.lock), names_in(chosen.joints)
@@ -50,7 +49,7 @@ def follow_robot(chosen: Live) -> int:
             print(f"{name}: waiting for samples from {where}", file=sys.stderr)
         observers: list[Observer] = []
         if chosen.view:
-            from ..clinic import Live as Viewer
+            from ..clinic import LiveRecording as Viewer
 
             observers.append(Viewer(name, 0))
         every = chosen.every if chosen.every is not None else _SHOWN

@@ -115,6 +115,8 @@ def sweep(script: str, arguments: Sequence[str]) -> int:
     if chosen.json:
         print_json(sweep_document(found))
     elif not chosen.quiet:
+        from ..plans import sweep_page  # matplotlib takes half a second
+
         _print(sweep_page(found), found)
     return code_of(sweep_result(found))
 
@@ -257,7 +259,7 @@ def _compared(chosen: CompareModels, first: str) -> tuple[RobotModel, tuple[Scor
         recordings_of,
         servo_logs,
     )
-    from ..report import Progress
+    from ..lab import Progress
 
     with Progress("compare", quiet=chosen.quiet or chosen.json) as progress:
         given = servo_logs(first, chosen.log, chosen.map)

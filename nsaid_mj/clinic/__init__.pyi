@@ -48,9 +48,6 @@ from .identify.measured import LiveRobot as LiveRobot
 # The scenario of a run on measurements from outside, without the samples.
 from .identify.measured import measured_scenario as measured_scenario
 
-# Rebuilds the run of a measured robot from its record; None if its robot was simulated.
-from .identify.measured import reopen_measured as reopen_measured
-
 # Reads a robot's model from a URDF, MJCF or TOML file, or finds it by name.
 from .identify.models import load_robot_model as load_robot_model
 
@@ -73,7 +70,7 @@ from .identify.result import Identification as Identification
 from .identify.result import Options as Options
 
 # Streams a run into a viewer window, or to a browser if there is no display.
-from .live_recording import Live as Live
+from .live_recording import LiveRecording as LiveRecording
 
 # The map of a log as TOML: entries that channels' names imply, and lines to fill in.
 from .logs.first_map import first_map as first_map

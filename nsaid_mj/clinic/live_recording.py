@@ -21,6 +21,7 @@ from ..report import (
     Lines,
     Scene,
     application,
+    drawing_words,
     free_port,
     groups,
     has_display,
@@ -31,7 +32,6 @@ from ..report import (
     program,
     serving,
     velocity_names,
-    words,
 )
 
 _PERIOD = 0.05  # between two updates, in simulated time and in wall time [s]
@@ -39,7 +39,7 @@ _SHARE = 10  # poses are logged at intervals of at least ten times the time that
 _PATIENCE = 5.0  # timeout for the viewer to start, and to receive the remaining data [s]
 
 
-class Live(Observer):
+class LiveRecording(Observer):
     """Streams a run into a viewer window, or to a browser if there is no display.
 
     A failure of the viewer does not stop the run: it is reported in one line, and streaming ends.
@@ -122,7 +122,7 @@ class Live(Observer):
         if camera and mounts_of(system):
             self._arrows = Arrows(system, camera.size, rows, self._space.scale)
         magnified = self._arrows.magnified if self._arrows else None
-        drawn = words("Forces: estimated (orange)" if self._arrows else "", magnified)
+        drawn = drawing_words("Forces: estimated (orange)" if self._arrows else "", magnified)
         layout = live_blueprint(self._space, camera, drawn)
         address = self._open() if has_display() else self._serve()
         rec = rr.RecordingStream(application(f"{self._name} live"))

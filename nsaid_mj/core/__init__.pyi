@@ -410,6 +410,9 @@ from .structure.joints import slides as slides
 # Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at].
 from .structure.kinematics import write_rotation as write_rotation
 
+# All parts of the RK4 stages along a log of N samples that do not depend on the estimate.
+from .structure.motion import Motion as Motion
+
 # A `JointTree` whose regressors are the structure's: Pinocchio's numbers, much faster.
 from .structure.multibody import CompiledMultibody as CompiledMultibody
 
@@ -484,9 +487,6 @@ from .structure.spatial import dot3 as dot3
 
 # M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ of any robot, without parameter values.
 from .structure.structure import Structure as Structure
-
-# TODO
-from .structure.system import Motion as Motion
 
 # M(x, θ) v̇ + C(x, θ) v = F(t, x, u) θ (4), linear in θ (8, 9), with Ṁ − 2C skew.
 from .structure.system import SecondOrderSystem as SecondOrderSystem

@@ -78,9 +78,6 @@ from .evaluation.page import print_result as print_result
 # The page of a check of the paper's statements on a run, for the terminal.
 from .evaluation.page import verification_page as verification_page
 
-# Writes a run's recording atomically, and returns its path.
-from .evaluation.recording import write_run_recording as write_run_recording
-
 # Evaluates a run, completed or not; `curves.with_curves` adds what is drawn.
 from .evaluation.run_evaluation import evaluate as evaluate
 
@@ -114,14 +111,14 @@ from .evaluation.verify import verify as verify
 # Checks the statements on a run's folder, from its record alone, and writes verify.json.
 from .evaluation.verify import verify_folder as verify_folder
 
-# Evaluates a run and writes summary.json, scenario.json, run.rrd and report.html.
-from .finish import finish as finish
-
-# Post-processes a run, such as one that was killed, from its record alone.
-from .finish import rebuild as rebuild
-
 # Interval between two checks of the conserved quantity [s].
 from .following import CHECK as CHECK
+
+# Computing times of a run. Only `compile` includes the compilation of kernels.
+from .following import Cost as Cost
+
+# How a run ended, or its state so far, at a simulated time [s].
+from .following import Ending as Ending
 
 # An identifier and its state along a log, whose first measurement initializes it.
 from .following import Following as Following
@@ -137,15 +134,6 @@ from .library import load as load
 
 # The error to raise for an exception in a user's code.
 from .library import script_error as script_error
-
-# TODO
-from .loop import Cost as Cost
-
-# TODO
-from .loop import Ending as Ending
-
-# TODO
-from .loop import Observer as Observer
 
 # TODO
 from .loop import Robot as Robot
@@ -165,17 +153,17 @@ from .loop import followed as followed
 # Runs a scenario: simulates the plant, runs the identifiers, writes the record.
 from .loop import run as run
 
-# TODO
-from .plants import __name__ as __name__
-
-# TODO
-from .plants import __path__ as __path__
+# Callbacks during a run, for a progress bar or a live viewer.
+from .observer import Observer as Observer
 
 # A link's size [m]: its radius of gyration about the joint.
 from .plants.arm import extent as extent
 
 # An engineer's guess: sizes to within a factor of two, and the data sheet's values.
 from .plants.arm import nominal_scales as nominal_scales
+
+# The plants made from a vehicle's TOML file, without special cases of others.
+from .plants.families import vehicle_families as vehicle_families
 
 # A robot with a motor or servo on every joint; a floating base is fixed to a stand.
 from .plants.jointed import ArmPlant as ArmPlant
@@ -204,9 +192,6 @@ from .plants.world.faults.text import fault_text as fault_text
 # Noise levels of a position encoder and of a velocity sensor.
 from .plants.world.noise import SensorNoise as SensorNoise
 
-# Meshes of a robot and their poses.
-from .plants.world.plant import Looks as Looks
-
 # A simulated plant. Step it inside `with plant.running():`.
 from .plants.world.plant import Plant as Plant
 
@@ -218,6 +203,18 @@ from .plants.world.sensors import EXACT_SENSORS as EXACT_SENSORS
 
 # Sensors with their own stream of random errors; without noise they are exact.
 from .plants.world.sensors import Sensors as Sensors
+
+# Evaluates a run and writes summary.json, scenario.json, run.rrd and report.html.
+from .postprocessing import finish as finish
+
+# Post-processes a run, such as one that was killed, from its record alone.
+from .postprocessing import rebuild as rebuild
+
+# One transient line on the terminal for a whole command.
+from .progress import Progress as Progress
+
+# Shows a transient bar of a study on the standard error; `done` is the format of its count.
+from .progress import counted as counted
 
 # Another key: whether u is the targets after a profile's limits and smoothing.
 from .record import PROFILED as PROFILED

@@ -22,7 +22,7 @@ from ..core import (
     State,
     Status,
 )
-from ..report import Observer, Robot
+from .observer import Observer, Robot
 from .record import BATCH_SECONDS, RecordWriter
 from .scenario import Scenario
 from .source import Segment, Source

@@ -12,7 +12,8 @@ from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..base import BadScript, InvalidInput, NsaidError, UnknownName, scenarios
+from ..base import InvalidInput, NsaidError, UnknownName
+from ..robots import scenarios
 
 if TYPE_CHECKING:
     from .scenario import Scenario
@@ -119,3 +120,24 @@ def digest_of(script: str) -> str:
     """SHA-256 of a scenario's script, given by packaged name or path."""
     path = scenarios().get(script, Path(script))
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+class BadScript(NsaidError):
+    """An error in a user's script.
+
+    Attributes:
+        path: the file.
+        line: number of the line at fault; 0 if there is none.
+        reason: what is wrong with it.
+        code: the line at fault; "" if there is none.
+        remedy: what to do about it.
+    """
+
+    def __init__(
+        self, path: object, line: int, reason: str, code: str = "", remedy: str = "Correct it."
+    ):
+        self.path, self.line, self.reason, self.code = path, line, " ".join(reason.split()), code
+        self.remedy = remedy
+        where = f"{path}, line {line}" if line else f"{path}"
+        lines = f"{where}: {self.reason}", code and f"  {code}", remedy
+        super().__init__("\n".join(filter(None, lines)))

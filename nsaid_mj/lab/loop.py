@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -25,8 +25,9 @@ from ..core import (
     Status,
     structural,
 )
+from ..robots import Looks
 from .following import FAULTS, Cost, Ending, Loop, Observer, Robot, segment_steps
-from .plants.world.plant import Looks, Plant
+from .plants.world.plant import Plant
 from .record import PROFILED, RECORD_FILE, TARGET_DELAYS, Record, RecordWriter
 from .scenario import Scenario
 from .setup import Seeds, Setup
@@ -219,13 +220,24 @@ def _ctrl_c(ask: Callable[[], None]) -> Iterator[None]:
         set_all(signal.default_int_handler)
 
 
-def reopen(folder: Path, record: Record) -> SimulatedRun:
+@runtime_checkable
+class Measured(Protocol):
+    """A plant of a scenario that is not simulated: a real robot, whose log the record holds."""
+
+    def reopened(self, scenario: Scenario, folder: Path, record: Record) -> Run:
+        """The run of this robot, rebuilt from its record."""
+        ...
+
+
+def reopen(folder: Path, record: Record) -> Run:
     """Rebuilds a run from its record; a truncated record counts as an interrupted run.
 
     Raises:
         BadRun: the record has no scenario, or not that scenario's columns.
     """
     scenario = Scenario.from_json(record.scenario(folder))
+    if isinstance(scenario.plant, Measured):
+        return scenario.plant.reopened(scenario, folder, record)
     setup = Setup.of(scenario)
     identifiers, system = setup.identifiers(), setup.system
     record.check(folder, columns(system, scenario))

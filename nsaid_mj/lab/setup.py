@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..base import BadScript, InvalidInput
+from ..base import InvalidInput
 from ..core import (
     EXACT,
     Array,
@@ -35,7 +35,7 @@ from ..core import (
 from ..watch import supervised
 from .control.computed_torque import Tracking
 from .control.driver import CompiledDriver, Driver, DriverConfig
-from .library import place_of
+from .library import BadScript, place_of
 from .plants.world.config import ParametricPlantConfig, PlantConfig
 from .plants.world.plant import Plant
 from .plants.world.sensors import EXACT_SENSORS, Sensors

@@ -51,14 +51,14 @@ from .studies.compare import BUDGET as BUDGET
 # TODO
 from .studies.compare import COMPARE_FILES as COMPARE_FILES
 
-# TODO
-from .studies.compare import DEFAULT as DEFAULT
-
 # The methods of a comparison and their logs.
 from .studies.compare import comparison_plan as comparison_plan
 
 # Runs a comparison, writes its files and plots, and prints its page; see `carried_out`.
 from .studies.compare import run_comparison as run_comparison
+
+# all but sysid, which takes minutes
+from .studies.compare_report import DEFAULT as DEFAULT
 
 # Executes runs in parallel.
 from .studies.engine import Engine as Engine
@@ -98,6 +98,9 @@ from .studies.sweep import sweep_plan as sweep_plan
 
 # The result of a sweep: the share of converged runs, and the distribution of its figures.
 from .studies.sweep import sweep_result as sweep_result
+
+# The page of a sweep, with the panels of these lines if there are any.
+from .studies.sweep_report import sweep_page as sweep_page
 
 # Writes a sweep's report.html and distributions.png, and returns their paths.
 from .studies.sweep_report import write_sweep_page as write_sweep_page

@@ -21,12 +21,6 @@ from .labels import groups as groups
 # Names of the velocities, or of their errors, with units and the prefix `mark`.
 from .labels import velocity_names as velocity_names
 
-# Callbacks during a run, for a progress bar or a live viewer.
-from .observer import Observer as Observer
-
-# The structure, prior and meshes of a robot, without true values.
-from .observer import Robot as Robot
-
 # TODO
 from .page import REPORT_FILE as REPORT_FILE
 
@@ -136,7 +130,7 @@ from .parameters import gains_of as gains_of
 from .parameters import table as table
 
 # The robot at positions q (m,) as a figure of a page; None without meshes, or finite q.
-from .picture import picture as picture
+from .picture import robot_picture as robot_picture
 
 # Largest number of categories in a panel of ordinary width.
 from .plots import COLUMNS as COLUMNS
@@ -174,18 +168,6 @@ from .plots import style as style
 # Renders a figure as an SVG element for an HTML page with other drawings.
 from .plots import svg as svg
 
-# One transient line on the terminal for a whole command.
-from .progress import Progress as Progress
-
-# Shows a transient bar of a study on the standard error; `done` is the format of its count.
-from .progress import counted as counted
-
-# TODO
-from .recording import FILE as FILE
-
-# Whether Rerun is installed, which recordings and the viewer need.
-from .recording import available as available
-
 # TODO
 from .recording.forces import ESTIMATED as ESTIMATED
 
@@ -210,26 +192,26 @@ from .recording.inertia import Inertias as Inertias
 # Share of the window that the first page's plots take.
 from .recording.layout import RIGHT as RIGHT
 
-# A page with robot and texts, `shares` of its height each, on the left of its plots.
-from .recording.layout import beside as beside
-
 # Layout of a finished run, of the curves in its recording.
 from .recording.layout import blueprint as blueprint
+
+# Title of the robot's view: what is drawn, and which arrows are magnified.
+from .recording.layout import drawing_words as drawing_words
 
 # Layout of a running run, without anything that needs the truth.
 from .recording.layout import live_blueprint as live_blueprint
 
 # The panel with the result as text.
-from .recording.layout import result as result
+from .recording.layout import result_view as result_view
 
 # The robot above the ground grid; the most recent part of a vehicle's path is bright.
-from .recording.layout import robot as robot
+from .recording.layout import robot_view as robot_view
+
+# A page with robot and texts, `shares` of its height each, on the left of its plots.
+from .recording.layout import views_beside as views_beside
 
 # Pages as tabs, the first one open, without the viewer's panels.
-from .recording.layout import whole as whole
-
-# Title of the robot's view: what is drawn, and which arrows are magnified.
-from .recording.layout import words as words
+from .recording.layout import whole_blueprint as whole_blueprint
 
 # Prefix of entities of logarithms, of panels with a logarithmic axis, which Rerun has not.
 from .recording.lines import LOGARITHM as LOGARITHM
@@ -259,7 +241,7 @@ from .recording.scene import Camera as Camera
 from .recording.scene import Scene as Scene
 
 # Writes a recording atomically.
-from .recording.stream import write as write
+from .recording.stream import write_recording as write_recording
 
 # Name of the application of a recording: Rerun warns of full stops and other marks in it.
 from .recording.text import application as application

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..core import Array
-from ..lab import Looks
+from ..robots import Looks
 from .page import Figure
 
 _WIDTH, _HEIGHT, _DPI = 760, 540, 100.0  # of the picture [pixels], at most; pixels per inch
@@ -17,7 +17,7 @@ _LIGHT = np.array([0.35, -0.55, 0.76])
 _DARKEST = 0.35  # share of the colour in the shadow
 
 
-def picture(looks: Looks | None, q: Array, name: str) -> Figure | None:
+def robot_picture(looks: Looks | None, q: Array, name: str) -> Figure | None:
     """The robot at positions q (m,) as a figure of a page; None without meshes, or finite q."""
     from markupsafe import Markup
 

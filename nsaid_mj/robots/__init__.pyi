@@ -1,5 +1,35 @@
 """The door of `robots`: what other houses may use."""
 
+# Remedy where a name is unknown and example-robot-data is not installed.
+from .assets import MORE_ROBOTS as MORE_ROBOTS
+
+# The files that describe a vehicle.
+from .assets import VehicleFiles as VehicleFiles
+
+# The path of a file in a vehicle's asset folder, whether or not it exists.
+from .assets import asset as asset
+
+# The path of the folder `assets` or `scenarios`.
+from .assets import folder as folder
+
+# Whether example-robot-data and its loaders are installed.
+from .assets import has_example_robots as has_example_robots
+
+# The names of all robots that are packed or, if it is installed, in example-robot-data.
+from .assets import known_robots as known_robots
+
+# A vehicle's published numbers, from its vehicle.toml; sources are in its SOURCE.md.
+from .assets import published_numbers as published_numbers
+
+# All scenario scripts by name.
+from .assets import scenarios as scenarios
+
+# A vehicle's files, by its folder's name in assets or the path of a TOML file or its folder.
+from .assets import vehicle_files as vehicle_files
+
+# A robot description that cannot be simulated.
+from .errors import BadRobot as BadRobot
+
 # Raises what `calibration.models.load_robot_model` would if there is no such file or name.
 from .files import check_model as check_model
 
@@ -65,6 +95,9 @@ from .model import links_of as links_of
 
 # The geom types that `of_geom` supports.
 from .shapes import DRAWN as DRAWN
+
+# Meshes of a robot and their poses.
+from .shapes import Looks as Looks
 
 # A triangle mesh fixed to a body.
 from .shapes import VisualMesh as VisualMesh

@@ -4,20 +4,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ..base import (
+from ..base import UnknownName, path_of
+from .assets import (
     MORE_ROBOTS,
-    BadRobot,
-    UnknownName,
     asset,
     example_robots,
     folder,
     has_example_robots,
     known_robots,
     packed_robots,
-    path_of,
     scenarios,
     vehicle_files,
 )
+from .errors import BadRobot
 
 REMEDY = "Give the path of a file ending in .urdf, .xml or .mjb (MJCF), or a vehicle's .toml."
 _CUT_IN_CODE = "talos_legs"  # the only one whose loader removes joints in its file

@@ -11,8 +11,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..base import BadRobot, Finding, pin
+from ..base import Finding, pin
 from ..core import Array, rounded
+from .errors import BadRobot
 
 _INSIDE = 1e-6  # least ratio of the smallest to the largest second moment that stays unchanged
 _FLATNESS = 0.02  # least ratio after a change

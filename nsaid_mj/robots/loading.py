@@ -5,7 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-from ..base import BadRobot, Finding
+from ..base import Finding
+from .errors import BadRobot
 from .files import REMEDY, robot_file
 from .model import RobotModel
 from .xml import read_xml

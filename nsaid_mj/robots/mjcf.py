@@ -10,9 +10,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..base import BadRobot, Finding, RobotChanged, pin
+from ..base import Finding, pin
 from ..core import Array, body_names
 from ..core import joint_names as system_joints
+from .errors import BadRobot, RobotChanged
 from .inertias import make_physical
 from .mjcf_file import compile_file
 from .model import RobotModel, check_tree, home, locked_joints, reduced

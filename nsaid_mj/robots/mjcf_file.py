@@ -17,8 +17,9 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Node
 
-from ..base import LARGEST, BadRobot, Finding, missing_files, pin
+from ..base import LARGEST, Finding, missing_files, pin
 from ..core import Array
+from .errors import BadRobot
 from .inertias import moved, moved_inside, plausible_size
 from .tree import body_name, wxyz
 from .xml import numbers, read_xml

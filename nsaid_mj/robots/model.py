@@ -9,8 +9,9 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ..base import BadRobot, Finding, InvalidInput, UnknownName, pin
+from ..base import Finding, InvalidInput, UnknownName, pin
 from ..core import Array, JointScales, JointTree, ParameterSpace, floats, rebuilt
+from .errors import BadRobot
 
 
 class Servos(NamedTuple):

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 from urllib.parse import unquote
 
 import mujoco
@@ -222,3 +222,18 @@ def _ros_folders() -> Iterator[Path]:
     for variable, inside in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         for entry in filter(None, os.environ.get(variable, "").split(os.pathsep)):
             yield Path(entry) / inside
+
+
+class Looks(Protocol):
+    """Meshes of a robot and their poses."""
+
+    def visuals(self) -> list[VisualMesh]:
+        """All meshes; there may be none."""
+        ...
+
+    def poses(self, q: Array) -> tuple[Array, Array]:
+        """World poses of the meshes at positions q (k, m).
+
+        They are translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
+        """
+        ...

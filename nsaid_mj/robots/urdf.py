@@ -16,8 +16,9 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Element
 
-from ..base import BadRobot, Finding, InvalidInput, coal, pin
+from ..base import Finding, InvalidInput, coal, pin
 from ..core import Array, body_names, joint_names
+from .errors import BadRobot
 from .inertias import check_inertias, make_physical
 from .model import RobotModel, check_tree, home, locked_joints, reduced
 from .shapes import Shape, Shapes, resolve_meshes, shapes_of_geometry

@@ -13,8 +13,10 @@ from lxml import etree
 from lxml.etree import SubElement
 from lxml.etree import _Element as Element
 
-from ..base import LARGEST, BadRobot, Finding, MimicIgnored, packed_robots
+from ..base import LARGEST, Finding
 from ..core import Array
+from .assets import packed_robots
+from .errors import BadRobot, MimicIgnored
 from .inertias import is_physical, moved, moved_inside, plausible_size
 
 ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2),

@@ -8,7 +8,8 @@ import numpy as np
 from lxml import etree
 from lxml.etree import _Element as Element
 
-from ..base import BadRobot, Finding, write_text
+from ..base import Finding, write_text
+from .errors import BadRobot
 
 _DECLARED = re.compile(rb"""^\s*<\?xml[^>]*encoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _WIDE = (b"\xff\xfe", b"\xfe\xff")

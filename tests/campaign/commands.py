@@ -15,12 +15,12 @@ from unittest import mock
 import numpy as np
 
 from nsaid_mj.base.bounds import shown
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.clinic.identify.measured import LiveRobot, measured_scenario
 from nsaid_mj.clinic.session import Session
 from nsaid_mj.lab.evaluation.summary import summary_of
-from nsaid_mj.lab.finish import finish
+from nsaid_mj.lab.postprocessing import finish
 from nsaid_mj.lab.scenario import field_at
+from nsaid_mj.robots.assets import scenarios
 
 from ..support.faulty import strict
 from . import fields, texts

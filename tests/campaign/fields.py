@@ -17,10 +17,10 @@ from typing import Any
 
 from nsaid_mj import Scenario
 from nsaid_mj.base.errors import InvalidInput, UnknownName
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.cli.options import parse
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.scenario import field_at, field_paths, with_fields
+from nsaid_mj.robots.assets import scenarios
 
 NAN, INF = float("nan"), float("inf")
 VALUES: tuple[Any, ...] = (

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from nsaid_mj.base.files import folder
+from nsaid_mj.robots.assets import folder
 
 _LINK = """<link name="{0}"><inertial><mass value="2.0"/><origin xyz="0.2 0 0" rpy="0 0 0"/><inertia
  ixx="0.02" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>"""

@@ -15,7 +15,6 @@ import pytest
 
 import nsaid_mj
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
-from nsaid_mj.base.files import known_robots, scenarios
 from nsaid_mj.cli import grammar, process
 from nsaid_mj.cli import identify as identifying
 from nsaid_mj.cli.folders import folder_for, title_of
@@ -23,6 +22,7 @@ from nsaid_mj.cli.options import MAIN, Run, parse, repeated
 from nsaid_mj.lab.evaluation.summary import result_from
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.scenario import field_paths
+from nsaid_mj.robots.assets import known_robots, scenarios
 from tests.support.faulty import FILES, code_of, flat, shell, strict
 
 HEAVY = (

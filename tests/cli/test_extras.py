@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.base.files import packed_robots
+from nsaid_mj.robots.assets import packed_robots
 from nsaid_mj.robots.loading import load_robot
 
 MISSING = ("pinocchio", "coal", "example_robot_data", "rerun", "rerun_cli")

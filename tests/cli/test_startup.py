@@ -9,12 +9,12 @@ import example_robot_data
 import pytest
 
 from nsaid_mj.base import choices
-from nsaid_mj.base.errors import BadRobot
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.clinic.identify.choose.columns import COLUMNS, EXTRA
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.lab.baselines import BATCH
 from nsaid_mj.lab.control.adaptive.tracker import Law
+from nsaid_mj.robots.assets import scenarios
+from nsaid_mj.robots.errors import BadRobot
 from nsaid_mj.robots.loading import load_robot
 from scripts.entered import entered, files
 
@@ -29,7 +29,7 @@ def modules_after(code: str) -> set[str]:
 
 
 def test_a_run_and_its_report_import_only_what_they_use():
-    modules = modules_after("import nsaid_mj.lab.finish, nsaid_mj.lab.loop")
+    modules = modules_after("import nsaid_mj.lab.postprocessing, nsaid_mj.lab.loop")
     assert "nsaid_mj.lab.evaluation.page" in modules
     assert not modules & {"rerun", "matplotlib", "jinja2", "pyarrow.compute", "pebble", "dask"}
     assert not modules & {"scipy.signal", "scipy.optimize", "scipy.interpolate", "scipy.stats"}

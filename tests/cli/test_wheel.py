@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.base.files import scenarios
+from nsaid_mj.robots.assets import scenarios
 from tests.support.faulty import CHECKOUT, FILES, strict
 
 

@@ -8,12 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.base.errors import BadRobot, EnginesDisagree, InvalidInput, UnknownName
-from nsaid_mj.base.files import known_robots
+from nsaid_mj.base.errors import EnginesDisagree, InvalidInput, UnknownName
 from nsaid_mj.lab.plants import arm
 from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.lab.plants.scalar_rov import ScalarRovPlant
 from nsaid_mj.lab.plants.world.plant import Plant
+from nsaid_mj.robots.assets import known_robots
+from nsaid_mj.robots.errors import BadRobot
 from nsaid_mj.robots.loading import load_robot
 from tests.support.plants import assert_engines_agree, config_of, plant
 from tests.support.strategies import seeds

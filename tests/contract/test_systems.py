@@ -9,12 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.core.log import Measurement
 from nsaid_mj.core.structure.multibody import Multibody
 from nsaid_mj.core.structure.system import checked
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.setup import Setup
+from nsaid_mj.robots.assets import scenarios
 from nsaid_mj.robots.loading import load_robot
 from tests.support.matrices import assert_near
 from tests.support.plants import plant

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.core.laws.base import Identifier
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier
@@ -21,6 +20,7 @@ from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup
+from nsaid_mj.robots.assets import scenarios
 
 NOMINAL = [name for name in scenarios() if name != "rover"]
 SHORT = {"duration": 0.5, "held_out": 0.2, "pe_window": 0.2, "record_every": 1}

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from nsaid_mj import ArmPlant, NullspaceAID, Scenario
-from nsaid_mj.base.errors import BadRobot
 from nsaid_mj.core.log import Log
 from nsaid_mj.lab.control.driver import Driver
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.sensors import Sensors
 from nsaid_mj.lab.setup import Setup, is_sound
+from nsaid_mj.robots.errors import BadRobot
 
 from .cases import Case
 from .effects import (

@@ -14,14 +14,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj import ConventionalAID, FourierTracking, NsaidError, NullspaceAID, Scenario
-from nsaid_mj.base.errors import BadRobot, BadRun, InvalidInput, UnknownName
-from nsaid_mj.base.files import scenarios
+from nsaid_mj.base.errors import BadRun, InvalidInput, UnknownName
 from nsaid_mj.core.laws.base import State, Status
 from nsaid_mj.core.laws.nullspace_aid import NullspaceIdentifier, paper_identifier
 from nsaid_mj.core.log import Measurement
-from nsaid_mj.lab.finish import rebuild
 from nsaid_mj.lab.loop import run
+from nsaid_mj.lab.postprocessing import rebuild
 from nsaid_mj.lab.record import Record
+from nsaid_mj.robots.assets import scenarios
+from nsaid_mj.robots.errors import BadRobot
 from tests.campaign import fields
 from tests.support.faulty import PENDULUM, ROV, flat, shell
 

@@ -10,7 +10,7 @@ import pytest
 
 from nsaid_mj import NsaidError
 from nsaid_mj.clinic import live_recording as live
-from nsaid_mj.clinic.live_recording import Live
+from nsaid_mj.clinic.live_recording import LiveRecording
 from nsaid_mj.lab import finish as postprocessing
 from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.loop import run
@@ -132,6 +132,6 @@ def test_watching_a_run_does_not_change_its_record(
 ) -> None:
     monkeypatch.setattr(live, "program", lambda: ["/no/such/program"])
     run(SHORT, tmp_path / "alone")
-    run(SHORT, tmp_path / "watched", Live("x"))
+    run(SHORT, tmp_path / "watched", LiveRecording("x"))
     one, two = ((tmp_path / name / RECORD_FILE).read_bytes() for name in ("alone", "watched"))
     assert one == two

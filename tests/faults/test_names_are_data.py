@@ -11,10 +11,11 @@ import pytest
 
 import nsaid_mj
 from nsaid_mj.base.errors import InvalidInput, printable
-from nsaid_mj.base.files import folder, print_json, write_text
+from nsaid_mj.base.files import print_json, write_text
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs import tables
 from nsaid_mj.lab.record import Record
+from nsaid_mj.robots.assets import folder
 from nsaid_mj.robots.loading import load_robot
 from tests.support.faulty import shell
 

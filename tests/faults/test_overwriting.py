@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from nsaid_mj.base.errors import NotWritten
-from nsaid_mj.base.files import folder, reading, write_text
+from nsaid_mj.base.files import reading, write_text
+from nsaid_mj.robots.assets import folder
 from tests.support.faulty import shell
 
 SHORT = ("--duration", "0.2", "--held-out", "0.5", "--pe-window", "0.1")

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from nsaid_mj.base.errors import BadRobot, MimicIgnored
-from nsaid_mj.base.files import packed_robots
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.robots.assets import packed_robots
+from nsaid_mj.robots.errors import BadRobot, MimicIgnored
 from nsaid_mj.robots.loading import load_robot
 
 _LIMIT = 'lower="-1" upper="1" effort="1" velocity="1"'

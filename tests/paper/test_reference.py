@@ -1,4 +1,4 @@
-"""Compiled kernels against `nsaid_mj.core.paper`, the equations in plain numpy, at random states."""
+"""Kernels against `nsaid_mj.core.paper`, the equations in plain numpy, at random states."""
 
 from __future__ import annotations
 

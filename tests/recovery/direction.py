@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.lab.control.adaptive.tracker import AdaptiveTracking
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import Run, run
+from nsaid_mj.robots.assets import scenarios
 
 FOLDER = Path(__file__).parent / "directions"
 TOLERANCE = 5e-6

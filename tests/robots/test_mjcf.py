@@ -3,8 +3,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.base.errors import BadRobot, UnknownName
+from nsaid_mj.base.errors import UnknownName
 from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.robots.errors import BadRobot
 
 ARM = """
 <mujoco model="arm">

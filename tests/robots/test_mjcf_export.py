@@ -7,8 +7,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.base.errors import BadRobot
 from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.robots.errors import BadRobot
 from nsaid_mj.robots.identified import Coupling, Identified
 from nsaid_mj.robots.mjcf_export import write_mjcf
 from nsaid_mj.robots.urdf import write_urdf

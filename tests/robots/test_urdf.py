@@ -2,8 +2,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.base.errors import BadRobot, InvalidInput, UnknownName
+from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.robots.errors import BadRobot
 from nsaid_mj.robots.urdf import write_urdf
 
 from .urdfs import chain, joint, link, robot

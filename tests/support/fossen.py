@@ -11,13 +11,13 @@ import pinocchio as pin
 from numpy.polynomial import polynomial
 from scipy.integrate import solve_ivp
 
-from nsaid_mj.base.files import vehicle_files
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.plants.world.blueprint import sheet_of
 from nsaid_mj.lab.plants.world.body import NED, Inertia, command_inputs, hidden, vehicle_spec
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.plants.world.simulated import SimulatedRobot
+from nsaid_mj.robots.assets import vehicle_files
 from tests.support.matrices import skew
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.7, 0.4, -0.5, 0.5, 0.6, -0.4])

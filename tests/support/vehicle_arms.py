@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from nsaid_mj.base.files import numbers
 from nsaid_mj.core.parameters import Array
+from nsaid_mj.robots.assets import published_numbers
 from tests.support.fossen import published
 from tests.support.single_bodies import about, at, rigid
 
@@ -66,7 +66,7 @@ def in_air(name: str, system: Any, b: int, V: Array, up: Array, u: Array, theta:
     ten = theta[10 * b : 10 * b + 10]
     wrench = weight(ten, up)
     if b == 0:
-        d, space = numbers("flying_arm")[name], system.space
+        d, space = published_numbers("flying_arm")[name], system.space
         thrust, torque = (theta[space[f"rotor {what} gain"]] for what in ("thrust", "torque"))
         for i, place in enumerate(d["positions"]):
             square = u[i] * abs(u[i])
@@ -85,12 +85,12 @@ def in_water(name: str, system: Any, b: int, V: Array, up: Array, u: Array, thet
         wrench = -theta[space["linear drag"]] * V - theta[space["quadratic drag"]] * np.abs(V) * V
         wrench -= np.r_[theta[space["net weight"]] * up, np.zeros(3)]
         wrench += about(np.asarray(np.cross(theta[space["righting moment"]], up), dtype=float))
-        curve = numbers("bluerov2")["thrusters"]["curve"]
+        curve = published_numbers("bluerov2")["thrusters"]["curve"]
         for i, gain in enumerate(theta[space["thruster gain"]]):
             effort = sum(c * u[i] ** (2 * j + 1) for j, c in enumerate(curve)) / sum(curve)
             wrench += at(sheet.positions[i], gain * effort * sheet.directions[i])
         return inertia, wrench
-    arm = numbers("uvms")
+    arm = published_numbers("uvms")
     ten, shape = theta[11 + 10 * b : 21 + 10 * b], arm["links"][b - 1]["cylinder"]
     start, end = np.array(shape["start"]), np.array(shape["end"])
     length = np.linalg.norm(end - start)

@@ -9,10 +9,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...base import FITTED, BadRobot, InvalidInput
-from ...core import Array, CompiledMultibody, JointScales, SensorLevels, drawn_inside, positions
+from ...base import FITTED, InvalidInput
+from ...core import (
+    Array,
+    CompiledMultibody,
+    JointScales,
+    SensorLevels,
+    drawn_inside,
+    positions,
+)
 from ...lab import BUDGET, Problem, sysid, toolbox
 from ...robots import (
+    BadRobot,
     Identified,
     RobotModel,
     compile_file,

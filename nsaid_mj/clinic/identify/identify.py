@@ -13,11 +13,10 @@ from ...base import (
     IDENTIFICATION_LAWS,
     InvalidInput,
     UnknownName,
-    asset,
     check_choice,
     single_threaded,
 )
-from ...robots import mjcf_of
+from ...robots import asset, mjcf_of
 from ..logs.unusable import UnreadableLog, UnusableLog
 
 if TYPE_CHECKING:

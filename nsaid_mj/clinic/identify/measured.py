@@ -61,6 +61,23 @@ class MeasuredRobot(PlantConfig, ABC):
         remedy = "`nsaid run arm --robot` and the vehicles of `nsaid list` are simulated."
         raise InvalidInput("plant", "a simulated plant", "a robot that is measured", remedy)
 
+    def reopened(self, scenario: Scenario, folder: Path, record: Record) -> Run:
+        """The run of this robot, rebuilt from its record."""
+        robot = self.known()
+        record.check(folder, columns_of(robot.system, scenario))
+        return Run(
+            scenario=scenario,
+            folder=folder,
+            record=record,
+            system=robot.system,
+            prior=robot.prior,
+            identifiers=identifiers_of(scenario, robot),
+            statuses={"": Status.completed},
+            ending=Ending(Status.completed, float(record["t"][-1])),
+            cost=Cost(steps=len(record)),
+            looks=robot.looks,
+        )
+
     @abstractmethod
     def known(self) -> Robot:
         """Structure, prior and looks.
@@ -281,25 +298,4 @@ def log_robot(found: Identification) -> LogRobot:
         rotors=tuple((rotor.dof, rotor.parameter, rotor.other) for rotor in made.rotors),
         speed=tuple(speed.tolist()),
         command=tuple(command.tolist()),
-    )
-
-
-def reopen_measured(folder: Path, record: Record) -> Run | None:
-    """Rebuilds the run of a measured robot from its record; None if its robot was simulated."""
-    scenario = Scenario.from_json(record.scenario(folder))
-    if not isinstance(scenario.plant, MeasuredRobot):
-        return None
-    robot = scenario.plant.known()
-    record.check(folder, columns_of(robot.system, scenario))
-    return Run(
-        scenario=scenario,
-        folder=folder,
-        record=record,
-        system=robot.system,
-        prior=robot.prior,
-        identifiers=identifiers_of(scenario, robot),
-        statuses={"": Status.completed},
-        ending=Ending(Status.completed, float(record["t"][-1])),
-        cost=Cost(steps=len(record)),
-        looks=robot.looks,
     )

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...base import BadRobot, InvalidInput, NsaidError, UnknownName, scenarios, vehicle_files
+from ...base import InvalidInput, NsaidError, UnknownName
 from ...lab import load
-from ...robots import RobotModel, is_vehicle, load_tree, packed_vehicles
+from ...robots import (
+    BadRobot,
+    RobotModel,
+    is_vehicle,
+    load_tree,
+    packed_vehicles,
+    scenarios,
+    vehicle_files,
+)
 
 if TYPE_CHECKING:
     from ...core import SecondOrderSystem
@@ -107,11 +112,13 @@ def plant_of(sheet: Path) -> PlantConfig:
         InvalidInput: a value is missing or wrong.
         UnknownName: a key is unknown.
     """
+    from ...lab import vehicle_families
+
     try:
         content = tomllib.loads(sheet.read_text(encoding="utf-8"))
     except (ValueError, RecursionError):
         content = {}  # every family reports it alike
-    families = {family.sheet.family: family for family in _families()}
+    families = {family.sheet.family: family for family in vehicle_families()}
     if (kind := content.get("kind")) is not None:
         if not isinstance(kind, str) or kind not in families:
             raise UnknownName(f"kind of vehicle in {sheet}", str(kind), families)
@@ -127,19 +134,6 @@ def plant_of(sheet: Path) -> PlantConfig:
             return config
     keys = set(_keys(content))
     raise max(errors, key=lambda error: _likeness(error, keys))
-
-
-def _families() -> list[type[Any]]:
-    """The plants made from a vehicle's TOML file, without special cases of others."""
-    from ...base import kinds_of
-    from ...lab import ParametricPlantConfig as plants_ParametricPlantConfig
-    from ...lab import __name__, __path__
-
-    for file in iter_modules(__path__, f"{__name__}."):
-        import_module(file.name)
-    known = kinds_of(plants_ParametricPlantConfig).values()
-    found = [kind for kind in known if "vehicle" in {field.name for field in fields(kind)}]
-    return [f for f in found if not any(f is not g and issubclass(f, g) for g in found)]
 
 
 def _likeness(error: NsaidError, keys: set[str]) -> float:

@@ -21,17 +21,17 @@ from ...report import (
     Plots,
     Scene,
     Text,
-    beside,
     folds,
     item_lines,
     lines_of,
     markdown,
     path,
-    result,
-    robot,
+    result_view,
+    robot_view,
     table,
-    whole,
-    write,
+    views_beside,
+    whole_blueprint,
+    write_recording,
 )
 from ...report import Panel as Curves
 from ...robots import RobotModel
@@ -64,7 +64,7 @@ def record(page: Page, file: Path) -> Path:
     plots = Plots(lines, max(ends) if ends else None)
     layout = _blueprint(result, camera, plots)
     documents = {"result": markdown(page), "parameters": "\n".join(item_lines(folds(result)))}
-    return write(file, result.robot.name, layout, documents, lines, draw)
+    return write_recording(file, result.robot.name, layout, documents, lines, draw)
 
 
 def moving_robot(
@@ -142,7 +142,7 @@ def _blueprint(found: Identification, camera: Camera | None, plots: Plots) -> rr
         if panel.page
     ]
     pages += paged("Over the batch fit", plots, relative)
-    return whole(*pages, parameters())
+    return whole_blueprint(*pages, parameters())
 
 
 _Joint = tuple[str, str, float, str]  # name, unit, error, and the error in words
@@ -168,14 +168,14 @@ def joint_pages(
     Residuals, measured - computed, have pages of their own.
     """
     shown = _titles(entity, joints)
-    left: list[rrb.View | rrb.Container] = [result("Verdict")]
-    left += [] if camera is None else [robot(camera, "Robot, as logged")]
+    left: list[rrb.View | rrb.Container] = [result_view("Verdict")]
+    left += [] if camera is None else [robot_view(camera, "Robot, as logged")]
     errors = [-error if math.isfinite(error) else -math.inf for _, _, error, _ in joints]
     worst = sorted(np.argsort(errors, kind="stable")[:_FIRST].tolist())
     columns = 1 if len(worst) < 4 else 2
     views = [plots(entity, title, RIGHT / columns) for entity, title in (shown[j] for j in worst)]
     grid = rrb.Grid(*views, grid_columns=columns)
-    pages: list[rrb.Container] = [beside(left, grid, "Overview", [1, 1])]
+    pages: list[rrb.Container] = [views_beside(left, grid, "Overview", [1, 1])]
     if len(joints) > _FIRST:
         pages += paged(f"{entity.capitalize()}s", plots, shown)
     units = [(name, unit and f" [{unit}]") for name, unit, *_ in joints]
@@ -248,5 +248,5 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
         )
     ]
     documents = {"result": markdown(page), "parameters": "\n".join(item_lines(by_joint))}
-    layout = whole(*pages, parameters())
-    return write(file, found.robot.name, layout, documents, lines, draw)
+    layout = whole_blueprint(*pages, parameters())
+    return write_recording(file, found.robot.name, layout, documents, lines, draw)

@@ -25,7 +25,8 @@ import llvmlite
 import numba
 import numpy as np
 
-from ...base import NoKernelCache, NotWritten
+from ...base import NotWritten
+from .errors import NoKernelCache
 
 try:
     import fcntl

@@ -20,9 +20,10 @@ from llvmlite import binding, ir
 from numba import NumbaError, config, njit, typeof, types
 from numba.extending import lower_builtin, type_callable, typeof_impl
 
-from ...base import DamagedKernelCache, NoKernelCache, timed
+from ...base import timed
 from . import shipped
 from .cache import FOLDER, one_process
+from .errors import DamagedKernelCache, NoKernelCache
 
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
 vector, matrix, cube, table = f8[::1], f8[:, ::1], f8[:, :, ::1], i8[:, ::1]

@@ -30,8 +30,8 @@ from ...report import (
     folds,
     forests,
     gains_of,
-    picture,
     print_page,
+    robot_picture,
     share_in_words,
     statistic,
 )
@@ -87,7 +87,7 @@ def page(
     more, figures, gains, *rest = drawn(curves[2:]), *made.sections
     shown = drawn(forests([p for p in result.gains if p.relative is not None]))
     sections = [
-        replace(figures, beside=picture(run.looks, run.record["q"][0], robot)),
+        replace(figures, beside=robot_picture(run.looks, run.record["q"][0], robot)),
         Section("Time histories", [Figures(more)] if more else []),
         Section("Predicted against measured forces", [
             Figures(drawn(forces), "velocities", 6),

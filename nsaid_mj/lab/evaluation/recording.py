@@ -6,12 +6,12 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from ...base import RECORDING
 from ...core import Array, FaultEvent, Indices, Log, ParameterSpace, SecondOrderSystem
 from ...report import (
     BODY,
     ESTIMATED_INERTIA,
     FAILED,
-    FILE,
     REFERENCE,
     Arcs,
     Arrows,
@@ -20,15 +20,15 @@ from ...report import (
     Scene,
     blueprint,
     drawable,
+    drawing_words,
     item_lines,
     lines_of,
     markdown,
     mounts_of,
     spread,
-    words,
 )
 from ...report import drawn as torques_drawn
-from ...report import write as write_file
+from ...report import write_recording as write_file
 from ..loop import Run
 from ..record import Record
 from .curves import shared
@@ -65,7 +65,7 @@ def write_run_recording(
     layout = blueprint(
         space, robot.camera, plots, survey=robot.survey, drawn=robot.words, shared=kind
     )
-    return write_file(run.folder / FILE, name, layout, documents, lines, robot.log)
+    return write_file(run.folder / RECORDING, name, layout, documents, lines, robot.log)
 
 
 def _kind(space: ParameterSpace, chosen: Indices) -> str:
@@ -114,11 +114,11 @@ class Robot:
         kinds = [self._efforts.kind] if self._efforts else []
         kinds += ["inertia"] * bool(self._links)
         if not kinds:
-            return words("")
+            return drawing_words("")
         white = "nominal (white), " if self._truth is None else "true (white), "
         white = white if self._truth is not None or self._links else ""
         drawn = f"{' and '.join(kinds).capitalize()}: {white}estimated (orange)"
-        return words(drawn, self._efforts.magnified if self._efforts else None)
+        return drawing_words(drawn, self._efforts.magnified if self._efforts else None)
 
     def log(self, rec: rr.RecordingStream) -> None:
         """Logs everything."""

@@ -10,9 +10,9 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...base import BadRobot, EnginesDisagree, pin
+from ...base import EnginesDisagree, pin
 from ...core import Array, JointScales, JointTree, guessed
-from ...robots import set_inertias, tree_spec
+from ...robots import BadRobot, set_inertias, tree_spec
 from .world.simulated import SimulatedRobot
 
 AGREEMENT = 1e-10  # largest relative difference of M and bias between the engines

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from ...base import BadRobot, Name, NonNegative, Positive, Share, UnknownName, config, numbers
+from ...base import Name, NonNegative, Positive, Share, UnknownName, config
 from ...core import GRAVITY, Actuator
+from ...robots import BadRobot, published_numbers
 from .world.config import Known, KnownPlant, PlantConfig
 
 if TYPE_CHECKING:
@@ -178,7 +179,7 @@ class FlyingArmPlant(KnownPlant):
         from .arm import nominal_scales, published_theta
         from .flying_arm import flying_arm
 
-        known = numbers("flying_arm")
+        known = published_numbers("flying_arm")
         if self.robot not in known:
             remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
             raise UnknownName("flying robot", self.robot, known, remedy)
@@ -233,7 +234,12 @@ class UvmsPlant(KnownPlant):
         from .world.body import command_inputs
         from .world.simulated import SimulatedRobot
 
-        base, system, arm, space = known.source, known.system, numbers("uvms"), known.system.space
+        base, system, arm, space = (
+            known.source,
+            known.system,
+            published_numbers("uvms"),
+            known.system.space,
+        )
         body, added = base.split(theta[:21])
         rigid = body.matrix()
         links = slice(21, 21 + 10 * len(arm["links"]))

@@ -5,9 +5,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ...base import asset, numbers
 from ...core import Array, SingleBody, guessed
-from ...robots import set_options
+from ...robots import asset, published_numbers, set_options
 from .single_track import operation, planar_mass, single_track
 from .world.body import BODY, hidden
 from .world.coordinates import LevelMap
@@ -47,7 +46,7 @@ class Rover(Plant):
     )
 
     def __init__(self, spread: float, mismatch: Mismatch, dt: float, rng: np.random.Generator):
-        d = numbers("rover")
+        d = published_numbers("rover")
         self.system = structure(d)
         spec = rover_spec(d, dt, spread, rng)
         spec.option.wind = mismatch.flow

@@ -5,8 +5,9 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import model_validator
 
-from ...base import InvalidInput, Number, Positive, Share, VehicleFiles, asset, config
+from ...base import InvalidInput, Number, Positive, Share, config
 from ...core import Array, Block, Column, Operation, Term, term, tied
+from ...robots import VehicleFiles, asset
 from .world.blueprint import Blueprint, BodyPlant
 from .world.body import hidden
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from ...base import numbers, pin, vehicle_files
+from ...base import pin
 from ...core import (
     GRAVITY,
     Array,
@@ -23,6 +23,7 @@ from ...core import (
     link_blocks,
     term,
 )
+from ...robots import published_numbers, vehicle_files
 from .arm import extent
 from .world.blueprint import sheet_of
 from .world.body import Inertia as RigidBody
@@ -51,7 +52,7 @@ def uvms() -> Known:
     the axis and resists transverse motion only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is
     −c |v_⊥| v_⊥ ds; buoyancy acts at the middle.
     """
-    arm, base = numbers("uvms"), sheet_of("underwater").of("bluerov2").blueprint()
+    arm, base = published_numbers("uvms"), sheet_of("underwater").of("bluerov2").blueprint()
     model = uvms_model(base.rigid, arm)
     joints, links, names = _joint_guesses(model, arm), published_links(arm), body_names(model)[1:]
     k, inertias = len(names), [Inertia(0, 0, full())]

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base import CRITERIA, NoEstimate, NoMotion, check_choice
+from ...base import CRITERIA, NoEstimate, check_choice
 from ...core import Array, Log
 from ...lab import DriverConfig, FourierTracking
+from .errors import NoMotion
 from .experiment import DRAWS, Experiment
 from .information import (
     GAINS,

@@ -18,9 +18,17 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base import InvalidInput, UnknownName, path_of, scenarios, vehicle_files
+from ...base import InvalidInput, UnknownName, path_of
 from ...clinic import plant_of
-from ...core import Array, Log, Nullspace, SecondOrderSystem, SensorLevels, drawn_inside, structural
+from ...core import (
+    Array,
+    Log,
+    Nullspace,
+    SecondOrderSystem,
+    SensorLevels,
+    drawn_inside,
+    structural,
+)
 from ...lab import (
     EXACT_SENSORS,
     ArmPlant,
@@ -36,7 +44,7 @@ from ...lab import (
     published,
     trajectory,
 )
-from ...robots import load_robot
+from ...robots import load_robot, scenarios, vehicle_files
 from .limits import Limit, Limits, source_of
 
 DRAWS = 4

@@ -20,9 +20,17 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from ...base import InvalidInput, NoMotion
+from ...base import InvalidInput
 from ...core import Array, JointTree, Log, SecondOrderSystem, memory_of, torques_along
-from ...lab import DesignedSignals, DesignedTracking, DriverConfig, FourierTracking, Given, Series
+from ...lab import (
+    DesignedSignals,
+    DesignedTracking,
+    DriverConfig,
+    FourierTracking,
+    Given,
+    Series,
+)
+from .errors import NoMotion
 from .experiment import Experiment
 from .limits import COMMAND, Limits, coordinates_of, extents_of, settled
 

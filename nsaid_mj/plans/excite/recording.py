@@ -12,12 +12,12 @@ from ...report import (
     Panel,
     Plots,
     Scene,
-    beside,
     lines_of,
     path,
-    robot,
-    whole,
-    write,
+    robot_view,
+    views_beside,
+    whole_blueprint,
+    write_recording,
 )
 from .designing import Design
 
@@ -38,10 +38,12 @@ def record_design(page: Page, found: Design, file: Path) -> Path:
     t, q, v = (part[::every] for part in log[:3])
     scene = Scene(system, found.experiment.plant(0))
     camera = None if scene.empty else scene.camera(q, v)
-    left = [robot(camera, "Motion, under a draw of θ")] if camera else []
+    left = [robot_view(camera, "Motion, under a draw of θ")] if camera else []
 
     def tab(name: str, *plots: rrb.View) -> rrb.Container:
-        return beside(left, rrb.Grid(*plots, grid_columns=1 if len(plots) < 4 else 2), name, [1])
+        return views_beside(
+            left, rrb.Grid(*plots, grid_columns=1 if len(plots) < 4 else 2), name, [1]
+        )
 
     lines = lines_of(page.result.curves)
     own = [p for p in page.result.curves if isinstance(p, Panel) and not p.page]
@@ -63,4 +65,4 @@ def record_design(page: Page, found: Design, file: Path) -> Path:
             scene.log_shapes(rec, camera)
             scene.log_poses(rec, t, q)
 
-    return write(file, page.heading, whole(*pages), {}, lines, draw)
+    return write_recording(file, page.heading, whole_blueprint(*pages), {}, lines, draw)

@@ -19,7 +19,16 @@ from typing import Any
 import numpy as np
 
 from ...base import InvalidInput, compile_seconds
-from ...core import Array, Estimates, Identifier, Log, Motion, NullspaceIdentifier, State, Status
+from ...core import (
+    Array,
+    Estimates,
+    Identifier,
+    Log,
+    Motion,
+    NullspaceIdentifier,
+    State,
+    Status,
+)
 from ...lab import (
     CHECK,
     Following,

@@ -18,8 +18,8 @@ from rich.console import Console
 from rich.progress import Progress as Bar
 
 from ...base import InvalidInput, check_own, locked, shown, write_text
-from ...lab import Scenario, digest_of, versions
-from ...report import Page, Result, counted, print_page, write_html
+from ...lab import Scenario, counted, digest_of, versions
+from ...report import Page, Result, print_page, write_html
 
 MOST_RUNS = 1_000_000
 """Largest number of runs of a study; a day has as many tenths of a second."""

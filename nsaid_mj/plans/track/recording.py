@@ -16,15 +16,15 @@ from ...report import (
     Panel,
     Plots,
     Scene,
-    beside,
     lines_of,
     markdown,
     path,
-    result,
-    robot,
+    result_view,
+    robot_view,
     spread,
-    whole,
-    write,
+    views_beside,
+    whole_blueprint,
+    write_recording,
 )
 from .evaluation import Motion
 
@@ -60,13 +60,13 @@ def record(
         plots(LOGARITHM + path(*panel.key), f"{panel.title} as a power of ten", RIGHT)
         for panel in errors
     ]
-    left: list[rrb.View | rrb.Container] = [result()]
+    left: list[rrb.View | rrb.Container] = [result_view()]
     if camera:
-        left.insert(0, robot(camera, f"Robot under {law}; its reference (cyan)"))
+        left.insert(0, robot_view(camera, f"Robot under {law}; its reference (cyan)"))
     commands = [panel for panel in curves if isinstance(panel, Panel) and not panel.page]
     efforts = [plots(path(*panel.key), panel.title) for panel in commands]
-    layout = whole(
-        beside(left, rrb.Vertical(*story), "Tracking", [3, 2]),
+    layout = whole_blueprint(
+        views_beside(left, rrb.Vertical(*story), "Tracking", [3, 2]),
         plots.grid(efforts, min(2, len(efforts)), "Commands"),
     )
 
@@ -76,7 +76,7 @@ def record(
             scene.log_poses(rec, t[frames], q[frames])
             _log_reference(rec, system, t[frames], desired[frames], camera.size)
 
-    return write(file, file.parent.name, layout, {"result": markdown(page)}, lines, draw)
+    return write_recording(file, file.parent.name, layout, {"result": markdown(page)}, lines, draw)
 
 
 def _log_reference(

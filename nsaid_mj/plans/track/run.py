@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from ...base import single_threaded
+from ...base import installed, single_threaded
 from ...report import (
     Figures,
     Page,
@@ -14,12 +14,11 @@ from ...report import (
     Result,
     Section,
     Text,
-    available,
     count,
     curves,
     figures_of,
-    picture,
     png_of,
+    robot_picture,
 )
 from ..studies.study import Study, carried_out, repeated
 from .tracking import TRACKING_FILES, Course, courses, medians_in_words, result_of, table_of, write
@@ -51,7 +50,7 @@ def drawn(folder: Path, study: Study, done: list[Course]) -> tuple[Page, list[Pa
     panels = [p for p in page.result.curves if isinstance(p, Panel) and p.page]
     lines = [{panel.title: partial(curves, panel) for panel in panels}]
     files.append(png_of(lines, (1.0 + 6.0 * len(panels), 3.4), folder / PICTURE))
-    if available():
+    if installed("rerun"):
         from .recording import record
 
         first = done[0]
@@ -65,7 +64,7 @@ def page_of(folder: Path, study: Study, done: list[Course]) -> Page:
     """The page of a study."""
     result, seed = result_of(study, done), done[0].seed if done else study.seeds[0]
     figures = figures_of([p for p in result.curves if isinstance(p, Panel) and p.page], 1)
-    sketch = [picture(done[0].setup.plant, done[0].motion.q[0], "the robot")] if done else []
+    sketch = [robot_picture(done[0].setup.plant, done[0].motion.q[0], "the robot")] if done else []
     averaged = "Root mean square over the coordinates and over short intervals"
     note = (
         "“Error” compares the rms error with the conventional law's, in the median over the seeds. "
@@ -92,7 +91,11 @@ def page_of(folder: Path, study: Study, done: list[Course]) -> Page:
         sections=[section for section in sections if section.panels],
         commands=[
             repeated("track", study.manifest, {"laws": study.vary["law"], "seeds": study.seeds}),
-            *([shlex.join(["nsaid", "view", str(folder / RECORDING)])] if available() else []),
+            *(
+                [shlex.join(["nsaid", "view", str(folder / RECORDING)])]
+                if installed("rerun")
+                else []
+            ),
         ],
         notes=["All figures are in tracking.json and tracking.csv."],
         versions=study.manifest["versions"],

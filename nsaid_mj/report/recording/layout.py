@@ -79,7 +79,7 @@ def blueprint(
     ]
     theory = plots.grid(checks, 2 if len(checks) <= 6 else 3, "Theory and excitation")
     overview = _overview(camera, survey, drawn, views, plots)
-    return whole(overview, *estimates(space, plots, judged), theory, verdicts())
+    return whole_blueprint(overview, *estimates(space, plots, judged), theory, verdicts())
 
 
 def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = "") -> rrb.Blueprint:
@@ -93,10 +93,10 @@ def live_blueprint(space: ParameterSpace, camera: Camera | None, drawn: str = ""
         )
     ]
     if camera is not None:
-        views.insert(0, robot(camera, drawn))
+        views.insert(0, robot_view(camera, drawn))
     overview = rrb.Horizontal(*views, name="Overview")
     pages = estimates(space, plots, judged=False)
-    return whole(overview, *pages, play_state="following")
+    return whole_blueprint(overview, *pages, play_state="following")
 
 
 def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[rrb.Grid]:
@@ -128,7 +128,7 @@ def estimates(space: ParameterSpace, plots: Plots, judged: bool = True) -> list[
     return pages
 
 
-def robot(camera: Camera, name: str) -> rrb.Spatial3DView:
+def robot_view(camera: Camera, name: str) -> rrb.Spatial3DView:
     """The robot above the ground grid; the most recent part of a vehicle's path is bright."""
     since = rr.TimeRangeBoundary.cursor_relative(seconds=-camera.trail)
     return _space(
@@ -157,7 +157,7 @@ def way(camera: Camera) -> rrb.Spatial3DView:
     )
 
 
-def words(drawn: str, magnified: Mapping[str, float] | None = None) -> str:
+def drawing_words(drawn: str, magnified: Mapping[str, float] | None = None) -> str:
     """Title of the robot's view: what is drawn, and which arrows are magnified."""
     longer = [f"{kind} magnified {times:g} ×" for kind, times in (magnified or {}).items()]
     return drawable("; ".join(filter(None, [drawn or "Robot, simulated by MuJoCo", *longer])))
@@ -192,7 +192,7 @@ def _period(start: rr.TimeRangeBoundary, end: rr.TimeRangeBoundary) -> rrb.Visib
     return rrb.VisibleTimeRanges(timeline="sim_time", start=start, end=end)
 
 
-def result(name: str = "Result") -> rrb.TextDocumentView:
+def result_view(name: str = "Result") -> rrb.TextDocumentView:
     """The panel with the result as text."""
     return rrb.TextDocumentView(origin="/result", name=name)
 
@@ -214,17 +214,17 @@ def _overview(
     plots: Plots,
 ) -> rrb.Horizontal:
     """The first page: robot and result on the left, the main plots on the right."""
-    below: rrb.View | rrb.Container = result()
+    below: rrb.View | rrb.Container = result_view()
     if survey is not None:
         below = rrb.Horizontal(way(survey), below, column_shares=[2, 3])
     left: list[rrb.View | rrb.Container] = [below]
     if camera is not None:
-        left.insert(0, robot(camera, drawn))
+        left.insert(0, robot_view(camera, drawn))
     heights = plots.heights(*[[view] for view in story])
-    return beside(left, rrb.Vertical(*story, row_shares=heights), "Overview", [3, 2])
+    return views_beside(left, rrb.Vertical(*story, row_shares=heights), "Overview", [3, 2])
 
 
-def beside(
+def views_beside(
     left: Sequence[rrb.View | rrb.Container], right: rrb.Container, name: str, shares: list[float]
 ) -> rrb.Horizontal:
     """A page with robot and texts, `shares` of its height each, on the left of its plots."""
@@ -247,7 +247,7 @@ def _estimate(
     return plots(path(*group.key), f"Estimate of {group.title}{true}", width)
 
 
-def whole(
+def whole_blueprint(
     *pages: rrb.Container, play_state: Literal["playing", "following"] = "playing"
 ) -> rrb.Blueprint:
     """Pages as tabs, the first one open, without the viewer's panels."""

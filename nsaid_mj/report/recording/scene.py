@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 
 from ...core import Array, JointTree, SecondOrderSystem, SingleBody, bones
-from ...lab import Looks
+from ...robots import Looks
 
 ROBOT = "robot"
 BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"

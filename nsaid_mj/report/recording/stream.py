@@ -19,7 +19,7 @@ from .text import application, drawable
 _MARKDOWN = rr.MediaType.MARKDOWN
 
 
-def write(
+def write_recording(
     file: Path,
     name: str,
     layout: rrb.Blueprint,

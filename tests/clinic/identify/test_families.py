@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from nsaid_mj import AxisMultisine, Driving
-from nsaid_mj.base.files import asset
 from nsaid_mj.cli.commands import command
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import Setup
+from nsaid_mj.robots.assets import asset
 
 pytestmark = pytest.mark.usefixtures("no_drawings")  # tests/report/pages looks at the pages
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj.base.files import asset
 from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.choose.timing import Timing
 from nsaid_mj.clinic.identify.identify import identify_forces
@@ -20,6 +19,7 @@ from nsaid_mj.core.log import Log
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import Setup
+from nsaid_mj.robots.assets import asset
 from nsaid_mj.robots.model import RobotModel
 from tests.support.flight_logs import MOTORS, speeds, topics, write_dataflash, write_ulog
 

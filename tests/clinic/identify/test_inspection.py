@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nsaid_mj.base.files import asset
 from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.inspection import Inspection, figures_of, inspect, signal_names
 from nsaid_mj.clinic.identify.inspection_page import draw_inspection
@@ -18,6 +17,7 @@ from nsaid_mj.clinic.logs.mapping import map_of, read_map
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.signals import quantum
 from nsaid_mj.clinic.logs.tables import Channel, Table, read_tables
+from nsaid_mj.robots.assets import asset
 from tests.support.robot_logs import columns, two_joints, write_csv
 
 

@@ -16,7 +16,7 @@ from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.law import law_findings, law_logs
 from nsaid_mj.clinic.identify.result import AlongLog, Gain, Identification
 from nsaid_mj.clinic.session import Session
-from nsaid_mj.lab.finish import finish, rebuild
+from nsaid_mj.lab.postprocessing import finish, rebuild
 from nsaid_mj.lab.record import Record
 from tests.support.identification import identification
 from tests.support.robot_logs import arm_log, two_joints, write_csv

@@ -22,9 +22,9 @@ from nsaid_mj.core.log import Log
 from nsaid_mj.lab.evaluation.run_misfit import filter_of
 from nsaid_mj.lab.evaluation.running import RunningMisfit
 from nsaid_mj.lab.evaluation.summary import summary_of
-from nsaid_mj.lab.finish import finish, rebuild
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import Run
+from nsaid_mj.lab.postprocessing import finish, rebuild
 from nsaid_mj.lab.record import Record
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.watch import judged_estimate, running_misfit, widened

@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.base.errors import InvalidInput, UnknownName
-from nsaid_mj.base.files import asset
 from nsaid_mj.clinic.identify.identify import identify_forces
 from nsaid_mj.clinic.identify.links import carrier, check_loads, payloads, with_mass
 from nsaid_mj.clinic.identify.loads import Load, load_of
 from nsaid_mj.clinic.identify.models import load_robot_model
+from nsaid_mj.robots.assets import asset
 from tests.support.simulated_logs import HeavyWrist
 
 MASS, CENTRE = 2.0, np.array([0.04, -0.02, 0.12])

@@ -5,12 +5,13 @@ import mujoco.sysid
 import numpy as np
 import pytest
 
-from nsaid_mj.base.errors import BadRobot, InvalidInput
+from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.clinic.identify.comparison import by_toolbox, compare_arms
 from nsaid_mj.clinic.identify.export import replay
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.recordings import Recordings, Segment
 from nsaid_mj.core.log import Log
+from nsaid_mj.robots.errors import BadRobot
 from nsaid_mj.robots.identified import Identified
 from nsaid_mj.robots.mjcf_export import write_mjcf
 from tests.robots.test_mjcf import arm

@@ -3,10 +3,11 @@ import re
 import numpy as np
 import pytest
 
-from nsaid_mj.base.errors import BadRobot, InvalidInput, UnknownName
-from nsaid_mj.base.files import asset
+from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.lab.plants.world.body import box_of
+from nsaid_mj.robots.assets import asset
+from nsaid_mj.robots.errors import BadRobot
 
 
 def test_a_packed_vehicle_has_its_published_values():

@@ -6,13 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.base.files import asset
 from nsaid_mj.clinic.logs.checks import checked, checks
 from nsaid_mj.clinic.logs.mapping import Column, Joint, Map, read_map
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.recordings import Recordings
 from nsaid_mj.clinic.logs.tables import Channel, Table, read_tables
 from nsaid_mj.clinic.logs.unusable import UnusableLog
+from nsaid_mj.robots.assets import asset
 from tests.clinic.logs.test_tx40_log import robot as tx40
 from tests.support.robot_logs import JOINTS, columns, two_joints
 

@@ -4,11 +4,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.base.files import asset
 from nsaid_mj.clinic.logs.mapping import read_map
 from nsaid_mj.clinic.logs.preparation import prepare
 from nsaid_mj.clinic.logs.recordings import Recordings
 from nsaid_mj.clinic.logs.tables import read_tables
+from nsaid_mj.robots.assets import asset
 from nsaid_mj.robots.model import RobotModel
 
 

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from scipy.signal import lfilter
 
-from nsaid_mj.base.files import asset
+from nsaid_mj.robots.assets import asset
 
 MODEL = asset("so101", "so101.xml")
 JOINTS = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll", "gripper")

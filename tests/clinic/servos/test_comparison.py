@@ -6,12 +6,13 @@ import mujoco.sysid
 import numpy as np
 import pytest
 
-from nsaid_mj.base.errors import BadRobot, InvalidInput, NoEstimate
+from nsaid_mj.base.errors import InvalidInput, NoEstimate
 from nsaid_mj.cli.commands import command
 from nsaid_mj.clinic.identify.comparison import IDENTIFIED, STOCK, SYSID, compare_servos
 from nsaid_mj.clinic.servos.estimate import DELAYS, late
 from nsaid_mj.clinic.servos.export import rollout
 from nsaid_mj.clinic.servos.identify import servo_logs
+from nsaid_mj.robots.errors import BadRobot
 
 from .simulated import ARMATURE, DELAY, JOINTS, KP, MODEL, F, T, log, write
 

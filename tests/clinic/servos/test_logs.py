@@ -7,13 +7,13 @@ import pytest
 
 import nsaid_mj
 from nsaid_mj.base.errors import InvalidInput, NsaidError
-from nsaid_mj.base.files import asset
 from nsaid_mj.clinic.identify.inspection import inspect
 from nsaid_mj.clinic.identify.models import load_robot_model
 from nsaid_mj.clinic.logs.mapping import map_of
 from nsaid_mj.clinic.logs.matching import match_targets
 from nsaid_mj.clinic.logs.tables import read_tables
 from nsaid_mj.clinic.servos.identify import identify_servos, servo_logs
+from nsaid_mj.robots.assets import asset
 
 from .simulated import JOINTS, MODEL, write
 

@@ -31,10 +31,10 @@ from nsaid_mj.lab.evaluation.figures import actuator_ratio_error
 from nsaid_mj.lab.evaluation.lyapunov import energy, rises_of
 from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
-from nsaid_mj.lab.finish import rebuild
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.plants.world.noise import SensorNoise
+from nsaid_mj.lab.postprocessing import rebuild
 from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import trajectory

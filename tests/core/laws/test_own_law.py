@@ -20,10 +20,10 @@ from nsaid_mj.lab.evaluation.run_evaluation import evaluate
 from nsaid_mj.lab.evaluation.summary import summary_of
 from nsaid_mj.lab.evaluation.truth import truth_of
 from nsaid_mj.lab.evaluation.verify import verify
-from nsaid_mj.lab.finish import finish
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.plants.world.faults.text import parse_faults
+from nsaid_mj.lab.postprocessing import finish
 from nsaid_mj.lab.setup import Setup
 from tests.support.bench import bench
 from tests.support.own_law import OwnConfig, OwnLaw

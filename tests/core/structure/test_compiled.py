@@ -11,8 +11,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.base.errors import BadRobot
-from nsaid_mj.base.files import known_robots
 from nsaid_mj.core.laws.base import State, Status
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
@@ -24,6 +22,8 @@ from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.plants.arm import nominal_scales
 from nsaid_mj.lab.plants.jointed import ArmPlant, Backend
+from nsaid_mj.robots.assets import known_robots
+from nsaid_mj.robots.errors import BadRobot
 from nsaid_mj.robots.loading import Base, load_robot
 from tests.support.dense import Dense
 from tests.support.dense import transport as transported

@@ -5,14 +5,15 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from nsaid_mj.base.errors import BadRobot, EnginesDisagree, InvalidInput
-from nsaid_mj.base.files import known_robots
+from nsaid_mj.base.errors import EnginesDisagree, InvalidInput
 from nsaid_mj.core.structure.multibody import CompiledMultibody, Multibody
 from nsaid_mj.lab.control.tracking import FourierTracking
 from nsaid_mj.lab.plants import arm
 from nsaid_mj.lab.plants.arm import true_model
 from nsaid_mj.lab.plants.jointed import FloatingBasePlant
 from nsaid_mj.lab.plants.world.plant import Plant
+from nsaid_mj.robots.assets import known_robots
+from nsaid_mj.robots.errors import BadRobot
 from nsaid_mj.robots.loading import load_robot
 from tests.support.dense import Dense
 from tests.support.matrices import assert_near

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj.base.files import numbers
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.robots.assets import published_numbers
 from tests.support.evaluation import Evaluation
 from tests.support.fossen import Fossen, true_numbers, vehicle
 from tests.support.plants import draw_state, plant
@@ -66,7 +66,7 @@ def geometry(system: Any, family: str) -> SimpleNamespace:
         found.positions, found.directions = (
             system.constants(kind, what) for what in ("point", "direction")
         )
-        curve = np.array(numbers("bluerov2")["thrusters"]["curve"])
+        curve = np.array(published_numbers("bluerov2")["thrusters"]["curve"])
         found.curve = curve / curve.sum()
     elif family == "torpedo":
         found.positions, found.lifts = (system.constants("fin", x) for x in ("point", "direction"))

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import FolderInUse, InvalidInput, NsaidError
-from nsaid_mj.base.files import locked, scenarios
+from nsaid_mj.base.files import locked
 from nsaid_mj.core.laws.cone.law import ConeMetric
 from nsaid_mj.core.laws.cone.prior import drawn_inside
 from nsaid_mj.core.laws.config import NullspaceAID
@@ -31,6 +31,7 @@ from nsaid_mj.plans.track.run import run_tracking as run_study
 from nsaid_mj.plans.track.tracking import courses, drive
 from nsaid_mj.plans.track.tracking import tracking_plan as plan_of
 from nsaid_mj.report.recording.scene import ROBOT
+from nsaid_mj.robots.assets import scenarios
 from tests.support.plants import config_of, plant
 from tests.support.recordings import entities_of
 

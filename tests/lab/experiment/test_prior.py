@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.core.laws.cone.prior import drawn_inside
 from nsaid_mj.core.parameters import Array, ParameterSpace
 from nsaid_mj.core.quotient.cone import cone_of, inside
@@ -26,6 +25,7 @@ from nsaid_mj.lab.record import RECORD_FILE
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup
 from nsaid_mj.plans.studies.montecarlo import montecarlo_plan
+from nsaid_mj.robots.assets import scenarios
 from tests.support.plants import assert_engines_agree, name_of
 from tests.support.strategies import seeds
 from tests.support.studies import monte_carlo

@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput, UnknownName
-from nsaid_mj.base.files import scenarios
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.conventional import ConventionalAID
 from nsaid_mj.core.laws.settings import EfficientConfig, MemoryConfig
@@ -56,6 +55,7 @@ from nsaid_mj.lab.plants.world.faults.kinds import (
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.scenario import Scenario
+from nsaid_mj.robots.assets import scenarios
 
 NAN, INF = np.nan, np.inf
 FEW = settings(deadline=None, max_examples=50)

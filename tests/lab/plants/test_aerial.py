@@ -10,13 +10,13 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from nsaid_mj.base.errors import InvalidInput, UnknownName
-from nsaid_mj.base.files import numbers
 from nsaid_mj.core.nullspace.subspace import directions, structural
 from nsaid_mj.lab.control.quadrotor import QuadrotorFlight
 from nsaid_mj.lab.plants.vehicles import BlueROV2Plant, QuadrotorPlant
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.lab.setup import Setup, draw_prior, trajectory
+from nsaid_mj.robots.assets import published_numbers
 from tests.support.matrices import skew
 from tests.support.plants import drive, hold, plant
 from tests.support.strategies import seeds
@@ -68,7 +68,7 @@ def physical(model, p):
 def textbook(model, p, seconds, u, start=START, wind=(0.0, 0.0, 0.0)):
     """(3,) place of the origin, (3, 3) attitude, (6,) twist: Newton and Euler, DOP853."""
     m, c, inertia, k = physical(model, p)
-    d = numbers(model)["rotors"]
+    d = published_numbers(model)["rotors"]
     lever = d["arm"] / 2**0.5
 
     def wrench(R, through_air, omega):
@@ -159,7 +159,7 @@ def test_the_truth_leaves_no_residual(model, seed):
 
 @models
 def test_without_spread_theta_is_the_published_numbers(model):
-    d, p = numbers(model), plant(model, spread=0.0)
+    d, p = published_numbers(model), plant(model, spread=0.0)
     k, rotors = named(p), d["rotors"]
     top = rotors["top_speed"]
     assert k["m"] == d["mass"] and k["lift"] == rotors["lift"]
@@ -215,7 +215,7 @@ def test_every_drawn_inertia_is_physical(model, spread):
 
 
 def test_the_published_inertia_of_the_crazyflie_is_not_physical():
-    x, y, z = numbers("crazyflie")["inertia"]
+    x, y, z = published_numbers("crazyflie")["inertia"]
     assert z < x + y < 2.89e-5
 
 
@@ -249,7 +249,9 @@ def test_the_mounts_are_where_thrust_acts_and_a_torque_has_none(model):
     at = system.mounts
     assert at is not None and at.shape == (len(system.space.actuators), 3)
     assert np.isnan(at[4:]).all() and (at[:4] == system.constants("rotor", "point")).all()
-    np.testing.assert_allclose(np.linalg.norm(at[:4], axis=1), numbers(model)["rotors"]["arm"])
+    np.testing.assert_allclose(
+        np.linalg.norm(at[:4], axis=1), published_numbers(model)["rotors"]["arm"]
+    )
     q, v, u = system.random_state(np.random.default_rng(0))
     F = system.F(0.0, np.r_[q, v], u)[:, system.space["rotor thrust gain"]]
     np.testing.assert_allclose(np.cross(at[:4], F[:3].T), F[3:].T, atol=1e-15)
@@ -284,7 +286,7 @@ def test_faster_rotors_turn_the_vehicle_about_the_documented_axis(model, faster,
 
 @models
 def test_thrust_equal_to_the_weight_hovers(model):
-    d = numbers(model)
+    d = published_numbers(model)
     u = np.full(
         4, np.sqrt(d["mass"] * 9.81 / (4 * d["rotors"]["thrust"])) / d["rotors"]["top_speed"]
     )

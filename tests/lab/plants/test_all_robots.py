@@ -2,9 +2,9 @@
 
 import pytest
 
-from nsaid_mj.base.errors import BadRobot
-from nsaid_mj.base.files import known_robots
 from nsaid_mj.lab.plants.jointed import ArmPlant
+from nsaid_mj.robots.assets import known_robots
+from nsaid_mj.robots.errors import BadRobot
 
 
 @pytest.mark.slow

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj.base.errors import BadRobot
 from nsaid_mj.core.log import Log
 from nsaid_mj.core.structure.multibody import Multibody
 from nsaid_mj.lab.control.driver import Driver, DriverConfig
@@ -28,6 +27,7 @@ from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.noise import SensorNoise
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.plants.world.sensors import Sensors
+from nsaid_mj.robots.errors import BadRobot
 
 TRACKING, SINES = FourierTracking(), MultisineCommand(amplitude=0.3)
 CASES: dict[str, tuple[PlantConfig, DriverConfig]] = {

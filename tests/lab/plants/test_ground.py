@@ -11,7 +11,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.base.files import numbers
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.nullspace.subspace import structural
@@ -25,6 +24,7 @@ from nsaid_mj.lab.plants.world.config import PlantConfig
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.plants.world.plant import Plant
 from nsaid_mj.lab.setup import trajectory
+from nsaid_mj.robots.assets import published_numbers
 from tests.support.plants import drive, hold, plant, wrong_prior
 from tests.support.vehicles import acceleration
 
@@ -162,7 +162,7 @@ def test_m_is_positive_definite_and_c_is_skew(name):
     "name,stiffness", [("f1tenth", (94.274, 100.949)), ("bmw320i", (129.7e3, 105.4e3))]
 )
 def test_without_spread_theta_is_the_published_car(name, stiffness):
-    d, truth = numbers(name), car(name, spread=0.0).truth
+    d, truth = published_numbers(name), car(name, spread=0.0).truth
     off = 0.5 * (d["rear"] - d["front"])  # the heavier end is the nearer one
     expected = [
         d["mass"],
@@ -332,7 +332,7 @@ def test_the_rover_stands_on_its_wheels():
 def test_the_truth_of_a_rover_is_its_parts():
     """Mass, first moment and inertia by MuJoCo's own composite body; the rest by the numbers."""
     p = rover(spread=0.0)
-    d = numbers("rover")
+    d = published_numbers("rover")
     m, h, about_middle, C_f, C_r, k_d, k_v, c_0, c_D = p.truth
     assert m == pytest.approx(mujoco.mj_getTotalmass(p.model))
     with p.running():
@@ -349,7 +349,7 @@ def test_the_truth_of_a_rover_is_its_parts():
 
 def test_straight_ahead_a_rovers_mass_is_that_of_its_parts_and_wheel_spin():
     """k_d, k_v and c_0 are right and m along x is I/r² a wheel more, to a few percent."""
-    p, d = rover(spread=0.0), numbers("rover")
+    p, d = rover(spread=0.0), published_numbers("rover")
     m, _, _, _, _, k_d, k_v, c_0, c_D = p.truth
     heavier = m + 4 * d["wheel_inertia"][1] / d["radius"] ** 2
     start = np.zeros(3), np.array([1.5, 0.0, 0.0])
@@ -391,7 +391,7 @@ def test_the_rack_turns_each_wheel_by_its_own_angle():
     p = rover(spread=0.0)
     hold(p, (np.zeros(3), np.array([1.0, 0, 0])), np.array([0.12, 0.3]), 3.0)
     left, right = (float(p.data.joint(name).qpos[0]) for name in STEERED)
-    track = numbers("rover")["track"]
+    track = published_numbers("rover")["track"]
     assert 1 / np.tan(right) - 1 / np.tan(left) == pytest.approx(track / wheelbase(p), rel=0.03)
     angle = np.linspace(-0.4, 0.4, 9)
     curve = np.polynomial.polynomial.polyval(angle, ackermann(0.3, 0.4))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from nsaid_mj.base.errors import InvalidInput, NsaidError, UnknownName
-from nsaid_mj.base.files import asset
 from nsaid_mj.lab.plants.listed import ListedPlant, ListedSheet
 from nsaid_mj.lab.plants.vehicles import BlueROV2Plant
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.robots.assets import asset
 from tests.support.fossen import published
 from tests.support.vehicles import acceleration
 

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nsaid_mj.base.files import numbers
 from nsaid_mj.lab.plants.jointed import RoverPlant, UvmsPlant
 from nsaid_mj.lab.plants.vehicles import (
     AstrobeePlant,
@@ -17,6 +16,7 @@ from nsaid_mj.lab.plants.vehicles import (
     REMUS100Plant,
 )
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.robots.assets import published_numbers
 from tests.support.fossen import published
 
 NEAR = 0.005  # m
@@ -53,7 +53,10 @@ def test_a_nozzle_is_drawn_where_its_jet_leaves() -> None:
 
 @pytest.mark.parametrize("vehicle", ["hummingbird", "crazyflie"])
 def test_a_rotor_is_drawn_above_the_place_of_its_thrust(vehicle: str) -> None:
-    plant, sheet = QuadrotorPlant(vehicle=vehicle).build(1e-2, 1), numbers(vehicle)["rotors"]
+    plant, sheet = (
+        QuadrotorPlant(vehicle=vehicle).build(1e-2, 1),
+        published_numbers(vehicle)["rotors"],
+    )
     for i, place in enumerate(sheet["places"], 1):
         at, axis = geom(plant, f"rotor_{i}")
         assert at[:2] == pytest.approx(sheet["arm"] / np.sqrt(2) * np.array(place), abs=1e-3)
@@ -70,7 +73,7 @@ def test_fins_and_propeller_are_drawn_where_their_forces_act() -> None:
 
 @pytest.mark.parametrize("vehicle", ["f1tenth", "bmw320i"])
 def test_wheels_are_drawn_at_the_axles_and_on_the_ground(vehicle: str) -> None:
-    plant, sheet = CarPlant(vehicle=vehicle).build(1e-2, 1), numbers(vehicle)
+    plant, sheet = CarPlant(vehicle=vehicle).build(1e-2, 1), published_numbers(vehicle)
     half = (sheet["front"] + sheet["rear"]) / 2
     for name in WHEELS:
         at, _ = geom(plant, f"wheel_{name}")
@@ -79,7 +82,7 @@ def test_wheels_are_drawn_at_the_axles_and_on_the_ground(vehicle: str) -> None:
 
 
 def test_the_rovers_wheels_are_at_its_axles() -> None:
-    plant, sheet = RoverPlant().build(1e-3, 1), numbers("rover")
+    plant, sheet = RoverPlant().build(1e-3, 1), published_numbers("rover")
     for name in WHEELS:
         x = sheet["wheelbase"] / 2 * (1 if name.startswith("front") else -1)
         y = sheet["track"] / 2 * (1 if name.endswith("left") else -1)

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from nsaid_mj.base.errors import RobotChanged
 from nsaid_mj.lab.control.multisine import MultisineCommand
 from nsaid_mj.lab.control.tracking import FourierTracking
 from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.lab.plants.world.simulated import SimulatedRobot
 from nsaid_mj.lab.setup import trajectory
+from nsaid_mj.robots.errors import RobotChanged
 from tests.support.plants import assert_engines_agree
 
 LINK = (

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from nsaid_mj.base.errors import InvalidInput, RobotChanged
+from nsaid_mj.base.errors import InvalidInput
 from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.plants.arm import arm_spec, true_model
@@ -14,6 +14,7 @@ from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.lab.plants.world.faults.kinds import Loss
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import Setup
+from nsaid_mj.robots.errors import RobotChanged
 from nsaid_mj.robots.loading import load_robot
 from tests.support.vehicles import acceleration
 

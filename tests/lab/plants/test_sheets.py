@@ -14,7 +14,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from nsaid_mj.base.errors import InvalidInput, NsaidError, UnknownName
-from nsaid_mj.base.files import asset, numbers
 from nsaid_mj.lab.plants.vehicles import (
     AstrobeePlant,
     BlueROV2Plant,
@@ -23,6 +22,7 @@ from nsaid_mj.lab.plants.vehicles import (
     REMUS100Plant,
 )
 from nsaid_mj.lab.plants.world.config import PlantConfig
+from nsaid_mj.robots.assets import asset, published_numbers
 
 FAMILIES: dict[str, Any] = {
     "bluerov2": BlueROV2Plant,
@@ -98,7 +98,7 @@ WRONG = st.one_of(
 
 def test_added_mass_that_is_not_physical_is_refused():
     """Hypothesis found it: a coupling that is a thousand times too large."""
-    wrong = changed(numbers("remus100"), ("added_mass", "Y_rdot"), 1930.0)
+    wrong = changed(published_numbers("remus100"), ("added_mass", "Y_rdot"), 1930.0)
     with pytest.raises(NsaidError, match="added mass"):
         made("remus100", wrong)
 
@@ -107,7 +107,7 @@ def test_added_mass_that_is_not_physical_is_refused():
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_any_data_sheet_makes_a_plant_or_a_typed_error(family, data):
-    content = numbers(family)
+    content = published_numbers(family)
     for _ in range(data.draw(st.integers(1, 2))):
         path = data.draw(st.sampled_from(places(content)))
         deed = data.draw(st.sampled_from(["replace", "remove", "repeat", "scale", "add"]))
@@ -158,13 +158,13 @@ SAMPLES = [
 @pytest.mark.parametrize("family, path, new, words", SAMPLES)
 def test_an_error_names_file_key_expectation_and_what_came(family, path, new, words):
     with pytest.raises(InvalidInput) as caught:
-        made(family, changed(numbers(family), path, new))
+        made(family, changed(published_numbers(family), path, new))
     assert words in str(caught.value)
     assert "vehicle.toml: " in caught.value.name and caught.value.remedy
 
 
 def test_a_missing_key_is_named():
-    content = numbers("bluerov2")
+    content = published_numbers("bluerov2")
     del content["guess"]["speed"]
     with pytest.raises(InvalidInput, match=r"guess\.speed: expected six velocities .* got nothing"):
         made("bluerov2", content)
@@ -173,7 +173,7 @@ def test_a_missing_key_is_named():
 @pytest.mark.parametrize("path", [("linear_drg",), ("guess", "speeds"), ("thrusters", "curves")])
 def test_an_unknown_key_is_refused_with_near_matches(path):
     with pytest.raises(UnknownName) as caught:
-        made("bluerov2", changed(numbers("bluerov2"), path, 1.0))
+        made("bluerov2", changed(published_numbers("bluerov2"), path, 1.0))
     assert caught.value.name == path[-1] and "vehicle.toml" in caught.value.kind
     assert caught.value.near[0] in {"linear_drag", "speed", "curve"}
 
@@ -192,7 +192,7 @@ def test_a_folder_without_vehicle_toml_is_refused(tmp_path):
 
 def test_trailing_zeros_of_a_thruster_curve_change_nothing():
     """Once, a curve of another length shifted the thrusters' numbers behind it."""
-    content = numbers("bluerov2")
+    content = published_numbers("bluerov2")
     for curve in ([8.9, 176.0], [8.9, 176.0, 0.0], [8.9, 176.0, 0.0, 0.0, 0.0]):
         p = made("bluerov2", changed(content, ("thrusters", "curve"), curve))
         with p.running():
@@ -207,7 +207,7 @@ def test_trailing_zeros_of_a_thruster_curve_change_nothing():
 
 @pytest.mark.parametrize("count", [1, 5, 6, 16])
 def test_any_number_of_thrusters_up_to_16_is_exact(count):
-    content = numbers("bluerov2")
+    content = published_numbers("bluerov2")
     rng = np.random.default_rng(count)
     directions = rng.standard_normal((count, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]

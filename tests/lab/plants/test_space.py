@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from nsaid_mj.base.files import numbers
 from nsaid_mj.core.parameters import Array
 from nsaid_mj.lab.plants.vehicles import AstrobeePlant
 from nsaid_mj.lab.plants.world.plant import Plant
+from nsaid_mj.robots.assets import published_numbers
 from tests.support.vehicles import acceleration
 
 START = np.array([0.3, -0.2, 0.5, 0.4, -0.3, 0.8]), np.array([0.2, -0.1, 0.15, 0.5, 0.6, -0.4])
@@ -19,7 +19,7 @@ UP = np.array([1.0, -1.0, -1.0])  # published with z down
 
 def nozzle_forces(p: Plant) -> tuple[Array, Array]:
     """(12, 3) places [m] and (12, 3) forces [N] at full command, from the published table."""
-    table = numbers("astrobee")["nozzles"]
+    table = published_numbers("astrobee")["nozzles"]
     places, jets = np.array(table["positions"]) * 0.0254, np.array(table["directions"])
     half_turn = np.array([-1.0, -1.0, 1.0])
     places = np.vstack([places, half_turn * places]) * UP
@@ -29,7 +29,7 @@ def nozzle_forces(p: Plant) -> tuple[Array, Array]:
 
 def flown(p: Plant, u: Array, seconds: float) -> Array:
     """(13,) place, quaternion (x, y, z, w) and body twist after a held command."""
-    d = numbers("astrobee")
+    d = published_numbers("astrobee")
     m, centre, inertia = d["mass"], UP * d["centre"], np.array(d["inertia"])
     places, forces = nozzle_forces(p)
     push = u @ forces
@@ -86,7 +86,7 @@ def test_mujoco_is_of_fourth_order():
 
 def test_theta_is_the_published_body_about_its_own_origin():
     p = AstrobeePlant().build(1e-2, 3)
-    d, space = numbers("astrobee"), p.system.space
+    d, space = published_numbers("astrobee"), p.system.space
     m, c = d["mass"], UP * d["centre"]
     about = np.diag(d["inertia"]) + m * (c @ c * np.eye(3) - np.outer(c, c))
     expected = [

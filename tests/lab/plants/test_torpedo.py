@@ -9,12 +9,12 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from nsaid_mj.base.errors import InvalidInput
-from nsaid_mj.base.files import numbers
 from nsaid_mj.lab.control.autopilot import DepthHeadingAutopilot
 from nsaid_mj.lab.control.signals import Multisine
 from nsaid_mj.lab.plants.vehicles import BlueROV2Plant
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
 from nsaid_mj.lab.setup import trajectory
+from nsaid_mj.robots.assets import published_numbers
 from tests.support.plants import drive, hold, plant, wrong_prior
 from tests.support.vehicles import acceleration
 
@@ -148,7 +148,7 @@ def prestero(truth, names, u_fins, n):
 
     Scalars as printed, with each fin's own force. Nothing of the package is used.
     """
-    d = numbers("remus100")
+    d = published_numbers("remus100")
     k = dict(zip(names, truth, strict=True))
     m, zg = d["mass"], d["gravity_centre"][2]
     Ixx, Iyy, Izz = d["inertia"]
@@ -344,7 +344,7 @@ def test_the_autopilot_keeps_speed_and_attitude_within_the_fins_range(seed):
     assert np.abs(q[:, 2] + 20).max() < 15
     upright = np.array([pin.Quaternion(row[3:]).toRotationMatrix()[2, 2] for row in q])
     assert (upright > 0.3).all()
-    limit = numbers("remus100")["fins"]["limit"]
+    limit = published_numbers("remus100")["fins"]["limit"]
     assert (np.abs(u[:, :4]) <= limit).all() and (np.abs(u[:, :4]).max(axis=0) == limit).all()
     assert (u[:, 4] >= 0.2).all() and (u[:, 4] <= 1).all()
 

@@ -9,7 +9,6 @@ import pinocchio as pin
 import pytest
 
 from nsaid_mj.base.errors import InvalidInput, UnknownName
-from nsaid_mj.base.files import numbers
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.laws.config import NullspaceAID
 from nsaid_mj.core.laws.nullspace_aid import paper_identifier
@@ -25,6 +24,7 @@ from nsaid_mj.lab.plants.jointed import FlyingArmPlant, UvmsPlant
 from nsaid_mj.lab.plants.uvms import published_links
 from nsaid_mj.lab.plants.vehicles import BlueROV2Plant
 from nsaid_mj.lab.plants.world.mismatch import Mismatch
+from nsaid_mj.robots.assets import published_numbers
 from tests.support.dense import Dense, rk4_step, transport
 from tests.support.evaluation import Evaluation
 from tests.support.matrices import assert_near, coupled
@@ -91,7 +91,7 @@ def test_without_its_arm_the_uvms_is_the_underwater_vehicle():
 def test_added_mass_of_a_link_is_that_of_its_strips():
     """½ vᵀ M v of unit added mass is ½ ∫ |v_⊥|² ds/L along the axis, and drag brakes."""
     system = plant("uvms").system
-    c, space = published_links(numbers("uvms")), system.space
+    c, space = published_links(published_numbers("uvms")), system.space
     x, _, _, u, _ = draw_state(system, 3)
     q, v = system.split(x)
     data = system.model.createData()

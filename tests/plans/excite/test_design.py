@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from nsaid_mj.base.errors import InvalidInput, NoMotion, UnknownName
+from nsaid_mj.base.errors import InvalidInput, UnknownName
 from nsaid_mj.lab.control.computed_torque import Tracking
 from nsaid_mj.lab.control.tracking import DesignedSignals, DesignedTracking, FourierTracking
 from nsaid_mj.lab.library import load
@@ -15,6 +15,7 @@ from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.lab.scenario import Scenario
 from nsaid_mj.plans.excite import designing, prediction
 from nsaid_mj.plans.excite.designing import Design, design
+from nsaid_mj.plans.excite.errors import NoMotion
 from nsaid_mj.plans.excite.experiment import Experiment, own_limits, scenario_of_model
 from nsaid_mj.plans.excite.files import motion_csv
 from nsaid_mj.plans.excite.information import asked_for, ranks

@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nsaid_mj.base.errors import BadRobot
-from nsaid_mj.base.files import vehicle_files
 from nsaid_mj.core.structure.joints import JointTree
 from nsaid_mj.lab.control.multisine import MultisineCommand
 from nsaid_mj.lab.library import load
@@ -14,6 +12,8 @@ from nsaid_mj.lab.plants.jointed import ArmPlant
 from nsaid_mj.plans.excite.experiment import Experiment, own_limits, scenario_of_model
 from nsaid_mj.plans.excite.limits import COMMAND, RANDOM, Limit, Limits
 from nsaid_mj.plans.excite.motions import DrivenMotions
+from nsaid_mj.robots.assets import vehicle_files
+from nsaid_mj.robots.errors import BadRobot
 
 XML = """
 <mujoco model="two"><compiler angle="radian"/>

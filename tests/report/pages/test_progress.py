@@ -9,7 +9,7 @@ import pytest
 from nsaid_mj import Record
 from nsaid_mj.lab.library import load
 from nsaid_mj.lab.loop import run
-from nsaid_mj.report.progress import COMPILING, Progress, cost_of
+from nsaid_mj.lab.progress import COMPILING, Progress, cost_of
 from tests.support.faulty import call
 
 ROV = replace(load("scalar_rov"), duration=1.0)
@@ -35,7 +35,7 @@ def test_without_a_terminal_compiling_is_told_every_10_s(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     now = [100.0]
-    monkeypatch.setattr("nsaid_mj.report.progress.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("nsaid_mj.lab.progress.time.monotonic", lambda: now[0])
     told = Progress("ur5")
     for now[0] in (100.0, 101.0, 105.0, 111.0, 112.0):
         told._compiling()

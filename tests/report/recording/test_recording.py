@@ -49,7 +49,7 @@ from nsaid_mj.report.recording import (
     torques,
     viewer,
 )
-from nsaid_mj.report.recording.stream import write as write_content
+from nsaid_mj.report.recording.stream import write_recording as write_content
 from nsaid_mj.report.recording.text import drawable
 from tests.support.faulty import WITH_RIVAL as ROV
 from tests.support.faulty import heard

@@ -12,7 +12,7 @@ import rerun as rr
 
 from nsaid_mj.base.errors import BadRun, InvalidInput
 from nsaid_mj.clinic import live_recording as live
-from nsaid_mj.clinic.live_recording import Live
+from nsaid_mj.clinic.live_recording import LiveRecording
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.log import Measurement
 from nsaid_mj.lab.loop import Robot, run
@@ -33,7 +33,7 @@ def test_a_live_run_waits_until_its_time_is_due(
 
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
     monkeypatch.setattr(time, "sleep", sleep)
-    observer = Live("x", speed)
+    observer = LiveRecording("x", speed)
     for t in (0.0, 0.5, 1.0):
         observer._wait(t)
     assert slept == pytest.approx(waits)
@@ -42,13 +42,13 @@ def test_a_live_run_waits_until_its_time_is_due(
 @pytest.mark.parametrize("speed", [-1.0, np.inf, np.nan])
 def test_a_live_speed_that_is_none_is_told(speed: float) -> None:
     with pytest.raises(InvalidInput, match="live_speed"):
-        Live("x", speed)
+        LiveRecording("x", speed)
 
 
 def no_connection(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     """Sends live data to a file; without a sink, Rerun would warn of them in a later test."""
     file = folder / "live.rrd"
-    monkeypatch.setattr(Live, "_serve", lambda self: "")
+    monkeypatch.setattr(LiveRecording, "_serve", lambda self: "")
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda rec, *_, **__: rec.save(file))
 
 
@@ -66,7 +66,7 @@ def test_live_without_a_display_serves_this_machine_and_ends_its_server(
 
     real = live._launch
     monkeypatch.setattr(live, "_launch", launch)
-    result = run(ROV, tmp_path, Live("rov"))
+    result = run(ROV, tmp_path, LiveRecording("rov"))
     assert result.ending.status is Status.completed
     assert "http://127.0.0.1:" in capfd.readouterr().err
     assert started[0][:3] == ["--serve-web", "--bind", "127.0.0.1"]
@@ -81,8 +81,8 @@ def test_a_failing_viewer_does_not_end_the_run(
     monkeypatch.setattr(live, "program", lambda: [sys.executable, "-c", "raise SystemExit(3)"])
     if where == "see":
         no_connection(monkeypatch, tmp_path)
-        monkeypatch.setattr(Live, "_see", lambda *_: 1 / 0)
-    result = run(ROV, tmp_path, Live("rov"))
+        monkeypatch.setattr(LiveRecording, "_see", lambda *_: 1 / 0)
+    result = run(ROV, tmp_path, LiveRecording("rov"))
     assert result.ending.status is Status.completed
     told = [x for x in capfd.readouterr().err.splitlines() if x.startswith("nsaid:")]
     assert len(told) == 1 and "continuing without the viewer" in told[0]
@@ -93,7 +93,7 @@ def test_live_sees_no_true_value(monkeypatch: pytest.MonkeyPatch, tmp_path: Path
     no_connection(monkeypatch, tmp_path)
     plant = ROV.plant.build(ROV.dt, 0)
     monkeypatch.setattr(type(plant), "truth", property(lambda self: 1 / 0))
-    observer = Live("rov")
+    observer = LiveRecording("rov")
     first = Measurement(0.0, *plant.system.random_state(np.random.default_rng(0)))
     observer._start(Robot(plant.system, plant.system.space.scale, plant), first)
     observer._rec = None
@@ -107,7 +107,7 @@ def test_live_shows_a_vehicle_its_path_and_the_estimated_forces(
     no_connection(monkeypatch, tmp_path)
     monkeypatch.setattr(live, "_PERIOD", 0.0)
     monkeypatch.setattr(live, "_SHARE", 0)
-    result = run(VEHICLE, tmp_path / "run", Live("vehicle"))
+    result = run(VEHICLE, tmp_path / "run", LiveRecording("vehicle"))
     entities = entities_of(tmp_path / "live.rrd")
     rows = drawn_rows(result, entities, forces.ESTIMATED)
     assert len(rows) > 20 and f"/{forces.COMMANDED}" not in entities

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ....base import InvalidInput, Name, Share, VehicleFiles, config, folder, vehicle_files
+from ....base import InvalidInput, Name, Share, config
 from ....core import Array, Block, Operation, Term, of_a_body
+from ....robots import VehicleFiles, folder, vehicle_files
 from .body import BODY, JOINTS, Inertia, command_inputs, hidden, vehicle_spec
 from .config import KnownPlant
 from .mismatch import Mismatch

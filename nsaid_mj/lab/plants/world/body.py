@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....base import InvalidInput, VehicleFiles
+from ....base import InvalidInput
 from ....core import Array
+from ....robots import VehicleFiles
 
 BODY = "vehicle"
 """Name of the moving body in every vehicle's model.xml; its free joint is called `pose`."""

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import mujoco
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ....base import InvalidInput
 from ....core import Array, Indices, Log, Measurement, SecondOrderSystem, displaced
-from ....robots import VisualMesh, advance, at_rest
+from ....robots import Looks, VisualMesh, advance, at_rest
 from ...control.computed_torque import Tracking
 from ...control.driver import CompiledDriver, Driver
 from .callbacks import installed
@@ -26,21 +26,6 @@ from .mismatch import Mismatch
 from .quiet import quiet
 from .sensors import EXACT_SENSORS, Sensors
 from .stepping import World, drive, sound, warnings_of
-
-
-class Looks(Protocol):
-    """Meshes of a robot and their poses."""
-
-    def visuals(self) -> list[VisualMesh]:
-        """All meshes; there may be none."""
-        ...
-
-    def poses(self, q: Array) -> tuple[Array, Array]:
-        """World poses of the meshes at positions q (k, m).
-
-        They are translations (k, meshes, 3) [m] and quaternions (k, meshes, 4) in x, y, z, w.
-        """
-        ...
 
 
 class Plant(ABC):

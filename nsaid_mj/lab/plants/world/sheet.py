@@ -8,8 +8,9 @@ from typing import Annotated, Any, ClassVar, Self, get_args, get_origin
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
-from ....base import InvalidInput, UnknownName, vehicle_files
+from ....base import InvalidInput, UnknownName
 from ....core import Array
+from ....robots import vehicle_files
 
 LARGEST, SMALLEST = 1e9, 1e-12
 """Bounds on the magnitude of every number in a data sheet; products of a few remain finite."""

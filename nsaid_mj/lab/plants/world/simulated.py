@@ -7,11 +7,11 @@ import mujoco
 import numpy as np
 
 from ....core import Array, JointTree, SecondOrderSystem
-from ....robots import VisualMesh, of_geom
+from ....robots import Looks, VisualMesh, of_geom
 from .coordinates import JointMap
 from .forces import Forces, column_forces
 from .mismatch import Mismatch
-from .plant import Looks, Plant
+from .plant import Plant
 
 
 class GeomLooks:

@@ -14,7 +14,16 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from .....base import Config, InvalidInput, Name, NonNegative, Number, Positive, UnknownName, config
+from .....base import (
+    Config,
+    InvalidInput,
+    Name,
+    NonNegative,
+    Number,
+    Positive,
+    UnknownName,
+    config,
+)
 from .....core import Array, Indices
 
 if TYPE_CHECKING:

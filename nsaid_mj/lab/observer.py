@@ -9,7 +9,8 @@ import numpy as np
 
 if TYPE_CHECKING:
     from ..core import Array, Log, Measurement, SecondOrderSystem, State
-    from ..lab import Looks, Scenario
+    from ..robots import Looks
+    from . import Scenario
 
 
 class Robot(NamedTuple):

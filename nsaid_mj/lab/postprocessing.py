@@ -11,6 +11,7 @@ from ..base import (
     LARGEST,
     BadRun,
     InvalidInput,
+    installed,
     json_of,
     locked,
     single_threaded,
@@ -18,7 +19,7 @@ from ..base import (
     write_text,
 )
 from ..core import Status
-from ..report import Progress, available, write_html
+from ..report import write_html
 from .evaluation import page as report
 from .evaluation.curves import with_curves
 from .evaluation.recording import write_run_recording
@@ -29,6 +30,7 @@ from .evaluation.summary import result_from, summary_of
 from .evaluation.truth import truth_of
 from .evaluation.verify import ROWS, verify
 from .loop import Cost, Ending, Run, reopen
+from .progress import Progress
 from .record import Record
 
 _BLOCK = 10_000  # rows of a record, which may be large, in memory at once
@@ -87,7 +89,7 @@ def _finish(
     say("writing recording and report")
     checks = verify(run, truth, result) if len(run.record) >= ROWS else None
     result = with_curves(result, run, truth)
-    if available():
+    if installed("rerun"):
         write_run_recording(run, result, truth, checks)
     write_html(report.page(run, result, checks, command), run.folder)
     return result
@@ -113,12 +115,10 @@ def rebuild(folder: Path) -> RunResult:
         BadRun: the folder has no readable record, or one with fewer than two rows.
         InvalidInput: a value in this record's summary.json is missing or of a wrong type.
     """
-    from ..clinic import reopen_measured  # no simulated run needs it
-
     record = Record.opened(folder)
     if len(record) < 2:
         raise BadRun(folder, f"its record has {len(record)} rows", "Run the scenario again")
-    run = reopen_measured(folder, record) or reopen(folder, record)
+    run = reopen(folder, record)
     earlier = _earlier(run)
     if earlier is not None:
         _recall(run, earlier)

@@ -24,7 +24,7 @@ from .observer import Observer, Robot
 
 if TYPE_CHECKING:
     from ..core import Log, Measurement, SecondOrderSystem, State
-    from ..lab import Scenario
+    from . import Scenario
 
 COMPILING = "compiling, once (half a minute)"
 _STEP = 1e-4  # of plant, identifier and persistence levels, roughly [s]
@@ -128,7 +128,7 @@ class Progress(Observer):
 
 def cost_of(scenario: Scenario, system: SecondOrderSystem) -> str:
     """The approximate cost of a run of an hour or more, or of a large record; "" for others."""
-    from ..lab import columns
+    from . import columns
 
     hours = scenario.steps * _STEP * (1 + len(scenario.rivals)) / 3600
     widths = columns(system, scenario).values()
