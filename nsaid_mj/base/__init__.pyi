@@ -192,6 +192,9 @@ from .optional import installed as installed
 # TODO
 from .optional import pin as pin
 
+# Imports a package that an extra installs; `purpose` says what needs it.
+from .optional import require as require
+
 # A clock [s] that stops while this thread compiles, to measure the cost of a run.
 from .stopwatch import clock as clock
 

@@ -30,6 +30,7 @@ from ..base import (
     printable,
     reading,
     record_file,
+    require,
 )
 from ..lab import load
 from ..robots import MORE_ROBOTS, has_example_robots, known_robots, scenarios
@@ -201,7 +202,8 @@ def _carry_out(
 
     watchers: list[Observer] = []
     if output.live:
-        from ..clinic import LiveRecording
+        require("rerun", "view", "A recording")
+        from ..lab import LiveRecording
 
         watchers.append(LiveRecording(title, output.live_speed))
     with (
@@ -265,6 +267,7 @@ def _view(folder: Path, web: bool, rebuild: bool) -> int:
         from ..lab import rebuild as post_process
 
         post_process(folder)
+    require("rerun", "view", "A recording")
     from ..report import viewer_command
 
     words = viewer_command(file, web)

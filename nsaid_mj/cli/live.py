@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..base import require
 from .checks import check_live, names_in
 from .folders import folder_for
 from .grammar import Live
@@ -49,9 +50,10 @@ def follow_robot(chosen: Live) -> int:
             print(f"{name}: waiting for samples from {where}", file=sys.stderr)
         observers: list[Observer] = []
         if chosen.view:
-            from ..clinic import LiveRecording as Viewer
+            require("rerun", "view", "A recording")
+            from ..lab import LiveRecording
 
-            observers.append(Viewer(name, 0))
+            observers.append(LiveRecording(name, 0))
         every = chosen.every if chosen.every is not None else _SHOWN
         show = _send if chosen.json else (_print if not quiet else lambda _: None)
         run = session.run(lines, folder, show, every, observers)

@@ -69,9 +69,6 @@ from .identify.result import Identification as Identification
 # How the structure is chosen.
 from .identify.result import Options as Options
 
-# Streams a run into a viewer window, or to a browser if there is no display.
-from .live_recording import LiveRecording as LiveRecording
-
 # The map of a log as TOML: entries that channels' names imply, and lines to fill in.
 from .logs.first_map import first_map as first_map
 

@@ -135,6 +135,9 @@ from .library import load as load
 # The error to raise for an exception in a user's code.
 from .library import script_error as script_error
 
+# Streams a run into a viewer window, or to a browser if there is no display.
+from .live_recording import LiveRecording as LiveRecording
+
 # TODO
 from .loop import Robot as Robot
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from nsaid_mj import NsaidError
-from nsaid_mj.clinic import live_recording as live
-from nsaid_mj.clinic.live_recording import LiveRecording
 from nsaid_mj.lab import finish as postprocessing
+from nsaid_mj.lab import live_recording as live
 from nsaid_mj.lab.evaluation.summary import summary_of
+from nsaid_mj.lab.live_recording import LiveRecording
 from nsaid_mj.lab.loop import run
 from nsaid_mj.lab.record import RECORD_FILE, Record
 from tests.support.faulty import FILES, ROV, script, strict

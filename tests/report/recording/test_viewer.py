@@ -11,10 +11,10 @@ import pytest
 import rerun as rr
 
 from nsaid_mj.base.errors import BadRun, InvalidInput
-from nsaid_mj.clinic import live_recording as live
-from nsaid_mj.clinic.live_recording import LiveRecording
 from nsaid_mj.core.laws.base import Status
 from nsaid_mj.core.log import Measurement
+from nsaid_mj.lab import live_recording as live
+from nsaid_mj.lab.live_recording import LiveRecording
 from nsaid_mj.lab.loop import Robot, run
 from nsaid_mj.report.recording import forces, scene, viewer
 from tests.support.faulty import WITH_RIVAL as ROV

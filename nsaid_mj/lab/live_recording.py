@@ -10,7 +10,6 @@ import rerun as rr
 
 from ..base import InvalidInput
 from ..core import Log, Measurement, SecondOrderSystem, State
-from ..lab import Observer, Robot, Scenario
 from ..report import (
     ESTIMATED,
     EXCITATION_LEVELS,
@@ -33,6 +32,7 @@ from ..report import (
     serving,
     velocity_names,
 )
+from . import Observer, Robot, Scenario
 
 _PERIOD = 0.05  # between two updates, in simulated time and in wall time [s]
 _SHARE = 10  # poses are logged at intervals of at least ten times the time that logging takes
