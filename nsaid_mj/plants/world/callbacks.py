@@ -19,10 +19,21 @@ from typing import Any
 
 import mujoco
 from llvmlite import binding as llvm
-from numba import carray, cfunc, types
+from numba import carray, types
 from numba.extending import intrinsic
 
-from ...numerics.kernels import INLINE, boolean, f8, helper, i8, matrix, routine, table, vector
+from ...numerics.kernels import (
+    INLINE,
+    boolean,
+    f8,
+    helper,
+    i8,
+    kernel,
+    matrix,
+    routine,
+    table,
+    vector,
+)
 
 WORDS = 1 << 15
 """Number of 8-byte words of mjData to search; its pointers are near word 20,000 in MuJoCo 4.0."""
@@ -131,15 +142,16 @@ def accepted(u):
     return True
 
 
+@kernel(f8(), inner=True, no_cfunc_wrapper=False)
+def _clock():
+    """A clock that stands still."""
+    return 0.0
+
+
 @cache
 def _stopped_clock() -> Any:
     """A stopped clock for MuJoCo's timers, which are unused here and take a quarter of a step."""
-
-    @cfunc(types.float64(), cache=True)
-    def clock():
-        return 0.0
-
-    return clock
+    return ctypes.CFUNCTYPE(ctypes.c_double)(_clock.callback)
 
 
 _in_use = False  # also set by plants without a callback: another plant's would act on them
@@ -158,7 +170,7 @@ def installed(passive: Any | None) -> Iterator[None]:
     _in_use = True
     try:
         mujoco.set_mjcb_passive(passive)
-        mujoco.set_mjcb_time(_stopped_clock().ctypes)
+        mujoco.set_mjcb_time(_stopped_clock())
         yield
     finally:
         mujoco.set_mjcb_passive(None)
