@@ -192,7 +192,16 @@ def prune(home: Path, current: Path, now: float | None = None) -> None:
 FOLDER = open_cache()
 """The folder of this process's compiled kernels."""
 
-numba.config.CACHE_DIR = str(FOLDER)
+
+def use_folder() -> None:
+    """Has numba cache the functions that are defined next in this process's folder.
+
+    Numba reads the environment again when it compiles, and then forgets the folder.
+    """
+    numba.config.CACHE_DIR = str(FOLDER)
+
+
+use_folder()
 
 _THREADS = threading.RLock()
 

@@ -22,7 +22,7 @@ from numba.extending import lower_builtin, type_callable, typeof_impl
 
 from ...base import timed
 from . import shipped
-from .cache import FOLDER, one_process
+from .cache import FOLDER, one_process, use_folder
 from .errors import DamagedKernelCache, NoKernelCache
 
 f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
@@ -37,9 +37,9 @@ INLINE: Any = {"forceinline": True}
 _njit = cast("Any", njit)  # whose type has no dict of options
 
 
-def helper(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+def helper(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Marks a small function that becomes part of the compiled functions that call it."""
-    return routine(signature, **INLINE)
+    return routine(signature, **INLINE, **options)
 
 
 def routine(signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -177,6 +177,7 @@ class Kernel(Compiled):
     @cached_property
     def function(self) -> Any:
         """Numba's function of its text."""
+        use_folder()
         own = {"cache": True, "no_cpython_wrapper": self.inner} | self._options
         return _njit(**own)(self.py_func)
 
@@ -193,6 +194,7 @@ class Kernel(Compiled):
         name = self.symbol.replace(".", "_")
         made: dict[str, Any] = {"kernel": self, "__name__": __name__}
         exec(compile(f"def {name}({names}): return kernel({names})", __file__, "exec"), made)
+        use_folder()
         return _njit(**{"cache": True} | self._options)(made[name])
 
     @cached_property

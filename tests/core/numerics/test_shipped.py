@@ -90,3 +90,20 @@ def test_a_file_of_other_sources_is_not_used(monkeypatch):
     assert shipped._kernels() == {}
     monkeypatch.undo()
     shipped._kernels.cache_clear()
+
+
+TWO = """
+import numpy as np
+from nsaid_mj.numerics import linalg, spatial, stopwatch
+linalg.cholesky(np.eye(2), np.zeros((2, 2)))
+spatial.bracket(6, np.ones(6), np.ones(6))
+print(stopwatch.compile_seconds() > 0)
+"""
+
+
+def test_what_is_compiled_after_another_function_is_cached_in_our_folder_too(tmp_path: Path):
+    """Numba reads its environment again when it compiles, and forgets where its cache is."""
+    assert solved(tmp_path, TWO).split() == ["True"]
+    assert solved(tmp_path, TWO).split() == ["False"]
+    (home,) = tmp_path.iterdir()
+    assert home.name == "nsaid-mj"

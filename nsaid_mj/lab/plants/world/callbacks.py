@@ -19,10 +19,10 @@ from typing import Any
 
 import mujoco
 from llvmlite import binding as llvm
-from numba import carray, cfunc, types
+from numba import boolean, carray, f8, i8, types
 from numba.extending import intrinsic
 
-from ....core import INLINE, boolean, f8, helper, i8, matrix, routine, table, vector
+from ....core import helper, kernel
 
 WORDS = 1 << 15
 """Number of 8-byte words of mjData to search; its pointers are near word 20,000 in MuJoCo 4.0."""
@@ -87,10 +87,9 @@ def _pointer(_: Any, address: Any, kind: Any) -> Any:
 pointer: Any = intrinsic(_pointer)
 array_at: Any = carray  # as numba's stub does not allow a number as shape
 NUMBERS, INDICES = types.CPointer(f8), types.CPointer(i8)
-_RETURNS = INLINE | {"_nrt": True}  # otherwise no array can be returned
 
 
-@routine(vector(types.uintp, i8, i8), **_RETURNS)
+@helper(f8[::1](types.uintp, i8, i8), _nrt=True)
 def vector_of(user, layout, k):
     """Part k of float64 userdata at an address, as an array of numbers.
 
@@ -102,7 +101,7 @@ def vector_of(user, layout, k):
     return array_at(pointer(at, NUMBERS), i8(parts[own + 1]))
 
 
-@routine(matrix(types.uintp, i8, i8), **_RETURNS)
+@helper(f8[:, ::1](types.uintp, i8, i8), _nrt=True)
 def matrix_of(user, layout, k):
     """Part k of float64 userdata at an address, as a matrix; see `vector_of` for `layout`."""
     parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
@@ -110,7 +109,7 @@ def matrix_of(user, layout, k):
     return array_at(pointer(at, NUMBERS), (i8(parts[own + 1]), i8(parts[own + 2])))
 
 
-@routine(table(types.uintp, i8, i8), **_RETURNS)
+@helper(i8[:, ::1](types.uintp, i8, i8), _nrt=True)
 def table_of(user, layout, k):
     """Part k of userdata at an address, as a table of indices; see `vector_of` for `layout`."""
     parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
@@ -122,7 +121,7 @@ _LARGEST = float(mujoco.mjMAXVAL)
 """Magnitude of a control from which MuJoCo applies none."""
 
 
-@helper(boolean(vector))
+@helper(boolean(f8[::1]))
 def accepted(u):
     """Whether MuJoCo applies the controls: it checks them next, warns of them and zeroes them."""
     for i in range(u.shape[0]):  # noqa: SIM110 (compiled)
@@ -131,15 +130,16 @@ def accepted(u):
     return True
 
 
+@kernel(f8(), inner=True, no_cfunc_wrapper=False)
+def _clock():
+    """A clock that stands still."""
+    return 0.0
+
+
 @cache
 def _stopped_clock() -> Any:
     """A stopped clock for MuJoCo's timers, which are unused here and take a quarter of a step."""
-
-    @cfunc(types.float64(), cache=True)
-    def clock():
-        return 0.0
-
-    return clock
+    return ctypes.CFUNCTYPE(ctypes.c_double)(_clock.callback)
 
 
 _in_use = False  # also set by plants without a callback: another plant's would act on them
@@ -158,7 +158,7 @@ def installed(passive: Any | None) -> Iterator[None]:
     _in_use = True
     try:
         mujoco.set_mjcb_passive(passive)
-        mujoco.set_mjcb_time(_stopped_clock().ctypes)
+        mujoco.set_mjcb_time(_stopped_clock())
         yield
     finally:
         mujoco.set_mjcb_passive(None)

@@ -18,7 +18,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
+from numba import f8, i8, types, void
 
 from ....core import (
     STRUCTURE,
@@ -31,18 +31,12 @@ from ....core import (
     act_on_joints,
     acting_arrays,
     acts_on_bodies,
-    f8,
     gains_of_commands,
     has_added_inertia,
     helper,
-    i8,
     kernel,
-    matrix,
     routine,
     solve_positive,
-    table,
-    vector,
-    void,
     write_rotation,
 )
 from .callbacks import (
@@ -148,10 +142,10 @@ class _Memory(NamedTuple):
     F: Array  # (z,) entries of F there
 
 
-_MEMORY = types.NamedTuple((vector,) * 6 + (matrix,) * 2 + (vector,) * 2, _Memory)
+_MEMORY = types.NamedTuple((f8[::1],) * 6 + (f8[:, ::1],) * 2 + (f8[::1],) * 2, _Memory)
 
 
-@helper(void(vector, vector, vector, f8))
+@helper(void(f8[::1], f8[::1], f8[::1], f8))
 def _into_base(d, R, v, sign):
     """Adds the flow times a sign to the base's velocity in v (n,), and turns it into its axes."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -161,7 +155,7 @@ def _into_base(d, R, v, sign):
         v[i] = R[i] * x + R[3 + i] * y + R[6 + i] * z
 
 
-@helper(void(vector, vector, vector))
+@helper(void(f8[::1], f8[::1], f8[::1]))
 def _into_world(d, R, x):
     """Turns the base's linear part of a force x (n,) from its axes into the world's."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
@@ -171,7 +165,7 @@ def _into_world(d, R, x):
             x[i] = R[3 * i] * a + R[3 * i + 1] * b + R[3 * i + 2] * c
 
 
-@helper(void(vector, table, vector, vector, _MEMORY))
+@helper(void(f8[::1], i8[:, ::1], f8[::1], f8[::1], _MEMORY))
 def _read(d, dofs, qpos, qvel, own):
     """Writes q, both velocities and the base's axes, from MuJoCo's state."""
     q, v, R, free = own.q, own.v, own.R, 6 if d[_GROUP] == 6 else 0
@@ -194,7 +188,7 @@ def _read(d, dofs, qpos, qvel, own):
     _into_base(d, R, own.ground, 0.0)
 
 
-@helper(void(vector, table, WORKSPACE, _MEMORY))
+@helper(void(f8[::1], i8[:, ::1], WORKSPACE, _MEMORY))
 def _push(d, dofs, work, own):
     """Overwrites F θ − C_A v_r with M q̈ + bias, both of the base in the world's axes.
 
@@ -232,7 +226,7 @@ def _push(d, dofs, work, own):
         force[i] = L[0, i]
 
 
-_VIEWS = types.UniTuple(vector, 5)  # of userdata, commands, qpos, qvel and qfrc_passive
+_VIEWS = types.UniTuple(f8[::1], 5)  # of userdata, commands, qpos, qvel and qfrc_passive
 
 
 @routine(_VIEWS(types.uintp, i8, i8, i8, i8, i8, i8), _nrt=True)
@@ -258,7 +252,7 @@ def _structure(user):
     )  # fmt: skip
 
 
-@routine(void(types.uintp, vector, vector, vector, vector), _nrt=True)
+@routine(void(types.uintp, f8[::1], f8[::1], f8[::1], f8[::1]), _nrt=True)
 def _act_on_joints(user, u, qpos, qvel, passive):
     """Adds the forces on joints, where none depends on the bodies' poses."""
     structure = _structure(user)
@@ -273,7 +267,7 @@ def _act_on_joints(user, u, qpos, qvel, passive):
         passive[dofs[i, 0]] = force[i]
 
 
-@routine(void(types.uintp, types.uintp, types.uintp, *(vector,) * 5), _nrt=True)
+@routine(void(types.uintp, types.uintp, types.uintp, *(f8[::1],) * 5), _nrt=True)
 def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
     """Adds all forces, from arrays in userdata."""
     structure = _structure(user)
