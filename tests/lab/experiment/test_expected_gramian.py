@@ -264,8 +264,10 @@ def test_a_gain_by_scale_needs_no_rehearsal():
 
 def test_two_identifiers_of_a_run_share_one_rehearsal(monkeypatch):
     calls = []
-    honest = setup.expected_gramian
-    monkeypatch.setattr(setup, "expected_gramian", lambda *a: calls.append(a[-1]) or honest(*a))
+    honest = simulation.expected_gramian
+    monkeypatch.setattr(
+        simulation, "expected_gramian", lambda *a: calls.append(a[-1]) or honest(*a)
+    )
     law = NullspaceAID(K=6.0, gamma="simulated")
     scenario = replace(load("bluerov2"), identifier=law, rivals={"twin": law}, duration=2.0)
     identifiers = setup.Setup.of(scenario).identifiers()
