@@ -39,8 +39,18 @@ STEPS = 4000  # time steps of a closed loop in a block
 LAWS = ("paper", "cone", "memory")
 WITH_FILTER = (*LAWS, "efficient")
 LASTING = 20.0  # time that the law `efficient` runs in a block; its memory pauses ever longer [s]
-VEHICLES = ("scalar_rov", "bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i",
-            "astrobee", "borinot", "uvms")  # fmt: skip
+VEHICLES = (
+    "scalar_rov",
+    "bluerov2",
+    "remus100",
+    "hummingbird",
+    "crazyflie",
+    "f1tenth",
+    "bmw320i",
+    "astrobee",
+    "borinot",
+    "uvms",
+)
 RUNS, THREADS, REPEATS = 256, 2, 5  # of the identifiers along one motion
 
 Block = Callable[[], float]

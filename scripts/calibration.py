@@ -150,8 +150,16 @@ def servos(seed: int, folder: Path) -> np.ndarray:
 
 # -- the Stäubli TX40 ------------------------------------------------------------------------------
 
-OURS = {"mx": "hx", "my": "hy", "mz": "hz", "Ia": "rotor", "fv": "viscous", "fs": "coulomb",
-        "fvm": "coupling_viscous_5", "fsm": "coupling_coulomb_5"}  # fmt: skip
+OURS = {
+    "mx": "hx",
+    "my": "hy",
+    "mz": "hz",
+    "Ia": "rotor",
+    "fv": "viscous",
+    "fs": "coulomb",
+    "fvm": "coupling_viscous_5",
+    "fsm": "coupling_coulomb_5",
+}
 """Our names of the published parameters, where they differ."""
 
 

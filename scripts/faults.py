@@ -43,14 +43,28 @@ STRIKE, SLOWLY = 6.0, 12.0
 _ACTUATORS = ("reversed {k}", "broken {k}", "stuck {k}")
 _SENSORS = ("bias 0.05 of velocity {j}", "bias 0.01 of position {j}")
 KINDS = {
-    "ur5": (*_ACTUATORS, "friction 10 of viscous_{k}", "friction 1 of coulomb_{k}",
-            "payload 2 kg place 0 0.1 0", "bias 0.05 of velocity {k}",
-            "bias 0.01 of position {k}"),
-    "bluerov2": (*_ACTUATORS, "friction 20 of d_surge", "friction 20 of dq_heave",
-                 "payload 2 kg place 0.1 0 -0.1", *_SENSORS),
-    "crazyflie": (*_ACTUATORS, "friction 0.01 of drag_x", "payload 4e-3 kg place 0 0 -0.01",
-                  *_SENSORS),
-}  # fmt: skip
+    "ur5": (
+        *_ACTUATORS,
+        "friction 10 of viscous_{k}",
+        "friction 1 of coulomb_{k}",
+        "payload 2 kg place 0 0.1 0",
+        "bias 0.05 of velocity {k}",
+        "bias 0.01 of position {k}",
+    ),
+    "bluerov2": (
+        *_ACTUATORS,
+        "friction 20 of d_surge",
+        "friction 20 of dq_heave",
+        "payload 2 kg place 0.1 0 -0.1",
+        *_SENSORS,
+    ),
+    "crazyflie": (
+        *_ACTUATORS,
+        "friction 0.01 of drag_x",
+        "payload 4e-3 kg place 0 0 -0.01",
+        *_SENSORS,
+    ),
+}
 
 
 class Followed(NamedTuple):
@@ -140,8 +154,10 @@ def gain_errors(found: Followed, t: float) -> tuple[float, float]:
 
 # -- the studies: each tells the heads of its table, and the rows of a scenario --------------------
 
-LOSS = ("| within 2 s | delay | isolated rightly | error of the size | within its interval "
-        "| its gain 6 s later | the others, before → 6 s later | false before")  # fmt: skip
+LOSS = (
+    "| within 2 s | delay | isolated rightly | error of the size | within its interval "
+    "| its gain 6 s later | the others, before → 6 s later | false before"
+)
 
 
 def loss(name: str, seeds: Sequence[int], share: float) -> list[list[object]]:
@@ -167,9 +183,19 @@ def loss(name: str, seeds: Sequence[int], share: float) -> list[list[object]]:
     n, in_time = len(seeds), sum(delay <= 2.0 for delay in delays)
     own, others = zip(*errors, strict=True) if errors else ((), ())
     later = f"{median_and_worst(before)} → {median_and_worst(others)}"
-    return [[name, f"{in_time}/{n}", median_and_worst(delays, "s"), f"{right}/{n}",
-             median_and_worst(sizes), f"{covered}/{len(sizes)}", median_and_worst(own), later,
-             early]]  # fmt: skip
+    return [
+        [
+            name,
+            f"{in_time}/{n}",
+            median_and_worst(delays, "s"),
+            f"{right}/{n}",
+            median_and_worst(sizes),
+            f"{covered}/{len(sizes)}",
+            median_and_worst(own),
+            later,
+            early,
+        ]
+    ]
 
 
 SLOW = "| found before 10 % | lost when found | isolated rightly | false before"
@@ -191,8 +217,9 @@ def slow(name: str, seeds: Sequence[int]) -> list[list[object]]:
     return [[name, f"{below}/{n}", median_and_worst(lost), f"{right}/{n}", early]]
 
 
-TAKEN = ("| fault | taken for | isolated rightly | delay | error of the size "
-         "| healthy gains 4 s later")  # fmt: skip
+TAKEN = (
+    "| fault | taken for | isolated rightly | delay | error of the size | healthy gains 4 s later"
+)
 
 
 def kinds(name: str, seeds: Sequence[int]) -> list[list[object]]:

@@ -72,8 +72,17 @@ def main(folder: Path) -> None:
 
     plt.rcParams.update({"font.size": 9, "axes.edgecolor": INK, "axes.labelcolor": INK})
     figure = plt.figure(figsize=(7.2, 3.6), dpi=90, facecolor=PAPER)
-    grid = figure.add_gridspec(2, 2, width_ratios=(1.1, 1), left=0.02, right=0.98, top=0.9,
-                               bottom=0.13, wspace=0.22, hspace=0.55)  # fmt: skip
+    grid = figure.add_gridspec(
+        2,
+        2,
+        width_ratios=(1.1, 1),
+        left=0.02,
+        right=0.98,
+        top=0.9,
+        bottom=0.13,
+        wspace=0.22,
+        hspace=0.55,
+    )
     view = figure.add_subplot(grid[:, 0])
     robot = Robot(run, rows)
     (left, low), (right, high) = robot.extent()

@@ -47,9 +47,15 @@ import matplotlib.pyplot as plt
 DT = 1e-3
 JOINTS = (1, 2, 3, 4, 5, 6, 7, 10, 14, 19, 26, 38)
 ROBOTS: tuple[tuple[str, Base], ...] = (
-    ("ur5", "held"), ("solo12", "held"), ("solo12", "free"), ("solo8", "held"),
-    ("panda", "held"), ("g1", "held"), ("talos", "held"), ("talos", "free"),
-)  # fmt: skip
+    ("ur5", "held"),
+    ("solo12", "held"),
+    ("solo12", "free"),
+    ("solo8", "held"),
+    ("panda", "held"),
+    ("g1", "held"),
+    ("talos", "held"),
+    ("talos", "free"),
+)
 VEHICLES = ("scalar_rov", "f1tenth", "astrobee", "hummingbird", "bluerov2", "remus100")
 LEAST = 7  # smallest chain in the fit of exponents: below, the overhead of a call dominates
 ROUNDS = 7  # passes through all sizes, so that load on the machine affects all of them
@@ -67,8 +73,12 @@ Row = dict[str, Any]
 def chain(joints: int) -> pin.Model:
     """A serial chain of the joints and links of xarm7s, mounted end to end."""
     arm, model = load_robot("xarm7").model, pin.Model()
-    limits = (arm.upperEffortLimit, arm.upperVelocityLimit, arm.lowerPositionLimit,
-              arm.upperPositionLimit)  # fmt: skip
+    limits = (
+        arm.upperEffortLimit,
+        arm.upperVelocityLimit,
+        arm.lowerPositionLimit,
+        arm.upperPositionLimit,
+    )
     for k in range(joints):
         i = 1 + k % arm.nq
         own = [limit[i - 1 : i] for limit in limits]
@@ -201,8 +211,13 @@ def growth(folder: Path) -> None:
         medians = ", ".join(f"{name} {row[name][1]:.1f}" for name in timers)
         print(f"{row['name']}: n {row['n']}, p {row['p']}; µs per step: {medians}")
     powers = {f"{name} against {x}": exponent(rows, name, x) for name in STYLES for x in "np"}
-    document = {"machine": here, "unit": "µs per step: quartile, median, quartile",
-                "exponents": powers, "exponents_from_n": LEAST, "rows": rows}  # fmt: skip
+    document = {
+        "machine": here,
+        "unit": "µs per step: quartile, median, quartile",
+        "exponents": powers,
+        "exponents_from_n": LEAST,
+        "rows": rows,
+    }
     (folder / "growth.json").write_text(json.dumps(document, indent=1) + "\n")
     draw_growth(rows, folder / "growth.png")
 
@@ -231,8 +246,13 @@ def draw_growth(rows: list[Row], path: Path) -> None:
         axis.minorticks_off()
         axis.yaxis.set_major_formatter("{x:g}")
         axis.grid(alpha=0.3, which="both")
-        axis.legend(frameon=False, fontsize=11, loc="upper center", bbox_to_anchor=(0.5, -0.1),
-                    title=f"exponents of the chains with n ≥ {LEAST}")  # fmt: skip
+        axis.legend(
+            frameon=False,
+            fontsize=11,
+            loc="upper center",
+            bbox_to_anchor=(0.5, -0.1),
+            title=f"exponents of the chains with n ≥ {LEAST}",
+        )
     axes[0].set_ylabel("time per step [µs]", fontsize=11)
     words = "Serial chains, p = 13 n (lines), robots held or floating (open marks), vehicles"
     figure.suptitle(f"{words} (crosses)", fontsize=13)

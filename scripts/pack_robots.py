@@ -52,8 +52,9 @@ def read(home: Path, source: str, scale: str) -> tuple[np.ndarray, np.ndarray]:
     """Vertices (k, 3) [m] and triangles (f, 3) of a mesh file named in a URDF."""
     path = home.parents[1] / source.removeprefix("package://")
     if not path.is_file():
-        (path,) = (p for p in (base / path.name for base in home.rglob(path.parent.name))
-                   if p.is_file())  # fmt: skip
+        (path,) = (
+            p for p in (base / path.name for base in home.rglob(path.parent.name)) if p.is_file()
+        )
     factors = np.array([float(part) for part in scale.split()])
     mesh = coal.MeshLoader(coal.NODE_TYPE.BV_OBB).load(str(path), factors)
     corners = [(t[0], t[1], t[2]) for t in map(mesh.tri_indices, range(mesh.num_tris))]

@@ -28,15 +28,48 @@ from nsaid_mj.plans.studies.montecarlo import Course, identify, simulate
 from nsaid_mj.plans.studies.study import seed_of
 from nsaid_mj.robots.assets import scenarios
 
-VEHICLES = ("bluerov2", "remus100", "hummingbird", "crazyflie", "f1tenth", "bmw320i", "astrobee",
-            "scalar_rov")  # fmt: skip
-WORST = ("theta_perp_ratio_initial", "theta_perp_ratio", "force_residual_ratio",
-         "actuator_ratio_error", "conserved_drift", "lyapunov_violations")  # fmt: skip
-HEADS = ("scenario", "n, p, r", "run", "‖θ̄_P⊥‖/‖θ̂‖ at first", "at the end", "force residual",
-         "gains' shares", "conserved drift", "V rises", "95 % covers", "real time")  # fmt: skip
+VEHICLES = (
+    "bluerov2",
+    "remus100",
+    "hummingbird",
+    "crazyflie",
+    "f1tenth",
+    "bmw320i",
+    "astrobee",
+    "scalar_rov",
+)
+WORST = (
+    "theta_perp_ratio_initial",
+    "theta_perp_ratio",
+    "force_residual_ratio",
+    "actuator_ratio_error",
+    "conserved_drift",
+    "lyapunov_violations",
+)
+HEADS = (
+    "scenario",
+    "n, p, r",
+    "run",
+    "‖θ̄_P⊥‖/‖θ̂‖ at first",
+    "at the end",
+    "force residual",
+    "gains' shares",
+    "conserved drift",
+    "V rises",
+    "95 % covers",
+    "real time",
+)
 ENOUGH = 0.01  # theta_perp_ratio
-STARTS = ("scenario", "starts", "lost", f"> {ENOUGH}", "ratio at first, median",
-          "at the end, median", "… worst", "conserved drift, worst")  # fmt: skip
+STARTS = (
+    "scenario",
+    "starts",
+    "lost",
+    f"> {ENOUGH}",
+    "ratio at first, median",
+    "at the end, median",
+    "… worst",
+    "conserved drift, worst",
+)
 Cells = list[str | int]
 
 
@@ -92,9 +125,12 @@ def from_starts(name: str, scenario: Scenario, seeds: range | list[int], starts:
         found += rows
         for row in rows:
             if row["status"] != Status.completed.words or row["theta_perp_ratio"] > ENOUGH:
-                print(f"  {name} seed {seed} start {row['run']}: {row['status']} at "
-                      f"{row['status_time']:.2f} s, ratio {row['theta_perp_ratio_initial']:.2g} -> "
-                      f"{row['theta_perp_ratio']:.2g}", file=sys.stderr)  # fmt: skip
+                print(
+                    f"  {name} seed {seed} start {row['run']}: {row['status']} at "
+                    f"{row['status_time']:.2f} s, ratio {row['theta_perp_ratio_initial']:.2g} -> "
+                    f"{row['theta_perp_ratio']:.2g}",
+                    file=sys.stderr,
+                )
     first, last = (
         np.array([row[key] for row in found])
         for key in ("theta_perp_ratio_initial", "theta_perp_ratio")

@@ -40,9 +40,21 @@ from nsaid_mj.report.recording.scene import EYE, base_poses
 from nsaid_mj.report.recording.viewer import LOCAL, free_port, listening, program
 from nsaid_mj.robots.assets import scenarios
 
-SCENARIOS = ("ur5", "wrong_gains", "scalar_rov", "bluerov2", "remus100", "uvms",
-             "hummingbird", "crazyflie", "borinot", "f1tenth", "bmw320i", "rover",
-             "astrobee")  # fmt: skip
+SCENARIOS = (
+    "ur5",
+    "wrong_gains",
+    "scalar_rov",
+    "bluerov2",
+    "remus100",
+    "uvms",
+    "hummingbird",
+    "crazyflie",
+    "borinot",
+    "f1tenth",
+    "bmw320i",
+    "rover",
+    "astrobee",
+)
 PAPER = "wrong_gains"  # the paper's law, and no picture of the robot alone
 DURATION = 30.0  # of the others, under the law `efficient` and noisy sensors [s]
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -242,8 +254,15 @@ def chromium(program: str, *flags: str) -> None:
     Raises:
         PhotographError: it fails, or takes more than a minute.
     """
-    command = [program, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars",
-               "--allow-file-access-from-files", *flags]  # fmt: skip
+    command = [
+        program,
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--hide-scrollbars",
+        "--allow-file-access-from-files",
+        *flags,
+    ]
     try:
         subprocess.run(command, check=True, timeout=PATIENCE, capture_output=True)
     except (OSError, subprocess.SubprocessError) as error:

@@ -39,8 +39,11 @@ def test_marks_are_found_beside_code_and_in_docstrings_but_not_in_lists_of_sizes
     )
     found = equations.marks(tmp_path)
     assert {number: [place.line for place in places] for number, places in found.items()} == {
-        10: [1], 37: [4], 44: [1], 45: [1],
-    }  # fmt: skip
+        10: [1],
+        37: [4],
+        44: [1],
+        45: [1],
+    }
 
 
 def test_the_law_itself_is_in_the_table() -> None:

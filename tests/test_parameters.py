@@ -110,13 +110,20 @@ def test_a_tied_block_needs_its_entries():
     names, units = ("a", "b", "c"), ("kg", "kg", "kg·m")
     assert Block("M", names, units, np.ones(3), "tied", entries=GOOD).entries == GOOD
     bad: tuple[Any, ...] = (
-        (), GOOD[:2], GOOD[1:],  # nothing; a parameter without a place
-        (*GOOD, (1, 0, 2, 1.0)), (*GOOD, (1, 0, 1, 1.0)),  # a place twice
-        (*GOOD, (2, 1, 1, 1.0)), (*GOOD, (2, 1, 2, 1.0)),  # on and off the diagonal; a gap in it
-        (*GOOD, (0, 1, 2, 1.0)), (*GOOD, (2, 2, 3, 1.0)),  # above the diagonal; no such parameter
-        (*GOOD, (2, 2, 0)), (*GOOD, (2, 2, 0, 0.0)), (*GOOD, (2, 2, 0, -1.0)),
+        (),
+        GOOD[:2],
+        GOOD[1:],  # nothing; a parameter without a place
+        (*GOOD, (1, 0, 2, 1.0)),
+        (*GOOD, (1, 0, 1, 1.0)),  # a place twice
+        (*GOOD, (2, 1, 1, 1.0)),
+        (*GOOD, (2, 1, 2, 1.0)),  # on and off the diagonal; a gap in it
+        (*GOOD, (0, 1, 2, 1.0)),
+        (*GOOD, (2, 2, 3, 1.0)),  # above the diagonal; no such parameter
+        (*GOOD, (2, 2, 0)),
+        (*GOOD, (2, 2, 0, 0.0)),
+        (*GOOD, (2, 2, 0, -1.0)),
         (*GOOD, (2, 2, 0, np.nan)),
-    )  # fmt: skip
+    )
     for entries in bad:
         with pytest.raises(InvalidInput) as caught:
             Block("M", names, units, np.ones(3), "tied", entries=entries)

@@ -62,9 +62,11 @@ def commands(page: Path) -> list[list[str]]:
 
 # -- the README's own robot --------------------------------------------------------------------
 
-LINKS = (("shoulder", "0 0 0.2", "0 0 1", 4.0, "0 0.02 0.1", 0.02),
-         ("elbow", "0 0 0.2", "0 1 0", 2.5, "0.2 0 0.03", 0.03),
-         ("wrist", "0.4 0 0", "0 1 0", 1.2, "0.15 0.01 0", 0.008))  # fmt: skip
+LINKS = (
+    ("shoulder", "0 0 0.2", "0 0 1", 4.0, "0 0.02 0.1", 0.02),
+    ("elbow", "0 0 0.2", "0 1 0", 2.5, "0.2 0 0.03", 0.03),
+    ("wrist", "0.4 0 0", "0 1 0", 1.2, "0.15 0.01 0", 0.008),
+)
 DT = 0.002
 
 
@@ -144,8 +146,15 @@ def test_the_newcomers_path_leads_to_a_calibrated_robot(
             code, said = shell(*shlex.split(line)[1:])
             assert code == 0, said.err
     assert (workplace / "map.toml").is_file() and (workplace / "inspection.png").is_file()
-    for name in ("report.html", "run.rrd", "my_arm.urdf", "my_arm.xml",
-                 "calibrated.yaml", "identification.json", "sysid.yaml"):  # fmt: skip
+    for name in (
+        "report.html",
+        "run.rrd",
+        "my_arm.urdf",
+        "my_arm.xml",
+        "calibrated.yaml",
+        "identification.json",
+        "sysid.yaml",
+    ):
         assert (workplace / "calibrated" / name).is_file()
     for code in blocks(page, "python"):
         found = execute(code)["found"]

@@ -185,7 +185,8 @@ def refusal(
         expected = f"a number {expected}"
     elif first["type"] == "unexpected_keyword_argument":
         known = [f.name for f in fields(cls)]
-        expected, remedy = f"a field of {cls.__name__}", f"It has {', '.join(known)}."
+        expected = f"a field of {cls.__name__}"
+        remedy = f"It has {', '.join(known)}."
     if not remedy:
         default = {f.name: f.default for f in fields(cls)}.get(str(where[0])) if where else None
         remedy = f"The default is {default}." if _plain(default) else _HELP

@@ -14,8 +14,16 @@ IDENTIFICATION_LAWS = ("batch", "efficient", "memory", "cone", "paper")
 """The laws of `identify`: the fit to all rows at once, and those that also follow a log."""
 
 JOINT_COLUMNS = (
-    "rotor", "viscous", "coulomb", "stribeck", "load", "quadratic", "cubic", "spring", "offset",
-)  # fmt: skip
+    "rotor",
+    "viscous",
+    "coulomb",
+    "stribeck",
+    "load",
+    "quadratic",
+    "cubic",
+    "spring",
+    "offset",
+)
 """Columns of a joint on a log; see `calibration.choose.columns.COLUMNS`."""
 
 VEHICLE_COLUMNS = ("damping", "offset")

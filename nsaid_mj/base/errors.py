@@ -39,7 +39,10 @@ class InvalidInput(NsaidError, ValueError):
     """
 
     def __init__(self, name: str, expected: str, got: object, remedy: str):
-        self.name, self.expected, self.got, self.remedy = name, expected, got, remedy
+        self.name = name
+        self.expected = expected
+        self.got = got
+        self.remedy = remedy
         super().__init__(f"{name}: expected {expected}, got {got}. {remedy}")
 
 
@@ -54,7 +57,8 @@ class UnknownName(NsaidError, KeyError):
     """
 
     def __init__(self, kind: str, name: str, choices: Iterable[str], remedy: str = ""):
-        self.kind, self.name = kind, name
+        self.kind = kind
+        self.name = name
         self.choices = tuple(sorted(choices))
         self.near = tuple(difflib.get_close_matches(name, self.choices, n=5, cutoff=0.5))
         hint = (
@@ -77,7 +81,8 @@ class MissingPackage(NsaidError, ImportError):
     """
 
     def __init__(self, package: str, extra: str, purpose: str):
-        self.package, self.extra = package, extra
+        self.package = package
+        self.extra = extra
         super().__init__(
             f"{purpose} needs the package {package}, which is not installed. "
             f"Install it: pip install 'nsaid-mj[{extra}]'"
@@ -107,8 +112,12 @@ class EnginesDisagree(NsaidError):
         remedy: str = "The plant is not the system the identifier assumes; check the link's "
         "inertia and joint in the URDF.",
     ):
-        self.robot, self.link, self.quantity = robot, link, quantity
-        self.difference, self.tolerance, self.engines = difference, tolerance, engines
+        self.robot = robot
+        self.link = link
+        self.quantity = quantity
+        self.difference = difference
+        self.tolerance = tolerance
+        self.engines = engines
         super().__init__(
             f"robot {robot}: {engines[0]} and {engines[1]} differ in the {quantity} at {link} by "
             f"{difference:.2g} (relative; at most {tolerance:.0e} is accepted). {remedy}"
@@ -125,7 +134,9 @@ class BadRun(NsaidError):
     """
 
     def __init__(self, path: object, reason: str, remedy: str):
-        self.path, self.reason, self.remedy = path, reason, remedy
+        self.path = path
+        self.reason = reason
+        self.remedy = remedy
         super().__init__(f"{path}: {reason}. {remedy}")
 
 
@@ -153,7 +164,8 @@ class NothingFound(NsaidError):
     """
 
     def __init__(self, reason: str, remedy: str):
-        self.reason, self.remedy = reason, remedy
+        self.reason = reason
+        self.remedy = remedy
         super().__init__(f"{reason}. {remedy}")
 
 

@@ -36,7 +36,8 @@ def path_of(text: str | os.PathLike[str]) -> Path:
     try:
         path.exists()
     except OSError as error:  # a name of 300 letters, a folder that may not be searched
-        name, reason = f"{str(path)[:60]}…", error.strerror or str(error)
+        name = f"{str(path)[:60]}…"
+        reason = error.strerror or str(error)
         raise InvalidInput(
             "path", "the name of a file", f"{name}: {reason}", "Correct it."
         ) from error
@@ -218,7 +219,8 @@ def locked(folder: Path) -> Iterator[None]:
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         status = folder.stat()
-    key, thread = (status.st_dev, status.st_ino), threading.get_ident()
+    key = (status.st_dev, status.st_ino)
+    thread = threading.get_ident()
     if _held.get(key) == thread:
         yield
         return

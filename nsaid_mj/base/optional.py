@@ -44,4 +44,5 @@ if TYPE_CHECKING:
     import coal
     import pinocchio as pin
 else:
-    pin, coal = _Lazy("pinocchio"), _Lazy("coal")
+    pin = _Lazy("pinocchio")
+    coal = _Lazy("coal")

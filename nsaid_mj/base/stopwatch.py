@@ -48,7 +48,8 @@ def timed(function: Any, signature: Any) -> None:
     Python's search for cycles is off meanwhile: it takes a tenth of the time of compiling.
     """
     global _spent
-    collecting, begin = gc.isenabled(), time.perf_counter()
+    collecting = gc.isenabled()
+    begin = time.perf_counter()
     gc.disable()
     try:
         function.compile(signature)

@@ -156,7 +156,8 @@ def without_excitation(arguments: Sequence[str]) -> tuple[str, Sequence[str]]:
     Raises:
         InvalidInput: the value is missing.
     """
-    rest, given = list(arguments), ""
+    rest = list(arguments)
+    given = ""
     for k, argument in enumerate(rest):
         flag, equals, value = argument.partition("=")
         if flag != "--excitation":

@@ -253,10 +253,20 @@ class View:
 
 
 COMMANDS: dict[str, type] = {
-    "list": List, "identify": Identify, "live": Live, "inspect": Inspect, "excite": Excite,
-    "run": Run, "verify": Verify, "compare": Compare, "sweep": Sweep, "montecarlo": MonteCarlo,
-    "track": Track, "report": Report, "view": View,
-}  # fmt: skip
+    "list": List,
+    "identify": Identify,
+    "live": Live,
+    "inspect": Inspect,
+    "excite": Excite,
+    "run": Run,
+    "verify": Verify,
+    "compare": Compare,
+    "sweep": Sweep,
+    "montecarlo": MonteCarlo,
+    "track": Track,
+    "report": Report,
+    "view": View,
+}
 """The options of every command, by its name."""
 
 

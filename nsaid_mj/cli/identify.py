@@ -49,7 +49,8 @@ def _identify(model: str, chosen: Identify, folder: Path) -> int:
     from ..lab import Progress
     from ..report import print_findings, print_page
 
-    quiet, ended = chosen.quiet or chosen.json, False
+    quiet = chosen.quiet or chosen.json
+    ended = False
     with Progress(Path(model).stem, quiet=quiet) as progress:
         progress.say("reading the model and the log")
         try:
@@ -99,7 +100,8 @@ def repeated(chosen: Identify) -> str:
         value = getattr(chosen, field.name)
         if value == field.default or field.name in {"packed", "out", "force", "json", "quiet"}:
             continue
-        flag, several = f"--{field.name.replace('_', '-')}", isinstance(value, tuple)
+        flag = f"--{field.name.replace('_', '-')}"
+        several = isinstance(value, tuple)
         if field.name in {"known", "load"}:
             words += [word for each in value for word in (flag, each)]
         else:
@@ -162,7 +164,8 @@ def servos_of(model: str, logs: tuple[Path, ...], chosen: Identify) -> ServoLogs
     from ..clinic import servos_of as given
 
     mapping = None if chosen.map is None else read_map(chosen.map)
-    lock, joints = names_in(chosen.lock), names_in(chosen.joints) or None
+    lock = names_in(chosen.lock)
+    joints = names_in(chosen.joints) or None
     loads = [load_of(text) for text in chosen.load] if logs == chosen.log else []
     return given(model, logs, mapping, lock, joints, loads)
 
@@ -194,7 +197,9 @@ def identify_given(
     from ..clinic import servo_page as servos_page
     from ..report import write_html
 
-    commands, folder, files = [repeated(chosen)], path.parent, [path, model_file]
+    commands = [repeated(chosen)]
+    folder = path.parent
+    files = [path, model_file]
     if installed("rerun"):
         commands.append(shlex.join(["nsaid", "view", str(folder)]))
     page = servos_page(result, commands, replay)
@@ -204,7 +209,8 @@ def identify_given(
     return page, [*files, write_html(page, folder)]
 
 
-MAP, PICTURE = "map.toml", "inspection.png"
+MAP = "map.toml"
+PICTURE = "inspection.png"
 
 
 def inspect_log(chosen: Inspect) -> int:
@@ -230,10 +236,13 @@ def inspect_log(chosen: Inspect) -> int:
     )
     from ..report import is_own
 
-    logs, mapping = list(chosen.logs), read_map(chosen.map) if chosen.map else None
-    model, name = chosen.model, str(logs[0])
+    logs = list(chosen.logs)
+    mapping = read_map(chosen.map) if chosen.map else None
+    model = chosen.model
+    name = str(logs[0])
     if len(logs) == 1 and not logs[0].exists() and asset(name, "log.csv.gz").is_file():
-        model, (logs, mapping) = model or name, files_of(name, [], mapping)
+        model = model or name
+        logs, mapping = files_of(name, [], mapping)
     robot = None
     if model is not None:
         from ..clinic import load_robot_model

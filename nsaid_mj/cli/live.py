@@ -28,7 +28,8 @@ def follow_robot(chosen: Live) -> int:
     from ..lab import Progress, finish, print_result, summary_of
 
     name = Path(chosen.model).stem
-    lock, joints = names_in(chosen.lock), names_in(chosen.joints)
+    lock = names_in(chosen.lock)
+    joints = names_in(chosen.joints)
     robot = LiveRobot(robot=chosen.model, lock=lock, joints=joints, gain=chosen.gain)
     noise = chosen.position_noise, chosen.velocity_noise
     scenario = measured_scenario(robot, chosen.law, chosen.rate, noise, chosen.prior_error)
@@ -40,7 +41,8 @@ def follow_robot(chosen: Live) -> int:
             progress.say("loading kernels")
             session.warm_up()
         lines = sys.stdin.buffer if chosen.udp is None else bound(chosen.udp)
-        space, system = session.robot.system.space, session.robot.system
+        space = session.robot.system.space
+        system = session.robot.system
         if chosen.json:
             widths = {"q": system.m, "v": system.n, "u": system.n_u}
             head = {"names": space.names, "units": space.units, "widths": widths}

@@ -108,7 +108,8 @@ _Field = tuple[str, Any, Any]
 
 def _head(default: Scenario, main: Mapping[str, str], options: type) -> list[_Field]:
     """The fields at the top: a command's own options, and the main fields of the scenario."""
-    helps, hints = _helps(options), get_type_hints(options, include_extras=True)
+    helps = _helps(options)
+    hints = get_type_hints(options, include_extras=True)
     own = [
         (
             f.name,

@@ -25,7 +25,10 @@ if TYPE_CHECKING:
     from ..report import Result
 
 
-EXPLAINED, NOT_EXPLAINED, UNUSABLE, INTERRUPTED = 0, 1, 2, 130
+EXPLAINED = 0
+NOT_EXPLAINED = 1
+UNUSABLE = 2
+INTERRUPTED = 130
 
 
 def code_of(result: Result) -> int:

@@ -89,7 +89,8 @@ def _given(
     command: str, script: str, arguments: Sequence[str], options: type[_Options]
 ) -> tuple[dict[str, Any], _Options, Path]:
     """The fields of any `Study`, the command's options, and the folder of the results."""
-    path, default = Path(script), load(script)
+    path = Path(script)
+    default = load(script)
     from .options import parse, repeated
 
     scenario, chosen = parse(path.stem, default, arguments, command, options)
@@ -187,7 +188,8 @@ def _seeds(text: str) -> tuple[int, ...]:
     try:
         if not colon:
             return tuple(int(part) for part in text.split(","))
-        start, end = int(first or 0), int(last)
+        start = int(first or 0)
+        end = int(last)
     except ValueError as error:
         raise InvalidInput("--seeds", "0,1,2 or 0:10", text, "0:3 is 0,1,2.") from error
     if end - start > _MOST_SEEDS:

@@ -102,11 +102,15 @@ class LiveIdentifier:
         """
         words = [sys.executable, "-P", "-c", _START, "live", *self._flags, "--json", "--every", "0"]
         process = self._process = subprocess.Popen(
-            words, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            words,
+            bufsize=0,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
             env=os.environ | _ONE_THREAD,
-        )  # fmt: skip
+        )
         assert process.stdin is not None and process.stdout is not None
-        self._given, self._taken = process.stdin, process.stdout
+        self._given = process.stdin
+        self._taken = process.stdout
         for pipe in (self._given, self._taken):
             os.set_blocking(pipe.fileno(), False)
         self._exchange_until(lambda: self.folder is not None)

@@ -87,13 +87,20 @@ class Estimate:
             for k, (value, low, high) in zip(space.actuators, found["gains"], strict=True)
         )
         return Estimate(
-            found["t"], found["samples"], tuple(space.names), tuple(space.units),
-            np.array(found["theta"]), tuple(gains), found["misfit"], tuple(found["faults"]),
-        )  # fmt: skip
+            found["t"],
+            found["samples"],
+            tuple(space.names),
+            tuple(space.units),
+            np.array(found["theta"]),
+            tuple(gains),
+            found["misfit"],
+            tuple(found["faults"]),
+        )
 
 
 _INTERVALS = 0.05  # time between two computations of the gains' intervals [s]
-_WARM, _LEAST = 2.0, 60  # duration of the warm-up motion [s], and its least number of samples
+_WARM = 2.0  # duration of the warm-up motion [s], and its least number of samples
+_LEAST = 60
 
 
 class Estimates(Observer):
@@ -111,7 +118,9 @@ class Estimates(Observer):
         show: Callable[[Estimate], None],
         every: float,
     ):
-        self._misfit, self._counts, self._show = misfit, counts, show
+        self._misfit = misfit
+        self._counts = counts
+        self._show = show
         self._every = every
         self.period = every or np.inf
         self._space = identifier.system.space
@@ -123,25 +132,34 @@ class Estimates(Observer):
 
     def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
         """Passes on the estimate if it is due."""
-        state, t = states[""], float(log.t[-1])
+        state = states[""]
+        t = float(log.t[-1])
         self._misfit.see(log, state)
         if t < self._next:
             return
         self._next = t + self._every * (1 - 1e-9)
         if t >= self._stated + _INTERVALS:
-            self._deviation, self._stated = self._misfit.deviations(state), t
-        space, theta, gains = self._space, state.theta_hat, []
+            self._deviation = self._misfit.deviations(state)
+            self._stated = t
+        space = self._space
+        theta = state.theta_hat
+        gains = []
         for k, spread in zip(space.actuators, self._deviation, strict=True):
             value = float(theta[k])
             half = INTERVAL * abs(value) * float(spread) if np.isfinite(spread) else np.inf
             gains.append(Gain(space.names[k], space.units[k], value, value - half, value + half))
         self._show(
             Estimate(
-                state.t, self._counts.used, tuple(space.names), tuple(space.units), theta,
-                tuple(gains), self._misfit.level(state),
+                state.t,
+                self._counts.used,
+                tuple(space.names),
+                tuple(space.units),
+                theta,
+                tuple(gains),
+                self._misfit.level(state),
                 tuple(fault.in_words for fault in state.faults),
             )
-        )  # fmt: skip
+        )
 
     def stop(self) -> None:
         """Stops judging."""
@@ -171,9 +189,11 @@ class Session:
 
     def warm_up(self) -> None:
         """Loads everything a run needs, above all kernels, by a short run on an invented motion."""
-        system, dt = self.robot.system, self.scenario.dt
+        system = self.robot.system
+        dt = self.scenario.dt
         rng = np.random.default_rng(0)
-        (q, v, u), lines = system.random_state(rng), []
+        q, v, u = system.random_state(rng)
+        lines = []
         for k in range(max(_LEAST, round(_WARM / dt))):
             moved = v + self.scenario.noise.velocity * rng.standard_normal(system.n)
             q = system.integrate(q, dt * moved)
@@ -201,7 +221,8 @@ class Session:
             InvalidInput: there are no samples, or ones of another robot or rate.
             NotWritten: the disk is full; the record up to there is kept.
         """
-        own, counts = self.identifiers[""], self.cleaner.counts
+        own = self.identifiers[""]
+        counts = self.cleaner.counts
         source = Stream(self.robot.system, self.cleaner, lines)
         misfit = RunningMisfit(self.scenario, own, self.robot.prior)
         watchers = (Estimates(own, misfit, counts, show, every), *observers)

@@ -62,7 +62,8 @@ def coriolis_matrix(robot: Regressors, x: Array, theta: Array) -> Array:
 
 def residual(robot: Regressors, at: Moment, a: Array, theta: Array) -> Array:
     """(n,) M(x, θ) v̇ + C(x, θ) v − F(t, x) θ, which is 0 for the true θ."""
-    M, C = mass_matrix(robot, at.x, theta), coriolis_matrix(robot, at.x, theta)
+    M = mass_matrix(robot, at.x, theta)
+    C = coriolis_matrix(robot, at.x, theta)
     return M @ a + C @ at.v(robot.n) - robot.F(at.t, at.x, at.u) @ theta  # (4)
 
 
@@ -176,8 +177,10 @@ def error_system(
     The first block is −(K + M̂⁻¹Ĉ): the paper prints +M̂⁻¹Ĉ, losing the sign of W_C(x, Δv) in (61),
     and leaves P̄_⊥ and P̄ out of the others (docs/paper.md).
     """
-    n, (P, P_perp) = robot.n, bases
-    M_hat, C_hat = mass_matrix(robot, at.x, theta_hat), coriolis_matrix(robot, at.x, theta_hat)
+    n = robot.n
+    P, P_perp = bases
+    M_hat = mass_matrix(robot, at.x, theta_hat)
+    C_hat = coriolis_matrix(robot, at.x, theta_hat)
     W = regressor_under(robot, at, at.v(n), theta)
     W_hat = regressor_under(robot, at, v_hat, theta_hat)
     k = n + P_perp.shape[1]

@@ -24,7 +24,8 @@ _SIZES = {"pseudo_inertia": 10}
 
 ABSENT = "–"
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_LEAST, _MOST = 1e-3, 1e5  # numbers outside are written as powers of ten,
+_LEAST = 1e-3  # numbers outside are written as powers of ten,
+_MOST = 1e5
 _FINEST = 1e-4  # unless they are rounded to this or more
 _SMALLEST = -307  # power of ten whose half is still positive
 
@@ -72,7 +73,8 @@ def number(value: float, quantum: float | None = None, significant: int = 4) -> 
         quantum = 10.0 ** max(power, _SMALLEST)
         trim = True
     else:
-        quantum, trim = 10.0 ** math.floor(math.log10(quantum) + 1e-9), False
+        quantum = 10.0 ** math.floor(math.log10(quantum) + 1e-9)
+        trim = False
     if size < quantum / 2:
         text = "0"
     elif (_LEAST <= size < _MOST or quantum >= _FINEST) and quantum < 1e3:

@@ -27,9 +27,11 @@ def expected_gramian(
     numbers, v = driver.start()
     q = system.position(np.asarray(numbers, dtype=np.float64))
     v = np.asarray(v, dtype=np.float64)
-    scale, steps = system.space.scale, max(1, round(duration / dt))
+    scale = system.space.scale
+    steps = max(1, round(duration / dt))
     stride = -(-steps // _SAMPLES)
-    gramian, count = np.zeros((system.p, system.p)), 0
+    gramian = np.zeros((system.p, system.p))
+    count = 0
     for k in range(steps):
         t = k * dt
         u = np.asarray(driver.command(t, q, v), dtype=np.float64)
@@ -56,7 +58,8 @@ def _step(
 ) -> tuple[Array, Array]:
     """One RK4 step with the command held; the stages' tangent steps are summed in one tangent."""
     t, q, v, u = sample
-    speeds, rates = [v], [a]
+    speeds = [v]
+    rates = [a]
     for reach in (dt / 2, dt / 2, dt):
         speeds.append(v + reach * rates[-1])
         at = system.integrate(q, reach * speeds[-2])

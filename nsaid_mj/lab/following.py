@@ -87,8 +87,10 @@ class Following:
             drift = np.abs(conserved / self._start - 1)
             beyond = np.flatnonzero(~(drift <= DRIFT))  # includes NaN
             if len(beyond):
-                row, drift = int(due[beyond[0]]), drift[: beyond[0] + 1]
-                estimates, self.ended = estimates.first(row + 1), float(log.t[row])
+                row = int(due[beyond[0]])
+                drift = drift[: beyond[0] + 1]
+                estimates = estimates.first(row + 1)
+                self.ended = float(log.t[row])
                 state = state._replace(
                     t=self.ended,
                     v_hat=estimates.v_hat[row].copy(),
@@ -169,7 +171,8 @@ class Loop:
 
     def __call__(self) -> None:
         """Runs the loop: for each segment, first the robot moves, then the identifiers follow."""
-        scenario, source = self.scenario, self.source
+        scenario = self.scenario
+        source = self.source
         period = min((observer.period for observer in self.observers), default=np.inf)
         most = max(1, round(min(period / scenario.dt, segment_steps(scenario))))
         with source.running():
@@ -184,7 +187,8 @@ class Loop:
             self._keep(0, 0, log, {name: Estimates.of(s) for name, s in self.states.items()})
             k = 0
             while k < scenario.steps and self.ending.status is Status.completed:
-                own, steps = self.following[""].state.theta_hat, min(most, scenario.steps - k)
+                own = self.following[""].state.theta_hat
+                steps = min(most, scenario.steps - k)
                 segment = source.segment(log.at(-1), k, steps, own)
                 self.cost.plant += segment.seconds
                 k, log = self._absorb(k, segment)
@@ -212,11 +216,14 @@ class Loop:
         return k, log
 
     def _end(self, status: Status, signal: str, t: float) -> None:
-        self.ending.status, self.ending.signal, self.ending.time = status, signal, t
+        self.ending.status = status
+        self.ending.signal = signal
+        self.ending.time = t
 
     def _follow(self, k: int, log: Log) -> tuple[Log, dict[str, Estimates]]:
         """Runs the identifiers along a segment from time step k; cut where the main one fails."""
-        begin, estimates = clock(), {}
+        begin = clock()
+        estimates = {}
         for name, following in self.following.items():  # the scenario's own comes first
             due = due_rows(k, len(log.t), self.scenario.dt, self.scenario.steps)
             found = following.follow(log, due)
@@ -229,13 +236,16 @@ class Loop:
 
     def _keep(self, k: int, fresh: int, log: Log, estimates: dict[str, Estimates]) -> None:
         """Records a segment from time step k, beginning with row `fresh`; calls the observers."""
-        scenario, system = self.scenario, self.robot.system
-        own, rows = estimates[""], np.arange(fresh, len(log.t))
+        scenario = self.scenario
+        system = self.robot.system
+        own = estimates[""]
+        rows = np.arange(fresh, len(log.t))
         every = max(1, round(scenario.pe_window / scenario.dt / _PE_SAMPLES))
         levels = np.empty((len(log.t), 2))
         levels[:] = self.monitor.level, self.monitor.level_perp
         due = rows[(k + rows) % every == 0]
-        x, u = np.hstack([log.q[due], log.v[due]]), log.u[due]
+        x = np.hstack([log.q[due], log.v[due]])
+        u = log.u[due]
         _, W = system.evaluate(log.t[due], x, own.v_hat[due], u, own.theta_hat[due])
         for j, sample in zip(due, W * system.space.scale, strict=True):
             self.monitor.add(sample, every * scenario.dt)

@@ -58,7 +58,8 @@ class LiveRecording(Observer):
         if not 0 <= speed < np.inf:
             remedy = "1 is real time, 0 as fast as the run is computed."
             raise InvalidInput("live_speed", "a factor ≥ 0", speed, remedy)
-        self._name, self._speed = name, speed or np.inf
+        self._name = name
+        self._speed = speed or np.inf
         self._begin: float | None = None  # wall time at which t = 0 is due [s]
         self._rec: rr.RecordingStream | None = None
         self._server: subprocess.Popen[bytes] | None = None
@@ -98,7 +99,8 @@ class LiveRecording(Observer):
 
     def stop(self) -> None:
         """Sends the remaining data. A window stays open; the web server is stopped."""
-        rec, self._rec = self._rec, None
+        rec = self._rec
+        self._rec = None
         try:
             if rec is not None:
                 rec.flush(timeout_sec=_PATIENCE)
@@ -148,7 +150,8 @@ class LiveRecording(Observer):
         `RecordingStream.serve_grpc` and `serve_web_viewer` do this within the process, but listen
         on all network interfaces.
         """
-        port, web = free_port(GRPC_PORT), free_port(WEB_PORT)
+        port = free_port(GRPC_PORT)
+        web = free_port(WEB_PORT)
         self._server = _launch(serving(port, web))
         _wait_for(self._server, port)
         _wait_for(self._server, web)
@@ -184,7 +187,8 @@ class LiveRecording(Observer):
         print(f"nsaid: continuing without the viewer: {reason}", file=sys.stderr)
 
     def _end_server(self) -> None:
-        server, self._server = self._server, None
+        server = self._server
+        self._server = None
         if server is not None:
             server.terminate()
             try:

@@ -117,7 +117,8 @@ def run(scenario: Scenario, folder: Path, *observers: Observer) -> SimulatedRun:
         NsaidError: the scenario cannot be started; no record has been written.
     """
     with locked(folder):
-        compiled, setup = compile_seconds(), Setup.of(scenario)
+        compiled = compile_seconds()
+        setup = Setup.of(scenario)
         moved = setup.plant, setup.driver(), setup.sensors()
         source = Simulation(*moved, scenario.dt, scenario.steps)
         robot = Robot(setup.system, setup.prior, setup.plant)
@@ -158,7 +159,8 @@ def followed(
         folder.mkdir(parents=True, exist_ok=True)
         for name in DERIVED:
             (folder / name).unlink(missing_ok=True)
-    space, widths = system.space, columns(system, scenario)
+    space = system.space
+    widths = columns(system, scenario)
     known = {"names": space.names, "units": space.units, "scale": space.scale.tolist(), "r": r}
     known = {"scenario": scenario.to_json()} | known | (metadata or {})
     batch = max(1, segment_steps(scenario) // scenario.record_every)
@@ -239,7 +241,8 @@ def reopen(folder: Path, record: Record) -> Run:
     if isinstance(scenario.plant, Measured):
         return scenario.plant.reopened(scenario, folder, record)
     setup = Setup.of(scenario)
-    identifiers, system = setup.identifiers(), setup.system
+    identifiers = setup.identifiers()
+    system = setup.system
     record.check(folder, columns(system, scenario))
     end = float(record["t"][-1])
     whole = record.complete and end >= (scenario.steps - scenario.record_every) * scenario.dt

@@ -135,7 +135,8 @@ def _earlier(run: Run) -> RunResult | None:
     Raises:
         InvalidInput: it belongs to this record, and a value is missing or of a wrong type.
     """
-    file, scenario = run.folder / SUMMARY, run.scenario
+    file = run.folder / SUMMARY
+    scenario = run.scenario
     try:
         found = json_of(file.read_bytes())
     except (OSError, ValueError):
@@ -155,7 +156,8 @@ def _recall(run: Run, earlier: RunResult) -> None:
     Raises:
         InvalidInput: an ending is not one of `Status`.
     """
-    ending, cost = earlier.ending, earlier.cost
+    ending = earlier.ending
+    cost = earlier.cost
     statuses = {name: _status(run, rival.status) for name, rival in earlier.rivals.items()}
     run.ending = Ending(_status(run, ending.status), ending.status_time, ending.status_signal)
     run.statuses.update(statuses)

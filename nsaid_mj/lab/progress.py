@@ -56,7 +56,8 @@ class Progress(Observer):
         )
         self._task = self._bar.add_task(name, total=None, figures="")
         self._stack = ExitStack()
-        self._functions, self._told = 0, -math.inf
+        self._functions = 0
+        self._told = -math.inf
 
     def __enter__(self) -> Progress:
         """Shows the line."""
@@ -99,7 +100,9 @@ class Progress(Observer):
         """Shows an empty bar, and announces the cost of a long run."""
         if words := cost_of(scenario, robot.system):
             self._console.print(f"{self._name}: {words}", highlight=False, markup=False)
-        self._begin, self._last, self._end = clock(), 0.0, scenario.duration
+        self._begin = clock()
+        self._last = 0.0
+        self._end = scenario.duration
         self._bar.update(self._task, total=scenario.duration, description=self._name)
 
     def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:

@@ -52,7 +52,8 @@ class RecordWriter:
         self._schema = pa.schema(
             list(types.items()), metadata={"nsaid": json.dumps(metadata, ensure_ascii=False)}
         )
-        self._path, self._failed = path, False
+        self._path = path
+        self._failed = False
         with writing(path):
             create(path)
             self._inode = path.stat().st_ino
@@ -67,13 +68,15 @@ class RecordWriter:
 
     def extend(self, *columns: Array) -> None:
         """Appends k rows: one array (k,) or (k, width) for each column, in order."""
-        start, count = 0, len(columns[0])
+        start = 0
+        count = len(columns[0])
         while start < count:
             end = min(count, start + self._batch - self._rows)
             here = slice(self._rows, self._rows + end - start)
             for buffer, column in zip(self._buffers.values(), columns, strict=True):
                 buffer[here] = column[start:end].reshape(end - start, -1)
-            start, self._rows = end, here.stop
+            start = end
+            self._rows = here.stop
             if self._rows == self._batch:
                 self.flush()
 
@@ -232,7 +235,10 @@ class _Stored(Mapping[str, Array]):
     """
 
     def __init__(self, file: Path, widths: dict[str, int], places: Indices, first: Indices):
-        self._file, self._widths, self._first, self._loaded = file, widths, first, {}
+        self._file = file
+        self._widths = widths
+        self._first = first
+        self._loaded = {}
         self._places = dict(zip(widths, places.T, strict=True))
         self._state = _state(os.stat(file))
 
@@ -255,7 +261,8 @@ class _Stored(Mapping[str, Array]):
         if name in self._loaded:
             return self._loaded[name][rows]
         width = self._widths[name]
-        shape, size = (width,) if width else (), 8 * max(1, width)
+        shape = (width,) if width else ()
+        size = 8 * max(1, width)
         chosen = np.arange(self._first[-1])[rows]
         at = np.ravel(chosen)
         batch = np.searchsorted(self._first, at, side="right") - 1
@@ -278,7 +285,10 @@ def _state(stat: os.stat_result) -> tuple[int, int, int]:
 
 def _scan(file: Path) -> tuple[_Stored, dict[str, Any], bool]:
     """The columns of a stream up to its first damaged batch, its metadata, whether it is whole."""
-    places, first, last, complete = [], [0], -np.inf, False
+    places = []
+    first = [0]
+    last = -np.inf
+    complete = False
     with pa.OSFile(os.fsencode(file)) as source:
         messages = pa.ipc.MessageReader.open_stream(source)
         begin = next(messages, None)

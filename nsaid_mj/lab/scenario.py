@@ -196,7 +196,8 @@ def field_path(name: str, scenario: Scenario) -> str:
     Raises:
         UnknownName: there is no such field, or several; lists near matches.
     """
-    paths, wanted = field_paths(scenario), name.replace("-", "_")
+    paths = field_paths(scenario)
+    wanted = name.replace("-", "_")
     if wanted in paths:
         return wanted
     same = same_end(wanted, paths)

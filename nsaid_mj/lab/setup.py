@@ -109,14 +109,17 @@ class Setup:
 
     def identifiers(self) -> dict[str, Identifier]:
         """Builds the scenario's own identifier, named "", and its rivals, from the same prior."""
-        scenario, system, prior = self.scenario, self.system, self.prior
+        scenario = self.scenario
+        system = self.system
+        prior = self.prior
         levels = scenario.noise.levels if scenario.sensors == "noisy" else EXACT
 
         @cache
         def gramian() -> Array:
             from .expected_gramian import expected_gramian
 
-            driver, duration = self._driver(self.seeds.gramian), scenario.duration
+            driver = self._driver(self.seeds.gramian)
+            duration = scenario.duration
             return expected_gramian(system, driver, prior, scenario.dt, min(duration, _LONGEST))
 
         configs = {"": scenario.identifier, **scenario.rivals}
@@ -127,7 +130,8 @@ class Setup:
 
     def simulate(self, check: Callable[[], object] = lambda: None) -> Log:
         """Drives the plant for the run's duration; see `trajectory`."""
-        steps, sensors = self.scenario.steps, self.sensors()
+        steps = self.scenario.steps
+        sensors = self.sensors()
         return trajectory(self.plant, self.driver(), steps, sensors, check=check)
 
     def held_out(self, as_at: float) -> Log | None:
@@ -191,7 +195,8 @@ def published(config: PlantConfig, dt: float) -> tuple[Plant, Array]:
 def plant_about_published(scenario: Scenario) -> Plant:
     """The plant with a physical θ drawn about its published values in all parameters."""
     plant, nominal = published(scenario.plant, scenario.dt)
-    space, seeds = plant.system.space, Seeds.of(scenario.seed)
+    space = plant.system.space
+    seeds = Seeds.of(scenario.seed)
     rng = np.random.default_rng(seeds.truth)
     truth = drawn_inside(space, nominal, scenario.initial_error, rng)
     if scenario.gain_error is not None:
@@ -259,12 +264,14 @@ def trajectory(
     intervals; it may raise an exception to stop. Returns steps + 1 measurements; fewer if the plant
     diverges, or after one that is not finite.
     """
-    last, parts = plant.begin(driver, sensors, as_at), []
+    last = plant.begin(driver, sensors, as_at)
+    parts = []
     while True:
         check()
         log = plant.drive(driver, last, min(steps, _PIECE), sensors)
         parts.append(log.part(1 if parts else 0, len(log.t)))
-        steps, last = steps - _PIECE, log.at(-1)
+        steps = steps - _PIECE
+        last = log.at(-1)
         if steps <= 0 or not is_sound(plant, log):
             return Log.unchecked(*map(np.concatenate, zip(*parts, strict=True)))
 
@@ -299,7 +306,9 @@ class CheckedDriver(CompiledDriver):
     """A user's driver, whose results are checked for their shape."""
 
     def __init__(self, driver: Driver, system: SecondOrderSystem):
-        self._driver, self._n, self._n_u = driver, system.n, system.n_u
+        self._driver = driver
+        self._n = system.n
+        self._n_u = system.n_u
 
     def start(self) -> tuple[Array, Array]:
         """Position and velocity from which the driver starts; `BadScript` unless (n,) arrays."""

@@ -73,8 +73,11 @@ class Simulation(Source):
     """
 
     def __init__(self, plant: Plant, driver: Driver, sensors: Sensors, dt: float, steps: int):
-        self.plant, self._driver, self._sensors = plant, driver, sensors
-        self._inform, self._steps = informing_steps(driver, dt), steps
+        self.plant = plant
+        self._driver = driver
+        self._sensors = sensors
+        self._inform = informing_steps(driver, dt)
+        self._steps = steps
         self._next: Future[Segment] | None = None
 
     @contextmanager
@@ -108,7 +111,8 @@ class Simulation(Source):
         return k % self._inform == 0
 
     def _simulate(self, last: Measurement, k: int, steps: int) -> Segment:
-        begin, steps = clock(), int(min(steps, self._inform - k % self._inform))
+        begin = clock()
+        steps = int(min(steps, self._inform - k % self._inform))
         found = self._sound(self.plant.drive(self._driver, last, steps, self._sensors))
         return found._replace(seconds=clock() - begin)
 
@@ -123,7 +127,9 @@ class Logs(Source):
     """
 
     def __init__(self, logs: Sequence[Log]):
-        self._logs, self._log, self._row = logs, 0, 0
+        self._logs = logs
+        self._log = 0
+        self._row = 0
 
     def running(self) -> AbstractContextManager[None]:
         """Opens nothing."""
@@ -138,8 +144,10 @@ class Logs(Source):
         """The next rows of a log, or the first ones of the next log."""
         resumed = self._row == len(self._logs[self._log].t) - 1
         if resumed:
-            self._log, self._row = self._log + 1, 0
-        log, first = self._logs[self._log], self._row
+            self._log = self._log + 1
+            self._row = 0
+        log = self._logs[self._log]
+        first = self._row
         self._row = min(first + steps - resumed, len(log.t) - 1)
         over = self._row == len(log.t) - 1 and self._log == len(self._logs) - 1
         end = (Status.completed, "") if over else None

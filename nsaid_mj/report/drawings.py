@@ -68,15 +68,19 @@ def draw(panel: AnyPanel) -> str:
 
 def forest(panel: Forest) -> str:
     """Draws values with intervals; on a logarithmic axis if all are positive."""
-    values, low, high = panel.values, panel.low, panel.high
+    values = panel.values
+    low = panel.low
+    high = panel.high
     known = np.isfinite(values)
     positive = bool(((values > 0) & ~(low <= 0))[known].all())
     if positive:
-        low, high = np.maximum(low, values / _BROAD), np.minimum(high, values * _BROAD)
+        low = np.maximum(low, values / _BROAD)
+        high = np.minimum(high, values * _BROAD)
     else:
         every = [values, *(other.values for other in panel.others), np.full_like(values, 1e-300)]
         size = _BROAD * np.nanmax(np.abs(every))
-        low, high = np.maximum(low, -size), np.minimum(high, size)
+        low = np.maximum(low, -size)
+        high = np.minimum(high, size)
     with style():
         size = (WIDE if panel.wide else WIDTH, max(1.3, 0.24 * len(panel.names) + 0.75))
         figure = Figure(figsize=size, layout="constrained")
@@ -96,10 +100,14 @@ def forest(panel: Forest) -> str:
             drawn = chosen & np.isfinite(low) & np.isfinite(high)
             if drawn.any():
                 axis.hlines(
-                    rows[drawn], low[drawn], high[drawn], colour,
+                    rows[drawn],
+                    low[drawn],
+                    high[drawn],
+                    colour,
                     "solid" if filled == colour else "dashed",
-                    linewidth=1.8, gid=CURVE + name,
-                )  # fmt: skip
+                    linewidth=1.8,
+                    gid=CURVE + name,
+                )
                 for end, values_ in (("low", low), ("high", high)):
                     store_values(axis, values_[drawn], rows[drawn], f"{name}, {end}")
             line(
@@ -109,10 +117,16 @@ def forest(panel: Forest) -> str:
             if len(other.values):
                 shown = (other.values > 0) if positive else np.isfinite(other.values)
                 line(
-                    axis, other.values[shown], rows[shown], other.name, other.marker,
-                    color=other.colour, markersize=9 if other.marker == "|" else 4.5,
-                    markerfacecolor="none", markeredgewidth=1.8 if other.marker == "|" else 0.8,
-                )  # fmt: skip
+                    axis,
+                    other.values[shown],
+                    rows[shown],
+                    other.name,
+                    other.marker,
+                    color=other.colour,
+                    markersize=9 if other.marker == "|" else 4.5,
+                    markerfacecolor="none",
+                    markeredgewidth=1.8 if other.marker == "|" else 0.8,
+                )
         if panel.level is not None:
             axis.axvline(panel.level, color=INK, linewidth=0.8, linestyle="--")
         if positive:
@@ -125,7 +139,9 @@ def forest(panel: Forest) -> str:
 
 def heat_map(panel: HeatMap) -> str:
     """Draws correlations below the diagonal; strong ones are also written as numbers."""
-    r, names, n = panel.correlation, panel.names, len(panel.names)
+    r = panel.correlation
+    names = panel.names
+    n = len(panel.names)
     with style():
         cell = min(0.21, (2 * WIDTH - 2.0) / n)  # [inch]
         figure = Figure(figsize=(2 * WIDTH, cell * n + 2.0), layout="constrained")
@@ -157,18 +173,21 @@ def heat_map(panel: HeatMap) -> str:
 
 def comparison(panel: Comparison) -> str:
     """Draws both curves, and the rms of their difference on a logarithmic axis below."""
-    t, error = panel.t, panel.predicted - panel.measured
+    t = panel.t
+    error = panel.predicted - panel.measured
     used = np.ones(len(t), bool) if panel.used is None else panel.used
     segment = np.zeros(len(t), int) if panel.segment is None else panel.segment
     parts = np.split(np.arange(len(t)), np.flatnonzero(np.diff(segment)) + 1)
     unit = f" [{panel.unit}]" if panel.unit else ""
     with style():
         width = WIDE if panel.wide else WIDTH
-        figure, left = Figure(figsize=(width, 3.0)), 0.16 * WIDTH / width
+        figure = Figure(figsize=(width, 3.0))
+        left = 0.16 * WIDTH / width
         upper = figure.add_axes((left, 0.42, 0.97 - left, 0.54))
         lower = figure.add_axes((left, 0.14, 0.97 - left, 0.22), sharex=upper)
         if panel.half is not None:
-            low, high = panel.predicted - panel.half, panel.predicted + panel.half
+            low = panel.predicted - panel.half
+            high = panel.predicted + panel.half
             band(upper, t, low, high, COLOURS[0], INTERVAL)
         for values, name, colour, width, alpha in (
             (panel.measured, MEASURED, COLOURS[1], 4.5, 0.4),
@@ -224,7 +243,8 @@ def _stretches(chosen: np.ndarray, parts: Sequence[Indices]) -> list[Indices]:
 
 def _thinned(t: Array, values: Array, parts: Sequence[Indices]) -> tuple[Array, Array]:
     """Points of a line with a gap between segments: all, or extremes of short intervals."""
-    times, drawn = [], []
+    times = []
+    drawn = []
     for part in parts:
         rows = part[extremes(values[part], max(2, _POINTS * len(part) // len(t)))]
         times += [t[rows], t[rows[-1:]]]

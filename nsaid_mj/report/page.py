@@ -25,9 +25,17 @@ _TEMPLATES = Path(__file__).parent / "templates"
 _EMPTY: set[object] = {"", ABSENT}
 
 DARK = (
-    "#4fb3dc", "#ff8f5e", "#a791ff", "#69c77c", "#ff7aa8", "#d9b949", "#5fd3e3",
-    "#d191e6", "#9fb3c3", "#cf9a6b",
-)  # fmt: skip
+    "#4fb3dc",
+    "#ff8f5e",
+    "#a791ff",
+    "#69c77c",
+    "#ff7aa8",
+    "#d9b949",
+    "#5fd3e3",
+    "#d191e6",
+    "#9fb3c3",
+    "#cf9a6b",
+)
 """Colours of curves on a dark page, in the order of `COLOURS`."""
 
 VARIABLES = {INK: "--ink", GRID: "--grid", BAD: "--bad"} | {
@@ -217,10 +225,18 @@ def _environment() -> Any:
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     environment.filters.update(spoken=spoken, kind=kind, plain=Markup)
     environment.globals.update(
-        light=COLOURS, dark=DARK, variables=VARIABLES, dashes=DASHES, band=BAND,
-        pale=PALE, markers=MARKERS, script=Markup(script), digest=digest, levels=LEVELS,
+        light=COLOURS,
+        dark=DARK,
+        variables=VARIABLES,
+        dashes=DASHES,
+        band=BAND,
+        pale=PALE,
+        markers=MARKERS,
+        script=Markup(script),
+        digest=digest,
+        levels=LEVELS,
         shared_legend=shared_legend,
-    )  # fmt: skip
+    )
     return environment
 
 
@@ -230,7 +246,8 @@ def markdown(page: Page) -> str:
     lines = [f"## {plain(page.heading)}", ""] if page.heading else []
     lines += [f"**{plain(mark.text)}**", ""] if mark else []
     lines += [plain(page.lead), ""] if page.lead else []
-    said, notes = list[str](), list[str]()
+    said = list[str]()
+    notes = list[str]()
     for finding in page.result.findings:
         where = f"**{plain(finding.where)}**: " if finding.where else ""
         line = f"- {where}{plain(f'{finding.text}. {finding.remedy}')}"

@@ -10,17 +10,38 @@ from numpy.typing import NDArray
 
 from ..core import Array, Indices
 
-INK, GRID, BAD = "#1c2733", "#dde3e8", "#c92a2a"
+INK = "#1c2733"
+GRID = "#dde3e8"
+BAD = "#c92a2a"
 COLOURS = (
-    "#0b6e99", "#d9480f", "#5f3dc4", "#2b8a3e", "#c2255c", "#8a6d00", "#1098ad",
-    "#862e9c", "#5c7080", "#7a4a21",
-)  # fmt: skip
+    "#0b6e99",
+    "#d9480f",
+    "#5f3dc4",
+    "#2b8a3e",
+    "#c2255c",
+    "#8a6d00",
+    "#1098ad",
+    "#862e9c",
+    "#5c7080",
+    "#7a4a21",
+)
 """Colours of curves on a light page."""
 
 LAWS = {
-    "memory": 0, "nullspace": 0, "conventional": 1, "paper": 2, "composite": 3, "wls": 3,
-    "efficient": 4, "tls": 5, "computed_torque": 5, "ekf": 6, "cone": 7, "ols": 8, "rls": 9,
-}  # fmt: skip
+    "memory": 0,
+    "nullspace": 0,
+    "conventional": 1,
+    "paper": 2,
+    "composite": 3,
+    "wls": 3,
+    "efficient": 4,
+    "tls": 5,
+    "computed_torque": 5,
+    "ekf": 6,
+    "cone": 7,
+    "ols": 8,
+    "rls": 9,
+}
 """Index in `COLOURS`, and in a recording's palette, of a law's or method's colour on any plot."""
 
 POINTS = 1500
@@ -29,12 +50,15 @@ POINTS = 1500
 DASHES = {"-": "none", "--": "6 3", ":": "2 2", "-.": "8 2 2 2"}
 """SVG dash patterns of matplotlib's line styles."""
 
-MEASURED, PREDICTED, INTERVAL = "measured", "predicted", "95 % interval"
+MEASURED = "measured"
+PREDICTED = "predicted"
+INTERVAL = "95 % interval"
 TARGET = "target"
 DIFFERENCE = "error, rms over short intervals"
 UNSURE = "not identified by itself"
 _INTERVALS = 150  # number of intervals over which errors are averaged
-BAND, PALE = "band", "pale"
+BAND = "band"
+PALE = "pale"
 """Instead of a dash pattern: the legend's entry is a shaded area, or a wide pale line."""
 
 

@@ -34,7 +34,8 @@ def table(parameters: Sequence[Parameter], numbers: Mapping[str, int] | None = N
     `numbers` are those of the page's list of combinations, for parameters that are part of one. A
     narrow terminal omits the prior, then what the other columns tell, too.
     """
-    judged, known = any(p.status for p in parameters), any(p.true is not None for p in parameters)
+    judged = any(p.status for p in parameters)
+    known = any(p.true is not None for p in parameters)
     related = any(p.relative is not None for p in parameters)
     heads = ["parameter", "estimate", *["95 % interval"] * judged, *["relative"] * related]
     heads += ["prior"] * any(math.isfinite(p.prior) for p in parameters) + ["true"] * known
@@ -43,15 +44,18 @@ def table(parameters: Sequence[Parameter], numbers: Mapping[str, int] | None = N
     words = [k for k, head in enumerate(heads) if head in {"parameter", "unit", "status"}]
     spare = ["prior", "95 % interval" if known and related else "relative"]
     return Table(
-        heads, [[line[head] for head in heads] for line in cells], words,
+        heads,
+        [[line[head] for head in heads] for line in cells],
+        words,
         spare=[heads.index(head) for head in spare if head in heads],
-    )  # fmt: skip
+    )
 
 
 def _cells(p: Parameter, combination: int) -> dict[str, Cell]:
     """The cells of a parameter's line, by column; `combination` is its number, 0 for none."""
     value, interval = estimate(p.value, p.low, p.high)
-    half, status = (p.high - p.low) / 2, STATUSES[p.status]
+    half = (p.high - p.low) / 2
+    status = STATUSES[p.status]
     numbered = Link(f"C{combination}", f"combination-{combination}")
     link = numbered if combination else Link(p.combination)
     return {
@@ -75,12 +79,14 @@ def folds(
     return [
         Fold(
             members[0].part if name in result.bodies else members[0].kind,
-            [table(members, numbers)], counts(members), str(len(members)),
+            [table(members, numbers)],
+            counts(members),
+            str(len(members)),
             few or members[0].is_gain,
         )
         for name, members in result.blocks.items()
         if gains or not members[0].is_gain
-    ]  # fmt: skip
+    ]
 
 
 def gains_of(result: Result, numbers: Mapping[str, int] | None = None) -> list[Table]:
@@ -88,12 +94,14 @@ def gains_of(result: Result, numbers: Mapping[str, int] | None = None) -> list[T
     gains = result.gains
     if not gains:
         return []
-    parts, whole = [p.part for p in gains], table(gains, numbers)
+    parts = [p.part for p in gains]
+    whole = table(gains, numbers)
     lines = [
         [(Link(p.label.removesuffix(p.part).strip()), p.part), *line[1:]]
-        if parts.count(p.part) == 1 and p.part != p.label else line
+        if parts.count(p.part) == 1 and p.part != p.label
+        else line
         for p, line in zip(gains, whole.lines, strict=True)
-    ]  # fmt: skip
+    ]
     return [replace(whole, heads=["gains", *whole.heads[1:]], lines=lines, most=_LINES)]
 
 
@@ -109,7 +117,8 @@ def forests(parameters: Sequence[Parameter]) -> list[Forest]:
         others = [Points("prior", prior)]
         true = np.array([p.true for p in members], dtype=float)
         others += [Points("true", true, "x")] if np.isfinite(true).any() else []
-        firm, names = np.array([p.firm for p in members]), [p.part for p in members]
+        firm = np.array([p.firm for p in members])
+        names = [p.part for p in members]
         title = kind[:1].upper() + kind[1:]
         found.append(Forest(title, f"{kind} [{unit}]", names, value, low, high, firm, others))
     return found
@@ -117,5 +126,6 @@ def forests(parameters: Sequence[Parameter]) -> list[Forest]:
 
 def correlations(labels: Sequence[str], r: Array) -> list[HeatMap]:
     """Correlations (k, k) as a heat map, of the first ones; empty for fewer than two."""
-    labels, r = list(labels)[:_CORRELATED], r[:_CORRELATED, :_CORRELATED]
+    labels = list(labels)[:_CORRELATED]
+    r = r[:_CORRELATED, :_CORRELATED]
     return [HeatMap("", labels, r)] if len(labels) > 1 else []

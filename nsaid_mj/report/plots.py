@@ -27,13 +27,16 @@ from .page import VARIABLES
 from .page import Figure as PageFigure
 from .panels import COLOURS, GRID, INK, Panel, thin
 
-CURVE, NAMES = "curve:", "names"
+CURVE = "curve:"
+NAMES = "names"
 """Prefix of the gid of a curve's artists, before its name; gid of an axis of names."""
 
 COLUMNS = 8
 """Largest number of categories in a panel of ordinary width."""
 
-WIDTH, WIDE, _HEIGHT = 4.3, 6.2, 2.6  # of a panel on a page, and of a wide one [inch]
+WIDTH = 4.3  # of a panel on a page, and of a wide one [inch]
+WIDE = 6.2
+_HEIGHT = 2.6
 _HUGE = 1e200  # larger values are not drawn: matplotlib's margins overflow
 _DPI = 110  # of a PNG
 _MAKER = "nsaid-mj"  # in a PNG file
@@ -75,7 +78,8 @@ def over_time(panel: Panel) -> str:
     """Draws a panel's curves as an SVG element; title and legend are left to the page."""
     with style():
         width = WIDE if panel.wide else WIDTH
-        figure, left = Figure(figsize=(width, _HEIGHT)), 0.15 * WIDTH / width
+        figure = Figure(figsize=(width, _HEIGHT))
+        left = 0.15 * WIDTH / width
         curves(panel, figure.add_axes((left, 0.165, 0.96 - left, 0.79)))
         return svg(figure, panel.title)
 
@@ -120,7 +124,8 @@ def band(
     known = np.isfinite(low) & np.isfinite(high)
     for part in np.split(np.arange(len(t)), np.flatnonzero(np.diff(known)) + 1):
         if len(part) and known[part[0]]:
-            x, y = np.r_[t[part], t[part[::-1]]], np.r_[low[part], high[part[::-1]]]
+            x = np.r_[t[part], t[part[::-1]]]
+            y = np.r_[low[part], high[part[::-1]]]
             axis.fill(x, y, color=colour, alpha=0.2, linewidth=0, gid=CURVE + name)
     for end, values in (("low", low), ("high", high)):
         store_values(axis, t, values, f"{f'{of}, ' if of else ''}{name}, {end}")
@@ -264,7 +269,9 @@ def _curves(figure: Figure) -> list[dict[str, Any]]:
     below = next((axis.get_xlabel() for axis in figure.axes if axis.get_xlabel()), "")
     found = []
     for axis in figure.axes:
-        at, tables, curves = axis.get_position(), [], []
+        at = axis.get_position()
+        tables = []
+        curves = []
         for drawn in axis.get_lines():
             name = drawn.get_gid() or ""
             x, y = (_numbers(side) for side in drawn.get_data())
@@ -278,8 +285,12 @@ def _curves(figure: Figure) -> list[dict[str, Any]]:
             {
                 "box": [
                     round(float(end), 2)
-                    for end in (at.x0 * width, (1 - at.y1) * height, at.x1 * width,
-                                (1 - at.y0) * height)
+                    for end in (
+                        at.x0 * width,
+                        (1 - at.y1) * height,
+                        at.x1 * width,
+                        (1 - at.y0) * height,
+                    )
                 ],
                 "x": _side(axis.get_xlim(), axis.get_xscale(), below)
                 | {"names": axis.xaxis.get_gid() == NAMES},
@@ -289,7 +300,7 @@ def _curves(figure: Figure) -> list[dict[str, Any]]:
                 "xs": tables,
                 "curves": curves,
             }
-        )  # fmt: skip
+        )
     return found
 
 

@@ -13,7 +13,8 @@ from .page import Badges, Cell, Items, Link, Page, PageItem, Table, Text, count,
 from .result import LEVELS, Mark
 
 _COLOURS = {"good": "green", "fair": "yellow", "poor": "red", "weak": "bright_black"}
-_NOTES, _GRAVE = 6, 40  # largest printed number of notes, and of findings of any graver level
+_NOTES = 6  # largest printed number of notes, and of findings of any graver level
+_GRAVE = 40
 _LENGTH = 120  # characters of an entry of a list, at most
 
 

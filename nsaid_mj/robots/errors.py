@@ -18,7 +18,10 @@ class BadRobot(NsaidError):
     """
 
     def __init__(self, robot: str, part: str, reason: str, remedy: str):
-        self.robot, self.part, self.reason, self.remedy = robot, part, reason, remedy
+        self.robot = robot
+        self.part = part
+        self.reason = reason
+        self.remedy = remedy
         where = f", {part}" if part else ""
         super().__init__(f"robot {robot}{where}: {reason}. {remedy}")
 

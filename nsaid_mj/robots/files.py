@@ -37,7 +37,8 @@ def robot_file(name: str, others: Sequence[str] = ()) -> RobotFile:
         BadRobot: there is no such file, or no file describes the robot of this name.
         UnknownName: there is no robot of this name.
     """
-    path, packed = path_of(name), {**packed_robots(), **packed_folders()}
+    path = path_of(name)
+    packed = {**packed_robots(), **packed_folders()}
     if name in packed:
         return RobotFile(packed[name], named=True)
     if path.is_dir() and name not in known_robots():  # a folder hides no robot of its name

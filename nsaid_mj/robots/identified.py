@@ -92,6 +92,7 @@ def remarks(robot: RobotModel, values: Identified, also: tuple[str, ...] = ()) -
     lines = ["Calibrated by nsaid-mj.", f"Scale: {values.anchor}."]
     lines.append("Force per unit of command [N·m or N], and speed s of Coulomb friction tanh(v/s):")
     for k, joint in enumerate(robot.joints):
-        speed, gain = values.friction_speed[k], values.gain[k]
+        speed = values.friction_speed[k]
+        gain = values.gain[k]
         lines.append(f"  {joint}: gain {gain:.6g}, s {speed:.3g}, rotor {values.rotor[k]:.6g}")
     return "\n".join([*lines, *values.notes, *also])

@@ -19,7 +19,8 @@ _INSIDE = 1e-6  # least ratio of the smallest to the largest second moment that 
 _FLATNESS = 0.02  # least ratio after a change
 _THINNESS = 0.05  # least standard deviation of mass after a change, over the link's size
 _LIGHTNESS = 1e-3  # mass given to a massless link, over that of the robot
-_UNKNOWN_MASS, _UNKNOWN_SIZE = 0.1, 0.1  # if nothing in the file gives a clue [kg, m]
+_UNKNOWN_MASS = 0.1  # if nothing in the file gives a clue [kg, m]
+_UNKNOWN_SIZE = 0.1
 _SMALLEST = 1e-3  # least length that says something about a link's size [m]
 
 
@@ -48,20 +49,24 @@ def make_physical(model: pin.Model, names: list[str]) -> list[Finding]:
     gets one that is spread over the length of the longest, and there is a warning more,
     `no_masses`.
     """
-    findings, total = [], sum(max(inertia.mass, 0.0) for inertia in list(model.inertias)[1:])
+    findings = []
+    total = sum(max(inertia.mass, 0.0) for inertia in list(model.inertias)[1:])
     reach = max((_size(model, i) for i in range(1, model.njoints)), default=0.0)
     for i in range(1, model.njoints):
         before = pin.Inertia(model.inertias[i])  # a copy, not a view
         if is_physical(before.mass, before.inertia):
             continue
         if before.mass > 0:
-            mass, lever = before.mass, before.lever
+            mass = before.mass
+            lever = before.lever
             about = moved_inside(mass, before.inertia, _size(model, i))
         else:
-            mass, lever = _LIGHTNESS * total, np.zeros(3)
+            mass = _LIGHTNESS * total
+            lever = np.zeros(3)
             about = moved_inside(mass, np.zeros((3, 3)), _size(model, i))
             if not total > 0:
-                mass, about = _UNKNOWN_MASS, 2 * _UNKNOWN_MASS * (0.5 * reach) ** 2 * np.eye(3)
+                mass = _UNKNOWN_MASS
+                about = 2 * _UNKNOWN_MASS * (0.5 * reach) ** 2 * np.eye(3)
         after = model.inertias[i] = pin.Inertia(mass, lever, about)
         findings.append(moved(names[i - 1], (before.mass, before.inertia), (mass, after.inertia)))
     if not total > 0:
@@ -78,7 +83,8 @@ def check_inertias(name: str, model: pin.Model) -> None:
         BadRobot: names the first link whose inertia no body can have.
     """
     for i in range(1, model.njoints):
-        part, inertia = f"link of joint {model.names[i]}", model.inertias[i]
+        part = f"link of joint {model.names[i]}"
+        inertia = model.inertias[i]
         if not np.isfinite(inertia.toDynamicParameters()).all():
             raise BadRobot(name, part, "its inertia is not finite", "Correct the URDF.")
         if inertia.mass <= 0:
@@ -95,15 +101,21 @@ def check_inertias(name: str, model: pin.Model) -> None:
 
 def moved(link: str, before: tuple[float, Array], after: tuple[float, Array]) -> Finding:
     """The finding about a link whose mass [kg] and inertia (3, 3) [kg·m²] were changed."""
-    (old, about), (new, changed) = before, after
-    was, now = np.linalg.eigvalsh(about), np.linalg.eigvalsh(changed)
+    old, about = before
+    new, changed = after
+    was = np.linalg.eigvalsh(about)
+    now = np.linalg.eigvalsh(changed)
     wrong = f"no body of mass {rounded(old)} kg has moments of inertia {_listed(was)} kg·m²"
     given = f"they were changed to {_listed(now)} kg·m²"
     if old != new:
         wrong = "it moves, but has no mass"
         given = f"it was given {rounded(new)} kg and moments of inertia {_listed(now)} kg·m²"
-    data = {"mass_before": float(old), "mass_after": float(new),
-            "moments_before": was.tolist(), "moments_after": now.tolist()}  # fmt: skip
+    data = {
+        "mass_before": float(old),
+        "mass_after": float(new),
+        "moments_before": was.tolist(),
+        "moments_after": now.tolist(),
+    }
     remedy = "If better values are known, correct <inertial> in the model file."
     return Finding("warning", "inertia_moved", f"link {link}", f"{wrong}; {given}", remedy, data)
 

@@ -39,7 +39,8 @@ def load_mjcf(
     """
     mj, findings = compile_file(path)[1:]
     name = mj.names.partition(b"\0")[0].decode().replace(_NAMELESS, "") or path.stem
-    whole, names = rigid_tree(mj, name), joint_names(mj)
+    whole = rigid_tree(mj, name)
+    names = joint_names(mj)
     free = [n for n in names if whole.joints[whole.getJointId(n)].nv == 6]
     held = free[1:] if base == "free" else free
     movable = [n for n in names if n not in free]
@@ -107,7 +108,8 @@ def _ignored_forces(mj: Any, names: Sequence[str], locked: set[str]) -> list[Fin
     return [Finding("warning", code, "", text.format(x)) for code, x in found.items() if x]
 
 
-_TENDON, _OF_JOINTS = mujoco.mjtTrn.mjTRN_TENDON, mujoco.mjtWrap.mjWRAP_JOINT
+_TENDON = mujoco.mjtTrn.mjTRN_TENDON
+_OF_JOINTS = mujoco.mjtWrap.mjWRAP_JOINT
 
 
 def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str]) -> list[Finding]:
@@ -121,11 +123,17 @@ def check_couplings(robot: str, mj: Any, names: Sequence[str], locked: set[str])
     """
     for e in range(mj.neq):
         if mj.eq_active0[e]:
-            _refuse(robot, "equality constraint", mj.eq(e).name or str(e),
-                    [names[j] for j in sorted(_of_equality(mj, e))], locked)  # fmt: skip
+            _refuse(
+                robot,
+                "equality constraint",
+                mj.eq(e).name or str(e),
+                [names[j] for j in sorted(_of_equality(mj, e))],
+                locked,
+            )
     found = []
     for t in range(mj.ntendon):
-        name, joints = mj.tendon(t).name or str(t), [names[j] for j in sorted(_of_tendon(mj, t))]
+        name = mj.tendon(t).name or str(t)
+        joints = [names[j] for j in sorted(_of_tendon(mj, t))]
         if _acts(mj, t):
             _refuse(robot, "tendon", name, joints, locked)
         elif _drags(mj, t) and len(set(joints) - locked) > 1:
@@ -151,7 +159,9 @@ def _refuse(robot: str, kind: str, name: str, joints: list[str], locked: set[str
 
 def _of_equality(mj: Any, e: int) -> set[int]:
     """The joints that an equality constraint acts on."""
-    kind, one, two = mujoco.mjtEq(mj.eq_type[e]), mj.eq_obj1id[e], mj.eq_obj2id[e]
+    kind = mujoco.mjtEq(mj.eq_type[e])
+    one = mj.eq_obj1id[e]
+    two = mj.eq_obj2id[e]
     if kind == mujoco.mjtEq.mjEQ_JOINT:
         return {int(j) for j in (one, two) if j >= 0}
     if kind == mujoco.mjtEq.mjEQ_TENDON:
@@ -195,7 +205,8 @@ def _between(mj: Any, bodies: Sequence[int]) -> set[int]:
     """The joints that move some bodies relative to each other."""
     chains = []
     for body in bodies:
-        chain, b = set(), body
+        chain = set()
+        b = body
         while b:
             first = int(mj.body_jntadr[b])
             chain |= set(range(first, first + int(mj.body_jntnum[b])))

@@ -142,7 +142,8 @@ def _built(robot: RobotModel, values: Identified) -> Node:
         axis = numbers(np.asarray(own.axis))
         joint = SubElement(body, "joint", name=robot.joints[i - 1], axis=axis, type=kind)
         at = model.joints[i].idx_q
-        low, high = model.lowerPositionLimit[at], model.upperPositionLimit[at]
+        low = model.lowerPositionLimit[at]
+        high = model.upperPositionLimit[at]
         if model.joints[i].nq == 1 and np.isfinite([low, high]).all() and low < high:
             joint.set("range", numbers([low, high]))
         bodies.append(body)
@@ -219,11 +220,13 @@ def _set_inertial(body: Node, inertia: pin.Inertia) -> None:
     """Replaces a body's inertia with one about its frame."""
     for old in body.findall("inertial"):
         body.remove(old)
-    tensor, key = inertia.inertia, "fullinertia" if inertia.mass else "diaginertia"
+    tensor = inertia.inertia
+    key = "fullinertia" if inertia.mass else "diaginertia"
     entries = numbers([tensor[place] for place in _PLACES[: 6 if inertia.mass else 3]])
     part = Element("inertial", pos=numbers(inertia.lever), mass=numbers(inertia.mass))
     part.set(key, entries)
-    part.tail, body.text = body.text, body.text or "\n"
+    part.tail = body.text
+    body.text = body.text or "\n"
     body.insert(0, part)
 
 
@@ -234,9 +237,11 @@ def _set_motors(
 
     It is the first of its actuators, if that is a motor; further motors stay, and servos go.
     """
-    elements, section = actuators_of_file(root), root.find("actuator")
+    elements = actuators_of_file(root)
+    section = root.find("actuator")
     section = SubElement(root, "actuator") if section is None else section
-    replaced, dropped = [], set()
+    replaced = []
+    dropped = set()
     for k, joint in enumerate(robot.joints):
         own = actuators_of(mj, names.index(joint))
         kept = [i for i in own if is_motor(mj, i)] if own and is_motor(mj, own[0]) else []

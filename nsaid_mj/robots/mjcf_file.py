@@ -180,7 +180,8 @@ def _without_files(root: Node, missing: list[str]) -> None:
         _remove(asset)
 
 
-_ROWS, _COLUMNS = [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]  # places of MuJoCo's fullinertia
+_ROWS = [0, 1, 2, 0, 0, 1]  # places of MuJoCo's fullinertia
+_COLUMNS = [0, 1, 2, 1, 2, 2]
 
 
 def check_inertials(spec: Any) -> list[Finding]:
@@ -272,9 +273,11 @@ def split_bodies(root: Node, mj: Any, held: Mapping[str, float]) -> dict[str, No
     position of each locked joint [rad or m]; it has no meaning for balls and free joints. Returns
     the body behind each joint that is left.
     """
-    found, j = {}, 0
+    found = {}
+    j = 0
     for body in bodies_of_file(root):
-        here, steps = pin.SE3.Identity(), []
+        here = pin.SE3.Identity()
+        steps = []
         joints = own_joints(body)
         for joint in joints:
             name = joint.get("name", "")
@@ -305,7 +308,9 @@ def _chain(body: Node, steps: list[tuple[pin.SE3, Node | None]]) -> dict[str, No
     alone = len(steps) < 2 and all(place.isIdentity(0.0) for place, _ in steps)
     if alone:
         return {joint.get("name", ""): body for joint in joints}
-    name, current, found = body.get("name", "body"), body, {}
+    name = body.get("name", "body")
+    current = body
+    found = {}
     content = [part for part in body if part not in joints and part.tag != "inertial"]
     for old in body.findall("inertial"):  # to be replaced
         _remove(old)
@@ -326,8 +331,10 @@ def _chain(body: Node, steps: list[tuple[pin.SE3, Node | None]]) -> dict[str, No
 
 def _displacement(mj: Any, j: int, position: float) -> pin.SE3:
     """The displacement of a body by its joint at a position."""
-    axis, anchor = mj.jnt_axis[j], mj.jnt_pos[j]
-    kind, travel = mujoco.mjtJoint(mj.jnt_type[j]), position - mj.qpos0[mj.jnt_qposadr[j]]
+    axis = mj.jnt_axis[j]
+    anchor = mj.jnt_pos[j]
+    kind = mujoco.mjtJoint(mj.jnt_type[j])
+    travel = position - mj.qpos0[mj.jnt_qposadr[j]]
     if kind == mujoco.mjtJoint.mjJNT_SLIDE:
         return pin.SE3(np.eye(3), travel * axis)
     if kind == mujoco.mjtJoint.mjJNT_HINGE:
@@ -354,7 +361,9 @@ def remove_references(
 
 def _remove(element: Node) -> None:
     """Removes an element, but not the text after it."""
-    parent, before, tail = element.getparent(), element.getprevious(), element.tail
+    parent = element.getparent()
+    before = element.getprevious()
+    tail = element.tail
     assert parent is not None  # no root is removed
     if tail and before is not None:
         before.tail = (before.tail or "") + tail

@@ -102,8 +102,10 @@ def links_of(
 
     speed (k,) and command (k,) are the largest in probes of the structure, 1 by default.
     """
-    bodies, joints = model.njoints - 1, model.nv - (6 if floats(model) else 0)
-    per_body, per_joint = np.ones(bodies), np.ones(joints)  # guesses, on which nothing depends
+    bodies = model.njoints - 1
+    joints = model.nv - (6 if floats(model) else 0)
+    per_body = np.ones(bodies)  # guesses, on which nothing depends
+    per_joint = np.ones(joints)
     speed = per_joint if speed is None else speed
     command = per_joint if command is None else command
     scales = JointScales(per_body, per_body, per_joint, per_joint, per_joint, speed, command)
@@ -179,7 +181,8 @@ def check_tree(robot: str, model: pin.Model, base: str | None = None) -> None:
     if base == "free" and model.joints[1].nv != 6:
         raise BadRobot(robot, "", "its base is fixed", "Use ArmPlant, or a robot that floats.")
     for i in range(2 if base == "free" else 1, model.njoints):
-        joint, name = model.joints[i], model.names[i]
+        joint = model.joints[i]
+        name = model.names[i]
         if joint.nv != 1:
             reason = f"it has {joint.nv} degrees of freedom, not one as a hinge or a slide"
             remedy = "Make it fixed in a copy of the file." if base else LOCK.format(name)

@@ -18,8 +18,22 @@ from ..core import Array
 from .tree import pose
 
 _CORNERS = np.array(np.meshgrid(*[[-1, 1]] * 3, indexing="ij")).reshape(3, 8).T.astype(float)
-_FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
-                   [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
+_FACES = np.array(
+    [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 5, 7],
+        [1, 7, 3],
+    ]
+)
 _SIDES = 24
 _HIDDEN = 3  # groups of geoms from this one on are hidden, as in MuJoCo's own viewer
 
@@ -51,7 +65,8 @@ class Shapes:
     """The meshes of a tree of joints, made on first access; there may be none."""
 
     def __init__(self, tree: pin.Model, made: Callable[[], Iterable[Shape]]):
-        self._tree, self._made = tree, made
+        self._tree = tree
+        self._made = made
 
     @cached_property
     def parts(self) -> list[Shape]:
@@ -101,10 +116,13 @@ def shapes_of_geoms(mj: Any, tree: pin.Model) -> Iterable[Shape]:
         mesh = mj.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH
         if not body or mj.geom_group[g] >= _HIDDEN or not (mesh or mj.geom_type[g] in DRAWN):
             continue
-        name, joint, place = mj.body(body).name or f"body {body}", 0, pin.SE3.Identity()
+        name = mj.body(body).name or f"body {body}"
+        joint = 0
+        place = pin.SE3.Identity()
         if tree.existBodyName(name):
             frame = tree.frames[tree.getFrameId(name, pin.FrameType.BODY)]
-            joint, place = int(frame.parentJoint), frame.placement
+            joint = int(frame.parentJoint)
+            place = frame.placement
         else:
             joint = int(tree.getJointId(name))
         own = place * pose(mj.geom_pos[g], mj.geom_quat[g])
@@ -116,7 +134,8 @@ def shapes_of_geoms(mj: Any, tree: pin.Model) -> Iterable[Shape]:
 def _mesh(mj: Any, geom: int) -> VisualMesh:
     """The mesh of a geom, in the geom's own frame."""
     m = mj.geom_dataid[geom]
-    vertex, face = mj.mesh_vertadr[m], mj.mesh_faceadr[m]
+    vertex = mj.mesh_vertadr[m]
+    face = mj.mesh_faceadr[m]
     material = mj.geom_matid[geom]
     color = mj.mat_rgba[material] if material >= 0 else mj.geom_rgba[geom]
     return VisualMesh(
@@ -129,15 +148,18 @@ def _mesh(mj: Any, geom: int) -> VisualMesh:
 
 def of_geom(model: Any, i: int) -> VisualMesh:
     """The mesh of MuJoCo's geom i, a box or a solid of revolution, in the geom's own frame."""
-    size, kind = model.geom_size[i].copy(), model.geom_type[i]
+    size = model.geom_size[i].copy()
+    kind = model.geom_type[i]
     if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        vertices, triangles = _CORNERS * size, _FACES
+        vertices = _CORNERS * size
+        triangles = _FACES
     else:
         radius, height = _profile(kind, size)
         vertices, triangles = _turned(radius, height)
         if kind == mujoco.mjtGeom.mjGEOM_ELLIPSOID:
             vertices = vertices * size
-    name, color = model.geom(i).name or f"geom {i}", tuple(model.geom_rgba[i].tolist())
+    name = model.geom(i).name or f"geom {i}"
+    color = tuple(model.geom_rgba[i].tolist())
     return VisualMesh(name, vertices, triangles, color)
 
 

@@ -30,7 +30,8 @@ def tree_spec(model: pin.Model, dt: float) -> Any:
     spec.option.gravity = model.gravity.linear
     bodies = {0: spec.worldbody}
     for i, own in enumerate(bodies_of(model), start=1):
-        name, placement = model.names[i], model.jointPlacements[i]
+        name = model.names[i]
+        placement = model.jointPlacements[i]
         body = bodies[model.parents[i]].add_body(name="joint world" if name == "world" else name)
         bodies[i] = body
         body.pos, body.quat = placement.translation, wxyz(placement.rotation)
@@ -52,7 +53,8 @@ def set_options(spec: Any, dt: float) -> None:
     """
     if not (np.isfinite(dt) and dt > 0):
         raise InvalidInput("dt", "a step > 0 s", dt, "Try 1e-3 for an arm.")
-    spec.option.timestep, off = dt, mujoco.mjtDisableBit
+    spec.option.timestep = dt
+    off = mujoco.mjtDisableBit
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
     unused = off.mjDSBL_AUTORESET | off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT
     spec.option.disableflags |= int(unused)
@@ -61,10 +63,12 @@ def set_options(spec: Any, dt: float) -> None:
 def _give_inertia(body: Any, inertia: pin.Inertia) -> None:
     """Sets the inertia of a body in MuJoCo's specification, in principal axes."""
     body.explicitinertial = True
-    body.mass, body.ipos = inertia.mass, inertia.lever
+    body.mass = inertia.mass
+    body.ipos = inertia.lever
     moments, axes = np.linalg.eigh(inertia.inertia)
     axes[:, 2] *= np.sign(np.linalg.det(axes))
-    body.iquat, body.inertia = wxyz(axes), moments
+    body.iquat = wxyz(axes)
+    body.inertia = moments
 
 
 def set_inertias(model: pin.Model, theta: Array, first: int = 1) -> None:
@@ -115,7 +119,8 @@ def rigid_tree(mj: Any, name: str) -> pin.Model:
     for b in range(1, mj.nbody):
         joint, place = places[mj.body_parentid[b]]
         place = place * pose(mj.body_pos[b], mj.body_quat[b])
-        first, count = mj.body_jntadr[b], mj.body_jntnum[b]
+        first = mj.body_jntadr[b]
+        count = mj.body_jntnum[b]
         for j in range(first, first + count):
             joint, place = _add_joint(model, mj, j, joint, place, _unique(mj, j, taken))
             model.addJointFrame(joint)
@@ -171,11 +176,13 @@ def _add_joint(
     Returns the index of the new joint, and the place of the body's frame in its frame.
     """
     kind = mujoco.mjtJoint(mj.jnt_type[j])
-    axis, anchor = mj.jnt_axis[j].copy(), mj.jnt_pos[j].copy()
+    axis = mj.jnt_axis[j].copy()
+    anchor = mj.jnt_pos[j].copy()
     if kind == mujoco.mjtJoint.mjJNT_FREE:
         free = model.addJoint(parent, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
         return free, pin.SE3.Identity()
-    at, back = pin.SE3(np.eye(3), anchor), pin.SE3(np.eye(3), -anchor)
+    at = pin.SE3(np.eye(3), anchor)
+    back = pin.SE3(np.eye(3), -anchor)
     if kind == mujoco.mjtJoint.mjJNT_BALL:
         return model.addJoint(parent, pin.JointModelSpherical(), place * at, name), back
     aligned, general = _KINDS[kind]
@@ -197,9 +204,11 @@ def _add_joint(
 def _unique(mj: Any, j: int, taken: set[str]) -> str:
     """A unique name for a joint, which is added to `taken`."""
     base = mj.joint(j).name or f"{body_name(mj, mj.jnt_bodyid[j])}_joint"
-    name, number = base, 2
+    name = base
+    number = 2
     while name in taken:
-        name, number = f"{base}_{number}", number + 1
+        name = f"{base}_{number}"
+        number = number + 1
     taken.add(name)
     return name
 
@@ -217,16 +226,21 @@ def motors(
         is none, (k,) damping of the actuators [N·m·s/rad or N·s/m], names of the joints without an
         actuator in a file that has some, and findings on the meaning of commands.
     """
-    gain, damping = np.ones(len(joints)), np.zeros(len(joints))
+    gain = np.ones(len(joints))
+    damping = np.zeros(len(joints))
     limits = np.full(len(joints), np.inf)
-    servos, bare, lagging, several = [], [], [], []
+    servos = []
+    bare = []
+    lagging = []
+    several = []
     for k, joint in enumerate(joints):
         j = names.index(joint)
         actuators = actuators_of(mj, j)
         if not actuators:
             bare.append(joint)
             continue
-        i, gear = actuators[0], mj.actuator_gear[actuators[0], 0]
+        i = actuators[0]
+        gear = mj.actuator_gear[actuators[0], 0]
         damping[k] = sum(mj.actuator_damping[a] * mj.actuator_gear[a, 0] ** 2 for a in actuators)
         if len(actuators) > 1:
             several.append(joint)
@@ -239,11 +253,16 @@ def motors(
         limits[k] = _limit(mj, i, j, gear, float(gain[k]))
     noticed: tuple[tuple[str, Level, list[str], str], ...] = (
         ("no_actuator", "note", bare, "no actuator in the file; u must be the joint's force"),
-        ("servo", "warning", servos, "position or velocity servos in the file; u must be the "
-         "joint's force or motor current, not the setpoint"),
+        (
+            "servo",
+            "warning",
+            servos,
+            "position or velocity servos in the file; u must be the "
+            "joint's force or motor current, not the setpoint",
+        ),
         ("actuator_lag", "note", lagging, "actuators with an activation; the lag was left out"),
         ("several_actuators", "warning", several, "several actuators; u is taken as the first's"),
-    )  # fmt: skip
+    )
     findings = [
         Finding(level, code, ", ".join(where), text, data={"joints": where})
         for code, level, where, text in noticed
@@ -260,12 +279,15 @@ def motors(
 
 def position_servos(mj: Any, names: Sequence[str], joints: Sequence[str]) -> Servos | None:
     """The servos of k joints of a MuJoCo model; None unless each has one, and no other actuator."""
-    found, delays, profiles = [], target_delays(mj), target_profiles(mj)
+    found = []
+    delays = target_delays(mj)
+    profiles = target_profiles(mj)
     for joint in joints:
         own = actuators_of(mj, names.index(joint))
         if len(own) != 1 or mj.actuator_biastype[own[0]] != mujoco.mjtBias.mjBIAS_AFFINE:
             return None
-        gain, bias = mj.actuator_gainprm[own[0], 0], mj.actuator_biasprm[own[0]]
+        gain = mj.actuator_gainprm[own[0], 0]
+        bias = mj.actuator_biasprm[own[0]]
         if gain <= 0 or not np.isclose(bias[1], -gain) or mj.actuator_gear[own[0], 0] != 1:
             return None
         limited = mj.actuator_ctrllimited[own[0]]

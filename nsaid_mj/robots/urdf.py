@@ -54,7 +54,8 @@ def load_urdf(
     on a stand; the other arguments, and what it raises, are those of `load_tree`.
     """
     check_urdf(path, root)
-    followers, findings = {}, [*encoding]
+    followers = {}
+    findings = [*encoding]
     if base is None:
         followers = mimicking(path, root)
         findings += check_inertials(path, root)
@@ -135,7 +136,8 @@ def _position(model: pin.Model, joint: str, q: Array) -> float:
 
 def _pinocchio(path: Path, xml: str, floats: bool) -> pin.Model:
     """Pinocchio's model of a URDF; raises `BadRobot` if Pinocchio cannot read it."""
-    build, root = pin.buildModelFromXML, (pin.JointModelFreeFlyer(),) if floats else ()
+    build = pin.buildModelFromXML
+    root = (pin.JointModelFreeFlyer(),) if floats else ()
     try:  # without the line above: Pinocchio may be missing
         return build(xml, *root)
     except Exception as error:  # Pinocchio raises ValueError, RuntimeError and its own
@@ -159,12 +161,14 @@ def mimicking(path: Path, root: Element) -> dict[str, Follower]:
     Raises:
         BadRobot: a mimic joint follows itself.
     """
-    found, joints = {}, {joint.get("name", ""): joint for joint in root.findall("joint")}
+    found = {}
+    joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     for name, joint in joints.items():
         mimic = joint.find("mimic")
         if mimic is None or joint.get("type") == "fixed" or mimic.get("joint") not in joints:
             continue
-        ratio, offset = float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0"))
+        ratio = float(mimic.get("multiplier", "1"))
+        offset = float(mimic.get("offset", "0"))
         found[name] = Follower(mimic.get("joint", ""), ratio, offset)
     return {name: _resolved(path, found, name) for name in found}
 
@@ -187,7 +191,8 @@ def weld(followers: dict[str, Follower], moving: set[str]) -> list[Finding]:
 
 def _resolved(path: Path, followers: dict[str, Follower], name: str) -> Follower:
     """A follower in terms of a leader that is not itself a follower."""
-    found, passed = followers[name], {name}
+    found = followers[name]
+    passed = {name}
     while found.leader in followers:
         if found.leader in passed:
             remedy = "Let one of them move freely."
@@ -212,7 +217,10 @@ def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
     if robot.kind != "urdf" or robot.file is None:
         raise InvalidInput("robot", "one read from a URDF", robot.kind, "Write an MJCF file.")
     root, _ = read_xml(robot.file)
-    moving, held, welded, model = {}, [], [], values.model
+    moving = {}
+    held = []
+    welded = []
+    model = values.model
     for joint in root.findall("joint"):
         name = joint.get("name", "")
         if name in robot.joints:
@@ -224,7 +232,8 @@ def write_urdf(robot: RobotModel, values: Identified, path: Path) -> None:
         elif joint.get("type") != "fixed":
             held.append(name)
     for link in root.findall("link"):
-        name, inertial = link.get("name", ""), link.find("inertial")
+        name = link.get("name", "")
+        inertial = link.find("inertial")
         frame = model.getFrameId(name, pin.FrameType.BODY)
         if name in moving:
             inertia = model.inertias[model.getJointId(moving[name])]

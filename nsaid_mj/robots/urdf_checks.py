@@ -19,8 +19,7 @@ from .assets import packed_robots
 from .errors import BadRobot, MimicIgnored
 from .inertias import is_physical, moved, moved_inside, plausible_size
 
-ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2),
-           "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}  # fmt: skip
+ENTRIES = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 """Attributes of `<inertia>`, with their places in the matrix."""
 _RANGED = ("revolute", "prismatic")
 _KINDS = (*_RANGED, "continuous", "fixed", "floating", "planar")
@@ -55,11 +54,13 @@ def check_urdf(path: Path, root: Element) -> None:
 
 def _check_tree(path: Path, root: Element) -> None:
     """Checks that the joints connect the links to one tree."""
-    links, above = [link.get("name", "") for link in root.findall("link")], {}
+    links = [link.get("name", "") for link in root.findall("link")]
+    above = {}
     if not links:
         raise BadRobot(str(path), "", "it has no link", _CORRECT)
     for joint in root.findall("joint"):
-        name, (parent, child) = joint.get("name"), (end_of(joint, e) for e in ("parent", "child"))
+        name = joint.get("name")
+        parent, child = (end_of(joint, e) for e in ("parent", "child"))
         for end, link in (("parent", parent), ("child", child)):
             if link not in links:
                 reason = f"its {end} link {link!r} does not exist"
@@ -87,7 +88,9 @@ def _check_tree(path: Path, root: Element) -> None:
 
 def _check_joint(path: Path, joint: Element) -> None:
     """Checks the numbers of a joint, and that its range is not empty."""
-    part, kind, limit = f"joint {joint.get('name')}", joint.get("type"), joint.find("limit")
+    part = f"joint {joint.get('name')}"
+    kind = joint.get("type")
+    limit = joint.find("limit")
     if kind not in _KINDS:
         remedy = f"It is one of {', '.join(_KINDS)}."
         raise BadRobot(str(path), part, f"its type is {kind!r}", remedy)
@@ -96,7 +99,8 @@ def _check_joint(path: Path, joint: Element) -> None:
         _check_vector(path, part, joint.find("origin"), key)
     if kind == "fixed":
         return
-    axis, mimic = joint.find("axis"), joint.find("mimic")
+    axis = joint.find("axis")
+    mimic = joint.find("mimic")
     direction = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
     if kind != "floating" and not np.any([float(x) for x in direction.split()]):
         raise BadRobot(str(path), part, "its axis is 0 0 0", "Give the axis a direction.")
@@ -126,8 +130,10 @@ def check_masses(path: Path, root: Element) -> None:
         BadRobot: names the first link whose mass or inertia is not a number, or negative.
     """
     for link, inertial in inertials(root):
-        part, element = f"link {link.get('name')}", inertial.find("inertia")
-        mass, about = mass_of(path, link, inertial), inertia_of(inertial)
+        part = f"link {link.get('name')}"
+        element = inertial.find("inertia")
+        mass = mass_of(path, link, inertial)
+        about = inertia_of(inertial)
         if mass < 0:
             remedy = "Give it a mass ≥ 0."
             raise BadRobot(str(path), part, f"its mass is {mass:g} kg", remedy)
@@ -158,7 +164,8 @@ def mass_of(path: Path, link: Element, inertial: Element) -> float:
     Raises:
         BadRobot: the mass is missing, not a number, or beyond all bounds.
     """
-    part, mass = f"link {link.get('name', '')}", inertial.find("mass")
+    part = f"link {link.get('name', '')}"
+    mass = inertial.find("mass")
     value = "" if mass is None else mass.get("value", "")
     kilograms = number(value)
     if not abs(kilograms) <= LARGEST:
@@ -171,7 +178,8 @@ def mass_of(path: Path, link: Element, inertial: Element) -> float:
 
 def inertia_of(inertial: Element) -> Array:
     """(3, 3) the inertia of an `<inertial>`, in its own axes [kg·m²]; NaN where unreadable."""
-    element, about = inertial.find("inertia"), np.full((3, 3), np.nan)
+    element = inertial.find("inertia")
+    about = np.full((3, 3), np.nan)
     if element is not None:
         for key, (i, j) in ENTRIES.items():
             about[i, j] = about[j, i] = number(element.get(key, "nan" if i == j else "0"))
@@ -236,10 +244,12 @@ def check_inertials(path: Path, root: Element) -> list[Finding]:
     Raises:
         BadRobot: a mass is missing or not a number.
     """
-    findings, base = [], _base(root)
+    findings = []
+    base = _base(root)
     for link, inertial in inertials(root):
         name = link.get("name", "")
-        mass, about = mass_of(path, link, inertial), inertia_of(inertial)
+        mass = mass_of(path, link, inertial)
+        about = inertia_of(inertial)
         if mass <= 0:
             link.remove(inertial)
             if name not in base and (mass < 0 or np.any(about)):

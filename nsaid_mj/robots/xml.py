@@ -28,7 +28,8 @@ def read_xml(path: Path) -> tuple[Element, list[Finding]]:
     except OSError as error:
         reason = error.strerror or str(error)
         raise BadRobot(str(path), "", reason, "Give the path of a readable file.") from error
-    declared, findings = _DECLARED.match(content), []
+    declared = _DECLARED.match(content)
+    findings = []
     encoding = declared.group(1).decode() if declared else "utf-8"
     if content.startswith(_WIDE):
         encoding = "utf-16"
@@ -54,7 +55,8 @@ def with_remarks(root: Element, remarks: str) -> str:
     text = re.sub("-(?=-)", "- ", remarks).rstrip("-")  # a comment may not contain two hyphens
     comment = etree.Comment(f" {text} ")
     root.insert(0, comment)
-    comment.tail, root.text = root.text or "\n", "\n"
+    comment.tail = root.text or "\n"
+    root.text = "\n"
     declaration = '<?xml version="1.0" encoding="UTF-8"?>\n'
     return declaration + etree.tostring(root.getroottree(), encoding="unicode") + "\n"
 

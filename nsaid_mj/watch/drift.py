@@ -81,7 +81,8 @@ class Rivals(NamedTuple):
         """
         start = kalman.copied()
         start.Ptt[:] += _FREED**2 * prior
-        start.tally[1:], start.totals[:] = 0.0, 0.0
+        start.tally[1:] = 0.0
+        start.totals[:] = 0.0
         models = [(0.0, 0.0), *((w, 0.0) for w in _ALL), *((0.0, w) for w in _WALKS)]
         return Rivals(tuple(Rival(start, *model) for model in models), t)
 
@@ -102,7 +103,8 @@ class Rivals(NamedTuple):
             return None
         evidence = np.array([rival.evidence for rival in self.each])
         first = len(self.each) - len(_WALKS)
-        gains, other = first + int(np.argmax(evidence[first:])), int(np.argmax(evidence[:first]))
+        gains = first + int(np.argmax(evidence[first:]))
+        other = int(np.argmax(evidence[:first]))
         squares, number = self.each[gains].filter.totals
         slow = gains + 1 < len(self.each) and bool(squares <= _WHITE * number)
         if drift and (not slow or evidence[other] > evidence[gains] + _SURE):

@@ -159,22 +159,26 @@ def judged_drift(estimator: KalmanFilter, along: Array, variance: float, log: Lo
     second, relative to the gain [1/s].
     """
     space = estimator.system.space
-    k, minutes = space.actuators, float(log.t[-1] - log.t[0]) / 60
+    k = space.actuators
+    minutes = float(log.t[-1] - log.t[0]) / 60
     walking = estimator.walking(walks(space, 0.0, variance))
     theta = _sound(space, np.array(along[0]), np.array(along[-1]))
     own = replay(walking, theta, _VAGUE**2 * estimator.covariance(theta), log)
     one, energy = _judged_pass(own, log)
     if one.level == NONE:
-        one, energy = one._replace(level=SOME), 0.0
+        one = one._replace(level=SOME)
+        energy = 0.0
     rates = np.abs(along[-1][k] / np.where(along[0][k] == 0, np.inf, along[0][k]) - 1) / minutes
     drift = float(np.where(along[0][k] == 0, 0.0, rates).max())
-    widening, chance = float(np.sqrt(1 + energy)), min(1.0, one.chance)
+    widening = float(np.sqrt(1 + energy))
+    chance = min(1.0, one.chance)
     return one._replace(seconds=60 * minutes, chance=chance, widening=widening, drift=drift)
 
 
 def _sound(space: ParameterSpace, theta: Array, prior: Array) -> Array:
     """(p,) θ̂ inside the cone: gains of reversed actuators positive, of failed ones as before."""
-    k, theta = space.actuators, theta.copy()
+    k = space.actuators
+    theta = theta.copy()
     theta[k] = np.where(theta[k] == 0, prior[k], np.copysign(theta[k], prior[k]))
     if inside(cone_of(space), theta):
         return theta
@@ -210,7 +214,8 @@ def judged_estimate(
     `rest` is that of `replay`.
     """
     space = estimator.system.space
-    theta, scale = _sound(space, theta, prior), space.scale
+    theta = _sound(space, theta, prior)
+    scale = space.scale
     P = estimator.covariance(theta)
     if stated is not None:
         P = _no_wider(stated.covariance / np.outer(scale, scale), P)
@@ -226,7 +231,8 @@ def judged(
 ) -> Misfit:
     """The misfit of a log of N measurements, for a filter starting at θ (p,) with P_θθ (p, p)."""
     learning = replay(estimator, theta, P, log, rest)
-    own, found = learning, []
+    own = learning
+    found = []
     for _ in range(_PASSES):  # far from its end, a pass is not linear enough to be judged by
         own = replay(estimator, own.filter.theta, own.filter.Ptt, log, rest)
         found.append(_judged_pass(own, log))
@@ -242,7 +248,8 @@ def judged(
 
 def _judged_pass(own: Replay, log: Log) -> tuple[Misfit, float]:
     """The misfit of one pass along a log, without widening; also its innovations' energy."""
-    seconds, colour = float(log.t[-1] - log.t[0]), whiteness(own.along.innovation)
+    seconds = float(log.t[-1] - log.t[0])
+    colour = whiteness(own.along.innovation)
     squares, number = own.filter.totals
     times = own.contradictions
     innovations = float(squares / max(1.0, number))
@@ -299,10 +306,8 @@ def _shifts(scale: Array, theta: Array, P: Array, learning: Replay) -> list[floa
     kept = share > _LEARNED
     if learning.contradictions or not kept.any():
         return []
-    whiten, rows = (
-        (vectors[:, kept].T @ whiten) / np.sqrt(share[kept])[:, None],
-        learning.along.theta,
-    )
+    whiten = (vectors[:, kept].T @ whiten) / np.sqrt(share[kept])[:, None]
+    rows = learning.along.theta
     found = []
     for parts in _PARTS:
         at = np.linspace(0, len(rows) - 1, parts + 1).astype(int)

@@ -41,7 +41,8 @@ def replay(
     piece = _PIECE if rest else count
     kalman = estimator.at(log.q[0], log.v[0], theta, P)
     along = Along.empty(count, log.v.shape[1], len(theta))
-    times, at = list[float](), 0
+    times = list[float]()
+    at = 0
     while at < count - 1:
         stretch = estimator.follow(kalman, log.part(at, at + piece + 1), along.part(at))
         at += stretch.last
@@ -83,6 +84,7 @@ def with_scales_of(theta: Array, other: Array, parts: Array, scale: Array) -> Ar
     Otherwise the passes, each about the last one's end, would carry it away. parts (s, p) are those
     of `nullspace.parts_of`, scale (p,) that of θ.
     """
-    own, given = parts * other / scale, parts * theta / scale
+    own = parts * other / scale
+    given = parts * theta / scale
     size = np.sum(given * given, axis=1) / np.sum(own * own, axis=1)
     return other * np.where(parts.any(axis=0), np.sqrt(size) @ parts, 1.0)

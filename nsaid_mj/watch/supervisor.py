@@ -23,7 +23,9 @@ class FilterSupervisor:
     """Supervises the filter of a law."""
 
     def __init__(self, law: EfficientIdentifier):
-        self._estimator, self._every, self._interval = law.estimator, law.every, law.interval
+        self._estimator = law.estimator
+        self._every = law.every
+        self._interval = law.interval
         self._again = law.estimator.cautious()
         self._faults = Isolation(law.estimator, law.interval)
 
@@ -55,7 +57,8 @@ class FilterSupervisor:
             state = self._faults.watched(state, t)
             if moving_of(state).trials is None:
                 state = self._compared(state, t)
-            kept, told = kept_of(state), state.supervision
+            kept = kept_of(state)
+            told = state.supervision
             seen = Seen(len(told.events), told.returns, state.restarts, kept.wander)
             state = keeping(state, seen=seen)
         return self._told(state)
@@ -110,7 +113,9 @@ class FilterSupervisor:
 
     def _compared(self, state: EfficientState, t: float) -> EfficientState:
         """At an interval's end: tests for a drift of the gains, unless θ is constant."""
-        rivals, told, kept = moving_of(state).rivals, state.supervision, kept_of(state)
+        rivals = moving_of(state).rivals
+        told = state.supervision
+        kept = kept_of(state)
         seen = kept.seen
         failed = len(told.events) > seen.events
         if rivals is None or failed:

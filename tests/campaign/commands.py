@@ -84,12 +84,18 @@ _FLAGS = {
 }
 _PLACES = ("[/x]", "file", "file/below", "/proc/x", "\0", "a" * 300, ".", "")
 _OF_FLAGS = {
-    "--vary": ("identifier.gain=nan", "identifier.gain=", "=", "a=b", "dt=1,2,x",
-               "identifier.gain=1,1"),
+    "--vary": (
+        "identifier.gain=nan",
+        "identifier.gain=",
+        "=",
+        "a=b",
+        "dt=1,2,x",
+        "identifier.gain=1,1",
+    ),
     "--seeds": ("0:", ":", "3:1", "0,0", "x", "1e3", "-5:0", "0:1000000000000", "1,", ""),
     "--out": _PLACES,
     "--run": _PLACES,
-}  # fmt: skip
+}
 _WORK = (
     "nsaid_mj.lab.loop.run",
     "nsaid_mj.plans.studies.compare.run_comparison",
@@ -132,10 +138,30 @@ def commands(rng: random.Random, here: Path) -> Kind:
 
 
 _OPTIONS = {
-    "--known": ("gain_1=nan", "gain_1=-1", "gain_1=0", "gain_1=1e300", "x=1", "=", "mass of l1=2",
-                "mass of l1=-2", "gain_1=1", "gain_1=1e-300", "gain_j1=inf"),
-    "--load": ("log.csv:1kg@tool", "log.csv:-1kg@tool", "x:1kg@tool", "log.csv:nankg@l2", "",
-               "log.csv:1e300kg@l2", "log.csv:1kg@", "1kg", "log.csv:1 kg@l2@l1"),
+    "--known": (
+        "gain_1=nan",
+        "gain_1=-1",
+        "gain_1=0",
+        "gain_1=1e300",
+        "x=1",
+        "=",
+        "mass of l1=2",
+        "mass of l1=-2",
+        "gain_1=1",
+        "gain_1=1e-300",
+        "gain_j1=inf",
+    ),
+    "--load": (
+        "log.csv:1kg@tool",
+        "log.csv:-1kg@tool",
+        "x:1kg@tool",
+        "log.csv:nankg@l2",
+        "",
+        "log.csv:1e300kg@l2",
+        "log.csv:1kg@",
+        "1kg",
+        "log.csv:1 kg@l2@l1",
+    ),
     "--lock": ("j1", "j1,j2", "x", ",", "j1,j1", "weld"),
     "--joints": ("j1", "j2,j1", "x", "j1,j1", "weld"),
     "--columns": ("load", "", "x", "load,load", "quadratic,cubic,offset", "viscous", "auto,load"),
@@ -146,7 +172,7 @@ _OPTIONS = {
     "--validate": ("log.csv", "two.urdf", "none.csv", ".", "empty.csv"),
     "--map": ("two.urdf", ".", "none", "empty.csv"),
     "--validate-map": ("none", "empty.csv"),
-}  # fmt: skip
+}
 
 
 def desk(folder: Path, log: str = "log.csv", model: str = "two.urdf") -> None:
@@ -184,13 +210,42 @@ def _session(law: str) -> Session:
 
 
 _LINES = (
-    b"", b"{}", b"[]", b"null", b"[" * 50_000, b'{"t":' * 20_000, b"\xff\xfe", b"\0", b"NaN",
-    b'{"end": true}', b'{"t": 1, "q": [1], "v": [1], "u": [1]}', b'{"end": false}', b"1" * 9999,
-)  # fmt: skip
+    b"",
+    b"{}",
+    b"[]",
+    b"null",
+    b"[" * 50_000,
+    b'{"t":' * 20_000,
+    b"\xff\xfe",
+    b"\0",
+    b"NaN",
+    b'{"end": true}',
+    b'{"t": 1, "q": [1], "v": [1], "u": [1]}',
+    b'{"end": false}',
+    b"1" * 9999,
+)
 _PARTS = (
-    None, "x", [], [1], [[1], [2]], {}, True, "1", [None, 1], ["a", "b"], [True, False], 1e308,
-    10**400, [10**400, 0], [1e300, 0], [1e12, -1e12], -1e308, [float("nan")] * 2, 1e18, [0, 0],
-)  # fmt: skip
+    None,
+    "x",
+    [],
+    [1],
+    [[1], [2]],
+    {},
+    True,
+    "1",
+    [None, 1],
+    ["a", "b"],
+    [True, False],
+    1e308,
+    10**400,
+    [10**400, 0],
+    [1e300, 0],
+    [1e12, -1e12],
+    -1e308,
+    [float("nan")] * 2,
+    1e18,
+    [0, 0],
+)
 
 
 def samples(rng: random.Random, here: Path) -> Kind:

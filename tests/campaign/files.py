@@ -82,8 +82,11 @@ def logs(command: str) -> Draw:
         (here / "log.csv").write_bytes(log)
         (here / "table.toml").write_bytes(table)
         words = [command, *(["--log"] if command == "identify" else []), "log.csv", "--json"]
-        words += rng.choice(([], ["--model", "two.urdf"])) if command == "inspect" else [
-            "--model", "two.urdf"]  # fmt: skip
+        words += (
+            rng.choice(([], ["--model", "two.urdf"]))
+            if command == "inspect"
+            else ["--model", "two.urdf"]
+        )
         words += [*rng.choice(([], [], ["--map", "table.toml"])), "--out", "out"]
 
         def check() -> str:
@@ -129,9 +132,23 @@ def bombs(rng: random.Random, here: Path) -> Kind:
 
 # -- names -----------------------------------------------------------------------------------------
 
-_NAMES = ("universe", "world", "a---b", "a---><link name='evil'/>", "[/red]", "\x1b[31mq",
-          "\x9b2J", "q\u202eevil", "{{ 7 }}", "<script>", "&amp;", "../../x", "a" * 3000, "%s%n",
-          "名")  # fmt: skip
+_NAMES = (
+    "universe",
+    "world",
+    "a---b",
+    "a---><link name='evil'/>",
+    "[/red]",
+    "\x1b[31mq",
+    "\x9b2J",
+    "q\u202eevil",
+    "{{ 7 }}",
+    "<script>",
+    "&amp;",
+    "../../x",
+    "a" * 3000,
+    "%s%n",
+    "名",
+)
 
 
 def names(rng: random.Random, here: Path) -> Kind:
@@ -157,10 +174,37 @@ def names(rng: random.Random, here: Path) -> Kind:
     return Kind(f"names {column[:20]!r} and {joint[:20]!r}", check)
 
 
-_ODD = ("-x", "[red]", "a\nb", "\udcff", " ", "~", "*", "{}", "a" * 240, "é", "$(touch pwned)",
-        "<img src=x onerror=alert(1)>", "{{ 7 }}", "%s%n", "\x1b[31m", "; touch pwned", "'", '"',
-        "a:b", "a b", "..", "#", "&amp;", "\u202egnp", "run", "ur5", "--", "`touch pwned`",
-        "\\")  # fmt: skip
+_ODD = (
+    "-x",
+    "[red]",
+    "a\nb",
+    "\udcff",
+    " ",
+    "~",
+    "*",
+    "{}",
+    "a" * 240,
+    "é",
+    "$(touch pwned)",
+    "<img src=x onerror=alert(1)>",
+    "{{ 7 }}",
+    "%s%n",
+    "\x1b[31m",
+    "; touch pwned",
+    "'",
+    '"',
+    "a:b",
+    "a b",
+    "..",
+    "#",
+    "&amp;",
+    "\u202egnp",
+    "run",
+    "ur5",
+    "--",
+    "`touch pwned`",
+    "\\",
+)
 _SHORT = ("--duration", "0.1", "--held-out", "0.05", "--pe-window", "0.05")
 
 
@@ -170,11 +214,13 @@ def file_names(rng: random.Random, here: Path) -> Kind:
     place = here / "here"
     place.mkdir()
     desk(place, log, model)
-    words = rng.choice((
-        ["inspect", "--model", f"./{model}", f"./{log}"],
-        ["identify", "--model", f"./{model}", "--log", f"./{log}"],
-        ["run", "arm", "--robot", f"./{model}", *_SHORT],
-    ))  # fmt: skip
+    words = rng.choice(
+        (
+            ["inspect", "--model", f"./{model}", f"./{log}"],
+            ["identify", "--model", f"./{model}", "--log", f"./{log}"],
+            ["run", "arm", "--robot", f"./{model}", *_SHORT],
+        )
+    )
     words += ["--out", f"./{out}" if out != ".." else "./x"]
 
     def check() -> str:
@@ -193,9 +239,23 @@ def file_names(rng: random.Random, here: Path) -> Kind:
 
 # -- a user's own ----------------------------------------------------------------------------------
 
-_OWN = ("report.html", "map.toml", "map-new.toml", "inspection.png", "run.rrd", "two.xml",
-        "two-calibrated.urdf", "calibrated.yaml", "summary.txt", "rows.txt", "motion.csv",
-        "compare.csv", "scenario.py", "montecarlo.parquet", "sysid.yaml")  # fmt: skip
+_OWN = (
+    "report.html",
+    "map.toml",
+    "map-new.toml",
+    "inspection.png",
+    "run.rrd",
+    "two.xml",
+    "two-calibrated.urdf",
+    "calibrated.yaml",
+    "summary.txt",
+    "rows.txt",
+    "motion.csv",
+    "compare.csv",
+    "scenario.py",
+    "montecarlo.parquet",
+    "sysid.yaml",
+)
 _COMMANDS = (
     ("inspect", "log.csv"),
     ("inspect", "log.csv", "--model", "two.urdf"),

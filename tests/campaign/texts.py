@@ -101,44 +101,168 @@ j1 = {column = "tau_j1"}
 
 OLD = "\x1a"  # in a replacement: what was there
 _VALUES = (
-    "", "nan", "inf", "-1", "0", "1e300", "5e-324", "1e12", "1e999", "5kg", "0,5", "1 2", "0 0 0",
-    "-5 5 5", "1 1 1 1 1 1 1", "x", "é", "true", "auto", "world", "universe", "base", "l1", "l2",
-    "j1", "j2", "g1", "revolute", "fixed", "floating", "planar", "ball", "free", "slide", "mesh",
-    "soft", "&#10;", "&lt;", "../..", "/", "a" * 300, "9" * 400,
-)  # fmt: skip
-_TOML = ("nan", "-inf", "-1", "0", "1e300", "1e-300", "9" * 400, "true", '""', '"x"', "[]", "{}",
-         "[1, 2]", "[[1]]", "[nan, 1, 1]", "{a = 1}", "1979-05-27", "'é'", '"\\u0000"', "1_0", "",
-         "[1, 1, 1, 1, 1, 1]", "[0, 0, 0]", '"columns"', '"drag"', "2", "3.5", "1e9",
-         "[1e9, 1, 1]")  # fmt: skip
+    "",
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e300",
+    "5e-324",
+    "1e12",
+    "1e999",
+    "5kg",
+    "0,5",
+    "1 2",
+    "0 0 0",
+    "-5 5 5",
+    "1 1 1 1 1 1 1",
+    "x",
+    "é",
+    "true",
+    "auto",
+    "world",
+    "universe",
+    "base",
+    "l1",
+    "l2",
+    "j1",
+    "j2",
+    "g1",
+    "revolute",
+    "fixed",
+    "floating",
+    "planar",
+    "ball",
+    "free",
+    "slide",
+    "mesh",
+    "soft",
+    "&#10;",
+    "&lt;",
+    "../..",
+    "/",
+    "a" * 300,
+    "9" * 400,
+)
+_TOML = (
+    "nan",
+    "-inf",
+    "-1",
+    "0",
+    "1e300",
+    "1e-300",
+    "9" * 400,
+    "true",
+    '""',
+    '"x"',
+    "[]",
+    "{}",
+    "[1, 2]",
+    "[[1]]",
+    "[nan, 1, 1]",
+    "{a = 1}",
+    "1979-05-27",
+    "'é'",
+    '"\\u0000"',
+    "1_0",
+    "",
+    "[1, 1, 1, 1, 1, 1]",
+    "[0, 0, 0]",
+    '"columns"',
+    '"drag"',
+    "2",
+    "3.5",
+    "1e9",
+    "[1e9, 1, 1]",
+)
 _ADDED = (
-    "<freejoint/>", '<joint type="ball"/>', '<joint name="j1"/>', "<geom/>", "<x/>",
-    '<include file="robot.xml"/>', '<include file="none.xml"/>', '<include file=""/>',
-    '<replicate count="3"><body/></replicate>', '<replicate count="-1"/>',
-    '<attach model="x" body="y"/>', '<weld body1="l1" body2="l2"/>', '<plugin plugin="x"/>',
+    "<freejoint/>",
+    '<joint type="ball"/>',
+    '<joint name="j1"/>',
+    "<geom/>",
+    "<x/>",
+    '<include file="robot.xml"/>',
+    '<include file="none.xml"/>',
+    '<include file=""/>',
+    '<replicate count="3"><body/></replicate>',
+    '<replicate count="-1"/>',
+    '<attach model="x" body="y"/>',
+    '<weld body1="l1" body2="l2"/>',
+    '<plugin plugin="x"/>',
     '<body><joint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 9"/></body>',
-    '<general joint="j1" gainprm="nan" biastype="affine"/>', '<position joint="j1" kp="-3"/>',
-    '<spatial><site site="tip"/><site site="tip"/></spatial>', '<size memory="1T"/>',
-    '<option gravity="0 0 nan"/>', '<compiler inertiafromgeom="true"/>',
+    '<general joint="j1" gainprm="nan" biastype="affine"/>',
+    '<position joint="j1" kp="-3"/>',
+    '<spatial><site site="tip"/><site site="tip"/></spatial>',
+    '<size memory="1T"/>',
+    '<option gravity="0 0 nan"/>',
+    '<compiler inertiafromgeom="true"/>',
     '<compiler settotalmass="-3"/>',
-)  # fmt: skip
-_ANY = ("None", "3", "'x'", "[]", "{}", "np.zeros(3)", "np.array([np.nan])", "np.array([1j])",
-        "1/0", "np.zeros((1, 1))", "np.array([1e300])", "[[1], [2, 3]]", "object()", "undefined",
-        "np.full(1, 1e12)", "(_ for _ in [1])", "np.array(['a'])", "exit(3)",
-        "float('inf')")  # fmt: skip
-_TOPS = ("x = (", "import nothing_here", "raise ValueError('[/x]')", "1/0", "exit()", "\0",
-         "  indented", "def f(): return f()\nf()", "raise KeyError", "ü = 'ü'",
-         "assert False")  # fmt: skip
-_ENDS = ("", "scenario = 3", "scenario = Scenario", "scenario = Scenario(dt=-1)",
-         "scenario = Scenario(plant=3)", "scenario = [Scenario()]",
-         "scenario = MyDriver()")  # fmt: skip
+)
+_ANY = (
+    "None",
+    "3",
+    "'x'",
+    "[]",
+    "{}",
+    "np.zeros(3)",
+    "np.array([np.nan])",
+    "np.array([1j])",
+    "1/0",
+    "np.zeros((1, 1))",
+    "np.array([1e300])",
+    "[[1], [2, 3]]",
+    "object()",
+    "undefined",
+    "np.full(1, 1e12)",
+    "(_ for _ in [1])",
+    "np.array(['a'])",
+    "exit(3)",
+    "float('inf')",
+)
+_TOPS = (
+    "x = (",
+    "import nothing_here",
+    "raise ValueError('[/x]')",
+    "1/0",
+    "exit()",
+    "\0",
+    "  indented",
+    "def f(): return f()\nf()",
+    "raise KeyError",
+    "ü = 'ü'",
+    "assert False",
+)
+_ENDS = (
+    "",
+    "scenario = 3",
+    "scenario = Scenario",
+    "scenario = Scenario(dt=-1)",
+    "scenario = Scenario(plant=3)",
+    "scenario = [Scenario()]",
+    "scenario = MyDriver()",
+)
 _ELEMENT = r"(?s)(<(link|joint|inertial|mass|origin|axis|limit|inertia)\b.*?(?:/>|</\2>))"
 
 _Edit = tuple[float, str, Sequence[str]]
 _EDITS: dict[str, tuple[_Edit, ...]] = {
     "urdf": (
         (0.6, r'="([^"]*)"', _VALUES),
-        (0.3, _ELEMENT, ("", OLD + OLD, *(OLD + more for more in (
-            '<mimic joint="j1"/>', '<mimic joint="j2" multiplier="x"/>', "<visual/>")))),
+        (
+            0.3,
+            _ELEMENT,
+            (
+                "",
+                OLD + OLD,
+                *(
+                    OLD + more
+                    for more in (
+                        '<mimic joint="j1"/>',
+                        '<mimic joint="j2" multiplier="x"/>',
+                        "<visual/>",
+                    )
+                ),
+            ),
+        ),
         (0.1, r"(j1)", ("jé",)),
     ),
     "mjcf": (
@@ -160,7 +284,7 @@ _EDITS: dict[str, tuple[_Edit, ...]] = {
         (0.15, r"(?s)\n(scenario = .*)", _ENDS),
     ),
     "map": ((0.5, r"([\w.]+)", _VALUES), (0.5, r"(-?\d[\d.]*)", _VALUES)),
-}  # fmt: skip
+}
 """For each kind of file: shares of damages, where they are done (group 1), and what is put there"""
 _CODECS = ("utf-8",) * 12 + ("utf-16", "latin-1", "cp1252")
 _BYTES = (b"\xff", b"\0", b"<", b">", b'"', b"&", b"\xc3", b"<!--", b"]]>", b"\xef\xbb\xbf", b"")
@@ -225,9 +349,7 @@ def _whole(columns: Columns, name: str, rng: random.Random) -> None:
 def _scaled(columns: Columns, name: str, rng: random.Random) -> None:
     factor = rng.choice((-1.0, 1e3, 57.3, 1e9, 1e-12, 1e300, 0.0))
     number = re.compile(r"-?\d+\.\d+")
-    columns[name] = [
-        repr(factor * float(x)) if number.fullmatch(x) else x for x in columns[name]
-    ]  # fmt: skip
+    columns[name] = [repr(factor * float(x)) if number.fullmatch(x) else x for x in columns[name]]
 
 
 def _renamed(columns: Columns, name: str, rng: random.Random) -> None:
@@ -243,8 +365,13 @@ def _shuffled(columns: Columns, name: str, rng: random.Random) -> None:
 
 
 _DAMAGES: tuple[Callable[[Columns, str, random.Random], None], ...] = (
-    _cells, _whole, _scaled, _renamed, _dropped, _shuffled,
-)  # fmt: skip
+    _cells,
+    _whole,
+    _scaled,
+    _renamed,
+    _dropped,
+    _shuffled,
+)
 
 
 def log(rng: random.Random) -> bytes:

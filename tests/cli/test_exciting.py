@@ -30,8 +30,13 @@ def folder(tmp_path_factory):
 def test_excite_writes_a_motion_a_scenario_a_page_and_a_recording(folder):
     names = {path.name for path in folder.iterdir()}
     assert names == {
-        "design.json", "design.rrd", "motion.csv", "report.html", "scenario.json", "scenario.py",
-    }  # fmt: skip
+        "design.json",
+        "design.rrd",
+        "motion.csv",
+        "report.html",
+        "scenario.json",
+        "scenario.py",
+    }
     document = json.loads((folder / "design.json").read_text(encoding="utf-8"))
     assert max(document["uses"].values()) <= 1
     head, *rows = (folder / "motion.csv").read_text(encoding="utf-8").splitlines()

@@ -124,9 +124,17 @@ def test_compare(failures: tuple[str, str], code: int, monkeypatch: Patch) -> No
 
 def rows(*converged: float | None, failure: str | None = None) -> list[dict[str, Any]]:
     found = [
-        {"run": k, "draw": k, "seed": k, "failure": None, "status": "completed",
-         "theta_perp_ratio": 0.1, "time_to_converge": t} for k, t in enumerate(converged)
-    ]  # fmt: skip
+        {
+            "run": k,
+            "draw": k,
+            "seed": k,
+            "failure": None,
+            "status": "completed",
+            "theta_perp_ratio": 0.1,
+            "time_to_converge": t,
+        }
+        for k, t in enumerate(converged)
+    ]
     return found + ([{"run": 9, "draw": 9, "seed": 9, "failure": failure}] if failure else [])
 
 
@@ -166,9 +174,16 @@ def test_track(status: str, code: int, monkeypatch: Patch) -> None:
 
 @pytest.mark.parametrize(("explains", "code"), [("yes", 0), ("partly", 0), ("no", 1)])
 def test_excite(explains: Any, code: int, monkeypatch: Patch) -> None:
-    for name in ("design.design", "design.prediction.predict", "design.information.ranks",
-                 "design.files.scenario_of", "design.files.document", "design.prediction.tried",
-                 "recording.design.record", "pages.page.write_html"):  # fmt: skip
+    for name in (
+        "design.design",
+        "design.prediction.predict",
+        "design.information.ranks",
+        "design.files.scenario_of",
+        "design.files.document",
+        "design.prediction.tried",
+        "recording.design.record",
+        "pages.page.write_html",
+    ):
         put(monkeypatch, name, SimpleNamespace(limits=None))
     put(monkeypatch, "design.files.write", [])
     put(monkeypatch, "design.Experiment.of", None)

@@ -133,8 +133,11 @@ def test_a_wrong_argument_is_answered_before_anything_heavy_is_imported(
     assert code == 2
     assert not modules & HEAVY
     assert {path.name for path in tmp_path.iterdir()} == {
-        "log.csv", "empty.csv", "no.toml", "odd.toml",
-    }  # fmt: skip
+        "log.csv",
+        "empty.csv",
+        "no.toml",
+        "odd.toml",
+    }
 
 
 @pytest.mark.parametrize("command", ["--help", "run --help", "identify --help", "list"])

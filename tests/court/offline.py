@@ -159,8 +159,11 @@ def _size(system: Any, truth: Array, name: str) -> float:
     index = system.space.index(name)
     for block, rows in system.space:
         if rows.start <= index < rows.stop and block.geometry == "pseudo_inertia":
-            like = [i for i in range(rows.start, rows.stop)
-                    if system.space.units[i] == system.space.units[index]]  # fmt: skip
+            like = [
+                i
+                for i in range(rows.start, rows.stop)
+                if system.space.units[i] == system.space.units[index]
+            ]
             return float(np.abs(truth[like]).max())
     return abs(float(truth[index]))
 

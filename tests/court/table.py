@@ -136,12 +136,21 @@ def by_effect(lines: Sequence[Line]) -> str:
             covered = [line["coverage"] for line in judged if line["coverage"] is not None]
             false = sum(line["figures"].get("false_faults", 0) for line in judged)
             unit = EFFECTS[name].unit if name in EFFECTS else ""
-            rows.append(_row(
-                name, f"{size:g} {unit}", len(own), sum(k.startswith(RIGHT) for k in kinds), hedged,
-                kinds.count("wrong, confident"), sum(k.endswith("flagged") for k in kinds),
-                sum(k.endswith("unsure") for k in kinds), sum(c < COVERED for c in covered), false,
-                kinds.count(CRASH),
-            ))  # fmt: skip
+            rows.append(
+                _row(
+                    name,
+                    f"{size:g} {unit}",
+                    len(own),
+                    sum(k.startswith(RIGHT) for k in kinds),
+                    hedged,
+                    kinds.count("wrong, confident"),
+                    sum(k.endswith("flagged") for k in kinds),
+                    sum(k.endswith("unsure") for k in kinds),
+                    sum(c < COVERED for c in covered),
+                    false,
+                    kinds.count(CRASH),
+                )
+            )
     return "\n".join(rows)
 
 

@@ -148,8 +148,10 @@ def test_a_process_waits_for_what_another_one_compiles_and_for_nothing_else(
     script.write_text(APART)
     words, pipe = [sys.executable, str(script)], subprocess.PIPE
     environment = {
-        **os.environ, "PYTHONPATH": str(CHECKOUT), "NUMBA_CACHE_DIR": str(tmp_path / "cache")
-    }  # fmt: skip
+        **os.environ,
+        "PYTHONPATH": str(CHECKOUT),
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+    }
     with subprocess.Popen(
         [*words, "hold"], env=environment, stdin=pipe, stdout=pipe, text=True
     ) as holder:

@@ -14,9 +14,19 @@ from tests.support.faulty import shell
 
 SHORT = ("--duration", "0.2", "--held-out", "0.5", "--pe-window", "0.1")
 NAMES = (
-    "report.html", "scenario.py", "motion.csv", "two.xml", "two.yaml", "map.toml", "map-new.toml",
-    "run.rrd", "inspection.json", "compare.csv", "tracking.csv", "summary.txt",
-)  # fmt: skip
+    "report.html",
+    "scenario.py",
+    "motion.csv",
+    "two.xml",
+    "two.yaml",
+    "map.toml",
+    "map-new.toml",
+    "run.rrd",
+    "inspection.json",
+    "compare.csv",
+    "tracking.csv",
+    "summary.txt",
+)
 """Files of a user's, most by the names of ours; none is what a folder of ours is known by."""
 URDF = folder("assets") / "robots" / "double_pendulum" / "double_pendulum.urdf"
 

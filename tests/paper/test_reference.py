@@ -86,9 +86,11 @@ def test_44_45_a_step_of_the_law_is_that_of_the_paper(table: Bench):
             v + 0.01 * np.abs(v).max() * rng.standard_normal(len(v)),
         )
         log = Log(
-            np.array([0.0, dt]), np.array([q, after[0]]), np.array([v, after[1]]),
+            np.array([0.0, dt]),
+            np.array([q, after[0]]),
+            np.array([v, after[1]]),
             np.array([at.u, at.u]),
-        )  # fmt: skip
+        )
         half = system.midpoints(log, True)
         x = [at.x, np.hstack([half.q[0], half.v[0]]), np.hstack(after)]
         moments = [Moment(t, each, at.u) for t, each in zip((0.0, 0.5 * dt, dt), x, strict=True)]

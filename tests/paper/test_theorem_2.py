@@ -53,10 +53,12 @@ def two_vehicles(command, seconds: float) -> tuple[list[Measurement], Array, Arr
 
 def rich(t: float) -> Array:
     """Two commands, three tones each."""
-    return np.array([
-        np.sin(0.9 * t) + 0.7 * np.sin(2.1 * t + 1) + 0.5 * np.sin(4.3 * t),
-        np.sin(1.1 * t + 2) + 0.7 * np.sin(2.6 * t) + 0.5 * np.sin(3.9 * t + 1),
-    ])  # fmt: skip
+    return np.array(
+        [
+            np.sin(0.9 * t) + 0.7 * np.sin(2.1 * t + 1) + 0.5 * np.sin(4.3 * t),
+            np.sin(1.1 * t + 2) + 0.7 * np.sin(2.6 * t) + 0.5 * np.sin(3.9 * t + 1),
+        ]
+    )
 
 
 def test_theorem_2_each_of_two_vehicles_finds_its_own_scale():

@@ -97,8 +97,10 @@ def test_bodies_may_have_the_names_of_joints(load, lock):
         text = text.replace(f'body name="{body}"', f'body name="{joint}"')
     model = load(text, lock=lock)
     assert [frame.name for frame in model.model.frames if frame.type == pin.FrameType.BODY] == [
-        "wrist", "elbow", "universe",
-    ]  # fmt: skip
+        "wrist",
+        "elbow",
+        "universe",
+    ]
     assert list(model.model.inertias) == list(expected.inertias)
     assert list(model.model.jointPlacements) == list(expected.jointPlacements)
     assert len(model.visuals.parts) == 3
@@ -190,9 +192,13 @@ def test_a_body_of_several_joints_gets_links_with_a_little_mass(load):
 
 
 @pytest.mark.parametrize(
-    "inertia", ['diaginertia="1 3 1" euler="10 20 30"', 'fullinertia="1 3 1 0.1 0 0.2"',
-                'diaginertia="0 0 0"']
-)  # fmt: skip
+    "inertia",
+    [
+        'diaginertia="1 3 1" euler="10 20 30"',
+        'fullinertia="1 3 1 0.1 0 0.2"',
+        'diaginertia="0 0 0"',
+    ],
+)
 def test_an_inertia_that_mujoco_would_reject_is_moved_inside_the_cone(load, inertia):
     text = arm(inside=f'<inertial pos="0 0 0.1" mass="2" {inertia}/>')
     finding = found(load(text))["inertia_moved"]

@@ -25,9 +25,13 @@ def from_theta(theta):
     """Mass, first moment and inertia about the origin, by the toolbox's own definition."""
     alpha, d1, d2, d3, s12, s23, s13, *t = theta
     U = np.array(
-        [[np.exp(d1), s12, s13, t[0]], [0, np.exp(d2), s23, t[1]], [0, 0, np.exp(d3), t[2]],
-         [0, 0, 0, 1]]
-    ) * np.exp(alpha)  # fmt: skip
+        [
+            [np.exp(d1), s12, s13, t[0]],
+            [0, np.exp(d2), s23, t[1]],
+            [0, 0, np.exp(d3), t[2]],
+            [0, 0, 0, 1],
+        ]
+    ) * np.exp(alpha)
     P = U @ U.T
     return P[3, 3], P[:3, 3], np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
 

@@ -21,9 +21,19 @@ from tests.support.flight_logs import write_dataflash, write_ulog
 from tests.support.robot_logs import columns, motion
 
 FORMATS = (
-    "csv", "csv.gz", "parquet", "feather", "arrow", "npz", "bag", "mcap", "db3", "ulg", "bin",
+    "csv",
+    "csv.gz",
+    "parquet",
+    "feather",
+    "arrow",
+    "npz",
+    "bag",
+    "mcap",
+    "db3",
+    "ulg",
+    "bin",
     "record.arrow",
-)  # fmt: skip
+)
 """Ends of the names of the files in `good`."""
 
 Edit = tuple[str, float, bytes]

@@ -34,9 +34,21 @@ def transport(system: SecondOrderSystem, q: Array, v: Array) -> Array:
     terms, none, F = np.zeros((2, *size)), np.empty((0, *size)), np.empty((3, 0, 0))
     empty, out = np.empty((0, 0)), np.empty(size)
     balance(
-        arrays, 0.0, v[None], empty, own.state[None], empty, F,
-        own.work, out, terms[0], terms[1:], none, none, none,
-    )  # fmt: skip
+        arrays,
+        0.0,
+        v[None],
+        empty,
+        own.state[None],
+        empty,
+        F,
+        own.work,
+        out,
+        terms[0],
+        terms[1:],
+        none,
+        none,
+        none,
+    )
     return out
 
 

@@ -100,8 +100,10 @@ def log(
         q, v = data.qpos[motors], data.qvel[motors]
         data.ctrl[:] = stiffness * (aim - q) + damping * (speed - v)
         if k % EVERY == 0:
-            twist = [data.joint(f"{n} gear").qpos[0] if g.load_side else 0.0
-                     for n, g in zip(JOINTS, gears, strict=True)]  # fmt: skip
+            twist = [
+                data.joint(f"{n} gear").qpos[0] if g.load_side else 0.0
+                for n, g in zip(JOINTS, gears, strict=True)
+            ]
             rows.append([data.time, *(q + twist), *data.ctrl])
         if drag is not None:
             data.qfrc_applied[motors] = -drag(v, data)

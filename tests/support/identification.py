@@ -72,18 +72,30 @@ def identification(
     n = len(names)
     model = chain(list(names))
     robot = RobotModel(
-        "test arm", None, "vehicle" if vehicle else "urdf", None if vehicle else model, names,
-        np.zeros(n), np.zeros(n), np.zeros(n), np.ones(n), np.full(n, np.inf),
+        "test arm",
+        None,
+        "vehicle" if vehicle else "urdf",
+        None if vehicle else model,
+        names,
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(n),
+        np.ones(n),
+        np.full(n, np.inf),
         system=load_robot_model("catamaran").system if vehicle else None,
-    )  # fmt: skip
+    )
     t = np.arange(0, 4, 0.02)
     q = 0.5 * np.sin(t[:, None] * (1 + np.arange(n)))
     u = np.cos(t[:, None] * (1 + np.arange(n)))
     logs = tuple(
-        Segment(Log(t, q, np.gradient(q, t, axis=0), u), np.ones((len(t), n), bool),
-                f"log {k}.csv", (0, len(t)))
+        Segment(
+            Log(t, q, np.gradient(q, t, axis=0), u),
+            np.ones((len(t), n), bool),
+            f"log {k}.csv",
+            (0, len(t)),
+        )
         for k in range(segments)
-    )  # fmt: skip
+    )
     recordings = Recordings(logs, 50.0, ("A",) * n)
     parameters = _parameters(names)
     theta = np.array([one.value for one in parameters])
@@ -96,17 +108,32 @@ def identification(
     )
     gains = np.arange(len(theta) - n, len(theta))
     along = AlongLog(
-        "efficient", SimpleNamespace(ending=Ending()),  # type: ignore[arg-type]  # what pages read
-        gains, np.linspace(0, 4, 8), np.linspace(0.5, 1, 8)[:, None] * theta,
+        "efficient",
+        SimpleNamespace(ending=Ending()),  # type: ignore[arg-type]  # what pages read
+        gains,
+        np.linspace(0, 4, 8),
+        np.linspace(0.5, 1, 8)[:, None] * theta,
         np.full((8, n), 0.1),
         tuple(Gain(parameters[k].label, 1.1, 0.2, 1.0, 0.1) for k in gains),
-        np.full(n, 0.05), np.full(n, 0.04), "some", 1.0,
-    )  # fmt: skip
+        np.full(n, 0.05),
+        np.full(n, 0.04),
+        "some",
+        1.0,
+    )
     joints = tuple(
-        JointFit(name, 0.04, held_out, 0.06, 0.07 if validated else None,
-                 0.08 if validated else None, ("coulomb", "rotor", "viscous"), 0.05, 0.012)
+        JointFit(
+            name,
+            0.04,
+            held_out,
+            0.06,
+            0.07 if validated else None,
+            0.08 if validated else None,
+            ("coulomb", "rotor", "viscous"),
+            0.05,
+            0.012,
+        )
         for name in names
-    )  # fmt: skip
+    )
     return Identification(
         explains=explains,  # pyright: ignore[reportArgumentType]
         verdict="The structure explains the log (held-out NRMSE 0.050).",
@@ -142,9 +169,19 @@ def _parameters(names: tuple[str, ...]) -> tuple[Parameter, ...]:
             status = _STATUSES[(k + i) % 4]
             words = "Izz of a link + rotor inertia of a joint" if status == _STATUSES[1] else ""
             found.append(
-                Parameter(f"{what}_{k + 1}", f"{what} of link_{k + 1}", f"link {k + 1}", unit,
-                          0.3 + i, 0.2, 1.1 + i, 1.0, status, words)
-            )  # fmt: skip
+                Parameter(
+                    f"{what}_{k + 1}",
+                    f"{what} of link_{k + 1}",
+                    f"link {k + 1}",
+                    unit,
+                    0.3 + i,
+                    0.2,
+                    1.1 + i,
+                    1.0,
+                    status,
+                    words,
+                )
+            )
     for block, letter, unit in (
         ("rotor inertia", "rotor", "kg·m²"),
         ("viscous friction", "viscous", "N·m·s/rad"),
@@ -155,7 +192,16 @@ def _parameters(names: tuple[str, ...]) -> tuple[Parameter, ...]:
         for k, name in enumerate(names):
             value = -0.1 if letter == "offset" else 2.0 + k
             found.append(
-                Parameter(f"{letter}_{k + 1}", f"{what} of {name}", block, unit, value,
-                          value - 0.2, value + 0.2, 1.0, "identified")
-            )  # fmt: skip
+                Parameter(
+                    f"{letter}_{k + 1}",
+                    f"{what} of {name}",
+                    block,
+                    unit,
+                    value,
+                    value - 0.2,
+                    value + 0.2,
+                    1.0,
+                    "identified",
+                )
+            )
     return tuple(found)

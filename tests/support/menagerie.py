@@ -57,31 +57,72 @@ class Robot(NamedTuple):
 
 _ARM = ("pan", "shoulder", "elbow", "wrist")
 STIFF_ARM = Robot(
-    "position_arm.xml", _ARM, np.array([2100.0, 2300.0, 1900.0, 1700.0]),
-    np.array([110.0, 140.0, 75.0, 60.0]), np.array([5.0, 7.0, 4.0, 2.0]),
-    np.array([0.30, 0.35, 0.25, 0.12]), 6e-3, 500.0, 2 * np.pi / 2**17,
-    np.array([-1.5, -1.2, -1.5, -1.2]), np.array([1.5, 1.2, 1.5, 1.2]), 4.0,
-)  # fmt: skip
+    "position_arm.xml",
+    _ARM,
+    np.array([2100.0, 2300.0, 1900.0, 1700.0]),
+    np.array([110.0, 140.0, 75.0, 60.0]),
+    np.array([5.0, 7.0, 4.0, 2.0]),
+    np.array([0.30, 0.35, 0.25, 0.12]),
+    6e-3,
+    500.0,
+    2 * np.pi / 2**17,
+    np.array([-1.5, -1.2, -1.5, -1.2]),
+    np.array([1.5, 1.2, 1.5, 1.2]),
+    4.0,
+)
 SOFT_ARM = STIFF_ARM._replace(
-    kp=np.array([160.0, 190.0, 120.0, 70.0]), kv=np.array([14.0, 16.0, 9.0, 5.0]),
-    friction=np.array([2.0, 3.0, 1.5, 0.7]), armature=np.array([0.30, 0.35, 0.25, 0.12]),
-    delay=0.012, rate=100.0, tick=2 * np.pi / 2**14, speed=2.0,
-)  # fmt: skip
+    kp=np.array([160.0, 190.0, 120.0, 70.0]),
+    kv=np.array([14.0, 16.0, 9.0, 5.0]),
+    friction=np.array([2.0, 3.0, 1.5, 0.7]),
+    armature=np.array([0.30, 0.35, 0.25, 0.12]),
+    delay=0.012,
+    rate=100.0,
+    tick=2 * np.pi / 2**14,
+    speed=2.0,
+)
 HEAVY_ARM = Robot(
-    "heavy_arm.xml", _ARM, np.array([20.0, 40.0, 22.0, 9.0]), np.array([0.8, 1.6, 0.9, 0.4]),
-    np.array([0.2, 0.4, 0.3, 0.15]), np.array([0.02, 0.02, 0.015, 0.01]), 0.02, 50.0,
-    2 * np.pi / 4096, -np.ones(4), np.ones(4), 2.5, 5e-4,
-)  # fmt: skip
+    "heavy_arm.xml",
+    _ARM,
+    np.array([20.0, 40.0, 22.0, 9.0]),
+    np.array([0.8, 1.6, 0.9, 0.4]),
+    np.array([0.2, 0.4, 0.3, 0.15]),
+    np.array([0.02, 0.02, 0.015, 0.01]),
+    0.02,
+    50.0,
+    2 * np.pi / 4096,
+    -np.ones(4),
+    np.ones(4),
+    2.5,
+    5e-4,
+)
 LEG = Robot(
-    "leg.xml", ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint"), np.array([20.0, 21.0, 19.5]),
-    np.array([0.55, 0.6, 0.7]), np.array([0.2, 0.25, 0.3]), np.array([0.011, 0.013, 0.025]),
-    8e-3, 200.0, 2 * np.pi / 2**15, np.array([-0.5, 0.0, -2.3]), np.array([0.5, 1.6, -0.7]), 15.0,
-)  # fmt: skip
+    "leg.xml",
+    ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint"),
+    np.array([20.0, 21.0, 19.5]),
+    np.array([0.55, 0.6, 0.7]),
+    np.array([0.2, 0.25, 0.3]),
+    np.array([0.011, 0.013, 0.025]),
+    8e-3,
+    200.0,
+    2 * np.pi / 2**15,
+    np.array([-0.5, 0.0, -2.3]),
+    np.array([0.5, 1.6, -0.7]),
+    15.0,
+)
 TORQUE_ARM = Robot(
-    "torque_arm.xml", ("turret", "upper", "fore"), np.zeros(3), np.array([0.03, 0.04, 0.03]),
-    np.array([0.15, 0.2, 0.1]), np.array([0.014, 0.016, 0.008]), 2e-3, 500.0, 2 * np.pi / 2**16,
-    np.array([-1.2, -1.2, -1.2]), np.array([1.2, 1.2, 1.2]), 6.0,
-)  # fmt: skip
+    "torque_arm.xml",
+    ("turret", "upper", "fore"),
+    np.zeros(3),
+    np.array([0.03, 0.04, 0.03]),
+    np.array([0.15, 0.2, 0.1]),
+    np.array([0.014, 0.016, 0.008]),
+    2e-3,
+    500.0,
+    2 * np.pi / 2**16,
+    np.array([-1.2, -1.2, -1.2]),
+    np.array([1.2, 1.2, 1.2]),
+    6.0,
+)
 _DRIVE = np.array([30.0, 12.0, 6.0]), np.array([2.0, 1.0, 0.4])
 # of the controller that computes torques [N·m/rad, N·m·s/rad]
 

@@ -29,9 +29,13 @@ def identified_servos(used, file=None):
     joints = [JointEstimate(name, x, C, quantile, True, 0.0, 2e-3, 2e-2) for name in NAMES]
     scale = MassScale(np.log(1.3), 0.03, 2.0, np.zeros(3), np.full(3, 0.01))
     return ServoIdentification(
-        explains="yes", verdict="The servo model explains the motion.", robot=robot,
+        explains="yes",
+        verdict="The servo model explains the motion.",
+        robot=robot,
         servos=tuple(servo(joint, scale) for joint in joints),
         parameters=tuple(p for k, j in enumerate(joints, 1) for p in parameters(k, j, scale)),
-        scale=masses(scale), used=used,
-        findings=(weighed(Load("b.csv", 0.2), "elbow", scale),), seconds=1.0,
-    )  # fmt: skip
+        scale=masses(scale),
+        used=used,
+        findings=(weighed(Load("b.csv", 0.2), "elbow", scale),),
+        seconds=1.0,
+    )

@@ -6,8 +6,12 @@ from nsaid_mj.plans.studies.montecarlo import montecarlo_plan, rows_of
 from nsaid_mj.plans.studies.study import Row
 
 COSTS = (
-    "wall_s", "compile_s", "real_time_factor", "identifier_us_per_step", "plant_us_per_step",
-)  # fmt: skip
+    "wall_s",
+    "compile_s",
+    "real_time_factor",
+    "identifier_us_per_step",
+    "plant_us_per_step",
+)
 """Columns that differ when a run is repeated; all others are identical to the bit."""
 
 

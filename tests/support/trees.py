@@ -80,9 +80,10 @@ def random_structure(seed: int, base: str = "held", count: int = 5) -> Structure
             p += 1
     shape = Structure(bodies, inertias, [], p, 0)
     dofs = [
-        int(shape.starts[b, 1]) for b, body in enumerate(bodies)
+        int(shape.starts[b, 1])
+        for b, body in enumerate(bodies)
         if body.joint in ("hinge", "slide", "circle")
-    ]  # fmt: skip
+    ]
     for dof in dofs[::2]:
         rotors.append(Rotor(dof, p))
         p += 1

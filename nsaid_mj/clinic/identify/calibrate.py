@@ -61,7 +61,8 @@ def calibrate(
         UnknownName: a known parameter does not exist.
         InvalidInput: a known value is not physical.
     """
-    begin, known = time.perf_counter(), dict(options.known)
+    begin = time.perf_counter()
+    known = dict(options.known)
     check_loads(options.loads, [segment.source for segment in recordings.segments])
     for payload in payloads(robot.model, options.loads):
         known |= payload.known
@@ -74,13 +75,16 @@ def calibrate(
     _refuse(found)
     report("fitting and estimating intervals")
     fitted = _estimated(robot, made, known)
-    theta, covariance = fitted.fit.theta, fitted.exact.covariance
+    theta = fitted.fit.theta
+    covariance = fitted.exact.covariance
     tried = made.suspects(theta)
     left = followed(fitted.problem, theta, covariance, fitted.share, tried, made.noisier)
     report("predicting held-out parts")
     joints = _joints(fitted, robot)
     doubted, exact = _judged(fitted, left, joints, robot.jointed)
-    logs, found, fitted = (recordings, validation), [*found, *doubted], fitted._replace(exact=exact)
+    logs = (recordings, validation)
+    found = [*found, *doubted]
+    fitted = fitted._replace(exact=exact)
     result = _identification(robot, logs, fitted, joints, found, known, begin)
     # elastic gears may cause an apparent offset in the held-out parts of one log, not in another
     vain = {p.label for p in result.parameters if p.low <= 0 <= p.high}
@@ -117,13 +121,15 @@ def _judged(
 
     `left` are the suspects found. With `arm` the parts are joints; a vehicle has velocities.
     """
-    held_out, found = np.array([joint.held_out for joint in joints]), []
+    held_out = np.array([joint.held_out for joint in joints])
+    found = []
     for joint in joints:
         if not arm and np.isnan(joint.held_out):
             text = "no actuator drives it and it hardly moves, so its prediction is not judged"
             remedy = "Record a motion that accelerates it."
             found.append(Finding("note", "hardly_moved", joint.name, text, remedy))
-    problem, exact = fitted.problem, fitted.exact
+    problem = fitted.problem
+    exact = fitted.exact
     found += doubts(problem, exact, left, held_out)
     exact = widened(exact, left)
     checked = [np.nan if joint.validation is None else joint.validation for joint in joints]
@@ -149,7 +155,8 @@ def _identification(
 
     `logs` are those of training and of validation.
     """
-    (made, problem, fit, exact), (recordings, others) = fitted[:4], logs
+    made, problem, fit, exact = fitted[:4]
+    recordings, others = logs
     gain_spread = problem.spread[problem.space.actuators]
     stated = bool((gain_spread < TRUSTED).all())
     scale = common_scale(problem, exact, fit.theta, stated, robot.weightless, known)
@@ -157,7 +164,8 @@ def _identification(
     judged = verdict(joints, robot.jointed)
     explains, sentence = scale.judged(*with_doubts(*judged, found))
     common = np.zeros(2 * fit.theta.shape) if scale.fixed else scale.weights
-    parameters, checked = parameters_in_words(problem, fit, exact, gain_spread, common), None
+    parameters = parameters_in_words(problem, fit, exact, gain_spread, common)
+    checked = None
     if others is not None and made.checked is not None:
         checked = _curves(made.checked, fit.theta, others)
     return Identification(
@@ -190,7 +198,9 @@ def _joints(fitted: Fitted, robot: RobotModel) -> tuple[JointFit, ...]:
 
     The held-out error is NaN for velocities of a vehicle that hardly moves in them.
     """
-    made, problem, theta = fitted.made, fitted.problem, fitted.fit.theta
+    made = fitted.made
+    problem = fitted.problem
+    theta = fitted.fit.theta
     held_out, plain = _held_out(problem, fitted.share, theta)
     if not robot.jointed:
         held_out[problem.hardly_moved(theta, robot.system.velocity_units)] = np.nan
@@ -241,7 +251,9 @@ def _held_out(problem: Problem, share: Array, start: Array) -> tuple[Array, Arra
     Squares are summed over all fifths and divided by those of the whole log's forces, because a
     joint may stand still in one of the fifths.
     """
-    at, total, counts = problem.space.actuators, 0.0, np.zeros(problem.Y.shape[1])
+    at = problem.space.actuators
+    total = 0.0
+    counts = np.zeros(problem.Y.shape[1])
     for rest, own in folds(problem, _FOLDS):
         if not rest.usable.any():
             continue
@@ -261,7 +273,8 @@ def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
     explains the log less well; 0 for parameters that the other lacks.
     """
     _, own, theirs = np.intersect1d(problem.space.names, other.space.names, return_indices=True)
-    start, change = other.prior.copy(), np.zeros(len(problem.space))
+    start = other.prior.copy()
+    change = np.zeros(len(problem.space))
     start[theirs] = fit.theta[own]
     found = minimise(other, tempered(other, share), start)
     both = (fit.levels > 0) & (found.levels > 0)  # 0 for joints that are at rest throughout
@@ -273,12 +286,15 @@ def _change(problem: Problem, fit: Fit, other: Problem, share: Array) -> Array:
 def _curves(problem: Problem, theta: Array, recordings: Recordings) -> Curves:
     """Measured and predicted commands where every velocity has an actuator, else forces."""
     t = problem.t + recording_shifts(recordings)[problem.segment]
-    at, n = problem.space.actuators, problem.Y.shape[1]
-    measured, unit = -problem.actuation(theta), 1.0
+    at = problem.space.actuators
+    n = problem.Y.shape[1]
+    measured = -problem.actuation(theta)
+    unit = 1.0
     if len(at) == n:
         own = problem.Y[:, np.arange(n), at]
         if np.count_nonzero(problem.Y[:, :, at]) <= np.count_nonzero(own):
-            measured, unit = -own, theta[at]
+            measured = -own
+            unit = theta[at]
     predicted = measured + problem.residual(theta) / unit
     return Curves(t, problem.segment, measured, predicted, problem.usable)
 

@@ -82,7 +82,8 @@ def compare_servos(
     def parts(model: str) -> list[_Part]:
         if model in FITTED:
             return _fitted_servos(given, model, report)
-        mj, joints = compile_file(Path(model))[1], given.robot.joints
+        mj = compile_file(Path(model))[1]
+        joints = given.robot.joints
         names = joint_names(mj)
         missing = [joint for joint in joints if joint not in names]
         if missing or position_servos(mj, names, joints) is None:
@@ -91,7 +92,8 @@ def compare_servos(
         return [_apart(Path(model), given, log, None) for log in given.logs]
 
     scores = [_scored(str(model), parts, report) for model in models]
-    n, used = len(given.robot.joints), np.ones(sum(len(log.t) for log in given.logs))
+    n = len(given.robot.joints)
+    used = np.ones(sum(len(log.t) for log in given.logs))
     followed = np.full((len(HORIZONS), n), np.nan)
     for j in range(n):
         joint = [log.joint(j) for log in given.logs]
@@ -140,7 +142,8 @@ def compare_arms(
 def _scored(model: str, parts: Callable[[str], list[_Part]], report: Report) -> Score:
     """A model's score."""
     report(f"simulating {model}")
-    begin, found = time.process_time(), parts(model)
+    begin = time.process_time()
+    found = parts(model)
     *errors, ahead = (np.concatenate(each) for each in zip(*(e for e, _ in found), strict=True))
     size = np.sqrt(np.mean(np.concatenate([change for _, change in found]) ** 2, axis=0))
     ratio = np.sqrt(np.mean(ahead**2, axis=0)) / np.where(size > 0, size, np.nan)
@@ -182,7 +185,8 @@ def _departed(robot: RobotModel, values: Identified, recordings: Recordings) -> 
     """Errors of a model driven by force, over every horizon and one row, and the log's changes."""
     errors = [departures(robot, values, recordings, h) for h in (*HORIZONS, 0.0)]
     if not len(errors[1]):
-        expected, remedy = f"a segment of {HORIZONS[1]:g} s", "Use a log without so many gaps."
+        expected = f"a segment of {HORIZONS[1]:g} s"
+        remedy = "Use a log without so many gaps."
         raise InvalidInput("log", expected, "shorter ones", remedy)
     return errors, np.concatenate([np.diff(s.log.q, axis=0) for s in recordings.segments])
 
@@ -203,7 +207,8 @@ def _fitted_arm(
         part = replace(recordings, segments=tuple(rest))
         if model == IDENTIFIED:
             fitted = calibrate(robot, part, options=options, report=report)
-            values, delays = identified(fitted), [joint.delay for joint in fitted.joints]
+            values = identified(fitted)
+            delays = [joint.delay for joint in fitted.joints]
         else:
             report("fitting by sysid, which takes minutes")
             values, delays = by_toolbox(robot, part)
@@ -216,9 +221,11 @@ def _constant_velocity(recordings: Recordings) -> Score:
     """The score of a motion that keeps the velocity measured at the start of every horizon."""
     errors = []
     for horizon in HORIZONS:
-        samples, found = max(1, round(min(horizon, 1e6) * recordings.rate)), []
+        samples = max(1, round(min(horizon, 1e6) * recordings.rate))
+        found = []
         for segment in recordings.segments:
-            log, rows = segment.log, np.arange(len(segment.log.t) - 1)
+            log = segment.log
+            rows = np.arange(len(segment.log.t) - 1)
             start = rows - rows % samples
             ahead = (log.t[rows + 1] - log.t[start])[:, None]
             found.append(np.abs(log.q[start] + ahead * log.v[start] - log.q[rows + 1]))
@@ -242,14 +249,17 @@ def by_toolbox(
         UnusableLog: the logs cannot be used.
     """
     made = structured_arm(robot, recordings, None, Options(columns=BASIC), lambda _: None)
-    space, n = made.problem.space, len(robot.joints)
+    space = made.problem.space
+    n = len(robot.joints)
     prior = drawn_inside(space, made.problem.prior, 0.0, np.random.default_rng(0))
-    speeds, one = np.array([joint.friction_speed for joint in made.velocities]), np.ones(n)
+    speeds = np.array([joint.friction_speed for joint in made.velocities])
+    one = np.ones(n)
     rotor, viscous, coulomb, gain = prior[-4 * n :].reshape(4, n)
     masses = prior[: -4 * n : 10]
     scales = JointScales(masses, np.ones_like(masses), viscous, coulomb, gain, one, one, rotor)
     system = CompiledMultibody(robot.model, scales, speeds)
-    logs, sign = [delayed(s, made.delays).log for s in recordings.segments], np.sign(robot.gain)
+    logs = [delayed(s, made.delays).log for s in recordings.segments]
+    sign = np.sign(robot.gain)
     logs = [log._replace(q=positions(robot.model, log.q), u=log.u * sign) for log in logs]
     theta, _ = sysid(Problem(system, logs[0], prior, _NOISY), budget, logs[1:])
     rotor, viscous, coulomb, gain = theta[-4 * n :].reshape(4, n)

@@ -37,13 +37,21 @@ def errors_of(result: Identification) -> Forest:
     )
     looks = (("|", COLOURS[1]), ("D", COLOURS[3]))
     points = [Points(*other, *look) for other, look in zip(others, looks, strict=False)]
-    values, certain = held_out[1], np.ones(len(result.joints), bool)
+    values = held_out[1]
+    certain = np.ones(len(result.joints), bool)
     empty = np.full(len(values), np.nan)
     return Forest(
         f"Prediction error per {words.rows_of(result)[0]}",
-        "NRMSE of the command (100: predicting the mean) [%]", [j.name for j in result.joints],
-        values, empty, empty, certain, points, held_out[0], 100.0,
-    )  # fmt: skip
+        "NRMSE of the command (100: predicting the mean) [%]",
+        [j.name for j in result.joints],
+        values,
+        empty,
+        empty,
+        certain,
+        points,
+        held_out[0],
+        100.0,
+    )
 
 
 def commands_of(result: Identification, validation: bool = False) -> tuple[Comparison, ...]:
@@ -77,7 +85,8 @@ def histories_of(result: Identification) -> tuple[Panel, ...]:
     along = result.law
     if along is None or len(along.t) < 2:
         return ()
-    bodies, panels = result.bodies, dict[str, Panel]()
+    bodies = result.bodies
+    panels = dict[str, Panel]()
     gains = along.actuators.tolist() if along.gains else []
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = along.theta / result.theta
@@ -90,10 +99,13 @@ def histories_of(result: Identification) -> tuple[Panel, ...]:
             continue
         if k not in gains and not p.firm:
             continue
-        title, label = p.block[:1].upper() + p.block[1:], "over the batch fit [–]"
+        title = p.block[:1].upper() + p.block[1:]
+        label = "over the batch fit [–]"
         own = Panel(title, label, True, level=1.0, key=("relative", p.block))
         panel = panels.setdefault(p.block, own)
-        name, ratio, band = p.part, ratios[:, k] / common, None
+        name = p.part
+        ratio = ratios[:, k] / common
+        band = None
         if k in gains and np.isfinite(half).any():
             factor = np.exp(np.minimum(half[:, gains.index(k)], _WIDEST))
             band = ratio / factor, ratio * factor
@@ -118,7 +130,8 @@ def _estimates_of(result: Identification) -> list[Panel]:
             continue
         own = Panel(f"{p.block} along the log", p.block, key=("estimate", p.block), page=False)
         panel = panels.setdefault(p.block, own)
-        value, band = along.theta[:, k], None
+        value = along.theta[:, k]
+        band = None
         if k in gains and np.isfinite(half).any():
             width = half[:, gains[k]]
             width = np.where(width < words.UNKNOWN, width, np.nan)
@@ -129,7 +142,8 @@ def _estimates_of(result: Identification) -> list[Panel]:
 
 def replays_of(result: ServoIdentification, replayed: Replayed) -> tuple[Comparison, ...]:
     """Positions of every joint along all logs, measured and simulated with the exported file."""
-    logs, joints = replayed.logs, moving_joints(result.robot.model)
+    logs = replayed.logs
+    joints = moving_joints(result.robot.model)
     moved = shifts([(log.source, log.t[0], log.t[-1]) for log in logs])
     t = np.concatenate([log.t + shift for log, shift in zip(logs, moved, strict=True)])
     measured = np.concatenate([log.position for log in logs])

@@ -35,7 +35,8 @@ def write_models(result: Identification, folder: Path) -> tuple[list[Path], list
 
     Returns the files, and the deviation of the exported model from the log.
     """
-    robot, files = result.robot, [folder / "calibrated.yaml"]
+    robot = result.robot
+    files = [folder / "calibrated.yaml"]
     write_parameters(result, files[0])
     if robot.model is None:
         return files, []
@@ -96,9 +97,16 @@ def identified(result: Identification) -> Identified:
             stiffness = value[f"stiffness_{j + 1}"]
             springs.append(Spring(j, stiffness, -value[f"offset_{j + 1}"] / stiffness))
     return Identified(
-        model, damping, friction, speed, gain, result.anchor, tuple(_notes(result)), couplings,
+        model,
+        damping,
+        friction,
+        speed,
+        gain,
+        result.anchor,
+        tuple(_notes(result)),
+        couplings,
         tuple(springs),
-    )  # fmt: skip
+    )
 
 
 def _file_name(name: str) -> str:
@@ -185,14 +193,16 @@ def departures(
     command = {k: own[0] for k, i in enumerate(joint_ids) if (own := actuators_of(mj, i))}
     substeps = int(np.ceil(1 / (recordings.rate * _LONGEST_STEP)))
     mj.opt.timestep = 1 / (recordings.rate * substeps)
-    found, kind = [np.zeros((0, len(robot.joints)))], mujoco.mjtState.mjSTATE_FULLPHYSICS
+    found = [np.zeros((0, len(robot.joints)))]
+    kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     for log in (segment.log for segment in recordings.segments):
         length = len(log.t) - 1
         samples = max(1, length if np.isinf(horizon) else round(horizon * recordings.rate))
         starts = np.arange(0, len(log.t) - samples, samples * every)
         if not len(starts):
             continue
-        data, state = mujoco.MjData(mj), np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
+        data = mujoco.MjData(mj)
+        state = np.zeros((len(starts), mujoco.mj_stateSize(mj, kind)))
         for row, k in zip(state, starts, strict=True):
             joints.write(data, log.q[k], log.v[k])
             mujoco.mj_getState(mj, data, row, kind)

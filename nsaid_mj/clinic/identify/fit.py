@@ -66,8 +66,11 @@ class Prior:
     """D(θ, θ̂(0)) of a problem, from its `space`, `prior`, `spread`, `known` and `size`."""
 
     def __init__(self, problem: Problem):
-        space, self._size, self._cone = problem.space, problem.size, None
-        kinds, self._start = space.geometries, problem.prior
+        space = problem.space
+        self._size = problem.size
+        self._cone = None
+        kinds = space.geometries
+        self._start = problem.prior
         self._matrix = np.flatnonzero((kinds != "positive") & (kinds != "free"))
         self.positive = np.flatnonzero(kinds == "positive")
         self._free = np.flatnonzero(kinds == "free")
@@ -102,7 +105,8 @@ class Prior:
         off = self._deviations(theta)
         total = 0.5 * float(off @ off)
         if self._cone is not None:
-            own, change = theta[self._matrix], self._scales(theta)[1][self._matrix]
+            own = theta[self._matrix]
+            change = self._scales(theta)[1][self._matrix]
             total += barrier(self._cone, own) - self._level
             total += self._pull @ (change - 1) - self._slope @ (own / np.exp(change))
         return float(total)
@@ -112,21 +116,26 @@ class Prior:
 
         Only the sizes and stated values have a part along θ.
         """
-        off, change = self._deviations(theta), self._scales(theta)[1]
+        off = self._deviations(theta)
+        change = self._scales(theta)[1]
         slopes = self._size.slopes(theta)
         # (p, p) derivatives of the logarithms of the sizes to which prior values are relative
         changes = np.where(self._size.stated[:, None], 0.0, slopes[self._size.limb])
-        at, rows = self.positive, -changes
+        at = self.positive
+        rows = -changes
         rows[at, at] += 1 / theta[at]
         at = self._free
         share = np.exp(-change[at])
         rows[at] *= (share * theta[at])[:, None]
         rows[at, at] += share
         rows = np.vstack([self._precision[:, None] * rows, slopes / self._size.deviation])
-        gradient, hessian = rows.T @ off, rows.T @ rows
+        gradient = rows.T @ off
+        hessian = rows.T @ rows
         if self._cone is not None:
             at = self._matrix
-            own, size, weights = theta[at], np.exp(change[at]), changes[at]
+            own = theta[at]
+            size = np.exp(change[at])
+            weights = changes[at]
             slope, curvature = gradient_and_hessian(self._cone, own)
             gradient[at] += slope - self._slope / size
             gradient += (self._pull + self._slope * own / size) @ weights
@@ -154,7 +163,9 @@ def cost_of(problem: Problem, parts: Sums) -> Quotient:
     Residuals of a passive joint are relative to its inertial force at its rms acceleration:
     relative to the other joints' commands, they could be made 0 by a massless link.
     """
-    means, space, inertia = parts.means, problem.space, problem.inertia
+    means = parts.means
+    space = problem.space
+    inertia = problem.inertia
     effort = efforts(means, space)
     if effort is None:
         raise NoEstimate("No command has an effect on the motion", "Check the columns of u.")
@@ -179,7 +190,8 @@ def minimise(problem: Problem, parts: Sums | None = None, start: Array | None = 
     parts = gramians(problem) if parts is None else parts
     if not parts.counts.any():
         raise NoEstimate("The log has no row in which the robot moves", "Record a motion.")
-    J, theta = posterior(problem, parts), problem.prior.copy() if start is None else start.copy()
+    J = posterior(problem, parts)
+    theta = problem.prior.copy() if start is None else start.copy()
     if not np.isfinite(J.value(theta)):
         raise NoEstimate("The prior is not physically consistent", "Check the model's inertias.")
     free = np.diag(np.abs(problem.space.scale))[:, ~problem.known]
@@ -260,7 +272,8 @@ def precision(problem: Problem, fit: Fit, share: Array) -> Precision:
     """The precision of a fit to rows tempered by share (n,), see `inflation`."""
     total = tempered(problem, share)
     data, prior = information(problem, total, fit.theta)
-    free, scale = np.flatnonzero(~problem.known), problem.space.scale
+    free = np.flatnonzero(~problem.known)
+    scale = problem.space.scale
     covariance = inverse_on(data + prior, free, scale)
     estimates = []
     for _, part in folds(problem, _PARTS):
@@ -316,13 +329,16 @@ def combinations(problem: Problem) -> Combinations:
     size = np.maximum(np.sqrt(np.mean(masked**2, axis=(0, 2))), 1e-300)
     stack = (masked / size[None, :, None]).reshape(-1, len(rest)) * problem.space.scale[rest]
     R = np.asarray(np.linalg.qr(stack, mode="r"))
-    norms, new = np.linalg.norm(R, axis=0), np.abs(np.diagonal(R))  # of each column, of its rest
+    norms = np.linalg.norm(R, axis=0)  # of each column, of its rest
+    new = np.abs(np.diagonal(R))
     seen = np.flatnonzero(norms > 1e-10 * norms.max())  # others are 0 in the whole log
     kept = np.intersect1d(seen, np.flatnonzero(new > _DEPENDENT * norms[: len(new)]))
     dependent = np.setdiff1d(seen, kept)
     weights = np.linalg.lstsq(R[:, kept], R[:, dependent], rcond=None)[0]
     weights[np.abs(weights) < _NEGLIGIBLE] = 0.0
-    own, others, scale = rest[kept], rest[dependent], problem.space.scale
+    own = rest[kept]
+    others = rest[dependent]
+    scale = problem.space.scale
     found = np.zeros((len(own), len(scale)))
     found[np.arange(len(own)), own] = 1.0
     found[:, others] = weights * (scale[own][:, None] / scale[others])

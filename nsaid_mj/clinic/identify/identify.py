@@ -99,10 +99,22 @@ def identify(
         report("simulating the validation logs with the identified servos")
         return with_replay(found, servos, others)
     return identify_forces(
-        model, logs, validate=validate, mapping=own, validate_mapping=other, known=known,
-        loads=carried, lock=lock, joints=joints, columns=columns, delay=delay, cutoff=cutoff,
-        law=law, folder=folder, report=report,
-    )  # fmt: skip
+        model,
+        logs,
+        validate=validate,
+        mapping=own,
+        validate_mapping=other,
+        known=known,
+        loads=carried,
+        lock=lock,
+        joints=joints,
+        columns=columns,
+        delay=delay,
+        cutoff=cutoff,
+        law=law,
+        folder=folder,
+        report=report,
+    )
 
 
 @single_threaded
@@ -208,7 +220,8 @@ def files_of(
     if logs:
         return logs, _read_map(mapping)
     if isinstance(model, str) and model == Path(model).name:
-        packed, own = asset(model, "log.csv.gz"), asset(model, "map.toml")
+        packed = asset(model, "log.csv.gz")
+        own = asset(model, "map.toml")
         if packed.is_file():
             return [packed], _read_map(own if mapping is None and own.is_file() else mapping)
     raise InvalidInput("log", "one or more files", "none", "Give `--log FILE`.")
@@ -250,7 +263,8 @@ def coupled(mapping: Map | None) -> tuple[tuple[int, int, int], ...]:
     if mapping is None:
         return ()
     pairs: dict[tuple[int, int], int] = {}
-    torque, position = mapping.coupling.torque, mapping.coupling.position
+    torque = mapping.coupling.torque
+    position = mapping.coupling.position
     for A in (np.array(torque or ()).T, np.array(position or ())):  # row: a motor's rate
         for row, column in np.argwhere(A).tolist():
             if row != column:
@@ -277,7 +291,9 @@ def _options(
     from .choose.columns import BASIC, COLUMNS, EXTRA
     from .result import Options
 
-    k, names, delays = len(robot.joints), None, None
+    k = len(robot.joints)
+    names = None
+    delays = None
     if columns is not None:
         choices = COLUMNS if robot.jointed else EXTRA
         for name in columns:

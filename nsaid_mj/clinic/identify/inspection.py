@@ -64,7 +64,8 @@ def inspect(
         InvalidInput: the map names something that does not exist.
     """
     roles: dict[str, str] = {}
-    recordings, findings = None, tuple(f for table in tables for f in table.findings)
+    recordings = None
+    findings = tuple(f for table in tables for f in table.findings)
     if robot is not None:
         tables = [with_angles(table, robot) for table in tables]
         try:
@@ -113,7 +114,8 @@ def figures_of(source: str, name: str, channel: Channel, role: str = "") -> Chan
     """The figures of a channel; NaN where it has too few rows for one."""
     order = signals.order(channel.t)
     present = np.isfinite(channel.values[order.index])
-    t, x = order.t[present], channel.values[order.index][present]
+    t = order.t[present]
+    x = channel.values[order.index][present]
     missing = int(np.sum(~np.isfinite(channel.values)))
     if len(t) < 10:
         return ChannelFigures(source, name, role, len(t), missing)
@@ -153,10 +155,14 @@ def _roles(made: Layout, robot: RobotModel) -> dict[str, str]:
 
 def signal_names(robot: RobotModel) -> dict[str, list[tuple[str, str]]]:
     """Name and unit of every position q, velocity v and command u; "" for an unknown unit."""
-    system, rates = robot.system, [f"{unit}/s" for unit in robot.units]
-    q, v, units = robot.joints, robot.joints, list(robot.units)
+    system = robot.system
+    rates = [f"{unit}/s" for unit in robot.units]
+    q = robot.joints
+    v = robot.joints
+    units = list(robot.units)
     if not robot.jointed:
-        q, v = position_labels(system), velocity_labels(system)
+        q = position_labels(system)
+        v = velocity_labels(system)
     if system.group == 6:  # its attitude is a quaternion
         units[3:6] = [""] * 4
     return {

@@ -18,7 +18,9 @@ from .joints import JointRows
 from .links import file_links
 from .problem import Problem, mean_squares
 
-STATED, GUESSED, NOMINAL = 0.15, 2.0, 0.3
+STATED = 0.15
+GUESSED = 2.0
+NOMINAL = 0.3
 # standard deviations of log k: of a command stated in N or N·m (tolerance of torque constants and
 # losses of gears), of one in unknown units, of a gain from the model file
 _SHARE = 0.05  # share of a command below which the torque of the model's links is not visible in it
@@ -27,7 +29,8 @@ _WEAKER = 0.1  # least guess of such a joint's gain, relative to the largest
 
 def weighed_links(rows: JointRows) -> RobotModel:
     """A robot without masses, its guessed inertias scaled to the forces that the log states."""
-    robot, (torque, u) = rows.robot, _sizes(rows)
+    robot = rows.robot
+    torque, u = _sizes(rows)
     stated = np.array([unit in ("N·m", "N") for unit in rows.recordings.command_units])
     if not (stated & (torque > 0)).any():
         return robot
@@ -53,14 +56,16 @@ def expected_gains(
     guessed: the motor drives the model's links, its rotor and friction, of which a wrist's may be
     ten times what its link needs; see `_guessed`. The commands' delays are those of `choice`.
     """
-    own, units = np.abs(rows.robot.gain), rows.recordings.command_units
+    own = np.abs(rows.robot.gain)
+    units = rows.recordings.command_units
     torque, u = _sizes(rows)
     guess = _guessed(rows, rows.commands(np.zeros(len(own)) if choice is None else choice.delay))
     stated = np.array([unit in ("N·m", "N") for unit in units])
     nominal = ~stated & (own != 1)
     gain = np.where(stated | nominal, own, guess)
     spread = np.where(stated, STATED, np.where(nominal, NOMINAL, GUESSED))
-    found, checkable = [], stated.any() and (torque > 0).any()
+    found = []
+    checkable = stated.any() and (torque > 0).any()
     ratio = np.linalg.norm((gain * u)[stated]) / np.linalg.norm(torque[stated]) if checkable else 1
     if not 1 / _UNIT < ratio < _UNIT:
         text = (
@@ -81,13 +86,23 @@ def _guessed(rows: JointRows, commands: Array) -> Array:
     depend on the torque of its links, their share is taken as a twentieth, and its gain as at least
     a tenth of the largest.
     """
-    force, k = rows.links @ file_links(rows.robot.model), commands.shape[1]
-    found, unseen = np.full(k, 1e-12), np.ones(k, dtype=bool)
+    force = rows.links @ file_links(rows.robot.model)
+    k = commands.shape[1]
+    found = np.full(k, 1e-12)
+    unseen = np.ones(k, dtype=bool)
     for j in range(k):
-        use, one = rows.usable[:, j], np.ones(len(commands))
-        columns = [force[:, j], rows.diagonal["rotor"][:, j], rows.diagonal["viscous"][:, j],
-                   rows.diagonal["coulomb"][BROAD][:, j], one, -one]  # fmt: skip
-        X, y = np.column_stack(columns)[use], commands[use, j]
+        use = rows.usable[:, j]
+        one = np.ones(len(commands))
+        columns = [
+            force[:, j],
+            rows.diagonal["rotor"][:, j],
+            rows.diagonal["viscous"][:, j],
+            rows.diagonal["coulomb"][BROAD][:, j],
+            one,
+            -one,
+        ]
+        X = np.column_stack(columns)[use]
+        y = commands[use, j]
         if not len(y) or not y.std() > 0:
             continue
         size = np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-12)
@@ -117,7 +132,8 @@ def rate_checks(rate: float) -> list[Finding]:
 
 def fit_checks(rows: JointRows, choice: Choice) -> list[Finding]:
     """Finds too few rows, and swapped commands, by least squares of each joint's own row."""
-    names, counts = rows.robot.joints, rows.usable.sum(axis=0).tolist()
+    names = rows.robot.joints
+    counts = rows.usable.sum(axis=0).tolist()
     needed = [int(_ROWS * (10 + len(columns))) for columns in choice.columns]
     short = [j for j in range(len(names)) if counts[j] < needed[j]]
     level = "warning" if len(short) < len(names) else "refusal"
@@ -167,12 +183,14 @@ def reversed_commands(rows: JointRows, choice: Choice, problem: Problem) -> list
     Candidates come from least squares of each joint's own row; a command is reported if the
     physical fit, with structure `choice`, is better with −u.
     """
-    u, names = rows.commands(choice.delay), rows.robot.joints
+    u = rows.commands(choice.delay)
+    names = rows.robot.joints
     gains = zip(rows.driven, problem.space.actuators, strict=True)
     suspects = [(j, at) for j, at in gains if _driven_by_friction(rows, choice, u[:, j], j)]
     if not suspects:
         return []
-    findings, own = [], minimise(problem).cost
+    findings = []
+    own = minimise(problem).cost
     for j, at in suspects:
         Y = problem.Y.copy()
         Y[:, :, at] *= -1

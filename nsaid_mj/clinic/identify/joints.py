@@ -45,7 +45,8 @@ from .rows import Rows, unrolled, with_columns
 from .smoothing import Filter, delayed, smooth, smooth_commands
 
 TRUSTED = 0.3  # standard deviation of log k below which commands state their forces
-FILE, WEIGHTLESS = 0.25, 3.0
+FILE = 0.25
+WEIGHTLESS = 3.0
 """Standard deviations of the logarithm of the links' weight: of a model file, whose masses omit
 cables, covers and oil, or come from CAD with a single density; and of a guess."""
 
@@ -86,7 +87,9 @@ class JointRows(Rows):
         coupled: tuple[tuple[int, int, int], ...] = (),
     ):
         super().__init__(recordings, chosen, smooth)
-        self.robot, self.loads, self.coupled = robot, loads, coupled
+        self.robot = robot
+        self.loads = loads
+        self.coupled = coupled
         self.gain, self.spread = gain, spread + np.zeros(len(gain))
         self.driven = recordings.driven(robot)
         self.system = unrolled(robot.system)
@@ -109,7 +112,8 @@ class JointRows(Rows):
     def _evaluated(self) -> tuple[Array, dict[str, Array]]:
         """Columns of the links, and `diagonal` but load; keeps the entries of all candidates."""
         own = [name for name in COLUMNS if name != "load"]
-        n, links = self.system.n, self.system.p
+        n = self.system.n
+        links = self.system.p
         columns, rotors = _on_every_joint(own, n, links)
         end = links + len(columns) + len(rotors)
         for i, j, sign in self.coupled:
@@ -159,8 +163,11 @@ class JointRows(Rows):
 
     def problem(self, choice: Choice) -> Problem:
         """The fit of a structure, with columns and delays of `choice`."""
-        model, u = self.robot.model, self.commands(choice.delay)
-        own, driven, effort = file_links(model), self.driven, u * self.gain
+        model = self.robot.model
+        u = self.commands(choice.delay)
+        own = file_links(model)
+        driven = self.driven
+        effort = u * self.gain
         passive = np.delete(np.arange(u.shape[1]), driven)
         effort[:, passive] = self.links[:, passive] @ own
         force = np.maximum(np.sqrt(mean_squares(effort, self.usable)), 1e-9)  # typical
@@ -212,13 +219,15 @@ class JointRows(Rows):
             Y[:, :, space[load.block.name]] = own
         # motors are linear in their commands: the rows of their columns are those of the commands'
         driving = with_columns(self.system, motors(space, self.driven), [], len(space))
-        at, still = space.actuators, np.zeros((len(u), 2 * self.system.n))
+        at = space.actuators
+        still = np.zeros((len(u), 2 * self.system.n))
         Y[:, :, at] = -driving.F(0.0, still, u)[:, :, at]
         return Y
 
     def _inertia(self, space: ParameterSpace) -> Array:
         """(n, p) forces of inertia of each joint at its rms acceleration, see `Problem.inertia`."""
-        found, moving = np.zeros((len(self.gain), len(space))), self.diagonal["rotor"]
+        found = np.zeros((len(self.gain), len(space)))
+        moving = self.diagonal["rotor"]
         found[:, : self.links.shape[2]] = own_inertia(self.system, self._moving)
         for parameter in space.names:
             if parameter.startswith("rotor"):
@@ -230,7 +239,8 @@ class JointRows(Rows):
 
     def _on_joints(self, choice: Choice, force: Array) -> Iterator[Part]:
         """Rotors, friction, springs and offsets; force (k,) is typical of each joint."""
-        robot, n = self.robot, len(self.robot.joints)
+        robot = self.robot
+        n = len(self.robot.joints)
         nominal = {"rotor": robot.rotor, "viscous": robot.damping, "coulomb": robot.friction}
         for name, column in COLUMNS.items():
             joints = [j for j in range(n) if name in choice.columns[j]]
@@ -240,7 +250,8 @@ class JointRows(Rows):
             size = [mean_squares(x, self.usable[:, j]) for x, j in zip(own, joints, strict=True)]
             guess = column.share * force[joints] / np.maximum(np.sqrt(size), 1e-9)
             if column.geometry == "free":
-                prior, spread = np.zeros(len(joints)), _FREE * guess
+                prior = np.zeros(len(joints))
+                spread = _FREE * guess
             else:  # a file's friction cannot take more than all of the force
                 given = nominal.get(name, np.zeros(n))[joints]
                 prior = np.where(given > 0, np.minimum(given, guess / column.share), guess)
@@ -274,7 +285,8 @@ class JointRows(Rows):
             yield block, np.zeros(3), _FREE * guess
 
     def _gains(self) -> Block:
-        units, driven = self.recordings.command_units, self.driven
+        units = self.recordings.command_units
+        driven = self.driven
         return Block(
             "motor gain",
             tuple(f"gain_{j + 1}" for j in driven),
@@ -313,7 +325,9 @@ def _on_every_joint(
 ) -> tuple[list[Column], list[Rotor]]:
     """Columns of `COLUMNS` and rotors on n joints, at every speed, with parameters from `first`."""
     loading = np.zeros(0) if links is None else links
-    columns, rotors, at = [], [], first
+    columns = []
+    rotors = []
+    at = first
     for name in names:
         for speed in SPEEDS if name in FASTENED else SPEEDS[:1]:
             for joint in range(n):

@@ -45,14 +45,17 @@ class _Watch(Observer):
     """Keeps θ̂ and the deviations of the gains at intervals."""
 
     def __init__(self, identifier: Identifier, period: float):
-        self._identifier, self.period, self.rows = identifier, period, []
+        self._identifier = identifier
+        self.period = period
+        self.rows = []
 
     def start(self, scenario: Scenario, robot: Robot, first: Measurement) -> None:
         """Does nothing: there is no estimate yet."""
 
     def see(self, log: Log, states: dict[str, State], levels: tuple[float, float]) -> None:
         """Keeps the estimate of a sample."""
-        state, space = states[""], self._identifier.system.space
+        state = states[""]
+        space = self._identifier.system.space
         stated = gain_deviations(self._identifier.confidence(state), state.theta_hat, space)
         self.rows.append((float(log.t[-1]), state.theta_hat, stated))
 
@@ -80,7 +83,9 @@ def with_law(
 
 def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     """Runs a law along the prepared logs of a batch fit, recording in `folder`; see `with_law`."""
-    begin, fitted, robot = time.perf_counter(), found.fitted, found.robot
+    begin = time.perf_counter()
+    fitted = found.fitted
+    robot = found.robot
     logs, start, rate = law_logs(robot, found.recordings, fitted.made)
     steps = sum(len(log.t) for log in logs) - 1
     known = log_robot(found)
@@ -90,7 +95,8 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
     if robot.jointed:  # the density of its unexplained forces, over the last gain [units², times s]
         # residuals of variance σ² at intervals h, of which one in `share` is effectively
         # independent, act on the motion like a white force of density σ² h share
-        problem, own = fitted.problem, fitted.fit.theta
+        problem = fitted.problem
+        own = fitted.fit.theta
         residual = problem.residual(own) / own[problem.space.actuators[-1]]
         density = mean_squares(residual, problem.usable) * fitted.share
         unexplained = (density * float(np.median(np.diff(problem.t)))).tolist()
@@ -115,10 +121,18 @@ def follow_log(law: str, found: Identification, folder: Path) -> AlongLog:
         deviation = deviation * misfit.widening
     last, batch_last = _last_fifth(found, run, start)
     return AlongLog(
-        law, run, fitted.problem.space.actuators, t + start, theta, deviation,
+        law,
+        run,
+        fitted.problem.space.actuators,
+        t + start,
+        theta,
+        deviation,
         _gains(fitted, theta[-1], deviation[-1]),
-        last, batch_last, misfit.level if misfit else "", time.perf_counter() - begin,
-    )  # fmt: skip
+        last,
+        batch_last,
+        misfit.level if misfit else "",
+        time.perf_counter() - begin,
+    )
 
 
 def law_logs(
@@ -133,7 +147,9 @@ def law_logs(
     """
     recordings = refined(recordings) if robot.jointed else recordings
     chosen = filter_for(recordings, made.cutoff)
-    rate, found, shift = chosen.rate / chosen.every, [], recording_shifts(recordings)
+    rate = chosen.rate / chosen.every
+    found = []
+    shift = recording_shifts(recordings)
     start = float(recordings.segments[0].log.t[0] + shift[0])
     for own, given in zip(shift, recordings.segments, strict=True):
         acting = made.acting(given.log.u, recordings.rate)
@@ -141,7 +157,8 @@ def law_logs(
         curve = smooth_commands(segment, chosen)
         held = delayed(segment, chosen, curve, made.delays - 0.5 / rate)
         if robot.jointed:
-            motion, held = smooth(segment, chosen), held * np.sign(robot.gain)
+            motion = smooth(segment, chosen)
+            held = held * np.sign(robot.gain)
             motion = motion._replace(q=robot.system.position(motion.q))
         else:
             motion = smooth_pose(robot.system, segment, chosen)
@@ -152,7 +169,8 @@ def law_logs(
 
 def _gains(fitted: Fitted, theta: Array, deviation: Array) -> tuple[Gain, ...]:
     """Gains of the law, θ̂ (p,) and deviations (a,), beside the batch fit's; none if one is ≤ 0."""
-    space, own = fitted.problem.space, fitted.fit.theta
+    space = fitted.problem.space
+    own = fitted.fit.theta
     at = space.actuators
     if len(at) < 2 or not ((theta[at] > 0) & (own[at] > 0)).all():
         return ()
@@ -182,7 +200,8 @@ def _last_fifth(found: Identification, run: Run, start: float) -> tuple[Array, A
 
 def law_findings(along: AlongLog) -> list[Finding]:
     """Warnings about a law's result: it ended early, or differs from the batch fit."""
-    status, found = along.run.ending.status, []
+    status = along.run.ending.status
+    found = []
     if status is not Status.completed:
         text = f"the law ended at {along.run.ending.time:.2f} s: {status.words}"
         found.append(Finding("warning", "law", f"law {along.name}", text, status.remedy))

@@ -41,7 +41,8 @@ def weight_columns(system: SecondOrderSystem, coordinates: Array) -> Array:
     """
     some = coordinates[:: -(-len(coordinates) // _POSES) or 1]
     still = np.zeros(some.shape)
-    x, u = np.hstack([some, still]), np.zeros(system.n_u)
+    x = np.hstack([some, still])
+    u = np.zeros(system.n_u)
     return system.regressor(0.0, x, still, still, u).reshape(-1, system.p)
 
 
@@ -62,7 +63,8 @@ def sizes_of_links(model: pin.Model, moving: Array, weight: Array) -> Array:
     still. `moving` (N, 10 b) are columns of inertia and weight along the log, `weight` (K, 10 b)
     those of weight alone.
     """
-    limbs, found = np.repeat(limbs_of(model), 10), []
+    limbs = np.repeat(limbs_of(model), 10)
+    found = []
     for limb in range(limbs.max() + 1):
         own = np.where(limbs == limb, file_links(model), 0.0)
         still, whole = (np.linalg.norm(c @ own) / max(len(c), 1) ** 0.5 for c in (weight, moving))
@@ -83,7 +85,8 @@ def file_links(model: pin.Model) -> Array:
 
 def weight_of(model: pin.Model, coordinates: Array) -> Array:
     """(N, n) torques of the links' weight at coordinates (N, n)."""
-    data, found = model.createData(), np.empty((len(coordinates), model.nv))
+    data = model.createData()
+    found = np.empty((len(coordinates), model.nv))
     for k, q in enumerate(positions(model, coordinates)):
         found[k] = pin.computeGeneralizedGravity(model, data, q)
     return found
@@ -93,7 +96,8 @@ def link_blocks(model: pin.Model) -> list[Block]:
     """The links' blocks of θ."""
     from ...lab import extent
 
-    names, blocks = body_names(model), []
+    names = body_names(model)
+    blocks = []
     for i in range(1, model.njoints):
         inertia = model.inertias[i]
         length = max(extent(inertia), 1e-3)
@@ -102,7 +106,8 @@ def link_blocks(model: pin.Model) -> list[Block]:
 
 
 _GRIPPERS = {"gripper", "jaw", "finger", "hand"}
-_SMALL, _ANYWHERE = 0.05, 0.15  # radius of a load, and of the region in which an unknown one is [m]
+_SMALL = 0.05  # radius of a load, and of the region in which an unknown one is [m]
+_ANYWHERE = 0.15
 
 
 def check_loads(loads: Sequence[Load], sources: Sequence[str]) -> None:
@@ -162,7 +167,8 @@ class Payload(NamedTuple):
 
 def payloads(model: pin.Model, loads: Sequence[Load]) -> list[Payload]:
     """The loads of a tree of joints, one for each mass and place."""
-    found, grouped = [], {}
+    found = []
+    grouped = {}
     for load in loads:
         grouped.setdefault(load._replace(source=""), set()).add(load.source)
     for number, (load, sources) in enumerate(grouped.items(), 1):

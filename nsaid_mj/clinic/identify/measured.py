@@ -127,7 +127,9 @@ def _arm(model: RobotModel, gain: float | None) -> Robot:
     accelerates at some 300 rad/s². If the file states no largest force, that of a fast motion
     replaces it; see `nominal_scales`.
     """
-    tree, nominal, k = model.model, nominal_scales(model.model, ArmPlant()), len(model.joints)
+    tree = model.model
+    nominal = nominal_scales(model.model, ArmPlant())
+    k = len(model.joints)
     driven = [j for j, name in enumerate(model.joints) if name not in model.passive]
     gains = np.abs(model.gain[driven]) if gain is None else np.full(len(driven), gain)
     limit = tree.effortLimit[tree.nv - k :]
@@ -138,7 +140,8 @@ def _arm(model: RobotModel, gain: float | None) -> Robot:
     rotor, viscous, coulomb = (
         np.where(own > 0, own, other) for own, other in zip(given, guess, strict=True)
     )
-    friction, command = {"viscous": viscous, "coulomb": coulomb}, nominal.command[driven] / gains
+    friction = {"viscous": viscous, "coulomb": coulomb}
+    command = nominal.command[driven] / gains
     scales = replace(
         nominal, rotor=rotor, gain=gains, command=command, driven=tuple(driven), **friction
     )
@@ -185,7 +188,8 @@ def measured_scenario(
 
 def identifiers_of(scenario: Scenario, robot: Robot) -> dict[str, Identifier]:
     """The scenario's own identifier, for a robot that is not simulated."""
-    config, levels = scenario.identifier, scenario.noise.levels
+    config = scenario.identifier
+    levels = scenario.noise.levels
     return {"": identifier_of(config, scenario, robot.system, robot.prior, levels)}
 
 
@@ -215,9 +219,15 @@ class Parameters:
         """The block."""
         scale = np.array(self.scale)
         return Block(
-            self.name, self.names, self.units, scale, self.geometry, self.actuator, self.entries,
+            self.name,
+            self.names,
+            self.units,
+            scale,
+            self.geometry,
+            self.actuator,
+            self.entries,
             self.labels,
-        )  # fmt: skip
+        )
 
 
 @config
@@ -286,7 +296,8 @@ class LogRobot(MeasuredRobot):
 
 def log_robot(found: Identification) -> LogRobot:
     """The robot of a batch fit."""
-    robot, (made, problem, *_) = found.robot, found.fitted
+    robot = found.robot
+    made, problem, *_ = found.fitted
     v, u = (np.concatenate([getattr(s.log, x) for s in found.recordings.segments]) for x in "vu")
     speed, command = (_OPERATION * np.sqrt(np.mean(x**2, axis=0)) for x in (v, u))
     return LogRobot(

@@ -65,7 +65,8 @@ def load_robot_model(
         reason = "its equations of motion are not linear in known parameters"
         raise BadRobot(model, "", reason, "It can only be simulated: `nsaid run`.")
     plant, nominal = published(config, _STEP)
-    system, count = plant.system, plant.system.n_u
+    system = plant.system
+    count = plant.system.n_u
     return RobotModel(
         name=model if packed else Path(model).stem,
         source=None if packed else vehicle_files(model).sheet,

@@ -70,7 +70,8 @@ def identification_page(result: Identification, command: str = "") -> Page:
     from . import picture
 
     row, rows = words.rows_of(result)
-    n, drawn = len(result.joints), [sketch] if (sketch := picture.picture(result)) else []
+    n = len(result.joints)
+    drawn = [sketch] if (sketch := picture.picture(result)) else []
     result = with_curves(result)
     errors, *panels = result.curves
     compared = [panel for panel in panels if isinstance(panel, Comparison)]
@@ -82,19 +83,33 @@ def identification_page(result: Identification, command: str = "") -> Page:
     quality, *determined = _sections(result, figures_of)
     sections = [
         quality,
-        Section(f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted", [
-            Figures(figures_of(commands), rows), Text(filtered, note=True),
-        ]),
-        Section("Validation log", [
-            Figures(figures_of(validation), rows),
-            Text("This log took no part in the fit.", note=True),
-        ] if validation else []),
+        Section(
+            f"{'Commands' if arm else 'Forces of the actuators'}, measured and predicted",
+            [
+                Figures(figures_of(commands), rows),
+                Text(filtered, note=True),
+            ],
+        ),
+        Section(
+            "Validation log",
+            [
+                Figures(figures_of(validation), rows),
+                Text("This log took no part in the fit.", note=True),
+            ]
+            if validation
+            else [],
+        ),
         *determined,
-        Section(f"Law {result.law.name} along the log" if result.law else "",
-                _law(result, figures_of(histories)), brief=True),
-        Section(f"Correlations of gains, {'frictions and rotors' if arm else 'drag and damping'}",
-                _correlations(result, figures_of)),
-    ]  # fmt: skip
+        Section(
+            f"Law {result.law.name} along the log" if result.law else "",
+            _law(result, figures_of(histories)),
+            brief=True,
+        ),
+        Section(
+            f"Correlations of gains, {'frictions and rotors' if arm else 'drag and damping'}",
+            _correlations(result, figures_of),
+        ),
+    ]
     return Page(
         heading=result.robot.name,
         result=result,
@@ -115,36 +130,70 @@ Draw = Callable[[Iterable[AnyPanel]], list[Figure]]
 
 def _sections(result: Identification, draw: Draw) -> list[Section]:
     """What the log determines of each parameter, and what it does not."""
-    arm, gains, bodies = words.rows_of(result)[0] == "joint", result.gains, result.bodies
+    arm = words.rows_of(result)[0] == "joint"
+    gains = result.gains
+    bodies = result.bodies
     others = [p for p in result.parameters if p.block not in bodies and not p.is_gain]
     numbers = {c.words: k for k, c in enumerate(result.combinations, 1)}
     return [
-        Section("Does the model explain the log?", [
-            _quality(result),
-            Text(f"{_NRMSE}{_COLUMNS if arm else ''}", note=True),
-        ], brief=True),
-        Section("Actuator gains", [
-            Figures(draw(forests(gains))), *gains_of(result, numbers),
-            Text("Lines are 95 % intervals; ◇ is the prior, the value before the log; relative: of "
-                 "the ratio to the other gains.", note=True),
-        ] if gains else [], brief=True),
-        Section("Friction, rotors and other forces of the joints" if arm
-                else "Drag, damping and other forces",
-                [*_frictions(draw(forests(others))), *_kinds(result)], brief=True),
+        Section(
+            "Does the model explain the log?",
+            [
+                _quality(result),
+                Text(f"{_NRMSE}{_COLUMNS if arm else ''}", note=True),
+            ],
+            brief=True,
+        ),
+        Section(
+            "Actuator gains",
+            [
+                Figures(draw(forests(gains))),
+                *gains_of(result, numbers),
+                Text(
+                    "Lines are 95 % intervals; ◇ is the prior, the value before the log; relative: of "
+                    "the ratio to the other gains.",
+                    note=True,
+                ),
+            ]
+            if gains
+            else [],
+            brief=True,
+        ),
+        Section(
+            "Friction, rotors and other forces of the joints"
+            if arm
+            else "Drag, damping and other forces",
+            [*_frictions(draw(forests(others))), *_kinds(result)],
+            brief=True,
+        ),
         Section("What this log does not determine", _unknown(result)),
         Section("Combinations that the log determines", _combinations(result)),
-        Section("All other parameters" if gains else "All parameters", [
-            Badges(counts(p for p in result.parameters if not p.is_gain)),
-            *folds(result, numbers, gains=False), Text(_FRAMES, note=True),
-        ], brief=True),
-        Section("What would help most", [Text(result.suggestion)] if result.suggestion else [],
-                brief=True),
-        Section("What fixes the common scale", [
-            Text("A log of commands in unknown units predicts equally well with all inertias, "
-                 "frictions and gains multiplied by one factor. Here it rests on "
-                 f"{result.anchor}."),
-        ], brief=True),
-    ]  # fmt: skip
+        Section(
+            "All other parameters" if gains else "All parameters",
+            [
+                Badges(counts(p for p in result.parameters if not p.is_gain)),
+                *folds(result, numbers, gains=False),
+                Text(_FRAMES, note=True),
+            ],
+            brief=True,
+        ),
+        Section(
+            "What would help most",
+            [Text(result.suggestion)] if result.suggestion else [],
+            brief=True,
+        ),
+        Section(
+            "What fixes the common scale",
+            [
+                Text(
+                    "A log of commands in unknown units predicts equally well with all inertias, "
+                    "frictions and gains multiplied by one factor. Here it rests on "
+                    f"{result.anchor}."
+                ),
+            ],
+            brief=True,
+        ),
+    ]
 
 
 def _quality(result: Identification) -> Table:
@@ -196,8 +245,11 @@ def _kinds(result: Identification) -> list[PageItem]:
 
 
 def _frictions(figures: Sequence[Figure]) -> list[PageItem]:
-    note = Text("Lines are 95 % intervals; ◇ is the prior, a guess from the model and the motion. "
-                "The numbers are in the tables below.", note=True)  # fmt: skip
+    note = Text(
+        "Lines are 95 % intervals; ◇ is the prior, a guess from the model and the motion. "
+        "The numbers are in the tables below.",
+        note=True,
+    )
     return [Figures(figures), note] if figures else []
 
 
@@ -206,7 +258,8 @@ def _law(result: Identification, figures: Sequence[Figure]) -> list[PageItem]:
     along = result.law
     if along is None:
         return []
-    law, limits = f"law {along.name}", "95 % interval"
+    law = f"law {along.name}"
+    limits = "95 % interval"
     heads = ["gain / mean", law, limits, "batch fit", limits, "agree"]
     gains = []
     if along.gains:
@@ -241,10 +294,12 @@ def _combinations(result: Identification) -> list[PageItem]:
         return []
     heads = ["", "combination", "estimate", "unit", "95 % interval"]
     return [
-        Text("The motion reveals these sums, not their terms; gains are taken as given. Any "
-             "division among the terms predicts the same commands."),
+        Text(
+            "The motion reveals these sums, not their terms; gains are taken as given. Any "
+            "division among the terms predicts the same commands."
+        ),
         Table(heads, lines, (0, 1, 3), ids="combination"),
-    ]  # fmt: skip
+    ]
 
 
 def _command(result: Identification) -> str:
@@ -257,7 +312,8 @@ def _command(result: Identification) -> str:
 
 def _correlations(result: Identification, draw: Draw) -> list[PageItem]:
     """Correlations of gains, frictions and rotor inertias; empty for fewer than two."""
-    bodies, variance = result.bodies, np.diag(result.covariance)
+    bodies = result.bodies
+    variance = np.diag(result.covariance)
     chosen = [
         k for k, p in enumerate(result.parameters) if p.block not in bodies and variance[k] > 0
     ]

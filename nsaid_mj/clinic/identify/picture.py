@@ -10,7 +10,8 @@ from ...report import Figure as PageFigure
 from . import words
 from .result import Identification
 
-_AZIMUTH, _ELEVATION = np.radians(-52.0), np.radians(24.0)
+_AZIMUTH = np.radians(-52.0)
+_ELEVATION = np.radians(24.0)
 _RIGHT = np.array([-np.sin(_AZIMUTH), np.cos(_AZIMUTH), 0.0])
 _UP = np.array(
     [
@@ -24,7 +25,8 @@ _COLOURS = {"good": COLOURS[3], "fair": COLOURS[5], "poor": BAD}
 
 def picture(result: Identification) -> PageFigure | None:
     """The robot in the first pose of its log; None if its model has no joints to draw."""
-    model, segment = result.robot.model, result.recordings.segments[0]
+    model = result.robot.model
+    segment = result.recordings.segments[0]
     if model is None or model.njoints < 2 or not np.isfinite(segment.log.q[0]).all():
         return None
     segments = bones(model, positions(model, segment.log.q[:1]))[0]
@@ -43,13 +45,18 @@ def picture(result: Identification) -> PageFigure | None:
         floor = _floor(segments, size)
         axis.fill(*floor.T, color=GRID, zorder=1, linewidth=0)
         shown = np.vstack([flat.reshape(-1, 2), floor])
-        low, high = shown.min(axis=0), shown.max(axis=0)
+        low = shown.min(axis=0)
+        high = shown.max(axis=0)
         for number, (a, b) in enumerate(flat):
             thick = number < len(names)
             axis.plot(
-                *np.stack([a, b]).T, color=INK if thick else COLOURS[8], solid_capstyle="round",
-                linewidth=4.0 if thick else 1.4, alpha=0.75 if thick else 0.6, zorder=2,
-            )  # fmt: skip
+                *np.stack([a, b]).T,
+                color=INK if thick else COLOURS[8],
+                solid_capstyle="round",
+                linewidth=4.0 if thick else 1.4,
+                alpha=0.75 if thick else 0.6,
+                zorder=2,
+            )
         for name, at in zip(names, joints, strict=True):
             colour = _COLOURS[marks[name]] if name in marks else COLOURS[8]
             axis.plot(*at, "o", color=colour, markersize=6.5, zorder=3)
@@ -68,7 +75,8 @@ def picture(result: Identification) -> PageFigure | None:
 
 def _floor(segments: Array, size: float) -> Array:
     """(4, 2) corners of a square on the floor below the base."""
-    half, height = 0.2 * size, min(0.0, float(segments[..., 2].min()))
+    half = 0.2 * size
+    height = min(0.0, float(segments[..., 2].min()))
     corners = half * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) + [0, 0, height]
     return corners @ np.stack([_RIGHT, _UP], axis=1)
 
@@ -81,15 +89,18 @@ def _labels(
     order = np.argsort(joints[:, 0], kind="stable")
     left, right = np.array_split(order, 2)
     if len(names) <= 3 or np.ptp(joints[:, 0]) < 1e-9 * max(1.0, abs(middle)):
-        left, right = np.zeros(0, dtype=int), np.arange(len(names))
+        left = np.zeros(0, dtype=int)
+        right = np.arange(len(names))
     width, height = figure.get_size_inches()
     rows = max(len(left), len(right), 1)
     font = min(8.0, 72 * 0.92 * height / (1.25 * rows))
     longest = max(len(n) for n in names)
     room = min(0.36, (0.62 * font * min(longest, 22) / 72 + 0.15) / width)  # for a column of names
     sides = (1 if len(left) else 0) + (1 if len(right) else 0)
-    scale = min((1 - sides * room - 0.1) * width / max(high[0] - low[0], 1e-9),
-                0.86 * height / max(high[1] - low[1], 1e-9))  # fmt: skip
+    scale = min(
+        (1 - sides * room - 0.1) * width / max(high[0] - low[0], 1e-9),
+        0.86 * height / max(high[1] - low[1], 1e-9),
+    )
     centre = (low + high) / 2
     half = np.array([width, height]) / (2 * scale)
     shift = half[0] * room * ((1 if len(right) else 0) - (1 if len(left) else 0))
@@ -109,8 +120,14 @@ def _labels(
             axis.plot(
                 [joints[k, 0], x], [joints[k, 1], y], color=COLOURS[8], linewidth=0.6, zorder=1.5
             )
-            axis.text(x + sign * 0.1 * pitch, y, name, ha="left" if sign > 0 else "right",
-                      va="center", fontsize=font)  # fmt: skip
+            axis.text(
+                x + sign * 0.1 * pitch,
+                y,
+                name,
+                ha="left" if sign > 0 else "right",
+                va="center",
+                fontsize=font,
+            )
 
 
 def _spread(heights: Array, pitch: float, low: float, high: float) -> Array:

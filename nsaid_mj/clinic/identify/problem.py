@@ -106,7 +106,8 @@ class Problem:
 
     def _deviations(self, theta: Array) -> tuple[Array, Array]:
         """(n,) standard deviations of the actuators' forces, and of those of inertia and weight."""
-        used, counts = self.usable, self.usable.sum(axis=0)
+        used = self.usable
+        counts = self.usable.sum(axis=0)
 
         def deviation(force: Array) -> Array:
             mean = np.sum(np.where(used, force, 0.0), axis=0) / np.maximum(counts, 1)
@@ -157,7 +158,8 @@ def least_squares(problem: Problem, gain: Array) -> Array:
     for Y, usable in zip(problem.Y.transpose(1, 0, 2), problem.usable.T, strict=True):
         rows = np.column_stack([Y[usable][:, rest] * scale, -(Y[usable][:, at] @ gain)])
         factors.append(np.linalg.qr(rows, mode="r"))
-    x, deviation = np.zeros(len(rest)), np.ones(len(factors))
+    x = np.zeros(len(rest))
+    deviation = np.ones(len(factors))
     for _ in range(_REWEIGHTED):
         rows = np.vstack([R / d for R, d in zip(factors, deviation, strict=True)])
         x = np.linalg.lstsq(rows[:, :-1], rows[:, -1], rcond=1e-8)[0]
@@ -165,5 +167,6 @@ def least_squares(problem: Problem, gain: Array) -> Array:
         deviation = np.array(errors) / np.sqrt(counts)
         deviation = np.maximum(deviation, 1e-6 * max(float(deviation.max()), 1e-300))
     theta = np.empty(len(problem.space))
-    theta[rest], theta[at] = x * scale, gain
+    theta[rest] = x * scale
+    theta[at] = gain
     return theta

@@ -41,8 +41,10 @@ from .result import Identification, recording_shifts
 if TYPE_CHECKING:
     from ..servos.words import Replayed
 
-_FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
-_FIRST, _PAGE = 6, 12  # joints on the first page, and on any other, at most
+_FRAMES = 12000  # largest number of frames of the robot, and frames per second
+_RATE = 30.0
+_FIRST = 6  # joints on the first page, and on any other, at most
+_PAGE = 12
 
 
 def record(page: Page, file: Path) -> Path:
@@ -83,7 +85,8 @@ def moving_robot(
     system = robot.system
     scene = Scene(system, robot.visuals)
     total = sum(float(t[-1] - t[0]) for t, _, _ in motion)
-    rate, parts = min(_RATE, _FRAMES / max(total, 1e-9)), []
+    rate = min(_RATE, _FRAMES / max(total, 1e-9))
+    parts = []
     for t, q, v in motion:
         stride = max(1, round(1 / (float(np.median(np.diff(t))) * rate)))
         rows = np.unique(np.append(np.arange(0, len(t), stride), len(t) - 1))
@@ -224,7 +227,8 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
     found = page.result
     assert isinstance(found, ServoIdentification)
     comparisons = [panel for panel in found.curves if isinstance(panel, Comparison)]
-    t, logs = comparisons[0].t, replayed.logs
+    t = comparisons[0].t
+    logs = replayed.logs
     times = np.split(t, np.cumsum([len(log.t) for log in logs])[:-1])
     motion = [
         (own, log.position, np.gradient(log.position, own, axis=0))
@@ -234,10 +238,14 @@ def record_servos(page: Page, replayed: Replayed, file: Path) -> Path:
     lines = lines_of(comparisons)
     plots = Plots(lines, float(t[-1]), _SHOWN if t[-1] > 2 * _SHOWN else None)
     joints = [
-        (servo.name, panel.unit, servo.error,
-         f"error of the fit {1e3 * servo.error:.1f} m{panel.unit}")
+        (
+            servo.name,
+            panel.unit,
+            servo.error,
+            f"error of the fit {1e3 * servo.error:.1f} m{panel.unit}",
+        )
         for servo, panel in zip(found.servos, comparisons, strict=True)
-    ]  # fmt: skip
+    ]
     pages = joint_pages(camera, plots, joints, "position", "simulated")
     by_joint = [
         panel

@@ -82,9 +82,11 @@ def followed(
     the sensors' noise; it is None if suspects do not depend on the measured motion.
     """
     every = -(-len(problem.t) // _MANY)
-    thin, share = np.arange(0, len(problem.t), every), share / every
+    thin = np.arange(0, len(problem.t), every)
+    share = share / every
     own = _Rows(problem.select(thin) if every > 1 else problem, theta, share)
-    copies, thinned = [own], (s._replace(columns=s.columns[thin]) for s in suspects)
+    copies = [own]
+    thinned = (s._replace(columns=s.columns[thin]) for s in suspects)
     left = [(s, [own.outside(s.columns, s.columns)]) for s in thinned]
     level = _CHANCE / max(len(left), 1)
     entered: list[tuple[Suspect, float, Array]] = []
@@ -100,7 +102,9 @@ def followed(
                 rest.append(copies[1].outside(noisy.columns[thin], suspect.columns))
             continue
         best = max(np.flatnonzero(beyond), key=lambda i: trials[i].gained)
-        suspect, bases, before = left[best][0], trials[best].bases, own.power
+        suspect = left[best][0]
+        bases = trials[best].bases
+        before = own.power
         for copy, basis in zip(copies, bases, strict=True):
             copy.residual = _outside(copy.residual, basis)
         explained = np.where(before > 0, 1 - own.power / np.where(before > 0, before, 1.0), 0.0)
@@ -140,8 +144,10 @@ def doubts(
     of them, and their intervals are widened. held_out (n,) is the NRMSE of held-out parts; `exact`
     is the precision before it is widened.
     """
-    half, space = INTERVAL * exact.deviation, problem.space
-    size, units = np.maximum(np.abs(exact.theta), 1e-300), np.array(space.units)
+    half = INTERVAL * exact.deviation
+    space = problem.space
+    size = np.maximum(np.abs(exact.theta), 1e-300)
+    units = np.array(space.units)
     for block, rows in space:
         if block.geometry == "pseudo_inertia":  # of moments the largest: single ones depend on axes
             own = size[rows]
@@ -149,7 +155,8 @@ def doubts(
                 own[units[rows] == unit] = own[units[rows] == unit].max()
     friction = ["friction" in block.name for block in space.blocks for _ in block.names]
     certain = (space.geometries != "free") & ~np.array(friction)
-    stated, findings = ~problem.known & certain & (half < _STATED * size), []
+    stated = ~problem.known & certain & (half < _STATED * size)
+    findings = []
     for suspect, share, shift, coefficients in left:
         worst = int(np.argmax(np.where(stated, np.abs(shift) / size, 0.0)))
         moved = float(abs(shift[worst]) / size[worst]) if stated[worst] else 0.0
@@ -225,7 +232,8 @@ class _Rows:
         kept = values > _SPAN * values[-1]
         self._own = unit.T @ (vectors[:, kept] / np.sqrt(values[kept]))
         self._first = _outside((residual * self.weight).reshape(-1, 1), self._own)
-        self.residual, self.n = self._first, used.shape[1]
+        self.residual = self._first
+        self.n = used.shape[1]
 
     def weighed(self, columns: Array) -> Array:
         """(N n, c) columns (N, n, c) times the rows' weights."""
@@ -289,6 +297,7 @@ def _hotelling(scores: Array) -> tuple[float, tuple[int, int]]:
     if len(scores) < 2 * _BLOCKS or not c:
         return 0.0, (1, 1)
     blocks = np.add.reduceat(scores, np.arange(_BLOCKS) * len(scores) // _BLOCKS, axis=0)
-    mean, spread = blocks.mean(axis=0), np.atleast_2d(np.cov(blocks, rowvar=False))
+    mean = blocks.mean(axis=0)
+    spread = np.atleast_2d(np.cov(blocks, rowvar=False))
     T2 = _BLOCKS * float(mean @ np.linalg.lstsq(spread, mean, rcond=None)[0])
     return T2 * (_BLOCKS - c) / (c * (_BLOCKS - 1)), (c, _BLOCKS - c)

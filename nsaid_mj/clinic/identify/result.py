@@ -251,7 +251,9 @@ def shifts(spans: Sequence[tuple[str, float, float]]) -> Array:
     one file keep their distances, so that the axis shows the file's times up to a constant, and
     exactly for the first file.
     """
-    found, shift, end = [], 0.0, -np.inf
+    found = []
+    shift = 0.0
+    end = -np.inf
     for k, (source, start, last) in enumerate(spans):
         if k > 0 and (source != spans[k - 1][0] or start + shift < end):
             shift = 0.0 if end <= start <= end + _NEAR else end + _BETWEEN - start

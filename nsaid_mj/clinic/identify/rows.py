@@ -41,10 +41,12 @@ class Rows:
         chosen: Filter,
         smooth: Callable[[Segment, Filter], Smooth],
     ):
-        self.recordings, self.chosen = recordings, chosen
+        self.recordings = recordings
+        self.chosen = chosen
         self.segments: list[Segment] = []
         self.motions: list[Smooth] = []
-        numbers, centres = [], []
+        numbers = []
+        centres = []
         for number, segment in enumerate(recordings.segments):
             motion = smooth(segment, chosen)
             rows = chosen.centres(len(motion.t))
@@ -70,7 +72,8 @@ class Rows:
         Positions of the smoothed motion are those of the system. `commands` are (M, n_u) of every
         motion, at its times; None for 0.
         """
-        found, half = [], len(self.chosen.kernel) // 2
+        found = []
+        half = len(self.chosen.kernel) // 2
         for number, motion in enumerate(self.motions):
             centres = self.chosen.centres(len(motion.t))
             for first in range(0, len(centres), _BLOCK):

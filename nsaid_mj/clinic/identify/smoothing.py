@@ -104,7 +104,8 @@ def refined(recordings: Recordings) -> Recordings:
 
 def twice_as_noisy(recordings: Recordings) -> Recordings:
     """The recordings with independent noise added, which doubles that of the sensors."""
-    rng, segments = np.random.default_rng(0), []
+    rng = np.random.default_rng(0)
+    segments = []
     for segment in recordings.segments:
         log = segment.log
         q, v = (
@@ -117,7 +118,8 @@ def twice_as_noisy(recordings: Recordings) -> Recordings:
 
 def smooth(segment: Segment, chosen: Filter) -> Smooth:
     """The smoothed motion of a segment."""
-    log, pick = segment.log, slice(None, None, chosen.every)
+    log = segment.log
+    pick = slice(None, None, chosen.every)
     q = chosen.low_pass(log.q)
     v = slope(log.t, q) if chosen.differentiate else chosen.low_pass(log.v)
     a = slope(log.t, v)

@@ -21,11 +21,13 @@ from .result import Combination, JointFit
 
 _EXCITED = 0.5  # expected gain of information, in prior variances, that counts as excitation
 _NARROWED = 0.6  # deviation of a relative gain over the prior's, below which it is identified
-_SHARP, _BLUNT = 0.05, 0.1  # relative deviations below and above which the prior does not matter
+_SHARP = 0.05  # relative deviations below and above which the prior does not matter
+_BLUNT = 0.1
 _ABSOLUTE = 0.5  # relative half-width beyond which a gain's own value is not identified
 _TERMS = 6  # terms of a combination that are written out
 _TRADED = " over its gain"  # of a gain that its joint's friction may stand for
-_GOOD, _FAIR = 0.2, 0.5  # held-out NRMSE
+_GOOD = 0.2  # held-out NRMSE
+_FAIR = 0.5
 
 
 def parameters_in_words(
@@ -36,17 +38,24 @@ def parameters_in_words(
     gain_spread (k,) are the prior standard deviations of log k, common (p, p) are the derivatives
     of the logarithms of all parameters' scales where nothing fixes them, else 0.
     """
-    space, combined = problem.space, combinations(problem)
-    deviation, gains = exact.deviation, _relative_gains(problem, fit, exact, gain_spread)
+    space = problem.space
+    combined = combinations(problem)
+    deviation = exact.deviation
+    gains = _relative_gains(problem, fit, exact, gain_spread)
     kinds = [block.name for block in space.blocks for _ in block.names]
-    rows, found = zip(space.names, space.labels, kinds, space.units, strict=True), []
+    rows = zip(space.names, space.labels, kinds, space.units, strict=True)
+    found = []
     for index, (name, label, block, unit) in enumerate(rows):
-        value, sd = float(fit.theta[index]), float(deviation[index])
-        low, high = value - INTERVAL * sd, value + INTERVAL * sd
+        value = float(fit.theta[index])
+        sd = float(deviation[index])
+        low = value - INTERVAL * sd
+        high = value + INTERVAL * sd
         if value > 0 and (space.geometries[index] == "positive" or unit == "kg"):
             factor = float(np.exp(min(INTERVAL * sd / value, 50.0)))
-            low, high = value / factor, value * factor
-        relative, others = None, "gains"
+            low = value / factor
+            high = value * factor
+        relative = None
+        others = "gains"
         if index in gains:
             status, words, relative = gains[index]
             others = "other gains" if len(gains) > 1 else "links"
@@ -54,7 +63,8 @@ def parameters_in_words(
             apart = exact.of(np.eye(len(common))[index] - value * common[index])
             status, words = _status(problem, exact, combined, index, value, apart)
         if status == "identified" and common.any():
-            status, words = "only in combination", f"{label} over the {others}"
+            status = "only in combination"
+            words = f"{label} over the {others}"
         prior = float(problem.prior[index])
         found.append(
             Parameter(name, label, block, unit, value, low, high, prior, status, words, relative)
@@ -88,7 +98,8 @@ def _relative_gains(
     by the inverse variances of their logarithms), and its own interval is no wider than ±50 %. For
     a single gain, only its own interval counts.
     """
-    at, found = problem.space.actuators, {}
+    at = problem.space.actuators
+    found = {}
     deviation = np.array([exact.of(e) for e in np.eye(len(problem.space))[at]]) / fit.theta[at]
     weight = 1 / np.maximum(deviation, 1e-6) ** 2
     for number, index in enumerate(at.tolist()):
@@ -132,11 +143,13 @@ def in_words(expression: dict[int, float], space: ParameterSpace) -> str:
 
 def combinations_in_words(problem: Problem, fit: Fit, exact: Precision) -> tuple[Combination, ...]:
     """The base parameters of the log with intervals, gains given."""
-    combined, found = combinations(problem), []
+    combined = combinations(problem)
+    found = []
     for index, weights in zip(combined.independent, combined.weights, strict=True):
         if np.count_nonzero(weights) < 2:
             continue
-        value, sd = float(weights @ fit.theta), exact.of(weights)
+        value = float(weights @ fit.theta)
+        sd = exact.of(weights)
         words = in_words(combined.expression(index), problem.space)
         unit = problem.space.units[index]
         found.append(Combination(words, unit, value, value - INTERVAL * sd, value + INTERVAL * sd))
@@ -158,7 +171,8 @@ def verdict(joints: tuple[JointFit, ...], arm: bool = True) -> tuple[Explains, s
         "(100 %: no better than the mean)"
     )
     values = np.fmax(held_out, [np.nan if j.validation is None else j.validation for j in joints])
-    good, worst = int(np.sum(values < _GOOD)), joints[int(np.argmax(values))]
+    good = int(np.sum(values < _GOOD))
+    worst = joints[int(np.argmax(values))]
     checked = [j.validation for j in joints if j.validation is not None]
     if np.isfinite(checked).any():
         figures += f"; on the validation log {_range(np.array(checked))}"
@@ -193,7 +207,9 @@ def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...
     C = exact.covariance
     value = np.array([p.value for p in parameters])
     variance = np.diag(C)[free] / value[free] ** 2
-    best, gained, masses = None, 0.0, []
+    best = None
+    gained = 0.0
+    masses = []
     for i, p in enumerate(parameters):
         if p.unit == "kg" and p.block != "rotor inertia" and p.status != "not excited":
             masses.append(i)
@@ -204,7 +220,8 @@ def suggest(problem: Problem, exact: Precision, parameters: tuple[Parameter, ...
         left = variance - C[free, i] ** 2 / (C[i, i] * value[free] ** 2)
         shares = 1 - left[others] / np.maximum(variance[others], 1e-300)
         if others.any() and shares.mean() > gained:
-            best, gained = i, float(shares.mean())
+            best = i
+            gained = float(shares.mean())
     weak = [p.label for p in parameters if p.block == "motor gain" and _TRADED in p.combination]
     words = ""
     if best is not None and gained > 0.1:
@@ -254,15 +271,20 @@ class Scale(NamedTuple):
 
 
 def common_scale(
-    problem: Problem, exact: Precision, theta: Array, stated: bool, weightless: bool,
+    problem: Problem,
+    exact: Precision,
+    theta: Array,
+    stated: bool,
+    weightless: bool,
     known: Mapping[str, float],
-) -> Scale:  # fmt: skip
+) -> Scale:
     """The common scale of the estimate θ̂ (p,) of a problem.
 
     `stated` is whether commands are in N·m or N, `weightless` whether the model file has no masses,
     `known` the user's parameters.
     """
-    at, slopes = problem.space.actuators, problem.size.slopes(theta)
+    at = problem.space.actuators
+    slopes = problem.size.slopes(theta)
     gains = exact.deviation[at] / np.abs(theta[at])
     # the file's gains may contradict its masses: then no gain is known as well as the size is
     deviation = max(*map(exact.of, slopes), min(gains, default=0.0))
@@ -289,7 +311,9 @@ def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
         UnknownName: there is no such parameter.
         InvalidInput: a value is not finite, or not positive where it must be.
     """
-    prior, fixed, space = problem.prior.copy(), problem.known.copy(), problem.space
+    prior = problem.prior.copy()
+    fixed = problem.known.copy()
+    space = problem.space
     for name, value in known.items():
         index = _index(problem, name)
         place = next(p for _, p in space if p.start <= index < p.stop)
@@ -300,7 +324,8 @@ def with_known(problem: Problem, known: Mapping[str, float]) -> Problem:
             raise InvalidInput(name, expected, value, f"Its unit is {space.units[index]}.")
         if mass:
             prior[place] *= value / prior[index]  # scale the whole link, which stays physical
-        prior[index], fixed[index] = value, True
+        prior[index] = value
+        fixed[index] = True
     return replace(problem, prior=prior, known=fixed)
 
 
@@ -337,10 +362,13 @@ def idle_values(problem: Problem, scale: Scale, known: Mapping[str, float]) -> l
     """Reports known values that do not fix the scale: their effect, and the reason."""
     if scale.fixed:
         return []
-    combined, found = combinations(problem), []
+    combined = combinations(problem)
+    found = []
     for name, value in known.items():
-        index, why = _index(problem, name), "it has no effect in the log"
-        share, members = _share(problem, index), combined.members(index)
+        index = _index(problem, name)
+        why = "it has no effect in the log"
+        share = _share(problem, index)
+        members = combined.members(index)
         if index in problem.space.actuators:
             why = "the log hardly couples it to the other parameters"
             why += ", and not at all to those of other limbs" if scale.limbs > 1 else ""

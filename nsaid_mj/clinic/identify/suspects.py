@@ -34,9 +34,11 @@ def arm_suspects(
     Those of the kinematics come last: a mount that is not level; zero and ratio of every joint's
     encoder; its gear's compliance and play.
     """
-    links, rotor = theta[: rows.links.shape[2]], np.zeros(len(rows.robot.joints))
+    links = theta[: rows.links.shape[2]]
+    rotor = np.zeros(len(rows.robot.joints))
     model = with_inertias(rows.robot.model, links, 0 * rotor)  # rotors are columns of their own
-    residual, driven = problem.residual(theta), -problem.actuation(theta)
+    residual = problem.residual(theta)
+    driven = -problem.actuation(theta)
     either = zip(_of_forces(rows, driven + residual), _of_forces(rows, driven), strict=True)
     residual = np.where(problem.usable, residual, 0.0)
     for j, columns in enumerate(choice.columns):
@@ -44,7 +46,8 @@ def arm_suspects(
             rotor[j] = theta[problem.space.index(f"rotor_{j + 1}")]
     yield from (_between(needed, stated, residual) for needed, stated in either)
     yield from _own(rows, choice)
-    torque, names = rows.links @ links, rows.robot.joints
+    torque = rows.links @ links
+    names = rows.robot.joints
     down = model.gravity.linear.copy()
     if np.linalg.norm(down) > 0:
         columns = []
@@ -70,12 +73,22 @@ def arm_suspects(
         behind = -(torque[:, j, None, None] * zero + first * by_v + second * by_a)
         remedy = "Its gear, belt or shaft yields: identify from slower motion."
         for columns in (behind, _on(j, len(names), rotor[j] * second[:, :, 0])):
-            yield Suspect("the twist of an elastic joint", name, columns, remedy,
-                          lambda x: f"about {1 / max(x, 1e-300):.2g} N·m/rad")  # fmt: skip
+            yield Suspect(
+                "the twist of an elastic joint",
+                name,
+                columns,
+                remedy,
+                lambda x: f"about {1 / max(x, 1e-300):.2g} N·m/rad",
+            )
         remedy = "Its gear has play: tighten it, or keep its load to one side."
         for play, columns in zip(PLAYS, plays, strict=True):
-            yield Suspect("backlash", name, columns, remedy,
-                          lambda x, play=play: f"about {1e3 * x * play:.2g} mrad")  # fmt: skip
+            yield Suspect(
+                "backlash",
+                name,
+                columns,
+                remedy,
+                lambda x, play=play: f"about {1e3 * x * play:.2g} mrad",
+            )
 
 
 def _of_forces(rows: JointRows, force: Array) -> Iterator[Suspect]:
@@ -134,8 +147,10 @@ def _changes(model: pin.Model, motion: Smooth) -> Iterator[Array]:
     position, and that by each of `PLAYS` behind an encoder on the motor's side. `model` has the
     estimated links. One by one, as together they would need several times the memory of a long log.
     """
-    data, n = model.createData(), model.nv
-    slopes, torques = np.empty((len(motion.t), 3, n, n)), np.empty((len(motion.t), n))
+    data = model.createData()
+    n = model.nv
+    slopes = np.empty((len(motion.t), 3, n, n))
+    torques = np.empty((len(motion.t), n))
     for k, q in enumerate(positions(model, motion.q)):
         slopes[k] = pin.computeRNEADerivatives(model, data, q, motion.v[k], motion.a[k])
         torques[k] = data.tau
@@ -165,13 +180,15 @@ def _between_flanks(t, needed, play):
     """
     behind = np.zeros(needed.shape)
     for j in range(needed.shape[1]):
-        x, rate = 0.5 * play * np.sign(needed[0, j]), 0.0
+        x = 0.5 * play * np.sign(needed[0, j])
+        rate = 0.0
         for k in range(len(t)):
             h = t[k] - t[max(k - 1, 0)]
             rate += h * needed[k, j]
             x += h * rate
             if abs(x) >= 0.5 * play:
-                x, rate = 0.5 * play * np.sign(x), 0.0
+                x = 0.5 * play * np.sign(x)
+                rate = 0.0
             behind[k, j] = x
     return behind
 
@@ -182,7 +199,8 @@ def _answered(rows: JointRows, model: pin.Model, rotor: Array, residual: Array) 
     `model` has the estimated links; rotor (n,) are inertias, residual (N, n) the inverse dynamics
     minus the forces of the commands.
     """
-    data, found = model.createData(), np.empty((*residual.shape, model.nv))
+    data = model.createData()
+    found = np.empty((*residual.shape, model.nv))
     for k, q in enumerate(positions(model, rows.joined(lambda m: m.q))):
         upper = np.triu(pin.crba(model, data, q))
         inertia = upper + np.triu(upper, 1).T
@@ -204,8 +222,10 @@ def _rates(rows: JointRows, x: Array) -> Array:
 
 def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
     """Shapes of friction, position and the neighbours' motion, on each joint's row."""
-    n, names = len(rows.robot.joints), rows.robot.joints
-    a, v = rows.diagonal["rotor"], rows.diagonal["viscous"]
+    n = len(rows.robot.joints)
+    names = rows.robot.joints
+    a = rows.diagonal["rotor"]
+    v = rows.diagonal["viscous"]
     coupled = [{i, j} for i, j, _ in choice.coupled]
     angle = rows.joined(lambda m: np.stack([np.sin(m.q), np.cos(m.q), m.q], axis=2))
     curve = rows.diagonal["coulomb"]
@@ -219,8 +239,9 @@ def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
             ),
             "its acceleration": (a[:, [j]], "Check its rotor inertia and the delay."),
             "its velocity": (
-                np.column_stack([v[:, j], rows.diagonal["quadratic"][:, j],
-                                 rows.diagonal["cubic"][:, j]]),
+                np.column_stack(
+                    [v[:, j], rows.diagonal["quadratic"][:, j], rows.diagonal["cubic"][:, j]]
+                ),
                 "Its friction curve differs: add the columns `quadratic`, `cubic`, `stribeck`.",
             ),
             "its direction": (
@@ -232,7 +253,7 @@ def _own(rows: JointRows, choice: Choice) -> Iterator[Suspect]:
                 rows.diagonal["load"][choice.speed[j]][:, [j]],
                 "Its friction grows with the load: add the column `load`.",
             ),
-        }  # fmt: skip
+        }
         for i in (j - 1, j + 1):
             if 0 <= i < n and {i, j} not in coupled:
                 motion = np.column_stack([a[:, i], v[:, i], curve[1, :, i]])

@@ -35,7 +35,8 @@ class VehicleRows(Rows):
     """Rows of a vehicle's segments, through the chosen filters, at any delay of the commands."""
 
     def __init__(self, robot: RobotModel, recordings: Recordings, chosen: Filter):
-        self.robot, self.system = robot, robot.system
+        self.robot = robot
+        self.system = robot.system
         super().__init__(recordings, chosen, lambda *each: smooth_pose(robot.system, *each))
         rotors = {column.input for column in self.system.columns("rotor")}
         measured = [unit == "rad/s" for unit in recordings.command_units]  # speeds of rotors
@@ -76,7 +77,8 @@ class VehicleRows(Rows):
 
         k is 0 for vehicles on which neither water nor air acts, or of several bodies.
         """
-        system, acting = self.system, np.zeros(len(self.system.space))
+        system = self.system
+        acting = np.zeros(len(self.system.space))
         at = [c.parameter for c in system.structure.columns if c.kind in DRAG_AND_LIFT]
         acting[at] = theta[at]
         if not acting.any() or (system.m, system.n) not in ((7, 6), (3, 3)):
@@ -86,7 +88,8 @@ class VehicleRows(Rows):
             t, q, v, a, _ = motion
             heading = q[:, 2:3] * [0.0, 0.0, 1.0]
             turns = Rotation.from_quat(q[:, 3:]) if count == 3 else Rotation.from_rotvec(heading)
-            own, forces = turns.inv().as_matrix(), []
+            own = turns.inv().as_matrix()
+            forces = []
             for axis in range(count):
                 along = np.zeros_like(v)
                 along[:, :count] = _FLOW * own[:, :count, axis]
@@ -115,7 +118,8 @@ class VehicleRows(Rows):
     def problem(self, columns: frozenset[str], timing: Timing) -> Problem:
         """The fit with further columns and commands that act as a timing says."""
         system = self.system
-        rows, at = self._fixed(columns).copy(), self._commanded
+        rows = self._fixed(columns).copy()
+        at = self._commanded
         rows[:, :, at] = self.regressor(self._acting, lambda W: W[:, :, at], self._held(timing))
         more = [self._extra(name, rows) for name in sorted(columns)]
         space = ParameterSpace((*system.space.blocks, *more))

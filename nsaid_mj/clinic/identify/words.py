@@ -36,7 +36,8 @@ def law_gains(along: AlongLog) -> list[list[str]]:
 
 def quantity(result: Identification, joint: int) -> tuple[str, str]:
     """Symbol and unit of a joint's curves: its command, or forces if not each has an actuator."""
-    names, system = [j.name for j in result.joints], result.robot.system
+    names = [j.name for j in result.joints]
+    system = result.robot.system
     if not result.robot.jointed and not set(names) <= set(result.robot.joints):
         units = system.velocity_units
         angular = len(units) == len(names) and units[joint].startswith("rad")

@@ -16,7 +16,8 @@ from .recordings import Recordings
 from .unusable import UnusableLog
 
 DEGREES = 180 / np.pi
-SHORT, TOO_SHORT = 5.0, 1.0  # seconds of usable rows below which a log is warned about or refused
+SHORT = 5.0  # seconds of usable rows below which a log is warned about or refused
+TOO_SHORT = 1.0
 _AGREES = 0.9  # correlation of a velocity with dq/dt below which they contradict each other
 _FACTOR = 0.15  # relative error of a velocity's scale that noise and delay do not explain
 _MOVES = 0.05  # share of usable rows below which a joint hardly moves
@@ -101,7 +102,8 @@ def _motion(recordings: Recordings) -> Motion:
 
 def _dead(what: str, x: Array, least: float, robot: RobotModel, remedy: str) -> list[Finding]:
     """Refusals of joints whose position or command x (N, n) never changes by more than `least`."""
-    text, columns = f"the {what} is {{}} in all rows", zip(robot.joints, x.T, strict=False)
+    text = f"the {what} is {{}} in all rows"
+    columns = zip(robot.joints, x.T, strict=False)
     return [
         Finding("refusal", "dead_channel", joint, text.format(number(column[0])), remedy)
         for joint, column in columns
@@ -186,7 +188,8 @@ def beyond_limits(q: Array, speeds: Array, robot: RobotModel) -> list[Finding]:
     found = []
     for j, name in enumerate(robot.joints):
         low, high, fastest = limits(robot, name)
-        least, most = float(q[:, j].min()), float(q[:, j].max())
+        least = float(q[:, j].min())
+        most = float(q[:, j].max())
         data = {"range": [least, most], "limits": [low, high]}
         slide = slides(robot.model.joints[robot.model.getJointId(name)])
         unit = "m" if slide else "rad"
@@ -236,12 +239,14 @@ def limits(robot: RobotModel, name: str) -> tuple[float, float, float]:
 
 def _large_commands(motion: Motion, recordings: Recordings, robot: RobotModel) -> list[Finding]:
     """Commands far larger than the model's torques make plausible."""
-    model, data = robot.model, robot.model.createData()
+    model = robot.model
+    data = robot.model.createData()
     accelerations = np.gradient(motion.v, 1 / recordings.rate, axis=0)
     some = (positions(model, motion.q), motion.v, accelerations)
     rows = zip(*(x[:: len(motion.q) // _ROWS or 1] for x in some), strict=True)
     torques = np.array([pin.rnea(model, data, *row) for row in rows])  # without friction
-    size, needed = _rms(motion.u), _rms(torques) / np.abs(robot.gain)
+    size = _rms(motion.u)
+    needed = _rms(torques) / np.abs(robot.gain)
     loaded = needed > 0.1 * needed.max()
     ratio = float(np.median(size[loaded] / needed[loaded])) if loaded.any() else 0.0
     most = float(np.max(np.abs(motion.u)))

@@ -82,11 +82,15 @@ def _clean_one(
     where = f"{file}, {source.column.column}"
     values = channel.values[order.index] * source.factor
     present = np.isfinite(values)
-    t, x, row = order.t, values, order.rows  # shared by all signals of a clock: a log may be large
+    t = order.t  # shared by all signals of a clock: a log may be large
+    x = values
+    row = order.rows
     if not present.all():
         text = "rows without a number were dropped"
         findings.append(about_rows("note", "missing_values", where, row[~present], text))
-        t, x, row = t[present], x[present], row[present]
+        t = t[present]
+        x = x[present]
+        row = row[present]
     if source.angle:
         raw = np.sign(source.factor) * abs(source.column.ratio)  # a whole turn in the column's unit
         x_turns, jumps = signals.unwrap(x * raw)
@@ -164,13 +168,18 @@ class Rest:
     """
 
     def __init__(self, log: Cleaned, stated: Array, rate: float):
-        made, self._stated, self._rate, self._derived = log.made, stated, rate, False
+        made = log.made
+        self._stated = stated
+        self._rate = rate
+        self._derived = False
         n = len(made.positions)
         self._coupling = np.eye(n) if made.coupling is None else made.coupling
-        own = np.array([
-            signals.derivative_noise(signals.noise(s.x), s.rate, rate)
-            for s in map(log.of, made.positions)
-        ])  # fmt: skip
+        own = np.array(
+            [
+                signals.derivative_noise(signals.noise(s.x), s.rate, rate)
+                for s in map(log.of, made.positions)
+            ]
+        )
         columns = [log.of(v).x if v else None for v in made.velocities]
         steps = [0.0 if x is None else signals.quantum(x) for x in columns]
         noises = [own[j] if x is None else signals.noise(x) for j, x in enumerate(columns)]
@@ -180,7 +189,8 @@ class Rest:
             loud = _MARGIN * measured > _LOUD * np.array(fast)
             self._derived = bool((loud & (own < measured)).any() and (own <= measured).all())
         if self._derived:
-            self._steps, measured = np.zeros(n), own
+            self._steps = np.zeros(n)
+            measured = own
         self._noise = measured
 
     def limits(self, logs: Sequence[Log]) -> Array:
@@ -224,7 +234,8 @@ def cut_rest(log: Cleaned, grid: Array, kept: slice) -> list[Finding]:
 
     grid (N,) are times [s].
     """
-    findings, reference = [], log.reference
+    findings = []
+    reference = log.reference
     whole = rows_of(reference, *grid[[0, -1]].tolist())
     if kept.stop == kept.start:
         text = f"the robot stands still in rows {whole[0]}–{whole[1]}, which were left out"

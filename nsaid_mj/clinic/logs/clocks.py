@@ -72,7 +72,8 @@ def read(column: np.ndarray, name: str, unit: str | None) -> Clock | None:
         return None if dates is None else read(dates, name, unit)
     if column.dtype.kind == "M":
         whole = column.astype("datetime64[ns]")
-        absent, counts = np.isnat(whole), whole.astype(np.int64)
+        absent = np.isnat(whole)
+        counts = whole.astype(np.int64)
         if absent.all():
             return None
         origin = int(counts[~absent][0])
@@ -87,7 +88,8 @@ def read(column: np.ndarray, name: str, unit: str | None) -> Clock | None:
         return None
     stated = unit or of_name(name, TIME)[1]
     used = stated or _unit_of(column[finite])
-    first, scale = column[finite][0], TIME[used]
+    first = column[finite][0]
+    scale = TIME[used]
     t = np.asarray((column - first) * (scale * 1e-9), np.float64)
     return Clock(t, round(first.item() * scale), used, not stated)
 

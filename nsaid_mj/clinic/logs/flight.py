@@ -97,7 +97,8 @@ def flight_map(robot: RobotModel, tables: Sequence[Table]) -> tuple[Map, str] | 
                     )
                     for x in speeds  # some controllers count one direction of rotation as negative
                 ]
-                motors, remark = speeds, "; measured speeds are used, not the motors' commands"
+                motors = speeds
+                remark = "; measured speeds are used, not the motors' commands"
             actuators = dict(zip(robot.joints, columns, strict=True))
             pairs = [f"{m} is {rotor}" for m, rotor in zip(motors, robot.joints, strict=True)]
             text = f"the standard topics of {controller.name} are used: {', '.join(pairs)}"

@@ -109,7 +109,8 @@ def layout(
         UnmatchedChannels: there is no map, and the names are ambiguous.
         InvalidInput: the map names a joint or column that does not exist, or lacks one.
     """
-    mapping, channels = mapping or Map(), channel_names(tables)
+    mapping = mapping or Map()
+    channels = channel_names(tables)
     if not robot.jointed:
         return _of_vehicle(mapping, robot, tables, channels)
     if not mapping.joints:
@@ -148,13 +149,15 @@ def with_angles(table: Table, robot: RobotModel) -> Table:
     Other tables are returned as they are. Angles are continued across whole turns.
     """
     kinds = [body.joint for body in robot.system.structure.bodies]
-    joints, count = len(kinds), robot.system.m
+    joints = len(kinds)
+    count = robot.system.m
     names = [f"q_{k}" for k in range(count)]
     longer = f"q_{count}" in table.channels
     if robot.system.group or count == joints or longer or not {*names} <= {*table.channels}:
         return table
     channels = {name: channel for name, channel in table.channels.items() if name not in names}
-    angles, first = {}, 0
+    angles = {}
+    first = 0
     for k, kind in enumerate(kinds):
         t, values = table.channels[names[first]]
         if kind == "circle":
@@ -171,7 +174,8 @@ def _source(quantity: Quantity, column: Column, angle: bool = False) -> Source:
 
 def _existing(made: Layout, channels: list[str]) -> Layout:
     for source in made.sources:
-        name, remedy = source.column.column, f"The log has {', '.join(channels)}."
+        name = source.column.column
+        remedy = f"The log has {', '.join(channels)}."
         if name not in channels:
             what = f"map: column of a {source.quantity}"
             raise InvalidInput(what, "a column of the log", name, remedy)
@@ -182,7 +186,9 @@ def _of_vehicle(
     mapping: Map, robot: RobotModel, tables: Sequence[Table], channels: list[str]
 ) -> Layout:
     """The layout of a vehicle's pose, twist and commands; without a map, that of our own runs."""
-    m, n, count = robot.system.m, robot.system.n, len(robot.joints)
+    m = robot.system.m
+    n = robot.system.n
+    count = len(robot.joints)
     assumed = ""
     if mapping.vehicle is None and (standard := flight_map(robot, tables)) is not None:
         mapping, assumed = standard
@@ -275,9 +281,11 @@ def _twist(vehicle: Vehicle, raw: Array, q: Array) -> Array:
         if vehicle.twist == "body":
             return raw * [1.0, -1.0, -1.0] if ned else raw.copy()
         east, north, rate = (raw[:, 1], raw[:, 0], -raw[:, 2]) if ned else raw.T
-        c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+        c = np.cos(q[:, 2])
+        s = np.sin(q[:, 2])
         return np.column_stack([c * east + s * north, c * north - s * east, rate])
-    linear, angular = raw[:, :3], raw[:, 3:]
+    linear = raw[:, :3]
+    angular = raw[:, 3:]
     if vehicle.twist == "world":
         world = linear @ _NED.T if ned else linear
         linear = Rotation.from_quat(q[:, 3:]).inv().apply(world)
@@ -293,11 +301,14 @@ def pose_velocity(q: Array, rate: float) -> Array:
     """
     slopes = np.gradient(q, 1 / rate, axis=0)
     if q.shape[1] == 3:
-        c, s = np.cos(q[:, 2]), np.sin(q[:, 2])
+        c = np.cos(q[:, 2])
+        s = np.sin(q[:, 2])
         dx, dy, turn = slopes.T
         return np.column_stack([c * dx + s * dy, c * dy - s * dx, turn])
-    ahead, behind = np.arange(1, len(q) + 1), np.arange(-1, len(q) - 1)
-    ahead[-1], behind[0] = len(q) - 1, 0
+    ahead = np.arange(1, len(q) + 1)
+    behind = np.arange(-1, len(q) - 1)
+    ahead[-1] = len(q) - 1
+    behind[0] = 0
     before, now, after = (Rotation.from_quat(x[:, 3:]) for x in (q[behind], q, q[ahead]))
     angular = (before.inv() * after).as_rotvec() * rate / (ahead - behind)[:, None]
     return np.hstack([now.inv().apply(slopes[:, :3]), angular])

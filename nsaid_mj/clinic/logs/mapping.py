@@ -20,17 +20,34 @@ TURN = 2 * pi
 
 FACTORS: Mapping[Quantity, Mapping[str, float]] = {
     "position": {  # ticks: over the counts per turn
-        "rad": 1.0, "deg": pi / 180, "turns": TURN, "ticks": TURN, "m": 1.0, "mm": 1e-3,
+        "rad": 1.0,
+        "deg": pi / 180,
+        "turns": TURN,
+        "ticks": TURN,
+        "m": 1.0,
+        "mm": 1e-3,
     },
     "velocity": {
-        "rad/s": 1.0, "deg/s": pi / 180, "turns/s": TURN, "rpm": TURN / 60, "ticks/s": TURN,
-        "m/s": 1.0, "mm/s": 1e-3,
+        "rad/s": 1.0,
+        "deg/s": pi / 180,
+        "turns/s": TURN,
+        "rpm": TURN / 60,
+        "ticks/s": TURN,
+        "m/s": 1.0,
+        "mm/s": 1e-3,
     },
     "command": {
-        "N·m": 1.0, "mN·m": 1e-3, "N": 1.0, "A": 1.0, "mA": 1e-3, "V": 1.0, "%": 1.0, "raw": 1.0,
+        "N·m": 1.0,
+        "mN·m": 1e-3,
+        "N": 1.0,
+        "A": 1.0,
+        "mA": 1e-3,
+        "V": 1.0,
+        "%": 1.0,
+        "raw": 1.0,
         "rpm": TURN / 60,
     },
-}  # fmt: skip
+}
 """Factor from each unit to the unit of `Log`: rad or m, rad/s or m/s, and `si` of a command."""
 
 TIME = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
@@ -98,12 +115,30 @@ def of_name(name: str, allowed: Mapping[str, float]) -> tuple[str, str]:
 _SPELT = BeforeValidator(lambda text: canonical(text) if isinstance(text, str) else text)
 Unit = Annotated[
     Literal[
-        "rad", "deg", "turns", "ticks", "m", "mm",
-        "rad/s", "deg/s", "turns/s", "rpm", "ticks/s", "m/s", "mm/s",
-        "N·m", "mN·m", "N", "A", "mA", "V", "%", "raw",
+        "rad",
+        "deg",
+        "turns",
+        "ticks",
+        "m",
+        "mm",
+        "rad/s",
+        "deg/s",
+        "turns/s",
+        "rpm",
+        "ticks/s",
+        "m/s",
+        "mm/s",
+        "N·m",
+        "mN·m",
+        "N",
+        "A",
+        "mA",
+        "V",
+        "%",
+        "raw",
     ],
     _SPELT,
-]  # fmt: skip
+]
 TimeUnit = Annotated[Literal["s", "ms", "us", "ns", "date"], _SPELT]
 
 

@@ -43,7 +43,8 @@ def match(channels: Sequence[str], joints: Sequence[str], passive: Sequence[str]
     """
     groups = candidates(channels, joints, passive)
     chosen: dict[Quantity, dict[str, str]] = {}
-    missing, reasons = [], []
+    missing = []
+    reasons = []
     for quantity, found in groups.items():
         if len(found) == 1:
             (chosen[quantity],) = found.values()
@@ -220,12 +221,14 @@ def _joint_of(found: list[str], joints: Sequence[str]) -> tuple[str, list[str]]:
     The longest joint name that occurs wins; failing that, the last number is an index. A name
     without either belongs to a robot's only joint.
     """
-    best, where = "", (0, 0)
+    best = ""
+    where = (0, 0)
     for joint in joints:
         own = words(joint)
         for start in range(len(found) - len(own) + 1):
             if found[start : start + len(own)] == own and len(own) > where[1] - where[0]:
-                best, where = joint, (start, start + len(own))
+                best = joint
+                where = (start, start + len(own))
     if best:
         return best, [*found[: where[0]], "*", *found[where[1] :]]
     numbers = [k for k, word in enumerate(found) if word.isdigit()]

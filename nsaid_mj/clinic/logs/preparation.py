@@ -28,7 +28,8 @@ from .unusable import UnusableLog
 HIGHEST_RATE = 1000.0
 """Largest rate of the grid [Hz]; faster logs are low-passed and decimated."""
 
-MOST_ROWS, ENOUGH = 1_000_000, 200.0
+MOST_ROWS = 1_000_000
+ENOUGH = 200.0
 """Logs with more rows than this are decimated, too, but not below this rate [Hz]: more rows of a
 robot's motion add little information, and memory and time are proportional to them."""
 
@@ -73,7 +74,8 @@ def prepare(tables: Sequence[Table], mapping: Map | None, robot: RobotModel) -> 
     rate = _rate(cleaned, findings)
     segments = [s for log in cleaned for s in _segments(log, mapping, robot, rate, findings)]
     if not segments:
-        text, remedy = f"no interval of {SHORTEST} s has all signals", "Record a longer log."
+        text = f"no interval of {SHORTEST} s has all signals"
+        remedy = "Record a longer log."
         if any(finding.code == "rest" for finding in findings):
             text = f"no joint moves faster than its noise for {SHORTEST} s"
             remedy = "Record a motion; check that the columns of the positions are the right ones."
@@ -105,7 +107,8 @@ def _without_dead_velocities(
     made: Layout, recordings: Sequence[Table]
 ) -> tuple[Layout, list[Finding]]:
     """The layout without velocities whose column is constant or has no numbers."""
-    kept, findings = list(made.velocities), []
+    kept = list(made.velocities)
+    findings = []
     for j, velocity in enumerate(made.velocities):
         if velocity is None or made.vehicle is not None:
             continue
@@ -135,14 +138,16 @@ def _rate(cleaned: Sequence[Cleaned], findings: list[Finding]) -> float:
 
 def _stretches(log: Cleaned, findings: list[Finding]) -> list[tuple[float, float]]:
     """Start and end [s] of the stretches between the gaps of all signals."""
-    found, source = log.signals, log.source
+    found = log.signals
+    source = log.source
     start = max(signal.t[0] for signal in found.values())
     end = min(signal.t[-1] for signal in found.values())
     cuts: dict[tuple[float, float], list[str]] = {}
     for name, signal in found.items():
         for a, b in signals.gaps(signal):
             cuts.setdefault((float(a), float(b)), []).append(name)
-    parts, last = [], start
+    parts = []
+    last = start
     for (a, b), names in sorted(cuts.items()):
         one = found[names[0]]
         row = int(one.row[np.searchsorted(one.t, a)])
@@ -170,7 +175,9 @@ def _segments(
     log: Cleaned, mapping: Map, robot: RobotModel, rate: float, findings: list[Finding]
 ) -> list[Segment]:
     """The segments of a log on the grid."""
-    made, source, reference = log.made, log.source, log.reference
+    made = log.made
+    source = log.source
+    reference = log.reference
     drop_rest = robot.jointed and mapping.drop_rest
     saturated = _saturated(log, robot, findings)
     if any(velocity is None for velocity in made.velocities):
@@ -184,7 +191,8 @@ def _segments(
         logs.append(_log(grid, log, mapping.hold, rate))
     if not logs:
         return []
-    rest, limits = None, np.zeros(0)
+    rest = None
+    limits = np.zeros(0)
     if drop_rest:
         stated = [mapping.joints[j].rest if j in mapping.joints else 0.0 for j in robot.joints]
         rest = Rest(log, np.array(stated), rate)
@@ -192,7 +200,8 @@ def _segments(
     segments = []
     for own in logs:
         grid = own.t
-        usable, kept = _trusted(grid, log, saturated, own.v.shape[1]), slice(0, len(grid))
+        usable = _trusted(grid, log, saturated, own.v.shape[1])
+        kept = slice(0, len(grid))
         if rest is not None:
             moving = rest.speed(own) >= np.maximum(limits, 1e-12)
             usable &= moving
@@ -233,7 +242,8 @@ def _log(grid: Array, log: Cleaned, hold: bool, rate: float) -> Log:
 
 def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> np.ndarray:
     """(N, n) rows in which no signal of a joint is saturated or bridges a drop-out."""
-    usable, made = np.ones((len(grid), n), bool), log.made
+    usable = np.ones((len(grid), n), bool)
+    made = log.made
     step = (grid[-1] - grid[0]) / (len(grid) - 1)
     for group, mixing in (
         (made.positions, made.coupling),
@@ -255,7 +265,8 @@ def _trusted(grid: Array, log: Cleaned, saturated: dict[str, Array], n: int) -> 
 
 def _saturated(log: Cleaned, robot: RobotModel, findings: list[Finding]) -> dict[str, Array]:
     """Intervals of time (k, 2) in which a command is at its limit, by column."""
-    spans, made = {}, log.made
+    spans = {}
+    made = log.made
     torque = np.eye(len(made.commands)) if made.torque is None else made.torque
     diagonal = np.array_equal(torque, np.diag(np.diag(torque)))
     for j, (command, limit) in enumerate(zip(made.commands, robot.limits, strict=True)):
@@ -264,12 +275,14 @@ def _saturated(log: Cleaned, robot: RobotModel, findings: list[Finding]) -> dict
         name = command.column.column
         signal = log.of(command)
         flat = signals.flat_extremes(signal.x, signal.period)
-        where, how = f"{log.source}, {name}", "a flat extreme"
+        where = f"{log.source}, {name}"
+        how = "a flat extreme"
         size = np.abs(signal.x * torque[j, j] + command.column.offset)
         if diagonal and np.isfinite(limit) and size.max() <= 1.02 * limit:
             at_limit = size >= 0.999 * limit
             if at_limit.any():
-                flat, how = flat | at_limit, f"the model's limit of {limit:g}"
+                flat = flat | at_limit
+                how = f"the model's limit of {limit:g}"
         share = float(flat.mean())
         if share == 0:
             continue

@@ -53,7 +53,8 @@ def runs(chosen: np.ndarray) -> np.ndarray:
 def order(t: Array) -> Order:
     """Puts a clock in order: drops rows that repeat or step back, follows one that restarts."""
     index = np.flatnonzero(np.isfinite(t))
-    t, resets = t[index].copy(), []
+    t = t[index].copy()
+    resets = []
     while True:
         behind = np.zeros(len(t), bool)
         behind[1:] = t[1:] < np.maximum.accumulate(t)[:-1]

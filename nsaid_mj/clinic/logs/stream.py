@@ -56,9 +56,12 @@ class Cleaner:
         if frame != "ENU/FLU" and not system.group:
             remedy = "A robot on a fixed base has no axes of its own: leave it out."
             raise InvalidInput("frame", "ENU/FLU", frame, remedy)
-        self._system, self._period, self._turned = system, 1 / rate, frame == "NED/FRD"
+        self._system = system
+        self._period = 1 / rate
+        self._turned = frame == "NED/FRD"
         self._start: float | None = None
-        self._last, self._steps = 0.0, []
+        self._last = 0.0
+        self._steps = []
         self.counts = Counts()
 
     def accept(self, t: float, q: Array, v: Array, u: Array) -> tuple[Measurement, bool] | None:
@@ -155,7 +158,8 @@ def turned(system: SecondOrderSystem, q: Array, v: Array) -> tuple[Array, Array]
     The base floats, q = [p, (x, y, z, w), joints], or drives, q = [x, y, heading]; v is along the
     body's axes.
     """
-    q, v = q.copy(), v.copy()
+    q = q.copy()
+    v = v.copy()
     if system.group == 6:
         north, east, down, x, y, z, w = q[:7]
         q[:3] = east, north, -down
@@ -187,7 +191,9 @@ class Stream(Source):
     def __init__(
         self, system: SecondOrderSystem, cleaner: Cleaner, lines: BinaryIO | socket.socket
     ):
-        self._system, self._cleaner, self._lines = system, cleaner, lines
+        self._system = system
+        self._cleaner = cleaner
+        self._lines = lines
         self._queue: queue.Queue[bytes | None] = queue.Queue(_QUEUED)
         self._held: Measurement | None = None
         self._over = self._stop = False
@@ -216,9 +222,12 @@ class Stream(Source):
 
     def segment(self, last: Measurement, k: int, steps: int, theta_hat: Array) -> Segment:
         """All samples that have arrived, at most `steps` of them; waits a moment for the first."""
-        rows, resumed = [last], False
+        rows = [last]
+        resumed = False
         if self._held is not None:
-            rows, resumed, self._held = [self._held], True, None
+            rows = [self._held]
+            resumed = True
+            self._held = None
         while len(rows) <= steps and not self._over:
             found = self._next(0.0 if resumed or len(rows) > 1 else _WAIT)
             if found is None:

@@ -66,7 +66,8 @@ def read(path: str | os.PathLike[str], time: Time = _FOUND) -> Table:
     """
     file = path_of(path)
     findings: list[Finding] = []
-    groups, dropped = [], []
+    groups = []
+    dropped = []
     for columns in formats.read(file):
         findings += _unread(file, columns)
         clock, rest = _timed(file, columns, time, findings)
@@ -116,7 +117,8 @@ def _timed(
         clock = clocks.read(columns.time, "", "ns")
         assert clock is not None
         return clock, columns.values
-    time, rate = stated.column, stated.rate
+    time = stated.column
+    rate = stated.rate
     values = columns.values if time in columns.values else clocks.with_whole_stamps(columns.values)
     name = time if time in values else clocks.time_column(values)
     clock = clocks.read(values[name], name, stated.unit) if name is not None else None

@@ -30,7 +30,9 @@ class UnreadableLog(UnusableLog):
     """
 
     def __init__(self, path: object, reason: str, remedy: str):
-        self.path, self.reason, self.remedy = path, reason, remedy
+        self.path = path
+        self.reason = reason
+        self.remedy = remedy
         super().__init__((Finding("refusal", "unreadable", str(path), reason, remedy),))
 
 
@@ -43,7 +45,8 @@ class MissingExtra(NsaidError):
     """
 
     def __init__(self, path: object, extra: str):
-        self.path, self.extra = path, extra
+        self.path = path
+        self.extra = extra
         super().__init__(
             f"{path}: reading this format needs an optional dependency. "
             f"Install it with `pip install nsaid-mj[{extra}]`."

@@ -117,24 +117,34 @@ def estimate(given: ServoLogs, report: Callable[[str], None] = lambda _: None) -
     fitted after the free ones, together. The model file's largest forces apply where the logs show
     them. `report` is called with the name of every stage.
     """
-    robot, logs = given.robot, given.logs
+    robot = given.robot
+    logs = given.logs
     limits = np.asarray(robot.limits, dtype=np.float64)
     fitted = fit_free([log for log in logs if not log.loaded], limits, report)
     if given.load is not None:
         report("weighing the load")
         return _with_load(*weigh(given, fitted), given)
-    cluster, zero, slide = clusters(logs), zeros(logs), _slides(robot)
+    cluster = clusters(logs)
+    zero = zeros(logs)
+    slide = _slides(robot)
     known = _with_kp(fitted, given, cluster, zero)
-    judged, effects = [], []
+    judged = []
+    effects = []
     for j, fit in enumerate(fitted.fits):
         found = covariance_of(fit, cluster, zero[[j]])
         one = _judged(
-            robot.joints[j], fit.of.logs, fit.x, fit.residual, fitted.used,
+            robot.joints[j],
+            fit.of.logs,
+            fit.x,
+            fit.residual,
+            fitted.used,
             covariance=found.covariance,
             quantile=np.array([found.quantile(c) for c in _directions(fit.x)]),
-            gravity=bool(known[j]), offset=float(found.moved[GRAVITY, 0]),
-            zero=float(zero[j]), slides=slide[j],
-        )  # fmt: skip
+            gravity=bool(known[j]),
+            offset=float(found.moved[GRAVITY, 0]),
+            zero=float(zero[j]),
+            slides=slide[j],
+        )
         if not one.poor:
             named = effects_of(one.name, one.unit, fit, cluster)
             effects += named
@@ -163,7 +173,8 @@ def _with_kp(fitted: Fitted, given: ServoLogs, cluster: Indices, zero: Array) ->
     common = _common(x, known, given.kp)
     for j in np.flatnonzero(~known):
         prior = Prior(fits[j].prior.mean.copy(), fits[j].prior.deviation.copy())
-        prior.mean[GRAVITY], prior.deviation[GRAVITY] = common[j], 0.0
+        prior.mean[GRAVITY] = common[j]
+        prior.deviation[GRAVITY] = 0.0
         fixed = minimise(fits[j].of, fits[j].x, prior)
         unsure = spread[j].covariance[GRAVITY, GRAVITY] > (2 * _KNOWN) ** 2
         if unsure or fits[j].sigma > _CONTRADICTS * fixed.sigma:
@@ -198,30 +209,42 @@ def _common(x: Array, known: Mask, kp: Array) -> Array:
 
 def _with_load(fit: OutputError[Arm], used: Array, given: ServoLogs) -> Estimate:
     """The estimate of all joints and of the scale, from their common fit."""
-    n, arm, own = len(given.kp), fit.of, fit.of.logs(fit.x)
-    cluster, zero, slide = clusters(given.logs), zeros(given.logs), _slides(given.robot)
+    n = len(given.kp)
+    arm = fit.of
+    own = fit.of.logs(fit.x)
+    cluster = clusters(given.logs)
+    zero = zeros(given.logs)
+    slide = _slides(given.robot)
     spread = covariance_of(fit, np.tile(cluster, n), zero)
-    whole, moved = spread.covariance, spread.moved
-    x, residuals = fit.x[:-4].reshape(n, -1).copy(), fit.residual.reshape(n, -1)
+    whole = spread.covariance
+    moved = spread.moved
+    x = fit.x[:-4].reshape(n, -1).copy()
+    residuals = fit.residual.reshape(n, -1)
     at = np.arange(n) * x.shape[1]
-    known = np.array([
-        _reveals(whole[k, k], moved[k, n + j]) for j, k in enumerate((at + GRAVITY).tolist())
-    ])  # fmt: skip
+    known = np.array(
+        [_reveals(whole[k, k], moved[k, n + j]) for j, k in enumerate((at + GRAVITY).tolist())]
+    )
     known &= _sag(given.logs, x) > _LEAST_SAG * zero
     x[~known, GRAVITY] = _common(x, known, given.kp)[~known]
-    joints, scale = [], len(fit.x) - 4
+    joints = []
+    scale = len(fit.x) - 4
     for j, one in enumerate(x):
         directions = np.zeros((6, len(fit.x)))
         directions[:, at[j] : at[j] + len(one)] = _directions(one)
         directions[GRAVITY, scale] = 1.0  # −ln kp = ln g + ln μ − ln m
         made = _judged(
-            given.robot.joints[j], [log.joint(j) for log in own], one,
-            residuals[j] * arm.sigma[j], used,
+            given.robot.joints[j],
+            [log.joint(j) for log in own],
+            one,
+            residuals[j] * arm.sigma[j],
+            used,
             covariance=directions[:5] @ whole @ directions[:5].T,
             quantile=np.array([spread.quantile(c) for c in directions]),
-            gravity=bool(known[j]), offset=float(moved[at[j] + GRAVITY, j]) if known[j] else 0.0,
-            zero=float(zero[j]), slides=slide[j],
-        )  # fmt: skip
+            gravity=bool(known[j]),
+            offset=float(moved[at[j] + GRAVITY, j]) if known[j] else 0.0,
+            zero=float(zero[j]),
+            slides=slide[j],
+        )
         joints.append(made)
     deviation = np.sqrt(np.diag(whole)[scale:])
     quantile = spread.quantile(np.eye(len(fit.x))[scale])

@@ -77,9 +77,11 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
     assert source is not None  # a model with servos comes from a file
     spec, mj, _ = compile_file(source)
     root, _ = own_file(source, spec, mj, [])
-    names, actuators = joint_names(mj), actuators_of_file(root)
+    names = joint_names(mj)
+    actuators = actuators_of_file(root)
     joints = {joint.get("name"): joint for joint in joints_of_file(root)}
-    delays, profiles = target_delays(mj), target_profiles(mj)
+    delays = target_delays(mj)
+    profiles = target_profiles(mj)
     stated = result.robot.servos
     assert stated is not None  # as the logs were of targets
     for servo, profile in zip(result.servos, stated.profile, strict=True):
@@ -89,7 +91,8 @@ def write_servo_mjcf(result: ServoIdentification, path: Path) -> None:
         own.update({key: numbers(value) for key, value in identified.items()})
         own.update({"solimpfriction": HARD, "solreffriction": _QUICK})
         _set_actuator(actuators[index], servo)
-        delays[index], profiles[index] = servo.delay, profile
+        delays[index] = servo.delay
+        profiles[index] = profile
         if profile[2] == 0:
             actuators[index].attrib.pop("timeconst", None)
     _state(root, TARGET_DELAY, delays)
@@ -159,7 +162,8 @@ def rollout(
     names = joint_names(mj)
     servos = [actuators_of(mj, names.index(joint))[0] for joint in joints]
     delay = target_delays(mj)[servos] if delay is None else np.broadcast_to(delay, len(servos))
-    profile, target = target_profiles(mj)[servos], log.target
+    profile = target_profiles(mj)[servos]
+    target = log.target
     if profile.any():
         target = followed(log.t, log.issued, profile)
     for i, late in zip(servos, delay, strict=True):
@@ -170,13 +174,16 @@ def rollout(
         spec.actuators[i].nsample = math.ceil(1.2 * late / mj.opt.timestep) + 2
     mj = spec.compile()
     mj.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-    data, where = mujoco.MjData(mj), JointMap(mj, joints)
+    data = mujoco.MjData(mj)
+    where = JointMap(mj, joints)
     hold_others(mj, data, where)
     where.write(data, log.position[0], np.zeros(len(joints)))
     for u, i in zip(target[0], servos, strict=True):
         if mj.actuator_history[i, 0]:
             mujoco.mj_initCtrlHistory(mj, data, i, None, np.full(mj.actuator_history[i, 0], u))
-    longest, out, begin = mj.opt.timestep, np.empty_like(log.position), log.t[0]
+    longest = mj.opt.timestep
+    out = np.empty_like(log.position)
+    begin = log.t[0]
     velocity = np.gradient(log.position, log.t, axis=0)
     out[0] = log.position[0]
     with quiet():
@@ -199,7 +206,8 @@ def replayed(
 
     The logs are `others`, which took no part in the fit, or else those of the fit, `given`.
     """
-    source, joints = result.robot.source, result.robot.joints
+    source = result.robot.source
+    joints = result.robot.joints
     logs = [log for log in (others or given).logs if not log.loaded]  # of the file's own links
     assert source is not None  # a model with servos comes from a file
     simulated, nominal = ([rollout(file, joints, log) for log in logs] for file in (path, source))
@@ -207,7 +215,8 @@ def replayed(
         1e3 * np.mean([np.abs(q - log.position).mean(axis=0) for q, log in pairs], axis=0)
         for pairs in (zip(simulated, logs, strict=True), zip(nominal, logs, strict=True))
     )
-    what, unit = ", ".join(dict.fromkeys(log.source for log in logs)), result.robot.small_unit
+    what = ", ".join(dict.fromkeys(log.source for log in logs))
+    unit = result.robot.small_unit
     text = (
         f"driven by the targets of {what} alone, MuJoCo's mean absolute error is {own.mean():.1f} "
         f"{unit} with the exported file and its delays, and {before.mean():.1f} {unit} with yours"
@@ -238,7 +247,8 @@ def hold_others(mj: Any, data: Any, where: JointMap) -> None:
     """
     others = np.setdiff1d(np.arange(mj.nv), where.dof)
     mj.dof_armature[others] = _IMMOVABLE
-    ball, held = mujoco.mjtJoint.mjJNT_BALL, map(mj.joint, set(mj.dof_jntid[others]))
+    ball = mujoco.mjtJoint.mjJNT_BALL
+    held = map(mj.joint, set(mj.dof_jntid[others]))
     limited = [joint for joint in held if mj.jnt_limited[joint.id] and joint.type[0] != ball]
     ends = {joint.name: joint.range for joint in limited if joint.name}
     if ends:
@@ -250,7 +260,8 @@ def hold_others(mj: Any, data: Any, where: JointMap) -> None:
 
 _STEP = 5e-3  # of a simulation [s]
 _LEAST = np.array([[1e-3], [1e-3], [2e-3], [1.1e-2]])  # start of kp, kv, armature, frictionloss
-_RANGE, _FACTOR = 10.0, 7.0  # of the searches: multiples of the start; ± in logarithms
+_RANGE = 10.0  # of the searches: multiples of the start; ± in logarithms
+_FACTOR = 7.0
 _LATE = 0.02  # of the target, with the best options [s]
 _UNIT = 5e-3  # of its residuals [rad or m]
 _ITERATIONS = 15
@@ -276,18 +287,22 @@ class _Search:
     """An arm as a function of (4, n) kp, kv, armature and frictionloss, and its logs."""
 
     def __init__(self, given: ServoLogs, best: bool):
-        source, self.joints, self.best = given.robot.source, given.robot.joints, best
+        source = given.robot.source
+        self.joints = given.robot.joints
+        self.best = best
         assert source is not None  # a model with servos comes from a file
         self.spec, mj, _ = compile_file(source)
         for folder in ("meshdir", "texturedir"):
             setattr(self.spec, folder, str(source.resolve().parent / getattr(self.spec, folder)))
         self.spec.option.timestep = _STEP
         self.spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
-        names, dof = joint_names(mj), JointMap(mj, self.joints).dof
+        names = joint_names(mj)
+        dof = JointMap(mj, self.joints).dof
         self.servos = [actuators_of(mj, names.index(joint))[0] for joint in self.joints]
         kv = mj.dof_damping[dof] - mj.actuator_biasprm[self.servos, 2]
         start = given.kp, kv, mj.dof_armature[dof], mj.dof_frictionloss[dof]
-        self.start, self.late = np.maximum(np.array(start), _LEAST), _LATE * best
+        self.start = np.maximum(np.array(start), _LEAST)
+        self.late = _LATE * best
         self.logs = []
         for log in given.logs:
             t = np.arange(log.t[0], log.t[-1], _STEP)
@@ -301,20 +316,28 @@ class _Search:
         """MuJoCo's model with given parameters, which are then those of the specification."""
         for name, i, own in zip(self.joints, self.servos, values.T, strict=True):
             kp, kv, armature, friction = (float(x) for x in own)
-            joint, servo = self.spec.joint(name), self.spec.actuators[i]
-            joint.armature, joint.frictionloss, joint.damping = armature, friction, [0, 0, 0]
+            joint = self.spec.joint(name)
+            servo = self.spec.actuators[i]
+            joint.armature = armature
+            joint.frictionloss = friction
+            joint.damping = [0, 0, 0]
             if self.best:
                 joint.solimp_friction = [float(x) for x in HARD.split()]
-            servo.gainprm[0], servo.biasprm[1], servo.biasprm[2] = kp, -kp, -kv
+            servo.gainprm[0] = kp
+            servo.biasprm[1] = -kp
+            servo.biasprm[2] = -kv
             servo.forcelimited = 0
         return self.spec.compile()
 
     def residual(self, values: Array) -> Array:
         """Simulated minus measured positions of all logs, over 5 mrad or the measured ones' rms."""
-        mj, found = self.model(values), []
-        where, kind = JointMap(mj, self.joints), mujoco.mjtState.mjSTATE_FULLPHYSICS
+        mj = self.model(values)
+        found = []
+        where = JointMap(mj, self.joints)
+        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
         at = [1 + mj.joint(joint).qposadr[0] for joint in self.joints]  # after the time
-        state, still = np.zeros((1, mujoco.mj_stateSize(mj, kind))), np.zeros(len(at))
+        state = np.zeros((1, mujoco.mj_stateSize(mj, kind)))
+        still = np.zeros(len(at))
         for control, measured, first in self.logs:
             data = mujoco.MjData(mj)
             hold_others(mj, data, where)
@@ -327,11 +350,15 @@ class _Search:
 
     def fitted(self) -> Array:
         """(4, n) parameters at the end of the toolbox's search."""
-        own, shape, start = toolbox(), self.start.shape, self.start
-        low, high = start / _RANGE, start * _RANGE
+        own = toolbox()
+        shape = self.start.shape
+        start = self.start
+        low = start / _RANGE
+        high = start * _RANGE
         if self.best:
             start = np.log(start)
-            low, high = start - _FACTOR, start + _FACTOR
+            low = start - _FACTOR
+            high = start + _FACTOR
         parameters = own.ParameterDict()
         parameters.add(own.Parameter("all", start.ravel(), low.ravel(), high.ravel()))
 

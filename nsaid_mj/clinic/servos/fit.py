@@ -13,7 +13,8 @@ from .simulation import NONE, Effects, JointLog, simulate
 DAMPING, FRICTION, GRAVITY, ARMATURE, DELAY = range(5)
 """Places of T, f, g, a and d in θ."""
 STEP = 0.04  # of central differences of ln θ; smooths over samples that stick or slip
-_ROUNDS, _TRIES = 40, 8  # of the fit; of a step
+_ROUNDS = 40  # of the fit; of a step
+_TRIES = 8
 _ENOUGH = 1e-5  # relative decrease of the cost at which the fit ends
 _LONGEST = 1.0  # step of ln θ
 EFFECTIVE = 1.5  # independent samples per second, since residuals of a simulation are correlated
@@ -84,17 +85,21 @@ class JointFit:
     """The simulation of one joint, in samples marked by used (N,), 1 or 0, with further effects."""
 
     def __init__(self, logs: Sequence[JointLog], used: Array, effects: Effects = NONE):
-        self.logs, self.used, self.effects = logs, used, effects
+        self.logs = logs
+        self.used = used
+        self.effects = effects
         self.spacing = np.concatenate([np.gradient(log.t) for log in logs])
 
     def residual(self, x: Array) -> Array:
         """(N,) residual [rad or m] at (5,) ln θ."""
-        theta, own = np.exp(x), self.effects
+        theta = np.exp(x)
+        own = self.effects
         return np.concatenate([simulate(log, theta, own) - log.position for log in self.logs])
 
     def moved(self, x: Array, zero: Array) -> Array:
         """(N, 2) change of the residual by an offset `zero` (1,) of the targets, and by play."""
-        g, found = np.exp(x[GRAVITY]), []
+        g = np.exp(x[GRAVITY])
+        found = []
         for shift in (lambda _: zero, lambda log: _play(log, zero, g)):
             logs = [log._replace(target=log.target + shift(log)) for log in self.logs]
             found.append(JointFit(logs, self.used).residual(x) - self.residual(x))
@@ -116,9 +121,11 @@ def minimise(of: _Of, x: Array, prior: Prior) -> OutputError[_Of]:
     It starts from x (k,), of which `prior` is the prior.
     """
     x = np.where(prior.deviation > 0, x, prior.mean)
-    residual, damping = of.residual(x), 1e-3
+    residual = of.residual(x)
+    damping = 1e-3
     for _ in range(3):  # the scale of the loss follows the fit
-        sigma, before = _winsorised(residual[of.used > 0]), x
+        sigma = _winsorised(residual[of.used > 0])
+        before = x
         x, residual, damping = _descend(of, x, residual, prior, sigma, damping)
         if np.abs(x - before).max() < STEP:
             break
@@ -161,7 +168,10 @@ def _descend(
             damping *= 5
         if gain <= 0:
             break
-        x, residual, value, damping = trial, after, value - gain, max(damping / 5, 1e-6)
+        x = trial
+        residual = after
+        value = value - gain
+        damping = max(damping / 5, 1e-6)
         if gain < _ENOUGH * value:
             break
     return x, residual, min(damping, 1.0)
@@ -178,7 +188,8 @@ def _winsorised(residual: Array) -> float:
 
 def _blocks(logs: Sequence[JointLog | ServoLog], length: float) -> Indices:
     """(N,) number of the block of time, of a length [s], of each sample, over all logs."""
-    found, count = [], 0
+    found = []
+    count = 0
     for log in logs:
         own = ((log.t - log.t[0]) / length).astype(int) + count
         found.append(own)
@@ -246,11 +257,13 @@ class Spread(NamedTuple):
         than clusters: Satterthwaite's (Bell and McCaffrey, Survey Methodology 28, 2002), more where
         the jackknife is a small part of the variance, and at most those of equal clusters.
         """
-        c, most = direction[self.free], len(self.information) - 1
+        c = direction[self.free]
+        most = len(self.information) - 1
         part = float(c @ self.jackknife @ c)
         if part <= 0:
             return float(stats.t.ppf(0.975, most))
-        own, A = self.information, self.inverse
+        own = self.information
+        A = self.inverse
         left_out = np.linalg.solve(
             np.linalg.inv(A) - own, np.broadcast_to(c, own[..., 0].shape)[..., None]
         )[..., 0]
@@ -273,10 +286,13 @@ def covariance_of(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
     independent would make intervals many times too narrow. Play is not included: it causes no
     residual, and hardly moves joints whose load keeps its sign.
     """
-    weight, free = weights(fit.of, fit.residual, fit.sigma), fit.prior.free
+    weight = weights(fit.of, fit.residual, fit.sigma)
+    free = fit.prior.free
     P = np.diag(fit.prior.deviation[free] ** -2.0)
     weighted = fit.jacobian * weight[:, None]
-    count, H, shifts = int(cluster.max()) + 1, weighted.T @ fit.jacobian + P, []
+    count = int(cluster.max()) + 1
+    H = weighted.T @ fit.jacobian + P
+    shifts = []
     information = np.empty((count, *H.shape))
     for k in range(count):
         own = cluster == k
@@ -286,7 +302,8 @@ def covariance_of(fit: OutputError, cluster: Indices, zero: Array) -> Spread:
     A: Array = np.asarray(np.linalg.inv(H), dtype=np.float64)
     apart = np.array(shifts) - np.mean(shifts, axis=0)
     jackknife = apart.T @ apart * max(count - 1, 1) / count
-    out, offset = np.zeros((len(fit.x), len(fit.x))), fit.of.moved(fit.x, zero)
+    out = np.zeros((len(fit.x), len(fit.x)))
+    offset = fit.of.moved(fit.x, zero)
     moved = np.zeros((len(fit.x), offset.shape[1]))
     moved[free] = A @ weighted.T @ offset
     own = _NUMERICAL**2 * np.eye(len(free))

@@ -86,7 +86,8 @@ def read_servos(
     if found is None or columns is None:
         return None
     check_loads(loads, [table.source for table in tables])
-    kinds, carrying = {load._replace(source="") for load in loads}, {load.source for load in loads}
+    kinds = {load._replace(source="") for load in loads}
+    carrying = {load.source for load in loads}
     if len(kinds) > 1:
         remedy = "Give logs of one load, in one place."
         raise InvalidInput("--load", "one load of a servo arm", f"{len(kinds)} of them", remedy)
@@ -122,7 +123,8 @@ def identify_servos(
     found = estimate(given, report)
     if profile:
         found = found._replace(joints=tuple(j.widened(DELAY, _TRADED) for j in found.joints))
-    joints, used = found.joints, found.used
+    joints = found.joints
+    used = found.used
     own = tuple(p for k, j in enumerate(joints, 1) for p in parameters(k, j, found.scale))
     explains, sentence, doubts = verdict(joints)
     notes = [*_masked(given.logs, used), *gravity_notes(joints), *saturation_notes(joints)]
@@ -179,7 +181,9 @@ def _with_profile(given: ServoLogs) -> tuple[ServoLogs, tuple[Finding, ...]]:
 
 def _masked(logs: Sequence[ServoLog], used: Array) -> tuple[Finding, ...]:
     """Reports the logs that have windows with external forces."""
-    share, found, begin = float(1 - used.mean()), [], 0
+    share = float(1 - used.mean())
+    found = []
+    begin = 0
     for log in logs:
         own = used[begin : begin + len(log.t)]
         begin += len(log.t)

@@ -149,7 +149,8 @@ def _together(logs: Sequence[ServoLog], found: Fitted) -> Fitted:
         change = np.sqrt(np.mean((now - before) ** 2, axis=0))
         if np.all(change < [_SETTLED * fit.sigma for fit in found.fits]):
             break
-        before, found = now, found.refitted(list(exerting))
+        before = now
+        found = found.refitted(list(exerting))
     return found
 
 
@@ -159,14 +160,16 @@ def start(logs: Sequence[JointLog]) -> Array:
     Velocity and acceleration are derivatives of the low-passed position; the target is low-passed
     alike. The delay is the one with the least residual. The logs are those of one joint, not empty.
     """
-    best, found = np.inf, np.array([0.1, 0.01, 0.1, 2e-3, 0.015])
+    best = np.inf
+    found = np.array([0.1, 0.01, 0.1, 2e-3, 0.015])
     for delay in _DELAYS:
         A, y = (np.concatenate(part) for part in zip(*(_rows(x, delay) for x in logs), strict=True))
         if len(y) < 20:
             continue
         theta, error = _robust(A, y)
         if error < best:
-            best, found = error, np.r_[np.maximum(theta, LEAST), delay]
+            best = error
+            found = np.r_[np.maximum(theta, LEAST), delay]
     return found
 
 
@@ -189,7 +192,9 @@ def _rows(log: JointLog, delay: float) -> tuple[Array, Array]:
 
 def _robust(A: Array, y: Array) -> tuple[Array, float]:
     """(4,) non-negative coefficients by reweighting of absolute residuals, and their mean."""
-    weight, theta, error = np.ones(len(y)), np.zeros(4), np.inf
+    weight = np.ones(len(y))
+    theta = np.zeros(4)
+    error = np.inf
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-12)
     for _ in range(_ROUNDS):
         root = np.sqrt(weight)
@@ -303,7 +308,8 @@ def weigh(given: ServoLogs, fitted: Fitted) -> tuple[OutputError[Arm], Array]:
 
     `fitted` are the joints' fits to the free logs. Also returns (N,) 1 of samples in use.
     """
-    load, logs = given.load, [log._replace(limit=fitted.logs[0].limit) for log in given.logs]
+    load = given.load
+    logs = [log._replace(limit=fitted.logs[0].limit) for log in given.logs]
     assert load is not None
     rest = np.ones(sum(len(log.t) for log in logs) - len(fitted.used))
     used = np.append(fitted.used, rest)
@@ -311,10 +317,12 @@ def weigh(given: ServoLogs, fitted: Fitted) -> tuple[OutputError[Arm], Array]:
     mean = np.concatenate([f.prior.mean for f in fitted.fits] + [[np.log(load.mass)], centre])
     place = np.full(3, 0.0 if known else _REACH)
     spread = np.concatenate([f.prior.deviation for f in fitted.fits] + [[_UNSURE], place])
-    x, prior = np.concatenate([f.x for f in fitted.fits] + [mean[-4:]]), Prior(mean, spread)
+    x = np.concatenate([f.x for f in fitted.fits] + [mean[-4:]])
+    prior = Prior(mean, spread)
     sigma = np.array([f.sigma for f in fitted.fits])
     arm = Arm(given.robot, logs, load, sigma, used)
-    fit, rest = minimise(arm, x, prior), used
+    fit = minimise(arm, x, prior)
+    rest = used
     for j, residual in enumerate(fit.residual.reshape(len(sigma), -1)):
         joint = [log.joint(j) for log in logs]
         rest = rest * undisturbed(joint, sigma[j] * residual, float(sigma[j]))

@@ -135,7 +135,8 @@ def read_servo_logs(
     recordings, findings = join(tables, mapping, [s.column.column for s in made.sources])
     logs: list[ServoLog] = []
     assert robot.servos is not None
-    model, sources = without_armature(robot.model), [recording.source for recording in recordings]
+    model = without_armature(robot.model)
+    sources = [recording.source for recording in recordings]
     stated = {name: file.p for name, file in mapping.files.items() if file.p is not None}
     missing = [source for source in sources if stated and source not in stated]
     if missing:
@@ -168,7 +169,8 @@ def _motionless(logs: Sequence[ServoLog]) -> tuple[Finding, ...]:
         text = f"no joint moves by more than {1e3 * TRAVEL:g} mrad or mm"
         remedy = "Record motions of every joint, slow and fast, with stops and reversals."
         return (Finding("refusal", "no_motion", "", text, remedy),)
-    used, early = np.ones(sum(len(log.t) for log in logs)), []
+    used = np.ones(sum(len(log.t) for log in logs))
+    early = []
     for j in moving:
         own = [JointLog(log.t, log.target[:, j], log.position[:, j], log.t, log.t) for log in logs]
         behind, ahead = (min(late(own, used, x * side) for x in DELAYS) for side in (1, -1))
@@ -184,8 +186,10 @@ def _stretches(
 ) -> tuple[list[ServoLog], tuple[Finding, ...]]:
     """The stretches of a recording between gaps, not yet weighed, at the first position's times."""
     found, findings = clean(recording, made)
-    measured, sources = list(map(found.of, made.positions)), [s for s in made.commands if s]
-    targets, wanted = [source.column for source in sources], list(map(found.of, sources))
+    measured = list(map(found.of, made.positions))
+    sources = [s for s in made.commands if s]
+    targets = [source.column for source in sources]
+    wanted = list(map(found.of, sources))
     done = np.array([[column.column.startswith(FOLLOWED)] for column in targets])
     every = found.signals.values()
     if min(len(signal.t) for signal in every) < 10:
@@ -219,11 +223,13 @@ def weighed(model: pin.Model, log: ServoLog) -> ServoLog:
 
     The model has no armatures; the log's payload, if it carries one, is part of a link.
     """
-    data, load = model.createData(), np.empty_like(log.position)
+    data = model.createData()
+    load = np.empty_like(log.position)
     mass = np.empty((*load.shape, load.shape[1]))
     ends = (np.clip(log.t + side, log.t[0], log.t[-1]) for side in (-_SPAN, _SPAN))
     early, late = (np.transpose([np.interp(t, log.t, x) for x in log.position.T]) for t in ends)
-    v, still = (late - early) / (2 * _SPAN), np.zeros(load.shape[1])
+    v = (late - early) / (2 * _SPAN)
+    still = np.zeros(load.shape[1])
     for k, at in enumerate(positions(model, log.position)):
         mass[k] = pin.crba(model, data, at)
         load[k] = pin.rnea(model, data, at, v[k], still)
@@ -236,7 +242,8 @@ def coupled(log: ServoLog, theta: Array) -> tuple[Array, ServoLog]:
 
     The log's loads do not include accelerations; theta (n, 5) is that of `simulation.simulate`.
     """
-    q, v = np.empty_like(log.position), np.zeros_like(log.position)
+    q = np.empty_like(log.position)
+    v = np.zeros_like(log.position)
     q[0] = log.position[0]
     limit = np.full(len(theta), np.inf) if log.limit is None else log.limit
     own = log.joint(0).own(theta)

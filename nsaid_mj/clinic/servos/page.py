@@ -28,8 +28,16 @@ from .words import Replayed, ServoIdentification
 
 _SHOWN = {"T": 1e3, "f": 1e3, "kp": 1.0, "d": 1e3, "armature": 1.0}
 # factor to the unit in the head
-_HEADS = ("servo", "kv/kp [ms]", "f/kp [{rad}]", "kp [{kp}]", "delay [ms]", "armature [{armature}]",
-          "error [{rad}]", "simple [{rad}]")  # fmt: skip
+_HEADS = (
+    "servo",
+    "kv/kp [ms]",
+    "f/kp [{rad}]",
+    "kp [{kp}]",
+    "delay [ms]",
+    "armature [{armature}]",
+    "error [{rad}]",
+    "simple [{rad}]",
+)
 _UNITS = {"kp": ("N·m/rad", "N/m"), "armature": ("kg·m²", "kg"), "rad": ("mrad", "mm")}
 # of hinges and slides
 _REPLAYED = 30.0  # of a log that are drawn [s]
@@ -83,8 +91,12 @@ def _servos(result: ServoIdentification) -> list[PageItem]:
     panels: list[PageItem] = [Table(heads, lines, spare=(7,))]
     if any(parameter.combination for parameter in result.parameters):
         panels.append(Text("~ only in combination with others; identification.json says which."))
-    panels.append(Text("± in %; error: of the open-loop simulation; simple: of the delayed target "
-                       "or a constant."))  # fmt: skip
+    panels.append(
+        Text(
+            "± in %; error: of the open-loop simulation; simple: of the delayed target "
+            "or a constant."
+        )
+    )
     return panels
 
 

@@ -18,7 +18,8 @@ from ...core import Array, kernel
 
 STEP = 4e-3
 """Longest step of the simulation [s]."""
-_ITERATIONS, _SAME = 30, 1e-7  # over joints at most; until speeds change less [rad/s or m/s]
+_ITERATIONS = 30  # over joints at most; until speeds change less [rad/s or m/s]
+_SAME = 1e-7
 FALL = 0.1  # speed at which Stribeck friction has fallen to 1/e [rad/s or m/s]
 
 
@@ -53,7 +54,8 @@ def simulate(log: JointLog, theta: Array, effects: Effects = NONE) -> Array:
 
     theta (5,) are T [s], f [rad], g [rad/(N·m)], a [s²], d [s]; of a slide in m instead of rad.
     """
-    out, last = np.empty(len(log.t)), len(log.t) - 1
+    out = np.empty(len(log.t))
+    last = len(log.t) - 1
     out[0] = q = log.position[0]
     apart = log.t, log.target, log.load, log.inertia, log.limit
     move(*apart, log.own(theta), effects, STEP, 0, last, 0, q, 0.0, out)
@@ -66,7 +68,9 @@ def _area(t, target, held, begin, h):
     end = len(t) - 1
     while held < end and t[held + 1] <= begin:
         held += 1
-    at, k, area = begin, held, 0.0
+    at = begin
+    k = held
+    area = 0.0
     while k < end and t[k + 1] < begin + h:
         area += target[k] * (t[k + 1] - at)
         at = t[k + 1]
@@ -92,17 +96,20 @@ def move(t, target, load, inertia, limit, theta, effects, longest, first, last, 
         steps = int(np.ceil((t[i + 1] - t[i]) / longest))
         h = (t[i + 1] - t[i]) / steps
         J = a + g * (inertia[i] + inertia[i + 1]) / 2
-        decay, resisted = h * T / J, h * T + h * h / 2
+        decay = h * T / J
+        resisted = h * T + h * h / 2
         part = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
         for s in range(steps):
             area, held = _area(t, target, held, t[i] + s * h - d, h)
             w = (s + 0.5) / steps
             hold = g * ((1 - w) * load[i] + w * load[i + 1])
-            error, grip = area - h * q, h * (f + rising * abs(hold))
+            error = area - h * q
+            grip = h * (f + rising * abs(hold))
             if stribeck > 0:
                 grip += h * stribeck * np.exp(-((v / FALL) ** 2))
             drive = (J - (1 - part) * resisted) * v + error - h * hold
-            before, v = v, 0.0
+            before = v
+            v = 0.0
             if abs(drive) > grip:
                 v = (drive - np.sign(drive) * grip) / (J + part * resisted)
             servo = error - resisted * ((1 - part) * before + part * v)
@@ -123,16 +130,22 @@ def move_arm(t, target, load, mass, limit, theta, longest, q, v):
     the others' last motion do not (a heavy arm with soft servos).
     """
     n = q.shape[1]
-    held, change, now = np.zeros(n, np.int64), np.zeros(n), np.zeros((7, n))
+    held = np.zeros(n, np.int64)
+    change = np.zeros(n)
+    now = np.zeros((7, n))
     J, part, resisted, error, hold, grip, place = now
     place[:] = q[0]
     for i in range(len(t) - 1):
         steps = int(np.ceil((t[i + 1] - t[i]) / longest))
-        h, M, speed = (t[i + 1] - t[i]) / steps, (mass[i] + mass[i + 1]) / 2, v[i].copy()
+        h = (t[i + 1] - t[i]) / steps
+        M = (mass[i] + mass[i + 1]) / 2
+        speed = v[i].copy()
         for j in range(n):
             T, f, g, a, _ = theta[j]
             J[j] = a + g * M[j, j]
-            decay, resisted[j], grip[j] = h * T / J[j], h * T + h * h / 2, h * f
+            decay = h * T / J[j]
+            resisted[j] = h * T + h * h / 2
+            grip[j] = h * f
             part[j] = 1 / (1 - np.exp(-decay)) - 1 / decay if decay > 1e-3 else 0.5
         for s in range(steps):
             w = (s + 0.5) / steps
@@ -144,7 +157,8 @@ def move_arm(t, target, load, mass, limit, theta, longest, q, v):
             for _ in range(_ITERATIONS):
                 largest = 0.0
                 for j in range(n):
-                    g, held_by = theta[j, 2], hold[j]
+                    g = theta[j, 2]
+                    held_by = hold[j]
                     for k in range(n):
                         held_by += g * M[j, k] * change[k] if k != j else 0.0
                     drive = (J[j] - (1 - part[j]) * resisted[j]) * speed[j] + error[j] - held_by
@@ -160,4 +174,5 @@ def move_arm(t, target, load, mass, limit, theta, longest, q, v):
                     break
             place += h * (speed + part * change)
             speed += change
-        q[i + 1], v[i + 1] = place, speed
+        q[i + 1] = place
+        v[i + 1] = speed

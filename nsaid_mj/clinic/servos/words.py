@@ -97,7 +97,8 @@ _CONVENTION = "a convention: gravity hardly loads this joint; only kv/kp, f/kp, 
 
 def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[Parameter, ...]:
     """Six parameters of a joint, numbered k, with 95 % intervals, under the true masses."""
-    found, C = [], joint.covariance
+    found = []
+    C = joint.covariance
     ln_kp = (0.0 if scale is None else scale.log) - joint.x[GRAVITY]
     rotor = C[ARMATURE, ARMATURE] + C[GRAVITY, GRAVITY] - 2 * C[ARMATURE, GRAVITY]
     values = np.r_[joint.x, joint.x[ARMATURE] + ln_kp]
@@ -126,9 +127,11 @@ def parameters(k: int, joint: JointEstimate, scale: MassScale | None) -> tuple[P
 
 def _lag(joint: JointEstimate) -> str:
     """The combination of damping, armature and delay that a slow motion determines."""
-    T, d = joint.theta[0], joint.theta[4]
+    T = joint.theta[0]
+    d = joint.theta[4]
     slope = np.array([T, 0.0, 0.0, 0.0, d])
-    lag, half = T + d, float(joint.quantile[-1] * np.sqrt(slope @ joint.covariance @ slope))
+    lag = T + d
+    half = float(joint.quantile[-1] * np.sqrt(slope @ joint.covariance @ slope))
     return (
         "a slow motion determines only the lag of damping, armature and delay, kv/kp + delay: "
         f"{lag * 1e3:.0f} ms ± {half * 1e3:.0f}"
@@ -175,7 +178,8 @@ def weighed(load: Load, joint: str, scale: MassScale) -> Finding:
 def verdict(joints: Sequence[JointEstimate]) -> tuple[Explains, str, tuple[Finding, ...]]:
     """Whether the model explains the logs better than predictions without a model."""
     still = [joint.name for joint in joints if not joint.judged]
-    poor, findings = [joint for joint in joints if joint.poor], []
+    poor = [joint for joint in joints if joint.poor]
+    findings = []
     for one in poor:
         simple, error = (f"({x * 1e3:.1f} {one.unit})" for x in (one.simple, one.error))
         text = "the delayed target itself or a constant position predicts the motion nearly as "

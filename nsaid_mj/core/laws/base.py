@@ -47,7 +47,8 @@ class Status(Enum):
     interrupted = "interrupted", "Stopped by the user; what was recorded until then is complete."
 
     def __init__(self, words: str, remedy: str):
-        self.words, self.remedy = words, remedy
+        self.words = words
+        self.remedy = remedy
 
 
 class State(NamedTuple):

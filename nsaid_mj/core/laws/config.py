@@ -118,7 +118,8 @@ class NullspaceAID(IdentifierConfig):
         """
         from .nullspace_aid import NullspaceIdentifier, paper_identifier
 
-        K, Gamma = np.full(system.n, self.K), self._gain(system, gramian)
+        K = np.full(system.n, self.K)
+        Gamma = self._gain(system, gramian)
         hermite = noise.exact if self.interpolation == "auto" else self.interpolation == "hermite"
         if not self.in_cone:
             return paper_identifier(system, K, Gamma, prior, dt, hermite)

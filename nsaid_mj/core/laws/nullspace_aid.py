@@ -71,8 +71,11 @@ class NullspaceIdentifier(Identifier):
         hermite: bool = True,
         memory: ImplicitMemory | None = None,
     ):
-        self.system, self.metric, self.memory = system, metric, memory
-        self.prior, self.hermite = system.space.check(prior, "prior"), hermite
+        self.system = system
+        self.metric = metric
+        self.memory = memory
+        self.prior = system.space.check(prior, "prior")
+        self.hermite = hermite
         self.K = positive_gain("K", K, system.n)
         self.conserves = metric.conserves
         self._gain = np.atleast_2d(self.K)
@@ -116,7 +119,8 @@ class NullspaceIdentifier(Identifier):
         made = [Estimates.of(state)]
         end = state
         for _, end, estimates in self._updates(state, log):
-            estimates.theta_hat[-1], estimates.spent[-1] = end.theta_hat, end.spent
+            estimates.theta_hat[-1] = end.theta_hat
+            estimates.spent[-1] = end.spent
             made.append(estimates.after(1))
         return end, Estimates(*(np.concatenate(part) for part in zip(*made, strict=True)))
 
@@ -183,7 +187,8 @@ class NullspaceIdentifier(Identifier):
 
     def _workspace(self) -> tuple[Step, Any]:
         """New workspace of `rk4.follow`."""
-        bodies, n = len(self.system.structure.bodies), self.system.n
+        bodies = len(self.system.structure.bodies)
+        n = self.system.n
         return Step.of(bodies, n, self.system.p), self.metric.workspace()
 
     def _integrate(self, log: Log, motion: Motion, rows: list[Array], divided: int = 0) -> int:
@@ -204,7 +209,8 @@ class NullspaceIdentifier(Identifier):
             if failed < len(finer.t):
                 pivots[row] = inner[2][failed]
                 break
-            v_hats[row], theta_hats[row] = inner[0][-1], inner[1][-1]
+            v_hats[row] = inner[0][-1]
+            theta_hats[row] = inner[1][-1]
             pivots[row] = inner[2][1:].min()
             row = self._flow(motion, *rows, row + 1)
         return row
@@ -231,7 +237,8 @@ class NullspaceIdentifier(Identifier):
         Sensor noise and quadrature error leave a residual even at the true θ, so V may rise. The
         bounds are 0 in steps without an update. The law follows the log, of a whole run, again.
         """
-        slacks, at = np.zeros(len(log.t) - 1), 0
+        slacks = np.zeros(len(log.t) - 1)
+        at = 0
         if self.memory is not None:
             for before, after, estimates in self._updates(self.init(log.at(0)), log):
                 at += len(estimates.pivot) - 1

@@ -30,7 +30,8 @@ class NumpyIdentifier(Identifier):
     conserves = False
 
     def __init__(self, system: SecondOrderSystem, prior: Array, hermite: bool = True):
-        self.system, self.hermite = system, hermite
+        self.system = system
+        self.hermite = hermite
         self.prior = system.space.check(prior, "prior")
 
     @abstractmethod
@@ -64,15 +65,19 @@ class NumpyIdentifier(Identifier):
         estimates = Estimates(*(np.repeat(part, len(log.t), axis=0) for part in start))
         middle = self.system.midpoints(log, self.hermite)
         for k in range(1, len(log.t)):
-            before, after = log.at(k - 1), log.at(k)
+            before = log.at(k - 1)
+            after = log.at(k)
             half = Measurement(
                 0.5 * (before.t + after.t), middle.q[k - 1], middle.v[k - 1], before.u
             )
             after = after._replace(u=before.u)  # held
-            v_hat, theta_hat = estimates.v_hat[k - 1], estimates.theta_hat[k - 1]
+            v_hat = estimates.v_hat[k - 1]
+            theta_hat = estimates.theta_hat[k - 1]
             z = self._stepped(np.concatenate([v_hat, theta_hat]), before, half, after)
-            v_hat, theta_hat = z[: self.system.n], z[self.system.n :]
-            estimates.v_hat[k], estimates.theta_hat[k] = v_hat, theta_hat
+            v_hat = z[: self.system.n]
+            theta_hat = z[self.system.n :]
+            estimates.v_hat[k] = v_hat
+            estimates.theta_hat[k] = theta_hat
             finite = bool(np.isfinite(z).all())
             stage = self.system.evaluate_at(*after, v_hat, theta_hat) if finite else None
             estimates.pivot[k] = np.nan if stage is None else stage.pivot
@@ -93,7 +98,8 @@ class NumpyIdentifier(Identifier):
 
     def _slope(self, sample: Measurement, z: Array) -> Array:
         """(n+p,) the rates at v̂ and θ̂, checked for their shapes."""
-        n, p = self.system.n, self.system.p
+        n = self.system.n
+        p = self.system.p
         rates = self.rates(sample, z[:n], z[n:])
         if [np.shape(rate) for rate in rates] != [(n,), (p,)]:
             raise InvalidInput(

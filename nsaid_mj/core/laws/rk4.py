@@ -42,7 +42,8 @@ STEP = types.NamedTuple((*(vector,) * 7, WORKSPACE), Step)
 @routine(void(matrix, STEP, vector))
 def add_damping(K, work, v):
     """Writes Δv (n,) into z, and v̂̇ of (44) into the rates; v (n,) is measured."""
-    dv, rate = work.z[: v.shape[0]], work.rate[: v.shape[0]]
+    dv = work.z[: v.shape[0]]
+    rate = work.rate[: v.shape[0]]
     for i in range(v.shape[0]):
         dv[i] -= v[i]  # (37)
     times_into(K, dv, rate)
@@ -57,7 +58,10 @@ def move(work, weight, reach):
     `weight` is the stage's in the step [s], `reach` the time from the step's start to the next
     stage [s], 0 after the last.
     """
-    start, z, total, rate = work.start, work.z, work.total, work.rate
+    start = work.start
+    z = work.z
+    total = work.total
+    rate = work.rate
     for i in range(z.shape[0]):
         total[i] += weight * rate[i]
     if reach > 0.0:
@@ -93,9 +97,14 @@ def follow(K, numbers, motion, v_hats, theta_hats, pivots, first, work, own):
         The first row at which M̂ was not positive definite, or the step was too long to be accurate;
         N if none.
     """
-    t, start, z, theta = motion.t, work.start, work.z, work.theta
+    t = motion.t
+    start = work.start
+    z = work.z
+    theta = work.theta
     n = v_hats.shape[1]
-    v_hat, eta, before = z[:n], z[n:], start[n:]
+    v_hat = z[:n]
+    eta = z[n:]
+    before = start[n:]
     for k in range(first, t.shape[0]):
         dt = t[k] - t[k - 1]
         copy_into(v_hats[k - 1], start[:n])

@@ -63,7 +63,8 @@ class PersistenceMonitor:
         if not (np.isfinite(window) and window > 0):
             raise InvalidInput("pe_window", "a time > 0 s", window, "One period of excitation.")
         self._samples, self._time, self._window, self._r = [], 0.0, window, min(r, p - 1)
-        self.level, self.level_perp = 0.0, 0.0
+        self.level = 0.0
+        self.level_perp = 0.0
 
     def add(self, W_s: Array, dt: float) -> None:
         """Adds a sample W·diag(scale) (n, p) that represents dt seconds."""
@@ -74,4 +75,5 @@ class PersistenceMonitor:
             eigenvalues = np.maximum(np.linalg.eigvalsh(B.T @ B), 0.0)
             self.level = float(np.sqrt(self._time * eigenvalues[0]))
             self.level_perp = float(np.sqrt(self._time * eigenvalues[self._r]))
-            self._samples, self._time = [], 0.0
+            self._samples = []
+            self._time = 0.0

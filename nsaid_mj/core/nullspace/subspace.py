@@ -114,7 +114,8 @@ def parts_of(system: SecondOrderSystem) -> Array:
     """
     rng = np.random.default_rng(0)
     q, v, u = zip(*(system.random_state(rng) for _ in range(_STATES)), strict=True)
-    a, t = rng.standard_normal((_STATES, system.n)), rng.uniform(0, 1, _STATES)
+    a = rng.standard_normal((_STATES, system.n))
+    t = rng.uniform(0, 1, _STATES)
     W = system.regressor(t, np.hstack([q, v]), np.array(v), a, np.array(u)) * system.space.scale
     acts = np.abs(W).max(axis=0)
     acts = acts > TOLERANCE * acts.max(axis=1, keepdims=True)
@@ -231,7 +232,8 @@ def _cost(column: Array) -> tuple[int, int]:
 def _scale(group: Indices, whole: bool, space: ParameterSpace) -> Direction:
     """The common scale of a group, or of all of θ if there is only one group."""
     chosen = set(group.tolist())
-    kinds, parts = [], []
+    kinds = []
+    parts = []
     for block, place in space:
         inside = [i for i in range(place.start, place.stop) if i in chosen]
         kind = "link inertias" if block.geometry == "pseudo_inertia" else _plural(block)
@@ -262,9 +264,11 @@ def _listed(words: Iterable[str]) -> str:
 
 def _trade(weights: Array, pivot: int, space: ParameterSpace) -> Direction:
     others = [i for i in np.argsort(-np.abs(weights)) if i != pivot and abs(weights[i]) > _SMALL]
-    lead, names = space.labels[pivot], tuple(space.names[i] for i in (pivot, *others))
+    lead = space.labels[pivot]
+    names = tuple(space.names[i] for i in (pivot, *others))
     if not others:
-        words, fix = f"{lead} alone: it has no effect on the motion", f"only knowing {lead} itself"
+        words = f"{lead} alone: it has no effect on the motion"
+        fix = f"only knowing {lead} itself"
     else:
         words = f"{lead} against {phrase(space.labels[i] for i in others)}"
         fix = f"one known number among these, e.g. {lead}, fixes this trade"

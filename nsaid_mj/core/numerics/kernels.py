@@ -25,8 +25,15 @@ from . import shipped
 from .cache import FOLDER, one_process, use_folder
 from .errors import DamagedKernelCache, NoKernelCache
 
-f8, i8, void, boolean, index = types.f8, types.i8, types.void, types.boolean, types.u4
-vector, matrix, cube, table = f8[::1], f8[:, ::1], f8[:, :, ::1], i8[:, ::1]
+f8 = types.f8
+i8 = types.i8
+void = types.void
+boolean = types.boolean
+index = types.u4
+vector = f8[::1]
+matrix = f8[:, ::1]
+cube = f8[:, :, ::1]
+table = i8[:, ::1]
 strided = f8[:, :]
 
 FAST: Any = {"error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True, "nogil": True}
@@ -60,7 +67,8 @@ def kernel_for(kind: type, signature: Any, text: Callable[..., Any], **meanings:
     ours = kind.__module__.partition(".")[0] == __name__.partition(".")[0]
     name = f"{text.__name__}_{kind.__module__}.{kind.__qualname__}".replace(".", "_")
     made = FunctionType(text.__code__, text.__globals__ | meanings, name)
-    made.__qualname__, made.__doc__ = name, text.__doc__
+    made.__qualname__ = name
+    made.__doc__ = text.__doc__
     return kernel(signature, cache=ours)(made)
 
 
@@ -81,7 +89,8 @@ class Compiled(ABC):
     """
 
     def __init__(self, function: Callable[..., Any], signature: Any, options: Any):
-        self.py_func, self.signature = function, signature
+        self.py_func = function
+        self.signature = signature
         self._options = options if signature is None else FAST | options
         if signature is not None:
 
@@ -144,7 +153,8 @@ class Kernel(Compiled):
     ):
         super().__init__(function, signature, {"nogil": True} | options)
         self.symbol = f"{function.__module__}.{function.__name__}"
-        self.__name__, self.__doc__ = function.__name__, function.__doc__
+        self.__name__ = function.__name__
+        self.__doc__ = function.__doc__
         self.inner = inner
         self._called: Any = None  # once it is loaded, what Python calls
         if signature is not None:
@@ -250,8 +260,10 @@ class Kernel(Compiled):
         """Code that calls the function at `address`."""
         missing = f"{self.symbol} is not named in the text of a kernel that calls it"
         assert "address" in self.__dict__, missing
-        convention, given = context.call_conv, (signature.return_type, signature.args)
-        kind, module = convention.get_function_type(*given), builder.module
+        convention = context.call_conv
+        given = (signature.return_type, signature.args)
+        kind = convention.get_function_type(*given)
+        module = builder.module
         found = module.globals.get(self.symbol) or ir.Function(module, kind, self.symbol)
         return convention.call_function(builder, found, *given, arguments)[1]
 

@@ -40,7 +40,8 @@ def solve_positive(M, L, x):
     n = M.shape[0]
     smallest = np.inf
     for i in range(n):
-        pivot, y = M[i, i], x[i]
+        pivot = M[i, i]
+        y = x[i]
         for j in range(i):
             s = M[i, j]
             for k in range(j):
@@ -52,7 +53,8 @@ def solve_positive(M, L, x):
         if not pivot > 0.0:
             return pivot
         smallest = min(smallest, pivot)
-        L[i, i], x[i] = 1.0 / pivot, y
+        L[i, i] = 1.0 / pivot
+        x[i] = y
     for i in range(n - 1, -1, -1):
         x[i] *= L[i, i]
         for k in range(i + 1, n):
@@ -123,16 +125,30 @@ def add_product(sign, A, B, C):
     Three rows of C and four of B are combined at a time, with few loads for each operation: where n
     or m is small, this takes a third to three quarters of the time of BLAS, which first copies B.
     """
-    (n, m), k = A.shape, C.shape[1]
+    n, m = A.shape
+    k = C.shape[1]
     for i in range(0, n - 2, 3):
-        X, Y, Z = C[i], C[i + 1], C[i + 2]
+        X = C[i]
+        Y = C[i + 1]
+        Z = C[i + 2]
         for j in range(0, m - 3, 4):
-            x0, y0, z0 = sign * A[i, j], sign * A[i + 1, j], sign * A[i + 2, j]
-            x1, y1, z1 = sign * A[i, j + 1], sign * A[i + 1, j + 1], sign * A[i + 2, j + 1]
-            x2, y2, z2 = sign * A[i, j + 2], sign * A[i + 1, j + 2], sign * A[i + 2, j + 2]
-            x3, y3, z3 = sign * A[i, j + 3], sign * A[i + 1, j + 3], sign * A[i + 2, j + 3]
+            x0 = sign * A[i, j]
+            y0 = sign * A[i + 1, j]
+            z0 = sign * A[i + 2, j]
+            x1 = sign * A[i, j + 1]
+            y1 = sign * A[i + 1, j + 1]
+            z1 = sign * A[i + 2, j + 1]
+            x2 = sign * A[i, j + 2]
+            y2 = sign * A[i + 1, j + 2]
+            z2 = sign * A[i + 2, j + 2]
+            x3 = sign * A[i, j + 3]
+            y3 = sign * A[i + 1, j + 3]
+            z3 = sign * A[i + 2, j + 3]
             for c in range(k):
-                b0, b1, b2, b3 = B[j, c], B[j + 1, c], B[j + 2, c], B[j + 3, c]
+                b0 = B[j, c]
+                b1 = B[j + 1, c]
+                b2 = B[j + 2, c]
+                b3 = B[j + 3, c]
                 X[c] = X[c] + x0 * b0 + x1 * b1 + x2 * b2 + x3 * b3
                 Y[c] = Y[c] + y0 * b0 + y1 * b1 + y2 * b2 + y3 * b3
                 Z[c] = Z[c] + z0 * b0 + z1 * b1 + z2 * b2 + z3 * b3
@@ -169,7 +185,8 @@ def add_square(A, C, root):
     if not root:
         C += np.dot(A.T, A)
         return
-    size, shares = C.shape[0], np.empty(C.shape[0])
+    size = C.shape[0]
+    shares = np.empty(C.shape[0])
     for j in range(size):
         square = 0.0
         for i in range(A.shape[0]):

@@ -48,7 +48,8 @@ class Symbol:
     def __rtruediv__(self, other: float) -> Symbol:
         return self._append(other, "/", self)
 
-    __radd__, __rmul__ = __add__, __mul__
+    __radd__ = __add__
+    __rmul__ = __mul__
 
     def sqrt(self) -> Symbol:
         """√ of it: the method that np.sqrt calls."""

@@ -40,7 +40,9 @@ def rotate(quaternion, vector):
     """(3,) a vector in world axes, from its components in body axes (3,)."""
     x, y, z, w = quaternion
     a, b, c = vector
-    i, j, k = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    i = 2 * (y * c - z * b)
+    j = 2 * (z * a - x * c)
+    k = 2 * (x * b - y * a)
     return np.array(
         [a + w * i + y * k - z * j, b + w * j + z * i - x * k, c + w * k + x * j - y * i]
     )
@@ -56,8 +58,14 @@ def unrotate(quaternion, vector):
 @kernel(error_model="numpy")
 def product(one, other):
     """(4,) the quaternion product one ⊗ other, normalised."""
-    a, b, c, d = one[0], one[1], one[2], one[3]
-    i, j, k, w = other[0], other[1], other[2], other[3]
+    a = one[0]
+    b = one[1]
+    c = one[2]
+    d = one[3]
+    i = other[0]
+    j = other[1]
+    k = other[2]
+    w = other[3]
     q = np.empty(4)
     q[0] = d * i + w * a + (b * k - c * j)
     q[1] = d * j + w * b + (c * i - a * k)
@@ -96,15 +104,27 @@ def rotation_vector(quaternion):
 @kernel(error_model="numpy")
 def pose_jacobian(q):
     """(7, 6) J of q̇ = J v at a pose q (7,): ṗ = R v, and half the quaternion times ω."""
-    x, y, z, w = 0.5 * q[3], 0.5 * q[4], 0.5 * q[5], 0.5 * q[6]
-    J, R = np.zeros((7, 6)), rotation(q[3:7])
+    x = 0.5 * q[3]
+    y = 0.5 * q[4]
+    z = 0.5 * q[5]
+    w = 0.5 * q[6]
+    J = np.zeros((7, 6))
+    R = rotation(q[3:7])
     for i in range(3):
         for j in range(3):
             J[i, j] = R[i, j]
-    J[3, 3], J[3, 4], J[3, 5] = w, -z, y
-    J[4, 3], J[4, 4], J[4, 5] = z, w, -x
-    J[5, 3], J[5, 4], J[5, 5] = -y, x, w
-    J[6, 3], J[6, 4], J[6, 5] = -x, -y, -z
+    J[3, 3] = w
+    J[3, 4] = -z
+    J[3, 5] = y
+    J[4, 3] = z
+    J[4, 4] = w
+    J[4, 5] = -x
+    J[5, 3] = -y
+    J[5, 4] = x
+    J[5, 5] = w
+    J[6, 3] = -x
+    J[6, 4] = -y
+    J[6, 5] = -z
     return J
 
 

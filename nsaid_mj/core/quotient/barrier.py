@@ -52,7 +52,8 @@ def _gaps(cone, theta, thetas, gradient, found):
 
 def gaps(cone: Cone, theta: Array, thetas: Array) -> Array:
     """(N,) Bregman divergences b(θ) − b(θ̂) − ∇b(θ̂)·(θ − θ̂) of N points θ̂ (N, p) from θ (p,)."""
-    found, points = np.empty(len(thetas)), np.array(thetas, dtype=np.float64)
+    found = np.empty(len(thetas))
+    points = np.array(thetas, dtype=np.float64)
     _gaps(cone, np.array(theta, dtype=np.float64), points, np.zeros(len(theta)), found)
     return found
 
@@ -68,9 +69,13 @@ def hessian_into(entries, weights, start, S, hessian, c):
         for j in range(c):
             hessian[i, j] = 0.0
     for e in range(entries.shape[0]):
-        a, b, row = entries[e, 0], entries[e, 1], entries[e, 2] - start
+        a = entries[e, 0]
+        b = entries[e, 1]
+        row = entries[e, 2] - start
         for f in range(entries.shape[0]):
-            i, j, column = entries[f, 0], entries[f, 1], entries[f, 2] - start
+            i = entries[f, 0]
+            j = entries[f, 1]
+            column = entries[f, 2] - start
             if column > row:
                 break
             weight = 0.5 * weights[e] * weights[f]
@@ -80,7 +85,8 @@ def hessian_into(entries, weights, start, S, hessian, c):
 @kernel(void(CONE, vector, vector, matrix), _nrt=True)
 def _differentiate(cone, theta, gradient, hessian):
     """Writes ∇b, and ∇²b if `hessian` is (p, p) and not (0, 0), into zeros."""
-    k, whole = 0, hessian.shape[0] > 0
+    k = 0
+    whole = hessian.shape[0] > 0
     for j in cone.positive:
         own = 1 / theta[j] if theta[j] > 0 else np.nan
         gradient[j] = -own
@@ -88,13 +94,18 @@ def _differentiate(cone, theta, gradient, hessian):
             hessian[j, j] = own * own
     for block in range(cone.blocks.shape[0]):
         k = max(k, cone.blocks[block, 2])
-    L, S = np.empty((k, k)), np.empty((k, k))
+    L = np.empty((k, k))
+    S = np.empty((k, k))
     for block in range(cone.blocks.shape[0]):
         row = cone.blocks[block]
-        start, c, first, last = row[0], row[1] - row[0], row[3], row[4]
+        start = row[0]
+        c = row[1] - row[0]
+        first = row[3]
+        last = row[4]
         factor_into(cone, block, theta, L)
         inverse_into(L, L, S, row[2])
-        entries, weights = cone.entries[first:last], cone.weights[first:last]
+        entries = cone.entries[first:last]
+        weights = cone.weights[first:last]
         gradient[start : row[1]] = 0.0
         for e in range(last - first):
             gradient[entries[e, 2]] -= weights[e] * S[entries[e, 0], entries[e, 1]]
@@ -111,7 +122,8 @@ def gradient_and_hessian(cone: Cone, theta: Array) -> tuple[Array, Array]:
 
     Their entries are −tr(P⁻¹E_l) and tr(P⁻¹E_l P⁻¹E_m).
     """
-    gradient, hessian = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+    gradient = np.zeros(len(theta))
+    hessian = np.zeros((len(theta), len(theta)))
     _differentiate(cone, np.array(theta, dtype=np.float64), gradient, hessian)
     return gradient, hessian
 
@@ -130,7 +142,8 @@ def metric_solve(cone, theta, stiffness, mu, gradient):
 
     stiffness (p, p) is Γ⁻¹, mu the weight μ of the barrier.
     """
-    metric, x = np.zeros(stiffness.shape), gradient.copy()
+    metric = np.zeros(stiffness.shape)
+    x = gradient.copy()
     _differentiate(cone, theta, np.zeros(x.shape), metric)
     for i in range(x.shape[0]):
         for j in range(x.shape[0]):

@@ -44,8 +44,13 @@ NO_CONE = Cone(
 
 def cone_of(space: ParameterSpace) -> Cone:
     """The cones of a parameter space."""
-    positive, blocks, entries, values, degree = [], [], [], [], 0
-    links, others = [], []
+    positive = []
+    blocks = []
+    entries = []
+    values = []
+    degree = 0
+    links = []
+    others = []
     for block, place in space:
         if block.geometry == "positive":
             positive += range(place.start, place.stop)
@@ -87,18 +92,32 @@ def _basis(block: Block) -> list[tuple[int, int, int, float]]:
 
 # P(φ) = [[½ tr(I) 1 − I, h], [hᵀ, m]], φ = (m, h, Ixx, Ixy, Iyy, Ixz, Iyz, Izz) as Pinocchio's
 _PSEUDO_INERTIA = [
-    (3, 3, 0, 1.0), (3, 0, 1, 1.0), (3, 1, 2, 1.0), (3, 2, 3, 1.0),
-    (0, 0, 4, -0.5), (1, 1, 4, 0.5), (2, 2, 4, 0.5), (1, 0, 5, -1.0),
-    (0, 0, 6, 0.5), (1, 1, 6, -0.5), (2, 2, 6, 0.5), (2, 0, 7, -1.0), (2, 1, 8, -1.0),
-    (0, 0, 9, 0.5), (1, 1, 9, 0.5), (2, 2, 9, -0.5),
-]  # fmt: skip
+    (3, 3, 0, 1.0),
+    (3, 0, 1, 1.0),
+    (3, 1, 2, 1.0),
+    (3, 2, 3, 1.0),
+    (0, 0, 4, -0.5),
+    (1, 1, 4, 0.5),
+    (2, 2, 4, 0.5),
+    (1, 0, 5, -1.0),
+    (0, 0, 6, 0.5),
+    (1, 1, 6, -0.5),
+    (2, 2, 6, 0.5),
+    (2, 0, 7, -1.0),
+    (2, 1, 8, -1.0),
+    (0, 0, 9, 0.5),
+    (1, 1, 9, 0.5),
+    (2, 2, 9, -0.5),
+]
 
 
 @compiled
 def tied(cone, block):
     """Whether a block has fewer parameters than its symmetric matrix has distinct entries."""
     row = cone.blocks[block]
-    start, end, k = row[0], row[1], row[2]
+    start = row[0]
+    end = row[1]
+    k = row[2]
     return end - start < k * (k + 1) // 2
 
 
@@ -137,7 +156,10 @@ def read_block(cone: Cone, block: int, P: Array, pairing: Array, theta: Array) -
 def matrix(cone, block, theta):
     """(k, k) lower triangle of a block's P at θ (p,)."""
     row = cone.blocks[block]
-    start, k, first, last = row[0], row[2], row[3], row[4]
+    start = row[0]
+    k = row[2]
+    first = row[3]
+    last = row[4]
     P = np.empty((k, k))
     matrix_into(cone.entries[first:last], cone.values[first:last], start, theta[start:], P, k)
     return P
@@ -174,7 +196,8 @@ def read_into(entries, pairing, start, P, theta):
 def factor_into(cone, block, theta, L):
     """Writes a block's factor, see `factor_in_place`, into L (k, k); NaN if P is not ≻ 0."""
     row = cone.blocks[block]
-    first, last = row[3], row[4]
+    first = row[3]
+    last = row[4]
     matrix_into(
         cone.entries[first:last], cone.values[first:last], row[0], theta[row[0] :], L, row[2]
     )
@@ -209,7 +232,8 @@ def inverse_into(L, X, S, k):
 @kernel(f8(CONE, vector), _nrt=True)
 def height_of(cone, theta):
     """The barrier of `quotient.barrier` at θ (p,); infinite outside the cone."""
-    total, k = 0.0, 0
+    total = 0.0
+    k = 0
     for j in cone.positive:
         if not theta[j] > 0:
             return np.inf

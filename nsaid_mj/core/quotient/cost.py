@@ -54,7 +54,8 @@ class Quotient:
 
     def gradient(self, theta: Array) -> Array:
         """(p,) ∇R(θ) = Σ_i w_i (G_i θ − λ_i Σ_i θ) / θᵀ Σ_i θ."""
-        pull, slope = self.gramian @ theta, self.pull(theta)
+        pull = self.gramian @ theta
+        slope = self.pull(theta)
         effort = slope @ theta + self.added
         level = pull @ theta / effort
         return (self.weights / effort) @ (pull - level[:, None] * slope)
@@ -64,7 +65,8 @@ class Quotient:
 
         With Π = 1 − θ (Σ_i θ)ᵀ / θᵀ Σ_i θ it is Σ_i w_i Πᵀ G_i Π / θᵀ Σ_i θ ⪰ 0.
         """
-        pull, slope = self.gramian @ theta, self.pull(theta)
+        pull = self.gramian @ theta
+        slope = self.pull(theta)
         effort = slope @ theta + self.added
         share = self.weights / effort
         bent = (0.5 * (pull @ theta) / effort)[:, None] * slope - pull
@@ -85,7 +87,8 @@ class Remembered:
     """
 
     def __init__(self, means: Means, effort: Array):
-        self.means, self.effort = means, effort
+        self.means = means
+        self.effort = effort
 
     @staticmethod
     def of(means: Means, space: ParameterSpace) -> Remembered | None:
@@ -102,7 +105,8 @@ class Remembered:
 
         G_i is replaced by the part of the innovations' Gramian that is not the sensors' noise.
         """
-        means, (rho, share) = self.means, self.residuals(theta)
+        means = self.means
+        rho, share = self.residuals(theta)
         gramian = means.innovations(rho)
         if means.noise.any():
             expected = (1 + rho**2)[:, None, None] * means.noise
@@ -112,7 +116,8 @@ class Remembered:
 
     def of_noise(self, theta: Array) -> Quotient:
         """The part of `weighted` that the sensors' noise is expected to contribute."""
-        means, (rho, share) = self.means, self.residuals(theta)
+        means = self.means
+        rho, share = self.residuals(theta)
         noise = (1 + rho**2)[:, None, None] * means.noise
         return Quotient(noise, self.effort, means.blocks * share * (self.effort @ theta**2))
 
@@ -125,8 +130,11 @@ class Remembered:
         def level(gramian: Array) -> Array:
             return (gramian @ theta) @ theta / effort
 
-        means, effort = self.means, self.effort @ theta**2
-        own, lagged, last = level(means.gramian), level(means.lagged), (means.last @ theta) ** 2
+        means = self.means
+        effort = self.effort @ theta**2
+        own = level(means.gramian)
+        lagged = level(means.lagged)
+        last = (means.last @ theta) ** 2
         rho = np.clip(lagged / np.maximum(own, _QUADRATURE), 0.0, _CORRELATED)
         new = means.of_innovations(rho, own, lagged, last / effort)
         least = np.maximum((1 + rho**2) * level(means.noise), _QUADRATURE)
@@ -147,7 +155,8 @@ def without_noise(gramian: Array, noise: Array, blocks: float) -> Array:
     if not seen.any():  # LAPACK writes to standard output about a matrix without entries
         return np.zeros_like(gramian)
     part = np.ix_(seen, seen)
-    whole, found = gramian[part] + noise[part], np.zeros_like(gramian)
+    whole = gramian[part] + noise[part]
+    found = np.zeros_like(gramian)
     root, shares = common_root(whole, noise[part])
     shares = np.clip(shares, _EXACT, 1.0)
     gamma = float(seen.sum()) / max(blocks, 1.0)
@@ -190,7 +199,9 @@ class Posterior:
     """
 
     def __init__(self, quotient: Quotient, prior: Cost):
-        self.quotient, self.prior, self.length = quotient, prior, prior.length
+        self.quotient = quotient
+        self.prior = prior
+        self.length = prior.length
 
     def value(self, theta: Array) -> float:
         """J(θ)."""
@@ -208,7 +219,8 @@ class Posterior:
 
     def derivatives(self, theta: Array) -> tuple[Array, Array]:
         """(p,) gradient and (p, p) Gauss–Newton Hessian of J at θ (p,)."""
-        weighted, (slope, curvature) = self.likelihood(theta), self.prior.derivatives(theta)
+        weighted = self.likelihood(theta)
+        slope, curvature = self.prior.derivatives(theta)
         return weighted.gradient(theta) + slope, weighted.curvature(theta) + curvature
 
     def gradient(self, theta: Array) -> Array:

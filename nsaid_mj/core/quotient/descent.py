@@ -60,7 +60,10 @@ def minimise(
 
     basis (p, k) are the directions in which θ may move; None for all.
     """
-    theta, decrement, hessian, value = start, np.inf, np.eye(len(start)), None
+    theta = start
+    decrement = np.inf
+    hessian = np.eye(len(start))
+    value = None
     for _ in range(rules.steps):
         gradient, hessian = objective.derivatives(theta)
         if basis is None:
@@ -79,7 +82,9 @@ def minimise(
             fall = before - value
         else:
             ahead = float(objective.gradient(theta + way) @ way)
-            way, fall, value = way / (1 + max(0.0, -ahead / slope)), np.inf, None
+            way = way / (1 + max(0.0, -ahead / slope))
+            fall = np.inf
+            value = None
         theta = theta + way
         if not way.any() or fall < rules.fall:
             break

@@ -78,7 +78,8 @@ class Means(NamedTuple):
     @staticmethod
     def empty(n: int, p: int, fade: float) -> Means:
         """The means before any block."""
-        flat, cube = np.zeros((n, p)), np.zeros((n, p, p))
+        flat = np.zeros((n, p))
+        cube = np.zeros((n, p, p))
         return Means(fade, 0.0, cube, cube, flat, cube, cube)
 
     def with_blocks(self, rows: Array, before: Array, noise: Array) -> Means:
@@ -89,7 +90,8 @@ class Means(NamedTuple):
         if not len(rows):
             return self
         blocks = self.blocks + len(rows)
-        gramian, lagged = np.empty_like(self.gramian), np.empty_like(self.lagged)
+        gramian = np.empty_like(self.gramian)
+        lagged = np.empty_like(self.lagged)
         _add_products(self.blocks, rows, rows, self.gramian, gramian)
         _add_products(self.blocks, rows, before, self.lagged, lagged)
         if noise is not self.noise:
@@ -107,7 +109,8 @@ class Means(NamedTuple):
         since = self.since + len(rows)
         if since < -_TOGETHER / np.log(self.fade):
             return self._replace(recent=recent, since=since)
-        lost, expected = 1 - self.fade**since, since * self.noise
+        lost = 1 - self.fade**since
+        expected = since * self.noise
         maps, share = forgetting(self.blocks * self.gramian, recent, expected, lost)
         back = maps.transpose(0, 2, 1)
 
@@ -132,7 +135,8 @@ def forgetting(whole: Array, new: Array, noise: Array, lost: float) -> tuple[Arr
     `whole` (n, p, p) is G ⪰ D for every row of the momentum balance, `new` (n, p, p) D, `noise` (n,
     p, p) its part expected from noise, `lost` the share g.
     """
-    maps, shares = np.repeat(np.eye(whole.shape[1])[None], len(whole), axis=0), [np.ones(1)]
+    maps = np.repeat(np.eye(whole.shape[1])[None], len(whole), axis=0)
+    shares = [np.ones(1)]
     for i, (all_of, added, expected) in enumerate(zip(whole, new, noise, strict=True)):
         seen = np.diag(all_of) > 0
         part = np.ix_(seen, seen)
@@ -151,14 +155,16 @@ def _add_products(old, rows, others, kept, found):
     rows (k, n, p) are Y, others (k, n, p) Y′.
     """
     number, n, p = rows.shape
-    share, half = old / (old + number), 0.5 / (old + number)
+    share = old / (old + number)
+    half = 0.5 / (old + number)
     for i in range(n):
         for a in range(p):
             for b in range(p):
                 found[i, a, b] = share * kept[i, a, b]
         for k in range(number):
             for a in range(p):
-                own, other = rows[k, i, a], others[k, i, a]
+                own = rows[k, i, a]
+                other = others[k, i, a]
                 for b in range(p):
                     found[i, a, b] += half * (own * others[k, i, b] + other * rows[k, i, b])
 
@@ -168,7 +174,9 @@ def _innovate(rho, share, last, own, lagged, found):
     """Writes (n, p, p) mean squares of Y − ρ Y′; `share` is that of one block."""
     n, p = last.shape
     for i in range(n):
-        one, two, three = 1.0 + rho[i] * rho[i], 2.0 * rho[i], rho[i] * rho[i] * share
+        one = 1.0 + rho[i] * rho[i]
+        two = 2.0 * rho[i]
+        three = rho[i] * rho[i] * share
         for a in range(p):
             past = three * last[i, a]
             for b in range(p):

@@ -12,7 +12,8 @@ _INVERTED = 1e-12  # share of the mean diagonal that is added where a matrix is 
 
 def cholesky(matrix: Array) -> Array:
     """(p, p) lower factor of a matrix > 0, which rounding may have left slightly indefinite."""
-    ridge, widest = _RIDGE, 1e10 * _RIDGE
+    ridge = _RIDGE
+    widest = 1e10 * _RIDGE
     while True:
         try:
             whole = matrix + ridge * np.diag(np.diag(matrix))
@@ -66,7 +67,8 @@ def inverse_on(hessian: Array, free: Indices, scale: Array) -> Array:
 
     scale (p,) of all parameters serves conditioning.
     """
-    found, unit = np.zeros_like(hessian), np.outer(scale[free], scale[free])
+    found = np.zeros_like(hessian)
+    unit = np.outer(scale[free], scale[free])
     inner = hessian[np.ix_(free, free)] * unit
     inner[np.diag_indices_from(inner)] += _INVERTED * np.trace(inner) / len(inner)
     found[np.ix_(free, free)] = scipy.linalg.inv(inner) * unit

@@ -66,12 +66,15 @@ def act_on_joints(structure, theta, angles, rates, u, force):
     angles (n,) and rates (n,) are those of every velocity's joint, u (n_u,) the commands, theta
     (p,) the parameters.
     """
-    bodies, columns, constants = structure.bodies, structure.columns, structure.constants
+    bodies = structure.bodies
+    columns = structure.columns
+    constants = structure.constants
     for k in range(columns.shape[0]):
         gain = theta[columns[k, PARAMETER]]
         if gain == 0.0:
             continue
-        i, own = bodies[columns[k, AT], AT_V], columns[k, CONSTANTS]
+        i = bodies[columns[k, AT], AT_V]
+        own = columns[k, CONSTANTS]
         command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
         force[i] += gain * force_alone(
             columns[k, SORT], constants, own, angles[i], rates[i], command
@@ -80,10 +83,20 @@ def act_on_joints(structure, theta, angles, rates, u, force):
 
 @helper(
     void(
-        STRUCTURE, vector, vector, vector, vector, vector, boolean, boolean, WORKSPACE, vector,
-        vector, vector,
+        STRUCTURE,
+        vector,
+        vector,
+        vector,
+        vector,
+        vector,
+        boolean,
+        boolean,
+        WORKSPACE,
+        vector,
+        vector,
+        vector,
     )
-)  # fmt: skip
+)
 def act(structure, theta, q, v, ground, u, added, flowing, work, state, F, force):
     """Writes the generalised forces F θ − C v (n,), and the lower triangle of M into work.M.
 

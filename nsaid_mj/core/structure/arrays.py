@@ -22,18 +22,37 @@ POSITIONS = (0, 7, 3, 1, 1, 2)
 """Numbers of velocities and positions of each kind of joint."""
 
 (
-    PARENT, KIND, AT_Q, AT_V, COUNT, TEN, FIRST, LAST, TERM, TERMS, RIGID, GENERAL, DENSE,
+    PARENT,
+    KIND,
+    AT_Q,
+    AT_V,
+    COUNT,
+    TEN,
+    FIRST,
+    LAST,
+    TERM,
+    TERMS,
+    RIGID,
+    GENERAL,
+    DENSE,
     BODY,
-) = range(14)  # fmt: skip
+) = range(14)
 """Columns of `StructureArrays.bodies`: parent or −1; kind of joint; its first position, first
 velocity and number of velocities; first of ten rigid-body parameters or −1; range of `entries`, and
 of `terms`; whether the body, or one that it carries, has rigid-body parameters, whether entries,
 and whether entries or columns."""
 
-OF, FROM, TO, OWNER = 0, 1, 2, 3
+OF = 0
+FROM = 1
+TO = 2
+OWNER = 3
 """Columns of `StructureArrays.terms`: parameter; range of `entries`; body."""
 
-COSINE, SINE, PLACE, AXIS, JOINT = 9, 18, 27, 30, 33
+COSINE = 9
+SINE = 18
+PLACE = 27
+AXIS = 30
+JOINT = 33
 """Columns of `StructureArrays.joints`: R₀, R_c and R_s (9 each), with R₀ + R_c cos + R_s sin the
 body's axes in its parent's; position in the parent's frame; axis in the body's axes."""
 
@@ -44,7 +63,10 @@ SORT, AT, INPUT, CONSTANTS, NONZEROS, PARAMETER, READS, COLUMN = range(8)
 NOTHING, SPEED, POSE = range(3)
 """The dependence of a column's value: on nothing, or on velocity or pose of its body or joint."""
 
-POSITION, TWIST, RATE, FRAME = 9, 12, 6, 18
+POSITION = 9
+TWIST = 12
+RATE = 6
+FRAME = 18
 """Columns of a state. A body's row: rotation to the common frame (9), position, twist V. A
 velocity's row: its axis S, and Ṡ = dS/dt in an inertial frame. The row after: up and gravity. Then,
 for every term, the matrix (36) in the common frame that its parameter multiplies."""
@@ -69,13 +91,21 @@ class StructureArrays(NamedTuple):
     nonzeros: Integers  # (z, 2) rows [velocity, parameter] of entries of F that can differ from 0
 
 
-VELOCITY, DRIFT, WRENCH, PUSH, FIELD, MOTION = 0, 6, 12, 18, 24, 36
+VELOCITY = 0
+DRIFT = 6
+WRENCH = 12
+PUSH = 18
+FIELD = 24
+MOTION = 36
 """Columns of `Workspace.motion`: W; J̇ w; the wrench; J a; field of a rigid body, see `stage`."""
 
-SQUARE, INERTIA = 10, 46
+SQUARE = 10
+INERTIA = 46
 """Columns of `Workspace.inertia`: ten rigid-body parameters, then the other entries (6, 6)."""
 
-SCRATCH, SPARE, ROWS = 96, 6, 7
+SCRATCH = 96
+SPARE = 6
+ROWS = 7
 """Sizes of the workspace; its last row is for `slopes`, those before are for a step."""
 
 
@@ -90,8 +120,15 @@ class Workspace(NamedTuple):
     scratch: Array  # (SCRATCH,) vectors of one body
 
 
-SPEED_SLOPE, TURN_SLOPE, LOAD, IMPULSE, CHANGE, SLOPE = 36, 72, 108, 114, 120, 126
-BENT, TWICE, MOVED = 0, 6, 12
+SPEED_SLOPE = 36
+TURN_SLOPE = 72
+LOAD = 108
+IMPULSE = 114
+CHANGE = 120
+SLOPE = 126
+BENT = 0
+TWICE = 6
+MOVED = 12
 """Columns of `Slopes.bodies`, after the inertia, and of `Slopes.axes`: Ψ̇, Ψ̈, Ψ̇ + Ṡ."""
 
 
@@ -123,7 +160,8 @@ def workspace(bodies: int, n: int) -> Workspace:
 
 def memory_of(structure: StructureArrays, n: int) -> tuple[Workspace, Slopes]:
     """Workspaces of a stage and for derivatives, for a structure with n velocities."""
-    bodies, terms = len(structure.bodies), len(structure.terms)
+    bodies = len(structure.bodies)
+    terms = len(structure.terms)
     return workspace(bodies, n), Slopes(
         np.zeros((bodies + n + 1 + 2 * terms) * FRAME),
         np.zeros(bodies * SLOPE),

@@ -56,7 +56,8 @@ def link_block(number: int, name: str, mass: float, length: float) -> Block:
 
 
 def _inertial(block: str, body: str, end: str, scale: Array) -> Block:
-    names, labels = ((f"{x}{end}" for x in INERTIAL), (f"{x} of {body}" for x in _LABELS))
+    names = (f"{x}{end}" for x in INERTIAL)
+    labels = (f"{x} of {body}" for x in _LABELS)
     return Block(block, tuple(names), _UNITS, scale, "pseudo_inertia", labels=tuple(labels))
 
 
@@ -69,7 +70,8 @@ def mass_block(diagonal: Array, axes: Sequence[int] = range(6)) -> Block:
     rows, columns = np.triu_indices(len(axes))
     share = np.where(rows == columns, 1.0, 0.25)
     scale = share * np.sqrt(diagonal[rows] * diagonal[columns])
-    rows, columns = np.asarray(axes)[rows], np.asarray(axes)[columns]
+    rows = np.asarray(axes)[rows]
+    columns = np.asarray(axes)[columns]
     pairs = list(zip(rows.tolist(), columns.tolist(), strict=True))
     units = np.array(["kg", "kg·m", "kg·m²"])[(rows >= 3).astype(int) + (columns >= 3)]
     return Block(

@@ -34,7 +34,8 @@ class _Memory(threading.local):
 
     def __init__(self, structure: Structure):
         self.structure, (self.work, own) = structure, structure.memory()
-        self.state, self.F = own.state, own.F
+        self.state = own.state
+        self.F = own.F
 
     def __reduce__(self) -> tuple[type[_Memory], tuple[Structure]]:
         return _Memory, (self.structure,)  # another process has threads of its own
@@ -54,8 +55,11 @@ class StructuredKinematics:
     """
 
     def __init__(self, structure: Structure):
-        self.structure, self.group = structure, structure.group
-        self.n, self.m, self.n_u = structure.n, structure.m, structure.n_u
+        self.structure = structure
+        self.group = structure.group
+        self.n = structure.n
+        self.m = structure.m
+        self.n_u = structure.n_u
         self.velocity_units: tuple[str, ...] = sum((UNITS[b.joint] for b in structure.bodies), ())
         self._memory, self._still = _Memory(structure), np.zeros(structure.n)
         self.motion_steps = max(64, min(500, _CACHED // len(self._memory.state)))
@@ -70,20 +74,25 @@ class StructuredKinematics:
         `hermite` interpolates positions and velocities by cubics; else velocities are the mean of
         both, for positions too noisy to differentiate.
         """
-        t, q, v = plain(log.t), plain(log.q), plain(log.v)
-        qm, vm = np.empty((len(t) - 1, self.m)), np.empty((len(t) - 1, self.n))
+        t = plain(log.t)
+        q = plain(log.q)
+        v = plain(log.v)
+        qm = np.empty((len(t) - 1, self.m))
+        vm = np.empty((len(t) - 1, self.n))
         between(self.structure.arrays, hermite, t, q, v, self._memory.work, qm, vm)
         return Middle(qm, vm)
 
     def integrate(self, q: Array, dq: Array) -> Array:
         """(m,) the position reached from q by the tangent step dq (n,)."""
-        out, x = np.empty(self.m), self._memory.work.scratch
+        out = np.empty(self.m)
+        x = self._memory.work.scratch
         integrate(self.structure.arrays.bodies, plain(q), plain(dq), out, x)
         return out
 
     def difference(self, q0: Array, q1: Array) -> Array:
         """(n,) the tangent step that leads from q0 to q1; rotations are the shorter ones."""
-        step, x = np.empty(self.n), self._memory.work.scratch
+        step = np.empty(self.n)
+        x = self._memory.work.scratch
         difference(self.structure.arrays.bodies, plain(q0), plain(q1), step, x)
         return step
 
@@ -94,15 +103,18 @@ class StructuredKinematics:
 
     def moves(self, q: Array) -> Array:
         """(N−1, n) tangent steps between consecutive positions of (N, m)."""
-        steps, x = np.empty((len(q) - 1, self.n)), self._memory.work.scratch
+        steps = np.empty((len(q) - 1, self.n))
+        x = self._memory.work.scratch
         write_moves(self.structure.arrays.bodies, plain(q), steps, x)
         return steps
 
     def J(self, q: Array) -> Array:
         """(m, n) matrix of the kinematics q̇ = J v (3)."""
-        J, starts = np.zeros((self.m, self.n)), self.structure.starts
+        J = np.zeros((self.m, self.n))
+        starts = self.structure.starts
         for kind, at, end in zip(self.structure.kinds, starts, starts[1:], strict=False):
-            block, own = J[at[0] : end[0], at[1] : end[1]], q[at[0] : end[0]]
+            block = J[at[0] : end[0], at[1] : end[1]]
+            own = q[at[0] : end[0]]
             if kind == FREE:
                 block[:] = pose_jacobian(plain(own))
             elif kind == CIRCLE:
@@ -110,7 +122,8 @@ class StructuredKinematics:
             else:
                 np.fill_diagonal(block, 1.0)
             if kind == PLANAR:
-                c, s = np.cos(own[2]), np.sin(own[2])
+                c = np.cos(own[2])
+                s = np.sin(own[2])
                 block[:2, :2] = [[c, -s], [s, c]]
         return J
 
@@ -120,9 +133,11 @@ class StructuredKinematics:
         if self.m == self.n:
             return coordinates.copy()
         rows = coordinates.reshape(-1, self.n)
-        q, starts = np.empty((len(rows), self.m)), self.structure.starts
+        q = np.empty((len(rows), self.m))
+        starts = self.structure.starts
         for kind, at, end in zip(self.structure.kinds, starts, starts[1:], strict=False):
-            block, given = q[:, at[0] : end[0]], rows[:, at[1] : end[1]]
+            block = q[:, at[0] : end[0]]
+            given = rows[:, at[1] : end[1]]
             if kind == FREE:
                 block[:, :3] = given[:, :3]
                 block[:, 3:] = [quaternion_of(plain(turn)) for turn in given[:, 3:]]

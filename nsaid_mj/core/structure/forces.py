@@ -77,11 +77,16 @@ def write_forces(structure, state, q, v, u, which, x, F):
     state (s,) is that of `kinematics.place` at q (m,) and v (n,); u (n_u,) are the commands,
     `which` is `ALL`, or says which entries to write, and x (SCRATCH,) is workspace.
     """
-    bodies, columns, c, seen = structure.bodies, structure.columns, structure.constants, -1
+    bodies = structure.bodies
+    columns = structure.columns
+    c = structure.constants
+    seen = -1
     nonzeros = structure.nonzeros
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
     for k in range(columns.shape[0]):
-        kind, b, own = columns[k, SORT], columns[k, AT], columns[k, CONSTANTS]
+        kind = columns[k, SORT]
+        b = columns[k, AT]
+        own = columns[k, CONSTANTS]
         on_body = kind >= BODY_KINDS
         if which == COMMANDED and columns[k, INPUT] < 0:
             continue

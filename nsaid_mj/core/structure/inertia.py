@@ -29,17 +29,28 @@ _PRODUCT = void(vector, index, vector, index, f8, vector, index)
 @helper(void(vector, index, vector, index, vector, index))
 def write_rigid(state, frame, theta, at, inertia, to):
     """Writes the ten parameters θ[at : at + 10] of a body in the common frame."""
-    m, p = theta[at], frame + POSITION
-    xx, xy, yy, xz, yz, zz = (
-        theta[at + 4], theta[at + 5], theta[at + 6], theta[at + 7], theta[at + 8], theta[at + 9]
-    )  # fmt: skip
+    m = theta[at]
+    p = frame + POSITION
+    xx = theta[at + 4]
+    xy = theta[at + 5]
+    yy = theta[at + 6]
+    xz = theta[at + 7]
+    yz = theta[at + 8]
+    zz = theta[at + 9]
     rotate(state, frame, theta, at + 1, inertia, to + 1)
-    px, py, pz = state[p], state[p + 1], state[p + 2]
-    kx, ky = inertia[to + 1] + 0.5 * m * px, inertia[to + 2] + 0.5 * m * py
+    px = state[p]
+    py = state[p + 1]
+    pz = state[p + 2]
+    kx = inertia[to + 1] + 0.5 * m * px
+    ky = inertia[to + 2] + 0.5 * m * py
     kz = inertia[to + 3] + 0.5 * m * pz
     for r in range(3):  # R Ī Rᵀ
-        a, b, c = state[frame + 3 * r], state[frame + 3 * r + 1], state[frame + 3 * r + 2]
-        x, y, z = a * xx + b * xy + c * xz, a * xy + b * yy + c * yz, a * xz + b * yz + c * zz
+        a = state[frame + 3 * r]
+        b = state[frame + 3 * r + 1]
+        c = state[frame + 3 * r + 2]
+        x = a * xx + b * xy + c * xz
+        y = a * xy + b * yy + c * yz
+        z = a * xz + b * yz + c * zz
         for s in range(r + 1):
             R = frame + 3 * s
             inertia[to + 4 + r * (r + 1) // 2 + s] = (
@@ -61,9 +72,15 @@ def write_rigid(state, frame, theta, at, inertia, to):
 @helper(_PRODUCT)
 def add_turning(inertia, at, x, i, factor, y, k):
     """y += factor · Ī x, of 3-vectors."""
-    xx, xy, yy = inertia[at + 4], inertia[at + 5], inertia[at + 6]
-    xz, yz, zz = inertia[at + 7], inertia[at + 8], inertia[at + 9]
-    a, b, c = factor * x[i], factor * x[i + 1], factor * x[i + 2]
+    xx = inertia[at + 4]
+    xy = inertia[at + 5]
+    yy = inertia[at + 6]
+    xz = inertia[at + 7]
+    yz = inertia[at + 8]
+    zz = inertia[at + 9]
+    a = factor * x[i]
+    b = factor * x[i + 1]
+    c = factor * x[i + 2]
     y[k] += xx * a + xy * b + xz * c
     y[k + 1] += xy * a + yy * b + yz * c
     y[k + 2] += xz * a + yz * b + zz * c
@@ -91,12 +108,15 @@ def write_square(bodies, entries, values, terms, b, state, ground, theta, square
     """
     clear(square, at, 36)
     for k in range(bodies[b, TERM], bodies[b, TERMS]):
-        gain, start = theta[terms[k, OF]], ground + FRAME + 36 * k
+        gain = theta[terms[k, OF]]
+        start = ground + FRAME + 36 * k
         for i in range(36):
             square[at + i] += gain * state[start + i]
     if bodies[b, TERM] == bodies[b, TERMS]:  # a base: its axes are the common frame's
         for e in range(bodies[b, FIRST], bodies[b, LAST]):
-            i, j, entry = entries[e, 0], entries[e, 1], values[e] * theta[entries[e, 2]]
+            i = entries[e, 0]
+            j = entries[e, 1]
+            entry = values[e] * theta[entries[e, 2]]
             square[at + 6 * i + j] += entry
             if i != j:
                 square[at + 6 * j + i] += entry
@@ -117,9 +137,19 @@ def write_momentum(bodies, b, inertia, x, i, f):
     """Writes I x into f[:6], with the whole inertia in body b's row of `Workspace.inertia`."""
     k = b * INERTIA
     if bodies[b, RIGID]:
-        m, hx, hy, hz = inertia[k], inertia[k + 1], inertia[k + 2], inertia[k + 3]
-        u, v, w, p, q, r = x[i], x[i + 1], x[i + 2], x[i + 3], x[i + 4], x[i + 5]
-        f[0], f[1], f[2] = m * u + q * hz - r * hy, m * v + r * hx - p * hz, m * w + p * hy - q * hx
+        m = inertia[k]
+        hx = inertia[k + 1]
+        hy = inertia[k + 2]
+        hz = inertia[k + 3]
+        u = x[i]
+        v = x[i + 1]
+        w = x[i + 2]
+        p = x[i + 3]
+        q = x[i + 4]
+        r = x[i + 5]
+        f[0] = m * u + q * hz - r * hy
+        f[1] = m * v + r * hx - p * hz
+        f[2] = m * w + p * hy - q * hx
         f[3] = hy * w - hz * v + inertia[k + 4] * p + inertia[k + 5] * q + inertia[k + 7] * r
         f[4] = hz * u - hx * w + inertia[k + 5] * p + inertia[k + 6] * q + inertia[k + 8] * r
         f[5] = hx * v - hy * u + inertia[k + 7] * p + inertia[k + 8] * q + inertia[k + 9] * r
@@ -139,21 +169,26 @@ def add_power(bodies, entries, values, b, x, i, j, heavy, out, row):
     In x, i is where the twist x begins, j where y does, and `heavy` where y does for the ten
     parameters, which may have weight. `bodies`, `entries` and `values` are the robot's.
     """
-    k, w = bodies[b, TEN], i + 3
+    k = bodies[b, TEN]
+    w = i + 3
     if k >= 0:
         out[row, k] += dot3(x, i, x, heavy)
         for r in range(3):
-            s, t = (r + 1) % 3, (r + 2) % 3
+            s = (r + 1) % 3
+            t = (r + 2) % 3
             out[row, k + 1 + r] += (
-                x[i + s] * x[heavy + 3 + t] - x[i + t] * x[heavy + 3 + s]
-                + x[heavy + s] * x[w + t] - x[heavy + t] * x[w + s]
-            )  # fmt: skip
+                x[i + s] * x[heavy + 3 + t]
+                - x[i + t] * x[heavy + 3 + s]
+                + x[heavy + s] * x[w + t]
+                - x[heavy + t] * x[w + s]
+            )
             for c in range(r):
                 both = x[w + r] * x[heavy + 3 + c] + x[w + c] * x[heavy + 3 + r]
                 out[row, k + 4 + r * (r + 1) // 2 + c] += both
             out[row, k + 4 + r * (r + 3) // 2] += x[w + r] * x[heavy + 3 + r]
     for e in range(bodies[b, FIRST], bodies[b, LAST]):
-        r, c = entries[e, 0], entries[e, 1]
+        r = entries[e, 0]
+        c = entries[e, 1]
         power = x[i + r] * x[j + c]
         if r != c:
             power += x[i + c] * x[j + r]
@@ -165,7 +200,8 @@ def add_weight(x, i, g, out, row, k):
     """out[row, k : k + 4] += what multiplies m and h in xᵀ I [g, 0] of ten parameters."""
     out[row, k] += dot3(x, i, x, g)
     for r in range(3):
-        s, t = (r + 1) % 3, (r + 2) % 3
+        s = (r + 1) % 3
+        t = (r + 2) % 3
         out[row, k + 1 + r] += x[g + s] * x[i + 3 + t] - x[g + t] * x[i + 3 + s]
 
 
@@ -177,19 +213,31 @@ def add_common_power(state, frame, power, out, k):
     the body's row begins in the state.
     """
     p = frame + POSITION
-    xx, xy, yy = 2 * power[4], power[5], 2 * power[6]  # 2 Z: powers hold off-diagonals twice
-    xz, yz, zz = power[7], power[8], 2 * power[9]
-    px, py, pz = state[p], state[p + 1], state[p + 2]
+    xx = 2 * power[4]  # 2 Z: powers hold off-diagonals twice
+    xy = power[5]
+    yy = 2 * power[6]
+    xz = power[7]
+    yz = power[8]
+    zz = 2 * power[9]
+    px = state[p]
+    py = state[p + 1]
+    pz = state[p + 2]
     trace = xx + yy + zz
     kx = trace * px - (xx * px + xy * py + xz * pz)
     ky = trace * py - (xy * px + yy * py + yz * pz)
     kz = trace * pz - (xz * px + yz * py + zz * pz)
-    hx, hy, hz = power[1] + kx, power[2] + ky, power[3] + kz
+    hx = power[1] + kx
+    hy = power[2] + ky
+    hz = power[3] + kz
     out[k] += power[0] + px * (hx - 0.5 * kx) + py * (hy - 0.5 * ky) + pz * (hz - 0.5 * kz)
     for c in range(3):
-        a, b, d = state[frame + c], state[frame + 3 + c], state[frame + 6 + c]
+        a = state[frame + c]
+        b = state[frame + 3 + c]
+        d = state[frame + 6 + c]
         out[k + 1 + c] += a * hx + b * hy + d * hz
-        x, y, z = xx * a + xy * b + xz * d, xy * a + yy * b + yz * d, xz * a + yz * b + zz * d
+        x = xx * a + xy * b + xz * d
+        y = xy * a + yy * b + yz * d
+        z = xz * a + yz * b + zz * d
         for s in range(c):
             R = frame + s
             out[k + 4 + c * (c + 1) // 2 + s] += x * state[R] + y * state[R + 3] + z * state[R + 6]

@@ -44,19 +44,32 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
         J: (d, d) information.
         root: whether J holds an upper triangular A with Aᵀ A in its place; see `add_square`.
     """
-    n, m, p, d = v.shape[1], q.shape[1], scale.shape[0], basis.shape[1]
+    n = v.shape[1]
+    m = q.shape[1]
+    p = scale.shape[0]
+    d = basis.shape[1]
     size = 2 * n
-    theta, scale, B = theta.copy(), scale.copy(), np.empty((n, p))
-    at, q1, v1, F = np.empty(m), np.empty(m), np.empty(n), np.empty((size, 3 * n))
-    P, L, inverse = np.diag(R0), np.zeros((size, size)), np.zeros((size, size))
-    psi, rows = np.zeros((size, d)), np.zeros((_BLOCK * size, d))
+    theta = theta.copy()
+    scale = scale.copy()
+    B = np.empty((n, p))
+    at = np.empty(m)
+    q1 = np.empty(m)
+    v1 = np.empty(n)
+    F = np.empty((size, 3 * n))
+    P = np.diag(R0)
+    L = np.zeros((size, size))
+    inverse = np.zeros((size, size))
+    psi = np.zeros((size, d))
+    rows = np.zeros((_BLOCK * size, d))
     filled = 0
     for k in range(1, t.shape[0]):
-        dt, before = t[k] - t[k - 1], (q[k - 1], v[k - 1], u[k - 1])
+        dt = t[k] - t[k - 1]
+        before = (q[k - 1], v[k - 1], u[k - 1])
         pivot = step(structure, *before, dt, theta, scale, work, slopes, at, q1, v1, F, B, B[:0])
         if not pivot > 0.0:
             return False
-        F_x, F_c = F[:, :size].copy(), F[:, size:].copy()
+        F_x = F[:, :size].copy()
+        F_c = F[:, size:].copy()
         psi = np.dot(F_x, psi) + np.dot(F_c, np.dot(B, basis))
         P = np.dot(np.dot(F_x, P), F_x.T)
         S = 0.5 * (P + P.T)
@@ -85,7 +98,9 @@ def information_along(structure, work, slopes, theta, scale, basis, R0, R, t, q,
 @kernel()
 def acceleration_rows(structure, work, slopes, q, v, u, theta, scale, rows):
     """Writes −M⁻¹ W diag(scale) (N, n, p) along a motion; returns whether M ≻ 0."""
-    theta, scale, a = theta.copy(), scale.copy(), np.empty(v.shape[1])
+    theta = theta.copy()
+    scale = scale.copy()
+    a = np.empty(v.shape[1])
     for k in range(rows.shape[0]):
         at = q[k], v[k], u[k], theta, scale
         if not linearise(structure, *at, work, slopes, a, rows[k], v[k, :0]) > 0.0:
@@ -96,7 +111,8 @@ def acceleration_rows(structure, work, slopes, q, v, u, theta, scale, rows):
 @kernel()
 def torques_along(structure, work, slopes, theta, q, v, a, torque):
     """Writes the joint torques (N, n) of a motion q (N, m), v (N, n), a (N, n) under θ (p,)."""
-    still, own = np.zeros(v.shape[1]), theta.copy()
+    still = np.zeros(v.shape[1])
+    own = theta.copy()
     for k in range(q.shape[0]):
         place(structure, q[k], v[k], slopes.state)
         write_forces(structure, slopes.state, q[k], v[k], still, ALL, work.scratch, slopes.F)

@@ -31,7 +31,8 @@ from .system import SecondOrderSystem
 
 """A joint's command: a motor's torque over its gain, or a servo's target."""
 _UNLIMITED = np.pi  # range of probes of joints without limits, ± [rad or m]
-_PLACE, _TURN = 1.0, 1.8  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
+_PLACE = 1.0  # range of probes of a base, ± [m], ± [rad] per axis: 1.8 √3 < π
+_TURN = 1.8
 _BASE_SPEED = 1.0  # largest speed of a floating base in probes of the structure [m/s, rad/s]
 
 
@@ -130,7 +131,8 @@ class JointTree(SecondOrderSystem):
         # those of one body follow one another: kernels compute its surroundings once
         carried = placed(space, own.terms, len(self.driven))
         columns += sorted(carried, key=lambda column: (column.input >= 0, column.body))
-        first, start = model.nv - len(speed), sum(map(len, own.bodies))
+        first = model.nv - len(speed)
+        start = sum(map(len, own.bodies))
         turning = range(0 if scales.rotor is None else len(speed))
         rotors = [Rotor(first + i, start + i) for i in turning]
         low, high = own.operation.command
@@ -148,7 +150,9 @@ class JointTree(SecondOrderSystem):
         super().__init__(structure, space, mounts)
         self.model, self.joints = model, moving_joints(model)
         self.joint_names, self.body_names = joint_names(model), body_names(model)
-        self.bodies, self.scales, self.friction_speed = len(bodies), scales, speed
+        self.bodies = len(bodies)
+        self.scales = scales
+        self.friction_speed = speed
         self._speed = np.concatenate([own.operation.velocity[1], scales.speed])
 
     @cached_property
@@ -208,7 +212,8 @@ def slides(joint: pin.JointModel) -> bool:
 
 def bodies_of(model: pin.Model) -> list[Body]:
     """The bodies of a Pinocchio model of 1-DOF joints, whose root may be a free flyer."""
-    data, bodies = model.createData(), []
+    data = model.createData()
+    bodies = []
     pin.computeJointJacobians(model, data, pin.neutral(model))
     for joint, name in zip(list(model.joints)[1:], body_names(model), strict=True):
         if joint.nv == 6:
@@ -280,15 +285,19 @@ def joint_terms(model: pin.Model, s: JointScales, friction_speed: Array) -> list
 
     Coulomb friction saturates at the speeds (k,) [rad/s or m/s].
     """
-    sliding, names = [slides(joint) for joint in moving_joints(model)], joint_names(model)
+    sliding = [slides(joint) for joint in moving_joints(model)]
+    names = joint_names(model)
     if not names:
         return []
-    first, every = model.nv - len(names), tuple(range(len(names)))
+    first = model.nv - len(names)
+    every = tuple(range(len(names)))
 
     def of(kind: str, own: tuple[int, ...], scale: Array, **constants: Any) -> Term:
-        letter, part = KINDS[kind].letter, KINDS[kind].block.removeprefix("motor ")
+        letter = KINDS[kind].letter
+        part = KINDS[kind].block.removeprefix("motor ")
         labels = {f"{letter}_{i + 1}": f"{part} of {names[i]}" for i in own}
-        slides, dofs = [sliding[i] for i in own], [first + i for i in own]
+        slides = [sliding[i] for i in own]
+        dofs = [first + i for i in own]
         return term(kind, labels, scale, scale, sliding=slides, dof=dofs, **constants)
 
     driven = every if s.driven is None else s.driven

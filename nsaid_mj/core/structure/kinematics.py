@@ -35,11 +35,19 @@ from .spatial import add_cross, add_turned, clear, rotate, turn_square, unrotate
 @helper(void(vector, index, vector, index))
 def write_rotation(q, at, R, r):
     """Writes the rotation matrix (9), body to world, of the unit quaternion (x, y, z, w) q[at]."""
-    x, y, z, w = q[at], q[at + 1], q[at + 2], q[at + 3]
-    R[r], R[r + 4] = 1 - 2 * (y * y + z * z), 1 - 2 * (x * x + z * z)
+    x = q[at]
+    y = q[at + 1]
+    z = q[at + 2]
+    w = q[at + 3]
+    R[r] = 1 - 2 * (y * y + z * z)
+    R[r + 4] = 1 - 2 * (x * x + z * z)
     R[r + 8] = 1 - 2 * (x * x + y * y)
-    R[r + 1], R[r + 2], R[r + 5] = 2 * (x * y - z * w), 2 * (x * z + y * w), 2 * (y * z - x * w)
-    R[r + 3], R[r + 6], R[r + 7] = 2 * (x * y + z * w), 2 * (x * z - y * w), 2 * (y * z + x * w)
+    R[r + 1] = 2 * (x * y - z * w)
+    R[r + 2] = 2 * (x * z + y * w)
+    R[r + 5] = 2 * (y * z - x * w)
+    R[r + 3] = 2 * (x * y + z * w)
+    R[r + 6] = 2 * (x * z - y * w)
+    R[r + 7] = 2 * (y * z + x * w)
 
 
 @helper(void(index, vector, vector, vector, index, index))
@@ -56,17 +64,22 @@ def _place_base(kind, gravity, q, state, frame, ground):
         state[ground + i] = state[frame + 6 + i]
     unrotate(state, frame, gravity, 0, state, ground + FALL)
     clear(state, frame, 12)
-    state[frame], state[frame + 4], state[frame + 8] = 1.0, 1.0, 1.0
+    state[frame] = 1.0
+    state[frame + 4] = 1.0
+    state[frame + 8] = 1.0
 
 
 @helper(void(index, vector, index, vector, index, vector, index))
 def _place_body(kind, q, at, joints, joint, state, frame):
     """Writes rotation and position of a body in its parent's frame."""
-    cosine, sine = 1.0, 0.0
+    cosine = 1.0
+    sine = 0.0
     if kind == HINGE:
-        cosine, sine = np.cos(q[at]), np.sin(q[at])
+        cosine = np.cos(q[at])
+        sine = np.sin(q[at])
     elif kind == CIRCLE:
-        cosine, sine = q[at], q[at + 1]
+        cosine = q[at]
+        sine = q[at + 1]
     for i in range(9):
         turned = cosine * joints[joint + COSINE + i] + sine * joints[joint + SINE + i]
         state[frame + i] = joints[joint + i] + turned
@@ -82,12 +95,16 @@ def _place_body(kind, q, at, joints, joint, state, frame):
 def _compose(state, above, frame):
     """Overwrites a pose in the parent's frame with that in the common frame."""
     for c in range(3):
-        x, y, z = state[frame + c], state[frame + 3 + c], state[frame + 6 + c]
+        x = state[frame + c]
+        y = state[frame + 3 + c]
+        z = state[frame + 6 + c]
         for r in range(3):
             R = above + 3 * r
             state[frame + 3 * r + c] = state[R] * x + state[R + 1] * y + state[R + 2] * z
     p = frame + POSITION
-    x, y, z = state[p], state[p + 1], state[p + 2]
+    x = state[p]
+    y = state[p + 1]
+    z = state[p + 2]
     for r in range(3):
         R = above + 3 * r
         state[p + r] = (
@@ -98,8 +115,11 @@ def _compose(state, above, frame):
 @helper(void(table, vector, index, vector, vector))
 def _move(bodies, joints, b, v, state):
     """Writes a body's twist V, and S and Ṡ = V × S of its joint's velocities."""
-    parent, kind, first = bodies[b, PARENT], bodies[b, KIND], bodies[b, AT_V]
-    frame, axes = b * FRAME, bodies.shape[0] * FRAME
+    parent = bodies[b, PARENT]
+    kind = bodies[b, KIND]
+    first = bodies[b, AT_V]
+    frame = b * FRAME
+    axes = bodies.shape[0] * FRAME
     for i in range(TWIST, TWIST + 6):
         state[frame + i] = state[parent * FRAME + i] if parent >= 0 else 0.0
     for j in range(first, first + bodies[b, COUNT]):
@@ -123,14 +143,20 @@ def _move(bodies, joints, b, v, state):
 @kernel(void(STRUCTURE, vector, vector, vector))
 def place(structure, q, v, state):
     """Writes the state at q (m,) and v (n,) into state (s,); see `arrays.POSITION`."""
-    bodies, joints, gravity = structure.bodies, structure.joints, structure.gravity
-    entries, values, terms = structure.entries, structure.values, structure.terms
+    bodies = structure.bodies
+    joints = structure.joints
+    gravity = structure.gravity
+    entries = structure.entries
+    values = structure.values
+    terms = structure.terms
     ground = (bodies.shape[0] + v.shape[0]) * FRAME
     for i in range(3):
-        state[ground + i], state[ground + FALL + i] = 0.0, gravity[i]
+        state[ground + i] = 0.0
+        state[ground + FALL + i] = gravity[i]
     state[ground + 2] = 1.0
     for b in range(bodies.shape[0]):
-        kind, parent = bodies[b, KIND], bodies[b, PARENT]
+        kind = bodies[b, KIND]
+        parent = bodies[b, PARENT]
         if kind in (FREE, PLANAR):
             _place_base(kind, gravity, q, state, b * FRAME, ground)
         else:
@@ -142,7 +168,8 @@ def place(structure, q, v, state):
         at = ground + FRAME + 36 * k
         clear(state, at, 36)
         for e in range(terms[k, FROM], terms[k, TO]):
-            i, j = entries[e, 0], entries[e, 1]
+            i = entries[e, 0]
+            j = entries[e, 1]
             state[at + 6 * i + j] = values[e]
             state[at + 6 * j + i] = values[e]
         turn_square(state, terms[k, OWNER] * FRAME, state, at)

@@ -34,7 +34,10 @@ from .spatial import into_body, unrotate
 from .stage import accelerate
 from .stage import stage as structure_stage
 
-_V, _G, _S, _RATE_S = 0, 12, 18, 24  # vectors in the body's axes
+_V = 0  # vectors in the body's axes
+_G = 12
+_S = 18
+_RATE_S = 24
 
 
 class Outside(NamedTuple):
@@ -92,7 +95,9 @@ def stage(motion, at, k, v_hat, theta, work, a_hat, gradient):
     """
     state = motion.middles[k - 1] if at == 1 else motion.states[k - 1 + at // 2]
     v = motion.vm[k - 1] if at == 1 else motion.v[k - 1 + at // 2]
-    F, structure, outside = motion.F[at, k - 1], motion.structure, motion.outside
+    F = motion.F[at, k - 1]
+    structure = motion.structure
+    outside = motion.outside
     pivot = structure_stage(structure, state, v, F, v_hat, theta, work, a_hat, gradient)
     if outside.address != 0 and pivot > 0.0:
         copy_into(v_hat, outside.v_hat)
@@ -109,7 +114,9 @@ def between(structure, hermite, t, q, v, work, qm, vm):
     `hermite` selects cubic Hermite interpolation, else the mean of both velocities. t is (N,) [s],
     q (N, m), v (N, n).
     """
-    bodies, rows, x = structure.bodies, work.rows, work.scratch
+    bodies = structure.bodies
+    rows = work.rows
+    x = work.scratch
     for k in range(t.shape[0] - 1):
         dt = t[k + 1] - t[k]
         half_way(bodies, q[k], v[k], q[k + 1], v[k + 1], dt, hermite, rows, x, qm[k], vm[k])
@@ -135,11 +142,15 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
     place_along(structure, qm, vm, middles)
     for k in range(qm.shape[0]):
         for at in range(3):  # start, middle and end of the step
-            state, position, velocity = middles[k], qm[k], vm[k]
+            state = middles[k]
+            position = qm[k]
+            velocity = vm[k]
             if at != 1:
-                state, position = states[k + at // 2], q[k + at // 2]
+                state = states[k + at // 2]
+                position = q[k + at // 2]
                 velocity = v[k + at // 2]
-            which, entries = MOVING if at > 0 else COMMANDED if k > 0 else ALL, F[at, k]
+            which = MOVING if at > 0 else COMMANDED if k > 0 else ALL
+            entries = F[at, k]
             for z in range(entries.shape[0]):  # what is not written below has not changed
                 if at > 0:
                     entries[z] = F[0, k, z]
@@ -152,7 +163,7 @@ def along(structure, q, v, qm, vm, u, work, states, middles, F):
     void(
         STRUCTURE, matrix, matrix, matrix, matrix, matrix, vector, vector, WORKSPACE, matrix, vector
     )
-)  # fmt: skip
+)
 def accelerate_at(structure, q, v, u, w, theta, state, F, work, a, pivots):
     """Writes â of (29) at N samples into a (N, n), and M̂'s smallest pivots, > 0 on success.
 
@@ -172,14 +183,19 @@ def _write_balance(structure, state, v, leak, x, momentum, drive):
     In an inertial frame, row j of a body is S_jᵀ I V, and S_jᵀ I (a V + g) + Ṡ_jᵀ I V; only
     rigid-body parameters have weight.
     """
-    bodies, entries, values = structure.bodies, structure.entries, structure.values
-    rotors, axes = structure.rotors, bodies.shape[0] * FRAME
+    bodies = structure.bodies
+    entries = structure.entries
+    values = structure.values
+    rotors = structure.rotors
+    axes = bodies.shape[0] * FRAME
     ground = axes + v.shape[0] * FRAME
     for i in range(v.shape[0]):
         for k in range(momentum.shape[1]):
-            momentum[i, k], drive[i, k] = 0.0, 0.0
+            momentum[i, k] = 0.0
+            drive[i, k] = 0.0
     for b in range(bodies.shape[0]):
-        frame, ancestor = b * FRAME, b
+        frame = b * FRAME
+        ancestor = b
         into_body(state, frame, state, frame + TWIST, x, _V)
         unrotate(state, frame, state, ground + FALL, x, _G)
         while ancestor >= 0:
@@ -194,7 +210,9 @@ def _write_balance(structure, state, v, leak, x, momentum, drive):
                     add_weight(x, _S, _G, drive, j, bodies[b, TEN])
             ancestor = bodies[ancestor, PARENT]
     for r in range(rotors.shape[0]):
-        i, j, k = rotors[r, 0], rotors[r, 1], rotors[r, 2]
+        i = rotors[r, 0]
+        j = rotors[r, 1]
+        k = rotors[r, 2]
         momentum[i, k] += v[j]
         if i != j:
             momentum[j, k] += v[i]
@@ -216,10 +234,22 @@ def _add_forces(structure, drive, F, out):
 
 @kernel(
     void(
-        STRUCTURE, f8, matrix, matrix, matrix, matrix, cube, WORKSPACE, matrix, matrix,
-        cube, cube, cube, cube,
+        STRUCTURE,
+        f8,
+        matrix,
+        matrix,
+        matrix,
+        matrix,
+        cube,
+        WORKSPACE,
+        matrix,
+        matrix,
+        cube,
+        cube,
+        cube,
+        cube,
     )
-)  # fmt: skip
+)
 def balance(
     structure, leak, v, vm, states, middles, F, work, drive, unused, momenta, start, half, end
 ):

@@ -53,7 +53,8 @@ def check_consistency(system: JointTree) -> None:
     Raises:
         EnginesDisagree: they differ by more than `AGREEMENT` of the largest entry.
     """
-    rng, model = np.random.default_rng(0), pin.Model(system.model)
+    rng = np.random.default_rng(0)
+    model = pin.Model(system.model)
     links = 10 * system.bodies
     theta = np.zeros(system.p)
     for i in range(1, model.njoints):
@@ -67,7 +68,8 @@ def check_consistency(system: JointTree) -> None:
     still = np.zeros(system.n)
     for _ in range(_SAMPLES):
         q, v, _ = system.random_state(rng)
-        a, u = rng.uniform(-1, 1, system.n), np.zeros(system.n_u)
+        a = rng.uniform(-1, 1, system.n)
+        u = np.zeros(system.n_u)
         regressor = pin.computeJointTorqueRegressor(model, data, q, v, a)
         mass = pin.crba(model, data, q)
         bias = pin.nonLinearEffects(model, data, q, v)
@@ -109,7 +111,8 @@ class PinocchioLinks:
     """The regressors of a tree's links by Pinocchio."""
 
     def __init__(self, system: JointTree):
-        self._system, self._links = system, 10 * system.bodies
+        self._system = system
+        self._links = 10 * system.bodies
         light = pin.Model(system.model)
         light.gravity.setZero()
         self._heavy, self._weightless = ((own, own.createData()) for own in (system.model, light))
@@ -132,14 +135,17 @@ class PinocchioLinks:
         """(n, p) regressor of Ṁ v − C v, with Ṁ v by central differences."""
         system = self._system
         step = DIFFERENCE / (1.0 + float(np.abs(v).max(initial=0.0)))  # Ṁ v to about 1e-10
-        ahead, behind = system.integrate(q, step * v), system.integrate(q, -step * v)
+        ahead = system.integrate(q, step * v)
+        behind = system.integrate(q, -step * v)
         return (system._W_M(ahead, v) - system._W_M(behind, v)) / (2 * step) - system._W_C(q, v, v)
 
     def momentum_balance(
         self, leak: float, log: Log, q: Array, v: Array
     ) -> tuple[Array, Array, Array, Array]:
         """Terms of the filtered momentum balance, sample by sample."""
-        system, t, held = self._system, log.t, log.u[:-1]
+        system = self._system
+        t = log.t
+        held = log.u[:-1]
         momenta = np.stack([system._W_M(*row) for row in zip(log.q, log.v, strict=True)])
         drive = leak * momenta
         drive += np.stack([self.transport(*row) for row in zip(log.q, log.v, strict=True)])
@@ -157,8 +163,12 @@ class PinocchioLinks:
         Only one thread at a time may follow it: its stages pass through the same three arrays.
         Positions are (N, m) at the samples and (N−1, m) half-way.
         """
-        system, vs, vm = self._system, own.v, own.vm
-        v_hat, a_hat, leading = np.empty(system.n), np.empty(system.n), np.empty(self._links)
+        system = self._system
+        vs = own.v
+        vm = own.vm
+        v_hat = np.empty(system.n)
+        a_hat = np.empty(system.n)
+        leading = np.empty(self._links)
         models = system.model, self._weightless[0]
         own_data = models[0].createData(), models[1].createData()
         torques = pin.computeJointTorqueRegressor

@@ -124,7 +124,8 @@ def cylinder(centre: ArrayLike, axis: ArrayLike, length: float) -> Array:
 
     It resists motion across the axis only.
     """
-    e, c = np.asarray(axis, dtype=float), np.asarray(centre, dtype=float)
+    e = np.asarray(axis, dtype=float)
+    c = np.asarray(centre, dtype=float)
     across = np.eye(3) - np.outer(e, e)
     to_centre = np.hstack([np.eye(3), np.cross(np.eye(3), c).T])
     inertia = to_centre.T @ across @ to_centre

@@ -42,10 +42,12 @@ def _move_free(q, step, out, x):
     square = dot3(step, 3, step, 3)
     angle = np.sqrt(square)
     if angle > _SMALL:
-        b, c = 2 * np.sin(angle / 2) ** 2 / square, (angle - np.sin(angle)) / (angle * square)
+        b = 2 * np.sin(angle / 2) ** 2 / square
+        c = (angle - np.sin(angle)) / (angle * square)
         half = np.sin(angle / 2) / angle
     else:
-        b, c = 0.5 - square / 24 + square**2 / 720, 1 / 6 - square / 120 + square**2 / 5040
+        b = 0.5 - square / 24 + square**2 / 720
+        c = 1 / 6 - square / 120 + square**2 / 5040
         half = 0.5 - square / 48 + square**2 / 3840
     clear(x, 0, 6)
     add_cross(step, 3, step, 0, 1.0, x, 0)
@@ -55,7 +57,8 @@ def _move_free(q, step, out, x):
     write_rotation(q, 3, x, 12)
     rotate(x, 12, x, 6, x, 9)
     for i in range(3):
-        out[i], x[i] = q[i] + x[9 + i], half * step[3 + i]
+        out[i] = q[i] + x[9 + i]
+        x[i] = half * step[3 + i]
     x[3] = np.cos(angle / 2)
     for i in range(3):
         x[4 + i] = q[6] * x[i] + x[3] * q[3 + i]
@@ -74,7 +77,8 @@ def _between_free(q0, q1, step, k, x):
     for i in range(3):
         x[i] = sign * (q0[6] * q1[3 + i] - q1[6] * q0[3 + i])
     add_cross(q0, 3, q1, 3, -sign, x, 0)
-    sine, w = np.sqrt(dot3(x, 0, x, 0)), sign * w
+    sine = np.sqrt(dot3(x, 0, x, 0))
+    w = sign * w
     if sine > _SMALL:
         scale = 2.0 * np.arctan2(sine, w) / sine
     else:
@@ -96,20 +100,27 @@ def _between_free(q0, q1, step, k, x):
     add_cross(x, 0, x, 3, 1.0, x, 6)
     add_cross(x, 0, x, 6, 1.0, x, 9)
     for i in range(3):
-        step[k + i], step[k + 3 + i] = x[3 + i] - 0.5 * x[6 + i] + e * x[9 + i], x[i]
+        step[k + i] = x[3 + i] - 0.5 * x[6 + i] + e * x[9 + i]
+        step[k + 3 + i] = x[i]
 
 
 @routine(void(vector, vector, vector))
 def _move_planar(q, step, out):
     """Writes the pose (3,) in the plane reached by a twist (3,)."""
-    turn, square = step[2], step[2] * step[2]
+    turn = step[2]
+    square = step[2] * step[2]
     along = 1 - square / 6 + square**2 / 120
     across = turn * (0.5 - square / 24 + square**2 / 720)
     if abs(turn) > _SMALL:
-        along, across = np.sin(turn) / turn, 2 * np.sin(turn / 2) ** 2 / turn
-    x, y = along * step[0] - across * step[1], across * step[0] + along * step[1]
-    c, s = np.cos(q[2]), np.sin(q[2])
-    out[0], out[1], out[2] = q[0] + c * x - s * y, q[1] + s * x + c * y, q[2] + turn
+        along = np.sin(turn) / turn
+        across = 2 * np.sin(turn / 2) ** 2 / turn
+    x = along * step[0] - across * step[1]
+    y = across * step[0] + along * step[1]
+    c = np.cos(q[2])
+    s = np.sin(q[2])
+    out[0] = q[0] + c * x - s * y
+    out[1] = q[1] + s * x + c * y
+    out[2] = q[2] + turn
 
 
 @routine(void(vector, vector, vector, index))
@@ -120,10 +131,15 @@ def _between_planar(q0, q1, step, k):
     f = 1 - square / 12 - square**2 / 720
     if abs(turn) > _SMALL:
         f = 0.5 * turn / np.tan(0.5 * turn)
-    c, s = np.cos(q0[2]), np.sin(q0[2])
-    dx, dy = q1[0] - q0[0], q1[1] - q0[1]
-    x, y = c * dx + s * dy, c * dy - s * dx
-    step[k], step[k + 1], step[k + 2] = f * x + 0.5 * turn * y, f * y - 0.5 * turn * x, turn
+    c = np.cos(q0[2])
+    s = np.sin(q0[2])
+    dx = q1[0] - q0[0]
+    dy = q1[1] - q0[1]
+    x = c * dx + s * dy
+    y = c * dy - s * dx
+    step[k] = f * x + 0.5 * turn * y
+    step[k + 1] = f * y - 0.5 * turn * x
+    step[k + 2] = turn
 
 
 @kernel(void(table, vector, vector, vector, vector))
@@ -133,14 +149,18 @@ def integrate(bodies, q, step, out, x):
     x (SCRATCH,) is workspace.
     """
     for b in range(bodies.shape[0]):
-        kind, at, j = bodies[b, KIND], bodies[b, AT_Q], bodies[b, AT_V]
+        kind = bodies[b, KIND]
+        at = bodies[b, AT_Q]
+        j = bodies[b, AT_V]
         if kind == FREE:
             _move_free(q, step, out, x)
         elif kind == PLANAR:
             _move_planar(q, step, out)
         elif kind == CIRCLE:
-            c, s = np.cos(step[j]), np.sin(step[j])
-            out[at], out[at + 1] = q[at] * c - q[at + 1] * s, q[at + 1] * c + q[at] * s
+            c = np.cos(step[j])
+            s = np.sin(step[j])
+            out[at] = q[at] * c - q[at + 1] * s
+            out[at + 1] = q[at + 1] * c + q[at] * s
         elif kind != FIXED:
             out[at] = q[at] + step[j]
 
@@ -152,13 +172,16 @@ def difference(bodies, q0, q1, step, x):
     Rotations are the shorter ones. x (SCRATCH,) is workspace.
     """
     for b in range(bodies.shape[0]):
-        kind, at, j = bodies[b, KIND], bodies[b, AT_Q], bodies[b, AT_V]
+        kind = bodies[b, KIND]
+        at = bodies[b, AT_Q]
+        j = bodies[b, AT_V]
         if kind == FREE:
             _between_free(q0, q1, step, j, x)
         elif kind == PLANAR:
             _between_planar(q0, q1, step, j)
         elif kind == CIRCLE:
-            c, s = q0[at], q0[at + 1]
+            c = q0[at]
+            s = q0[at + 1]
             step[j] = np.arctan2(c * q1[at + 1] - s * q1[at], c * q1[at] + s * q1[at + 1])
         elif kind != FIXED:
             step[j] = q1[at] - q0[at]
@@ -181,7 +204,10 @@ def half_way(bodies, q0, v0, q1, v1, dt, hermite, rows, x, q, v):
     tangent step ξ, with v = ξ̇ − ½[ξ, ξ̇] + ⅙[ξ, [ξ, ξ̇]] … rows (ROWS, n) and x (SCRATCH,) are
     workspace.
     """
-    group, way, half, slope = group_of(bodies), rows[0], rows[1], rows[2]
+    group = group_of(bodies)
+    way = rows[0]
+    half = rows[1]
+    slope = rows[2]
     difference(bodies, q0, q1, way, x)
     clear(x, 0, 12)
     add_bracket(group, way, 0, v1, 0, 1.0, x, 0)

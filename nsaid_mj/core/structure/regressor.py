@@ -21,7 +21,13 @@ from .kinematics import place
 from .spatial import add_turned, clear, into_body
 from .stage import accumulate
 
-_V, _W, _X, _HEAVY, _S, _P, _R = 0, 6, 12, 18, 24, 30, 36  # vectors in the body's axes
+_V = 0  # vectors in the body's axes
+_W = 6
+_X = 12
+_HEAVY = 18
+_S = 24
+_P = 30
+_R = 36
 
 
 @helper(void(vector, index, index, vector, index, f8, vector))
@@ -42,7 +48,9 @@ def _write_motion(state, frame, ground, motion, own, weight, x):
 @helper(void(STRUCTURE, index, vector, index, index, vector, matrix))
 def _add_row(structure, b, state, axis, j, x, W):
     """Adds a body's columns to row j of W, the row of the velocity with the axis state[axis]."""
-    bodies, entries, values = structure.bodies, structure.entries, structure.values
+    bodies = structure.bodies
+    entries = structure.entries
+    values = structure.values
     into_body(state, b * FRAME, state, axis, x, _S)
     clear(x, _P, 12)
     add_turned(x, _V, x, _S, -0.5, x, _P)
@@ -62,8 +70,12 @@ def write_regressor(structure, state, w, a, weight, F, work, W):
     state (s,) is that of the measured state, C multiplies w (n,), a (n,) is the acceleration,
     `weight` is 1 with the weight of rigid bodies and 0 without, F (z,) holds the entries of F.
     """
-    bodies, rotors, nonzeros = structure.bodies, structure.rotors, structure.nonzeros
-    motion, x, axes = work.motion, work.scratch, bodies.shape[0] * FRAME
+    bodies = structure.bodies
+    rotors = structure.rotors
+    nonzeros = structure.nonzeros
+    motion = work.motion
+    x = work.scratch
+    axes = bodies.shape[0] * FRAME
     ground = axes + w.shape[0] * FRAME
     for i in range(W.shape[0]):
         for k in range(W.shape[1]):
@@ -80,7 +92,9 @@ def write_regressor(structure, state, w, a, weight, F, work, W):
                 _add_row(structure, b, state, axes + j * FRAME, j, x, W)
             ancestor = bodies[ancestor, PARENT]
     for r in range(rotors.shape[0]):
-        i, j, k = rotors[r, 0], rotors[r, 1], rotors[r, 2]
+        i = rotors[r, 0]
+        j = rotors[r, 1]
+        k = rotors[r, 2]
         W[i, k] += a[j]
         if i != j:
             W[j, k] += a[i]
@@ -89,10 +103,8 @@ def write_regressor(structure, state, w, a, weight, F, work, W):
 
 
 @kernel(
-    void(
-        STRUCTURE, matrix, matrix, matrix, matrix, matrix, f8, vector, vector, WORKSPACE, cube
-    )
-)  # fmt: skip
+    void(STRUCTURE, matrix, matrix, matrix, matrix, matrix, f8, vector, vector, WORKSPACE, cube)
+)
 def write_regressors(structure, q, v, u, w, a, weight, state, F, work, W):
     """Writes W(t, x, w, a) (N, n, p) of (10) at N samples.
 

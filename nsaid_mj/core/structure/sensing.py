@@ -64,9 +64,11 @@ def displaced(system: SecondOrderSystem, q: Array, by: Array) -> Array:
     """
     if not by.any():
         return q
-    places, turn = {6: 3, 3: 2}.get(system.group, 0), by.copy()
+    places = {6: 3, 3: 2}.get(system.group, 0)
+    turn = by.copy()
     if places:
         shift = np.zeros(system.n)
         shift[:places] = system.J(q)[:places, :places].T @ by[:places]
-        q, turn[:places] = system.integrate(q, shift), 0.0
+        q = system.integrate(q, shift)
+        turn[:places] = 0.0
     return system.integrate(q, turn)

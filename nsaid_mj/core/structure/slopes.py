@@ -87,7 +87,10 @@ from .stage import accelerate
 
 STEP = 1e-7
 """Step of the forward differences, relative to 1 + |value|."""
-_TOTAL, _HERE, _THERE, _KEPT = 30, 36, 42, 48  # in the scratch, after what `forces` uses
+_TOTAL = 30  # in the scratch, after what `forces` uses
+_HERE = 36
+_THERE = 42
+_KEPT = 48
 
 
 @routine(void(STRUCTURE, index, index, vector, vector, vector, index))
@@ -113,7 +116,8 @@ def _write_columns(structure, b, state, ground, u, theta, x, slopes, own):
         _write_column_wrench(structure, b, reads, u, theta, x, _HERE)
         for i in range(6):
             x[_TOTAL + i] -= x[_HERE + i]
-        first, last = 0 if reads == SPEED else 6, 9 if reads == POSE else 6
+        first = 0 if reads == SPEED else 6
+        last = 9 if reads == POSE else 6
         for c in range(first, last):  # of six twists, then three turns
             at = own + SPEED_SLOPE + c if c < 6 else own + TURN_SLOPE + c - 3
             for i in range(12):
@@ -142,7 +146,9 @@ def _add_rigid(structure, b, state, ground, theta, motion, x, slopes, own):
 
     With twist (v, ω), N = T + Tᵀ + 2 h·v − h vᵀ − v hᵀ, T = ω × Ī.
     """
-    at, twist, change = b * MOTION, b * FRAME + TWIST, own + CHANGE
+    at = b * MOTION
+    twist = b * FRAME + TWIST
+    change = own + CHANGE
     write_rigid(state, b * FRAME, theta, structure.bodies[b, TEN], x, 0)
     for i in range(6):
         x[12 + i] = motion[at + DRIFT + i] + motion[at + PUSH + i]
@@ -152,9 +158,21 @@ def _add_rigid(structure, b, state, ground, theta, motion, x, slopes, own):
     add_rigid(x, 0, state, twist, 1.0, slopes, own + IMPULSE)
     add_rigid(x, 0, x, 12, 1.0, slopes, own + LOAD)
     add_pushed(state, twist, slopes, own + IMPULSE, 1.0, slopes, own + LOAD)
-    hx, hy, hz, vx, vy, vz = x[1], x[2], x[3], state[twist], state[twist + 1], state[twist + 2]
-    wx, wy, wz = state[twist + 3], state[twist + 4], state[twist + 5]
-    xx, xy, yy, xz, yz, zz = x[4], x[5], x[6], x[7], x[8], x[9]
+    hx = x[1]
+    hy = x[2]
+    hz = x[3]
+    vx = state[twist]
+    vy = state[twist + 1]
+    vz = state[twist + 2]
+    wx = state[twist + 3]
+    wy = state[twist + 4]
+    wz = state[twist + 5]
+    xx = x[4]
+    xy = x[5]
+    yy = x[6]
+    xz = x[7]
+    yz = x[8]
+    zz = x[9]
     both = 2.0 * (hx * vx + hy * vy + hz * vz)
     slopes[change] = both + 2.0 * (wy * xz - wz * xy - hx * vx)
     slopes[change + 1] = wy * yz - wz * yy + wz * xx - wx * xz - hx * vy - hy * vx
@@ -170,11 +188,20 @@ def _add_entries(structure, b, state, ground, theta, motion, x, slopes, own):
 
     Entries have no weight: a turn cancels the part of gravity in Ψ̈.
     """
-    at, twist = b * MOTION, b * FRAME + TWIST
+    at = b * MOTION
+    twist = b * FRAME + TWIST
     write_square(
-        structure.bodies, structure.entries, structure.values, structure.terms, b, state, ground,
-        theta, slopes, own,
-    )  # fmt: skip
+        structure.bodies,
+        structure.entries,
+        structure.values,
+        structure.terms,
+        b,
+        state,
+        ground,
+        theta,
+        slopes,
+        own,
+    )
     clear(x, 0, 12)
     for i in range(6):
         x[6 + i] = motion[at + DRIFT + i] + motion[at + PUSH + i]
@@ -204,9 +231,11 @@ def _add_entries(structure, b, state, ground, theta, motion, x, slopes, own):
 def _write_axes(structure, b, state, ground, motion, axes):
     """Writes Ψ̇, Ψ̈, with gravity in it, and Ψ̇ + Ṡ of the axes of one body's joint."""
     bodies = structure.bodies
-    above, parent = bodies[b, PARENT] * FRAME + TWIST, bodies[b, PARENT]
+    above = bodies[b, PARENT] * FRAME + TWIST
+    parent = bodies[b, PARENT]
     for j in range(bodies[b, AT_V], bodies[b, AT_V] + bodies[b, COUNT]):
-        axis, out = (bodies.shape[0] + j) * FRAME, j * FRAME
+        axis = (bodies.shape[0] + j) * FRAME
+        out = j * FRAME
         clear(axes, out, FRAME)
         add_cross(state, axis + 3, state, ground + FALL, 1.0, axes, out + TWICE)
         if parent >= 0:
@@ -230,7 +259,8 @@ def _add_transposed(A, at, x, i, y, k):
 @helper(void(vector, index, vector, index, vector, index))
 def _add_bent(body, at, m, i, f, k):
     """f += B m of the ten parameters, summed over all that a body carries."""
-    p, rate = at + IMPULSE, at + CHANGE - 4  # as `add_turning` counts
+    p = at + IMPULSE  # as `add_turning` counts
+    rate = at + CHANGE - 4
     add_cross(m, i + 3, body, p, 2.0, f, k)
     add_cross(m, i + 3, body, p + 3, 1.0, f, k + 3)
     add_turning(body, rate, m, i + 3, 1.0, f, k + 3)
@@ -266,21 +296,29 @@ def _write_felt(bodies, b, state, far, own, axis, x, inertia, body):
 @kernel(void(STRUCTURE, vector, vector, SLOPES), inner=True)
 def _gather(structure, x, inertia, slopes):
     """Writes ∂τ/∂q and ∂τ/∂v into `slopes.by_state`, from the tips inwards."""
-    bodies, state, body, far = structure.bodies, slopes.state, slopes.bodies, slopes.axes
-    A, n, rows = slopes.by_state, slopes.by_state.shape[0], bodies.shape[0] * FRAME
+    bodies = structure.bodies
+    state = slopes.state
+    body = slopes.bodies
+    far = slopes.axes
+    A = slopes.by_state
+    n = slopes.by_state.shape[0]
+    rows = bodies.shape[0] * FRAME
     for j in range(n):
         for i in range(2 * n):
             A[j, i] = 0.0
     for b in range(bodies.shape[0] - 1, -1, -1):
-        at, parent = b * SLOPE, bodies[b, PARENT]
+        at = b * SLOPE
+        parent = bodies[b, PARENT]
         for j in range(bodies[b, AT_V], bodies[b, AT_V] + bodies[b, COUNT]):
-            axis, own = rows + j * FRAME, j * FRAME
+            axis = rows + j * FRAME
+            own = j * FRAME
             _write_felt(bodies, b, state, far, own, axis, x, inertia, body)
             ancestor = b
             while ancestor >= 0:
                 first = bodies[ancestor, AT_V]
                 for i in range(first, first + bodies[ancestor, COUNT]):
-                    other, its = rows + i * FRAME, i * FRAME
+                    other = rows + i * FRAME
+                    its = i * FRAME
                     A[i, j] = dot(state, other, x, 0)
                     A[i, n + j] = dot(state, other, x, 6)
                     if ancestor != b:
@@ -298,16 +336,25 @@ def _gather(structure, x, inertia, slopes):
 @helper(void(STRUCTURE, vector, vector, vector, vector, vector, SLOPES, boolean))
 def _add_joints(structure, q, v, u, theta, x, slopes, held):
     """Adds the derivatives of joints' columns by their own position and, unless held, velocity."""
-    bodies, columns, c, n = structure.bodies, structure.columns, structure.constants, v.shape[0]
-    state, A, ground = slopes.state, slopes.by_state, (bodies.shape[0] + n) * FRAME
+    bodies = structure.bodies
+    columns = structure.columns
+    c = structure.constants
+    n = v.shape[0]
+    state = slopes.state
+    A = slopes.by_state
+    ground = (bodies.shape[0] + n) * FRAME
     for k in range(columns.shape[0]):
-        kind, b, at = columns[k, SORT], columns[k, AT], columns[k, CONSTANTS]
+        kind = columns[k, SORT]
+        b = columns[k, AT]
+        at = columns[k, CONSTANTS]
         fast = columns[k, READS] == SPEED
         if kind >= BODY_KINDS or columns[k, READS] == NOTHING or (fast and held):
             continue
-        j, gain = bodies[b, AT_V], theta[columns[k, PARAMETER]]
+        j = bodies[b, AT_V]
+        gain = theta[columns[k, PARAMETER]]
         command = u[columns[k, INPUT]] if columns[k, INPUT] >= 0 else 0.0
-        angle, rate = coordinate(bodies, b, q), v[j]
+        angle = coordinate(bodies, b, q)
+        rate = v[j]
         step = STEP * (1.0 + abs(rate)) if fast else STEP
         here = joint_force(kind, c, at, bodies, b, state, ground, angle, rate, v, command, x)
         if kind >= SHARED_VISCOUS:
@@ -323,12 +370,20 @@ def _add_loads(structure, q, v, rates, theta, work, slopes):
 
     No other kind on a joint depends on other joints' positions.
     """
-    bodies, columns, c, x = structure.bodies, structure.columns, structure.constants, work.scratch
-    ground, way, moved = (bodies.shape[0] + v.shape[0]) * FRAME, work.rows[SPARE], slopes.flow[0]
+    bodies = structure.bodies
+    columns = structure.columns
+    c = structure.constants
+    x = work.scratch
+    ground = (bodies.shape[0] + v.shape[0]) * FRAME
+    way = work.rows[SPARE]
+    moved = slopes.flow[0]
     for k in range(columns.shape[0]):
         if columns[k, SORT] != LOAD_FRICTION:
             continue
-        b, at, gain, here = columns[k, AT], columns[k, CONSTANTS], theta[columns[k, PARAMETER]], 0.0
+        b = columns[k, AT]
+        at = columns[k, CONSTANTS]
+        gain = theta[columns[k, PARAMETER]]
+        here = 0.0
         for i in range(-1, v.shape[0]):
             for j in range(v.shape[0]):
                 way[j] = STEP if i == j else 0.0
@@ -347,7 +402,9 @@ def _add_loads(structure, q, v, rates, theta, work, slopes):
 @kernel(
     f8(
         STRUCTURE, vector, vector, vector, vector, vector, WORKSPACE, SLOPES, vector, matrix, vector
-    ), inner=True)  # fmt: skip
+    ),
+    inner=True,
+)
 def linearise(structure, q, v, u, theta, scale, work, slopes, a, B, rates):
     """Writes v̇ (n,) of (29) with C v, and its derivatives; returns M's smallest pivot, > 0 if ≻ 0.
 
@@ -355,8 +412,11 @@ def linearise(structure, q, v, u, theta, scale, work, slopes, a, B, rates):
     diag(scale). q is (m,), v (n,), u (n_u,), theta and scale (p,). `rates` (n,) are velocities at
     which joints' columns are held; (0,) to evaluate them at v.
     """
-    state, x, bodies = slopes.state, work.scratch, structure.bodies
-    ground, held = (bodies.shape[0] + v.shape[0]) * FRAME, rates.shape[0] > 0
+    state = slopes.state
+    x = work.scratch
+    bodies = structure.bodies
+    ground = (bodies.shape[0] + v.shape[0]) * FRAME
+    held = rates.shape[0] > 0
     at_joints = rates if held else v
     place(structure, q, v, state)
     write_forces(structure, state, q, at_joints, u, ALL, x, slopes.F)

@@ -37,9 +37,13 @@ def add_pushed(x, i, f, j, factor, z, k):
 def dot(x, i, y, j):
     """Scalar product of a twist and a wrench."""
     return (
-        x[i] * y[j] + x[i + 1] * y[j + 1] + x[i + 2] * y[j + 2]
-        + x[i + 3] * y[j + 3] + x[i + 4] * y[j + 4] + x[i + 5] * y[j + 5]
-    )  # fmt: skip
+        x[i] * y[j]
+        + x[i + 1] * y[j + 1]
+        + x[i + 2] * y[j + 2]
+        + x[i + 3] * y[j + 3]
+        + x[i + 4] * y[j + 4]
+        + x[i + 5] * y[j + 5]
+    )
 
 
 @helper(f8(vector, index, vector, index))
@@ -94,7 +98,9 @@ def out_of_body(state, frame, f, i, g, k):
 @helper(void(vector, index, vector, index, index))
 def _turn(R, r, a, at, step):
     """Rotates the 3-vector a[at], a[at + step], a[at + 2 step] in place."""
-    x, y, z = a[at], a[at + step], a[at + 2 * step]
+    x = a[at]
+    y = a[at + step]
+    z = a[at + 2 * step]
     for s in range(3):
         a[at + s * step] = R[r + 3 * s] * x + R[r + 3 * s + 1] * y + R[r + 3 * s + 2] * z
 
@@ -102,8 +108,12 @@ def _turn(R, r, a, at, step):
 @helper(void(vector, index, vector, index, index))
 def _shift(state, frame, a, at, step):
     """Adds p × (the first three) to the last three of six numbers that begin at a[at]."""
-    x, y, z = a[at], a[at + step], a[at + 2 * step]
-    px, py, pz = state[frame + 9], state[frame + 10], state[frame + 11]
+    x = a[at]
+    y = a[at + step]
+    z = a[at + 2 * step]
+    px = state[frame + 9]
+    py = state[frame + 10]
+    pz = state[frame + 11]
     a[at + 3 * step] += py * z - pz * y
     a[at + 4 * step] += pz * x - px * z
     a[at + 5 * step] += px * y - py * x

@@ -60,9 +60,11 @@ class Structure:
         rigid = sorted(i.body for i in self.inertias if i.tensor is None)
         if doubled := [one for one, other in pairwise(rigid) if one == other]:
             raise InvalidInput(
-                "inertias", "at most one rigid body on each body", f"two on {doubled[0]}",
+                "inertias",
+                "at most one rigid body on each body",
+                f"two on {doubled[0]}",
                 "Add the second as a tensor.",
-            )  # fmt: skip
+            )
         for number, rotor in enumerate(self.rotors):
             _within(f"rotors[{number}].dof", rotor.dof, self.n)
             _within(f"rotors[{number}].other", rotor.other, self.n, first=-1)
@@ -140,7 +142,8 @@ class Structure:
             kind = self.kinds[b]
             at_q, at_v = self.starts[b]
             count = layout.VELOCITIES[kind]
-            own, general = ten.get(b, -1), ranges[b][1] > ranges[b][0]
+            own = ten.get(b, -1)
+            general = ranges[b][1] > ranges[b][0]
             dense = general or b in busy
             flags = own >= 0, general, dense
             rows[b] = (body.parent, kind, at_q, at_v, count, own, *ranges[b], *flags)
@@ -152,14 +155,19 @@ class Structure:
 
     def _entries(self) -> tuple[layout.Integers, Array, layout.Integers, list[tuple[int, ...]]]:
         """Entries and their values, terms, and the ranges of both for every body."""
-        entries, values, terms, ranges = [], [], [], []
+        entries = []
+        values = []
+        terms = []
+        ranges = []
         for b in range(len(self.bodies)):
-            start, first = len(entries), len(terms)
+            start = len(entries)
+            first = len(terms)
             for inertia in self.inertias:
                 if inertia.body != b or inertia.tensor is None:
                     continue
                 for k in range(inertia.tensor.shape[2]):
-                    begin, parameter = len(entries), inertia.start + k
+                    begin = len(entries)
+                    parameter = inertia.start + k
                     for i, j in np.argwhere(np.triu(inertia.tensor[:, :, k])).tolist():
                         entries.append((i, j, parameter))
                         values.append(inertia.tensor[i, j, k])
@@ -174,7 +182,9 @@ class Structure:
         )
 
     def _columns(self) -> tuple[layout.Integers, Array, layout.Integers]:
-        rows, constants, nonzeros = [], [], []
+        rows = []
+        constants = []
+        nonzeros = []
         for column in self.columns:
             kind = KINDS[column.kind]
             body = column.body if kind.number >= BODY_KINDS else self._moved(column.dof)
@@ -204,9 +214,11 @@ class Structure:
         base = self.bodies[0].joint in ("free", "planar")
         if number and (body.joint in ("free", "planar") or (base and body.parent < 0)):
             raise InvalidInput(
-                f"{what}.joint", "a free flyer or plane as the only base", body.joint,
+                f"{what}.joint",
+                "a free flyer or plane as the only base",
+                body.joint,
                 "Make it the first body, and let all others hang on it.",
-            )  # fmt: skip
+            )
         if not -1 <= body.parent < number:
             raise InvalidInput(
                 f"{what}.parent", f"−1 … {number - 1}", body.parent, "Parents come first."
@@ -283,7 +295,8 @@ def _touched(kind: Kind, column: Column) -> list[int]:
     if "axes" in known:
         wrench = known["axes"]
     elif not kind.reads and "direction" in known:
-        along, none = known["direction"], np.zeros(3)
+        along = known["direction"]
+        none = np.zeros(3)
         wrench = np.r_[none, along]
         if "point" in known:
             wrench = np.r_[along, np.cross(known["point"], along)]
@@ -292,7 +305,8 @@ def _touched(kind: Kind, column: Column) -> list[int]:
 
 def _joint(body: Body) -> Array:
     """(JOINT,) a body's joint, see `arrays.COSINE`."""
-    row, R = np.zeros(layout.JOINT), np.asarray(body.rotation, dtype=float)
+    row = np.zeros(layout.JOINT)
+    R = np.asarray(body.rotation, dtype=float)
     axis = np.asarray(body.axis, dtype=float)
     turns = body.joint in ("hinge", "circle")
     held = np.outer(axis, axis) if turns else np.eye(3)

@@ -60,7 +60,8 @@ class SecondOrderSystem(StructuredKinematics, ABC):
 
     def __init__(self, structure: Structure, space: ParameterSpace, mounts: Array | None = None):
         super().__init__(structure)
-        self.space, self.mounts = space, mounts
+        self.space = space
+        self.mounts = mounts
 
     @abstractmethod
     def random_state(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
@@ -97,10 +98,14 @@ class SecondOrderSystem(StructuredKinematics, ABC):
         """
         if self.reference is not None:
             return self.reference.momentum_balance(leak, log, q, v)
-        own, vm, size = plain(log.v), plain(v), (self.n, self.p)
+        own = plain(log.v)
+        vm = plain(v)
+        size = (self.n, self.p)
         states = self._along(plain(log.q), own, plain(q), vm, plain(log.u))
-        momenta, spare = np.empty((len(own), *size)), np.empty((2, *size))
-        terms, work = np.empty((3, len(vm), *size)), self._memory.work
+        momenta = np.empty((len(own), *size))
+        spare = np.empty((2, *size))
+        terms = np.empty((3, len(vm), *size))
+        work = self._memory.work
         arrays = self.structure.arrays
         balance(arrays, leak, own, vm, *states, work, *spare, momenta, *terms)
         return momenta, terms[0], terms[1], terms[2]
@@ -109,8 +114,10 @@ class SecondOrderSystem(StructuredKinematics, ABC):
         self, q: Array, v: Array, qm: Array, vm: Array, u: Array
     ) -> tuple[Array, Array, Array]:
         """States at N samples and half-way, and F; see `motion.along`."""
-        size, own = len(self._memory.state), self.structure.arrays
-        states, middles = np.empty((len(q), size)), np.empty((len(qm), size))
+        size = len(self._memory.state)
+        own = self.structure.arrays
+        states = np.empty((len(q), size))
+        middles = np.empty((len(qm), size))
         F = np.empty((3, len(qm), len(own.nonzeros)))
         along(own, q, v, qm, vm, u, self._memory.work, states, middles, F)
         return states, middles, F
@@ -126,12 +133,14 @@ class SecondOrderSystem(StructuredKinematics, ABC):
         W_C θ = C(q, v, θ) w (9) with Ṁ − 2C skew; F θ is the sum of all forces: gravity,
         dissipation, actuation.
         """
-        W, own, given = np.empty((len(q), self.n, self.p)), self._memory, (q, v, u, w, a)
+        W = np.empty((len(q), self.n, self.p))
+        own = self._memory
+        given = (q, v, u, w, a)
         if weight == 0.0:
             own.F[:] = 0.0
         write_regressors(
             self.structure.arrays, *map(plain, given), weight, own.state, own.F, own.work, W
-        )  # fmt: skip
+        )
         if self.reference is not None:
             self.reference.overwrite(W, q, v, w, a, weight)
         return W
@@ -167,7 +176,9 @@ class SecondOrderSystem(StructuredKinematics, ABC):
 
     def _mass_tensors(self, q: Array) -> Array:
         """(N, n, n, p), entry [k, j] is W_M(q_k, e_j): M(q_k, θ) = tensor · θ for every θ."""
-        N, n, still = len(q), self.n, np.zeros((len(q) * self.n, self.n))
+        N = len(q)
+        n = self.n
+        still = np.zeros((len(q) * self.n, self.n))
         W = self._moving(q.repeat(n, axis=0), still, still, np.tile(np.eye(n), (N, 1)))
         return W.reshape(N, n, n, self.p)
 
@@ -181,7 +192,9 @@ class SecondOrderSystem(StructuredKinematics, ABC):
 
         t is (N,), q (N, m), v (N, n), u (N, n_u), w (N, n), theta (N, p).
         """
-        a, pivots, own = np.empty((len(q), self.n)), np.empty(len(q)), self._memory
+        a = np.empty((len(q), self.n))
+        pivots = np.empty(len(q))
+        own = self._memory
         given = map(plain, (q, v, u, w, theta))
         accelerate_at(self.structure.arrays, *given, own.state, own.F, own.work, a, pivots)
         failed = ~(pivots > 0)
@@ -215,7 +228,8 @@ class SecondOrderSystem(StructuredKinematics, ABC):
 
     def W_M(self, x: Array, a: Array) -> Array:
         """(..., n, p) inertial regressor, W_M θ = M(x, θ) a (8)."""
-        lengths, still = (self.m, self.n, self.n, self.n), self._still
+        lengths = (self.m, self.n, self.n, self.n)
+        still = self._still
         return _batched(self._moving, lengths, self.split(x)[0], still, still, a)
 
     def W_C(self, x: Array, w: Array) -> Array:
@@ -327,9 +341,11 @@ def gains_by_command(system: SecondOrderSystem) -> list[Indices]:
 
     They are found by changing one command at a time at a random state in the range of operation.
     """
-    rng, found = np.random.default_rng(0), []
+    rng = np.random.default_rng(0)
+    found = []
     q, v, u = system.random_state(rng)
-    others, x = system.random_state(rng)[2], np.concatenate([q, v])
+    others = system.random_state(rng)[2]
+    x = np.concatenate([q, v])
     for k in range(system.n_u):
         other = u.copy()
         other[k] = others[k]

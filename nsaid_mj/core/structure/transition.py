@@ -26,7 +26,9 @@ WAY, SPEED, RATE, FORCE, SUM, SUMS = range(6)
 @routine(void(index, index, f8, vector, matrix, vector))
 def _advance(group, stage, dt, v, rows, x):
     """Adds a stage's rates to the sums, and moves to the next stage."""
-    way, speed, rate = rows[WAY], rows[SPEED], rows[RATE]
+    way = rows[WAY]
+    speed = rows[SPEED]
+    rate = rows[RATE]
     clear(x, 0, 12)
     add_bracket(group, way, 0, speed, 0, 1.0, x, 0)
     add_bracket(group, way, 0, x, 0, 1.0, x, 6)
@@ -39,7 +41,8 @@ def _advance(group, stage, dt, v, rows, x):
     for i in range(v.shape[0]):
         rows[SUM, i] += weight * rate[i]
         rows[SUMS, i] += weight * rows[FORCE, i]
-        way[i], speed[i] = reach * rate[i], v[i] + reach * rows[FORCE, i]
+        way[i] = reach * rate[i]
+        speed[i] = v[i] + reach * rows[FORCE, i]
 
 
 @kernel(void(index, f8, vector, matrix, matrix, vector, matrix), inner=True)
@@ -50,14 +53,16 @@ def _write_flow(group, dt, v, A, rates, x, F):
     that form a body twist, v is (n,), A (n, 2n) holds ∂v̇/∂q and ∂v̇/∂v; rates (≥ 2n, 3n) and x are
     workspace.
     """
-    n, size = v.shape[0], F.shape[1]
+    n = v.shape[0]
+    size = F.shape[1]
     for i in range(2 * n):
         for k in range(size):
             F[i, k] = 1.0 if i == k else 0.0
     for order in range(4, 0, -1):  # Horner's scheme: F ← [1, 0] + dt/order (the rates of F)
         for i in range(n):
             for k in range(size):
-                rates[i, k], rates[n + i, k] = F[n + i, k], 0.0
+                rates[i, k] = F[n + i, k]
+                rates[n + i, k] = 0.0
             rates[n + i, 2 * n + i] = 1.0
             for j in range(2 * n):
                 factor = A[i, j]
@@ -65,7 +70,8 @@ def _write_flow(group, dt, v, A, rates, x, F):
                     rates[n + i, k] += factor * F[j, k]
         for k in range(size if group else 0):
             for i in range(group):
-                x[i], x[6 + i] = F[i, k], 0.0
+                x[i] = F[i, k]
+                x[6 + i] = 0.0
             add_bracket(group, v, 0, x, 0, 1.0, x, 6)
             for i in range(group):
                 rates[i, k] -= x[6 + i]
@@ -77,11 +83,24 @@ def _write_flow(group, dt, v, A, rates, x, F):
 
 @kernel(
     f8(
-        STRUCTURE, vector, vector, vector, f8, vector, vector, WORKSPACE, SLOPES, vector, vector,
-        vector, matrix, matrix, matrix,
+        STRUCTURE,
+        vector,
+        vector,
+        vector,
+        f8,
+        vector,
+        vector,
+        WORKSPACE,
+        SLOPES,
+        vector,
+        vector,
+        vector,
+        matrix,
+        matrix,
+        matrix,
     ),
     inner=True,
-)  # fmt: skip
+)
 def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, seen):
     """Writes the state after a step with the command held, and its derivatives.
 
@@ -106,14 +125,20 @@ def step(structure, q, v, u, dt, theta, scale, work, slopes, at, q1, v1, F, B, s
     Returns:
         M's smallest pivot, > 0 on success.
     """
-    group, rows, x = group_of(structure.bodies), work.rows, work.scratch
+    group = group_of(structure.bodies)
+    rows = work.rows
+    x = work.scratch
     lowest = 1e300
     for i in range(v.shape[0]):
-        rows[WAY, i], rows[SPEED, i], rows[SUM, i], rows[SUMS, i] = 0.0, v[i], 0.0, 0.0
+        rows[WAY, i] = 0.0
+        rows[SPEED, i] = v[i]
+        rows[SUM, i] = 0.0
+        rows[SUMS, i] = 0.0
     for i in range(q.shape[0]):
         at[i] = q[i]
     for stage in range(4):
-        speed, a = rows[SPEED], rows[FORCE]
+        speed = rows[SPEED]
+        a = rows[FORCE]
         rates = seen[(stage + 1) // 2] if seen.shape[0] > 0 else speed
         if stage == 2:
             own = rates if seen.shape[0] > 0 else rates[:0]

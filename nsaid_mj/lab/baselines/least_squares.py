@@ -35,7 +35,8 @@ def smoothed(system: SecondOrderSystem, log: Log, cutoff: float) -> Log:
     The log has a constant rate; the cut-off [Hz] is limited to 0.8 of the Nyquist frequency.
     """
     rate = 1 / log.step
-    cutoff, q = min(cutoff, 0.4 * rate), log.q
+    cutoff = min(cutoff, 0.4 * rate)
+    q = log.q
     if system.group == 6:
         q = q.copy()
         q[:, 3:7] *= continuous_signs(q[:, 3:7])[:, None]
@@ -68,9 +69,12 @@ def central_rows(system: SecondOrderSystem, log: Log) -> Array:
     t, q, v, u = log
     if len(t) < 3:
         raise InvalidInput("log", "at least 3 samples", len(t), "Record longer.")
-    before, after = t[1:-1] - t[:-2], t[2:] - t[1:-1]
+    before = t[1:-1] - t[:-2]
+    after = t[2:] - t[1:-1]
     both = (before + after)[:, None]
-    here, x, w = t[1:-1], np.hstack([q, v])[1:-1], v[1:-1]
+    here = t[1:-1]
+    x = np.hstack([q, v])[1:-1]
+    w = v[1:-1]
     a = (v[2:] - v[:-2]) / both
     share = (before[:, None] / both)[:, :, None]
     W = system.regressor(here, x, w, a, u[:-2])
@@ -216,18 +220,21 @@ def choose_cutoff(problem: Problem, log: Log, W: Array, rate: float) -> float:
     system = problem.system
     gauge = Gauge(system, problem.prior)
     windows = _Windows(system, log, W, 1 / rate)
-    best, chosen = np.inf, 0.0
+    best = np.inf
+    chosen = 0.0
     for cutoff in candidates(rate, len(W), system):
         half = int(np.ceil(1.5 * rate / cutoff))
         errors = []
         for k in range(_FOLDS):
-            first, last = k * len(W) // _FOLDS, (k + 1) * len(W) // _FOLDS
+            first = k * len(W) // _FOLDS
+            last = (k + 1) * len(W) // _FOLDS
             seen = [part for part in (W[:first], W[last:]) if len(part) > 2 * half]
             theta_s = weighted(gauge, np.concatenate([low_passed(p, rate, cutoff) for p in seen]))
             errors.append(windows.errors(theta_s, first, last))
         score = float(np.sum(np.log(np.mean(np.concatenate(errors) ** 2, axis=0) + 1e-300)))
         if score < best:
-            best, chosen = score, cutoff
+            best = score
+            chosen = cutoff
     if not chosen:
         raise InvalidInput(
             "log", "a log long enough to be filtered", f"{len(W) / rate:.3g} s", "Record longer."
@@ -302,7 +309,8 @@ def total(problem: Problem) -> Estimate:
     factors /= np.linalg.norm(factors, axis=(1, 2), keepdims=True)
     _, s, Vt = np.linalg.svd(factors.reshape(-1, problem.system.p))
     seen = int(np.count_nonzero(s > TOLERANCE * s[0]))
-    shortest, unseen = Vt[seen - 1], Vt[seen:]
+    shortest = Vt[seen - 1]
+    unseen = Vt[seen:]
     rest = unseen.T @ (unseen @ gauge.start)
     gains = gauge.normal @ shortest
     if not abs(gains) > TOLERANCE:

@@ -25,12 +25,15 @@ def normalised(problem: Problem) -> Estimate:
     deviation of 0.3 of the scale; the forgetting factor is 1.
     """
     system, log, prior, noise = problem
-    W, note, response = central_rows(system, log), "", np.ones(1)
+    W = central_rows(system, log)
+    note = ""
+    response = np.ones(1)
     if noise.velocity > 0:
         rate = 1 / log.step
         cutoff = min(0.5 * rate / window(log), 0.2 * rate)
         sections = signal.butter(2, cutoff, fs=rate, output="sos")
-        settled, every = int(rate / cutoff), max(1, int(rate / (4 * cutoff)))
+        settled = int(rate / cutoff)
+        every = max(1, int(rate / (4 * cutoff)))
         W = _filtered(sections, W)[settled::every]
         response = _filtered(sections, np.eye(1, 4 * settled)[0])
         note = f"cut-off {cutoff:.3g} Hz"
@@ -40,7 +43,8 @@ def normalised(problem: Problem) -> Estimate:
     free = np.delete(np.arange(system.p), known_gain)
     variance = (_ROUGHNESS * np.sqrt(np.mean((np.abs(W) @ np.abs(start)) ** 2, axis=0))) ** 2
     variance += _acceleration_noise(system, log, prior, noise, response) ** 2
-    phi, P = start[free], _SPREAD**2 * np.eye(len(free))
+    phi = start[free]
+    P = _SPREAD**2 * np.eye(len(free))
     known = W[..., known_gain] * start[known_gain]
     for Y, y in zip(W[..., free], known, strict=True):
         PY = P @ Y.T
@@ -82,17 +86,24 @@ def kalman(problem: Problem) -> Estimate:
         NoEstimate: M̂ is not positive definite.
     """
     system, log, prior, noise = problem
-    n, p, scale = system.n, system.p, system.space.scale
+    n = system.n
+    p = system.p
+    scale = system.space.scale
     size = np.maximum(np.sqrt(np.mean(log.v**2, axis=0)), 1e-9)
     change = np.sqrt(np.mean(np.diff(log.v, axis=0) ** 2, axis=0))
     R = np.diag(np.maximum(noise.velocity, _EXACT * size) ** 2)
     Q = np.diag((_MODEL * np.maximum(change, 1e-9)) ** 2)
-    v, theta_s = log.v[0].copy(), prior / scale
+    v = log.v[0].copy()
+    theta_s = prior / scale
     P = np.zeros((n + p, n + p))
     P[:n, :n], P[n:, n:] = R, _SPREAD**2 * np.eye(p)
-    A, step = np.eye(n + p), _CURVATURE * size
+    A = np.eye(n + p)
+    step = _CURVATURE * size
     for k in range(len(log.t) - 1):
-        t, q, u, h = log.t[k], log.q[k], log.u[k], log.t[k + 1] - log.t[k]
+        t = log.t[k]
+        q = log.q[k]
+        u = log.u[k]
+        h = log.t[k + 1] - log.t[k]
         theta = scale * theta_s
         a, W, pivot = system.evaluate_at(t, q, v, u, v, theta)
         later = v + h * a
@@ -113,7 +124,8 @@ def kalman(problem: Problem) -> Estimate:
         v = v + 0.5 * h * (a + a_later)
         gain = np.linalg.solve(P[:n, :n] + R, P[:n]).T
         move = gain @ (log.v[k + 1] - v)
-        v, theta_s = v + move[:n], theta_s + move[n:]
+        v = v + move[:n]
+        theta_s = theta_s + move[n:]
         P = P - gain @ P[:n]
         P = 0.5 * (P + P.T)
     return Estimate(scale * theta_s)

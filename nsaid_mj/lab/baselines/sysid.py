@@ -95,8 +95,11 @@ class _Search:
     """The toolbox's optimiser with a time limit; keeps the best candidate."""
 
     def __init__(self, toolbox: Any, model: _Model, chunks: list[Any], deadline: float):
-        self._toolbox, self._model, self._chunks = toolbox, model, chunks
-        self._deadline, self._cost = deadline, np.inf
+        self._toolbox = toolbox
+        self._model = model
+        self._chunks = chunks
+        self._deadline = deadline
+        self._cost = np.inf
         self.best = model.parameters.as_vector()
         self.evaluations = 0
 
@@ -129,7 +132,8 @@ class _Search:
             if cost < self._cost:
                 self._cost, self.best = cost, x.copy()
         else:  # one column per candidate and chunk: stack the chunks of a candidate
-            candidates, chunks = x.shape[1], len(self._chunks)
+            candidates = x.shape[1]
+            chunks = len(self._chunks)
             self.evaluations += candidates
             found = found.reshape(-1, candidates, chunks).transpose(2, 0, 1)
             found = found.reshape(-1, candidates)
@@ -140,7 +144,8 @@ class _Model:
     """MuJoCo's model of an arm as a function of the parameters, built from structure and prior."""
 
     def __init__(self, toolbox: Any, system: JointTree, prior: Array, step: float):
-        self._toolbox, self._system = toolbox, system
+        self._toolbox = toolbox
+        self._system = system
         tree = pin.Model(system.model)
         for i in range(system.bodies):
             inertia = pin.Inertia.FromDynamicParameters(prior[10 * i : 10 * i + 10])
@@ -214,11 +219,13 @@ class _Model:
 
     def chunks(self, log: Log, exact: bool) -> list[Any]:
         """A log in chunks, each with its initial state, which is measured if that is exact."""
-        toolbox, samples = self._toolbox, round(_CHUNK / log.step)
+        toolbox = self._toolbox
+        samples = round(_CHUNK / log.step)
         if len(log.t) <= samples:
             return []
         angles = self._angles(log.q)
-        q, v = angles, log.v
+        q = angles
+        v = log.v
         if not exact:
             width = 2 * round(0.5 * _SMOOTHING / log.step) + 1
             q, v = (signal.savgol_filter(x, max(width, 5), 3, axis=0) for x in (q, v))
@@ -251,7 +258,8 @@ class _Model:
     def theta(self, x: Array) -> Array:
         """(p,) θ of a candidate."""
         self.parameters.update_from_vector(x)
-        model, links = self.build(self.parameters), []
+        model = self.build(self.parameters)
+        links = []
         for name in self._names:
             body = model.body(name)
             w, i, j, k = body.iquat
@@ -289,8 +297,10 @@ def _friction() -> Any:
 
     Every candidate is a model of its own; its custom numeric data are [nv, c (nv), 1/s (nv)].
     """
-    at_numbers, offsets = _numeric_offset(), field_offsets()
-    at_qvel, at_force = offsets["qvel"], offsets["qfrc_passive"]
+    at_numbers = _numeric_offset()
+    offsets = field_offsets()
+    at_qvel = offsets["qvel"]
+    at_force = offsets["qfrc_passive"]
 
     @cfunc(types.void(ARRAYS, ARRAYS))
     def passive(model, data):

@@ -58,23 +58,30 @@ class DepthHeadingAutopilot(DriverConfig):
 
         wanted = ("propeller gain", "fin lift", "quadratic drag", "righting moment")
         torpedo = single_body(system, wanted, "a torpedo to steer")
-        limit, place = float(torpedo.operation.command[1][0]), torpedo.space.index
-        low, high, slow = self.low, self.high, self.slow
+        limit = float(torpedo.operation.command[1][0])
+        place = torpedo.space.index
+        low = self.low
+        high = self.high
+        slow = self.slow
         dither = Multisine(torpedo.n_u, low, high, self.tones, _DRIVEN, rng)
         course = Multisine(2, low / slow, high / slow, self.tones, 1.0, rng)
         reach = np.full(torpedo.n_u, self.dither)
         reach[-1] = self.swing
         least, most = np.full((2, torpedo.n_u), [[-limit], [limit]])
-        least[-1], most[-1] = _SLOWEST, 1.0
-        inertia, righting = prior[place("M_55")], prior[place("righting_z")]
+        least[-1] = _SLOWEST
+        most[-1] = 1.0
+        inertia = prior[place("M_55")]
+        righting = prior[place("righting_z")]
         lever = np.cross(torpedo.constants("fin", "point"), torpedo.constants("fin", "direction"))
         lift = lever.T * prior[torpedo.space["fin lift"]]
         share = np.linalg.pinv(lift)[:, 1:]  # pitch and yaw only; [rad/(N·m)] at 1 m/s
         slip = float(torpedo.constants("propeller", "slip")[0])
-        thrust, drag = prior[place("thrust")], prior[place("dq_along")]
+        thrust = prior[place("thrust")]
+        drag = prior[place("dq_along")]
         cruise = _balance(thrust, drag, slip, self.propeller)
         begin = np.zeros(6), np.zeros(6)
-        begin[0][2], begin[1][0] = -self.depth, cruise
+        begin[0][2] = -self.depth
+        begin[1][0] = cruise
 
         def command(t: float, q: Array, v: Array) -> Array:
             """Second-order pitch and yaw loops under the prior; the fins share the moments.
@@ -97,7 +104,8 @@ class DepthHeadingAutopilot(DriverConfig):
         """Pitch, nose down, and errors of pitch and heading (2,) [rad] on a course (2,) in ±1."""
         from ...core import rotation
 
-        R, (dive, turn) = rotation(q[3:]), course
+        R = rotation(q[3:])
+        dive, turn = course
         climb = _SHARE * self.bandwidth * (self.dive * dive - self.depth - q[2]) / speed
         pitch = -np.arcsin(min(max(R[2, 0], -1.0), 1.0))
         heading = self.turn * turn - np.arctan2(R[1, 0], R[0, 0])
@@ -107,7 +115,8 @@ class DepthHeadingAutopilot(DriverConfig):
 
 def _balance(thrust: float, drag: float, slip: float, n: float) -> float:
     """Speed u [m/s] at which the drag, drag·u², balances the thrust at propeller command n > 0."""
-    loss, push = thrust * slip * n, thrust * n**2
+    loss = thrust * slip * n
+    push = thrust * n**2
     return float(2 * push / (loss + np.sqrt(loss**2 + 4 * drag * push)))
 
 

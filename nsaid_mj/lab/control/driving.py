@@ -60,7 +60,8 @@ class Driving(DriverConfig):
         wanted = ("cornering stiffness", "drive gain", "drive loss", "rolling resistance")
         car = single_body(system, wanted, "a ground vehicle to drive")
         front, rear = car.constants("tyre", "arm").tolist()
-        wheelbase, steering = front - rear, car.operation.command[1][1]
+        wheelbase = front - rear
+        steering = car.operation.command[1][1]
         m, k_d, k_v, c_0, c_D = (
             float(prior[car.space.index(name)]) for name in ("m", "k_d", "k_v", "c_0", "c_D")
         )
@@ -79,7 +80,8 @@ class Driving(DriverConfig):
             return min(max(share, -1.0), 1.0)  # np.clip of one number takes 10 times as long
 
         def command(t: float, q: Array, v: Array) -> Array:
-            curvature, speed = self._curvature(float(bend(t)[0]), q, v), max(float(v[0]), 0.1)
+            curvature = self._curvature(float(bend(t)[0]), q, v)
+            speed = max(float(v[0]), 0.1)
             angle = float(np.arctan(wheelbase * (2 * curvature - v[2] / speed)))
             return np.array([drive(t, float(v[0])), min(max(angle, -steering), steering)])
 

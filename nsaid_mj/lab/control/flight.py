@@ -19,10 +19,8 @@ _SLOWEST = 0.1  # smallest rotor speed, as a share of the largest
 _HEADING = 0.25  # bandwidth of the heading loop over that of the tilt loops
 _TRIM = 0.3  # bandwidth of the integral action over that of its loop
 _LIFT = np.array([0.3, 2.5])  # bounds on the commanded thrust, over the prior's weight
-_FALL, _RISE = (
-    0.4 * GRAVITY,
-    2.0 * GRAVITY,
-)  # bounds on the commanded vertical specific force [m/s²]
+_FALL = 0.4 * GRAVITY  # bounds on the commanded vertical specific force [m/s²]
+_RISE = 2.0 * GRAVITY
 _PLACE_TRIM = np.array([0.5, 0.5, 0.9]) * GRAVITY  # bound on the position integrator [m/s²]
 _TILT_TRIM = 0.3  # bound on the tilt integrator's torque, over weight times arm
 _YAW = 0.5  # bound on the commanded torque about z, over the rotors' total torque in hover
@@ -68,7 +66,8 @@ class Flight(Driver):
         """Resets the integrators; the quadrotor starts on the path, level."""
         self._t, self._sums = 0.0, np.zeros(6)
         place, velocity, _, _ = self._path(0.0)
-        c, s = np.cos(place[3]), np.sin(place[3])
+        c = np.cos(place[3])
+        s = np.sin(place[3])
         x, y, z, r = velocity
         return (
             np.array([*place[:3], 0, 0, place[3]]),
@@ -77,7 +76,9 @@ class Flight(Driver):
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(4,) rotor speeds for the measured state."""
-        squares, step, own = np.empty(4), t - self._t, (self._sums, self._control)
+        squares = np.empty(4)
+        step = t - self._t
+        own = (self._sums, self._control)
         _mix(plain(q), plain(v), self._path(t), step, *own, np.empty(9), np.empty(30), squares)
         self._t = t
         return np.clip(np.sqrt(squares) * (1 + self._dither(t)), _SLOWEST, 1.0)
@@ -103,8 +104,10 @@ class _Path:
 
     def __call__(self, t: float) -> Array:
         """(4, 4) position, velocity, acceleration and jerk of x, y, z and heading."""
-        speed, omega = self._speed, self._omega
-        s, c = np.sin(omega * t + self._phase), np.cos(omega * t + self._phase)
+        speed = self._speed
+        omega = self._omega
+        s = np.sin(omega * t + self._phase)
+        c = np.cos(omega * t + self._phase)
         terms = (-speed / omega * c, speed * s, speed * omega * c, -speed * omega**2 * s)
         path = np.array(terms).sum(axis=2)
         path[0] += self._centre
@@ -113,7 +116,8 @@ class _Path:
 
 def _body_model(system: SingleBody, theta: Array) -> tuple[float, Array, Array, Array, float]:
     """The first five fields of `_Control` from θ (24,)."""
-    mass, centre = float(theta[0]), theta[1:4] / theta[0]
+    mass = float(theta[0])
+    centre = theta[1:4] / theta[0]
     Ixx, Ixy, Iyy, Ixz, Iyz, Izz = theta[4:10]
     inertia = np.array([[Ixx, Ixy, Ixz], [Ixy, Iyy, Iyz], [Ixz, Iyz, Izz]])
     inertia -= mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
@@ -148,9 +152,11 @@ def _aim(q, v, path, dt, sums, own, R, x):
 
     x[18:21] receives z × jerk/|a|. Returns |a|.
     """
-    w, holding = own.place, _TRIM * own.place**3
+    w = own.place
+    holding = _TRIM * own.place**3
     for i in range(3):
-        off, most = path[0, i] - q[i], _PLACE_TRIM[i] / holding
+        off = path[0, i] - q[i]
+        most = _PLACE_TRIM[i] / holding
         sums[i] = min(max(sums[i] + dt * off, -most), most)
         ground = R[i] * v[0] + R[3 + i] * v[1] + R[6 + i] * v[2]
         x[9 + i] = path[2, i] + w**2 * off + 2.0 * w * (path[1, i] - ground) + holding * sums[i]
@@ -160,7 +166,8 @@ def _aim(q, v, path, dt, sums, own, R, x):
     size = np.sqrt(dot3(x, 9, x, 9))
     x[0], x[1], x[2] = np.cos(path[0, 3]), np.sin(path[0, 3]), 0.0
     for i in range(3):
-        x[15 + i], x[3 + i] = x[9 + i] / size, path[3, i] / size
+        x[15 + i] = x[9 + i] / size
+        x[3 + i] = path[3, i] / size
     _cross(x, 15, x, 0, x, 12)
     length = np.sqrt(dot3(x, 12, x, 12))
     for i in range(3):
@@ -192,13 +199,15 @@ def _mix(q, v, path, dt, sums, own, R, x, squares):
         length = max(np.sqrt(x[3] ** 2 + x[4] ** 2), 1e-9)
         x[3], x[4] = x[3] / length, x[4] / length
     for i in range(3):
-        w, holding = own.attitude[i], _TRIM * own.attitude[i] ** 3
+        w = own.attitude[i]
+        holding = _TRIM * own.attitude[i] ** 3
         most = own.trim[i] / holding
         sums[3 + i] = min(max(sums[3 + i] + dt * x[3 + i], -most), most)
         rate = dot3(R, 3 * i, x, 18) - v[3 + i]
         x[21 + i] = w**2 * x[3 + i] + 2.0 * w * rate + holding * sums[3 + i]
     for i in range(3):
-        x[24 + i], x[27 + i] = 0.0, 0.0
+        x[24 + i] = 0.0
+        x[27 + i] = 0.0
         for j in range(3):
             x[24 + i] += own.inertia[i, j] * v[3 + j]
             x[27 + i] += own.inertia[i, j] * x[21 + j]
@@ -207,7 +216,8 @@ def _mix(q, v, path, dt, sums, own, R, x, squares):
     x[3] = min(max(own.mass * dot3(x, 9, R, 6), _LIFT[0] * weight), _LIFT[1] * weight)
     x[4], x[5] = x[27] + x[0], x[28] + x[1]
     x[6] = min(max(x[29] + x[2], -own.yaw), own.yaw)
-    largest, least = -np.inf, np.inf
+    largest = -np.inf
+    least = np.inf
     for i in range(4):
         squares[i] = 0.0
         for j in range(4):

@@ -105,7 +105,8 @@ def unit_wrenches(system: SecondOrderSystem, prior: Array) -> Array:
 
 def pushes(system: SecondOrderSystem, theta: Array) -> Array:
     """(n, n_u) generalised force of a full command of every actuator, at rest and under θ (p,)."""
-    q, still = system.position(np.zeros(system.n)), np.zeros(system.n)
+    q = system.position(np.zeros(system.n))
+    still = np.zeros(system.n)
     idle = system._F(0.0, q, still, np.zeros(system.n_u))
     return np.stack(
         [(system._F(0.0, q, still, e) - idle) @ theta for e in np.eye(system.n_u)], axis=1

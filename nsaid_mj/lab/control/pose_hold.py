@@ -55,7 +55,8 @@ class PoseHold(DriverConfig):
         dither = Multisine(system.n_u, self.low, self.high, self.tones, self.dither, rng)
         M = system.mass_matrix(np.r_[np.zeros(6), 1.0, np.zeros(6)], prior)
         allocation = np.linalg.pinv(wrenches) @ M
-        omega, least = 2 * np.pi * self.bandwidth, 0.0 if self.one_sided else -1.0
+        omega = 2 * np.pi * self.bandwidth
+        least = 0.0 if self.one_sided else -1.0
 
         def command(t: float, q: Array, v: Array) -> Array:
             """Bias + dither + B⁺ M̂₀ (ω² e − 2 ω ν), B (6, n_u) the prior's wrench per command."""

@@ -79,7 +79,9 @@ class _Sequence(InformedDriver):
     """Blends the commands of the drivers whose phase has begun."""
 
     def __init__(self, drivers: list[Driver], begins: Array, blend: float):
-        self._drivers, self._begins, self._blend = drivers, begins, blend
+        self._drivers = drivers
+        self._begins = begins
+        self._blend = blend
         self._informed = [one for one in drivers if isinstance(one, InformedDriver)]
         self.period = min((one.period for one in self._informed), default=np.inf)
 

@@ -32,9 +32,11 @@ def fourier(series, t, motion):
         motion[i, 0] = motion[i, 1] = motion[i, 2] = 0.0
     for k in range(count):
         rate = omega[k]
-        s, c = np.sin(rate * t), np.cos(rate * t)
+        s = np.sin(rate * t)
+        c = np.cos(rate * t)
         for i in range(motion.shape[0]):
-            a, b = coefficients[i, k], coefficients[i, count + k]
+            a = coefficients[i, k]
+            b = coefficients[i, count + k]
             swing = a * s + b * c
             motion[i, 0] += swing
             motion[i, 1] += rate * (a * c - b * s)
@@ -92,7 +94,8 @@ class FourierTrajectory:
         """
         bounds = system.limits if isinstance(system, JointTree) else np.zeros((2, system.group))
         low, high = (bound[system.group :] for bound in bounds)
-        centre, half = 0.5 * (low + high), 0.5 * config.reach * (high - low)
+        centre = 0.5 * (low + high)
+        half = 0.5 * config.reach * (high - low)
         speed = np.full(len(low), config.speed)
         if config.speed is None and isinstance(system, JointTree):
             speed = config.reach * system.scales.speed

@@ -90,7 +90,8 @@ class DesignedTracking(DriverConfig):
 
     @model_validator(mode="after")
     def _check_lengths(self) -> Self:
-        n, count = len(self.centre), len(self.sines)
+        n = len(self.centre)
+        count = len(self.sines)
         if not n or not count or count % n or len(self.cosines) != count:
             raise InvalidInput(
                 "excitation.sines",
@@ -172,7 +173,8 @@ class Given(np.random.Generator):
 
     def __init__(self, shares: Array):
         super().__init__(np.random.PCG64(0))
-        self._shares, self.used = shares, 0
+        self._shares = shares
+        self.used = 0
 
     def uniform(self, low=0.0, high=1.0, size=None):  # type: ignore[override]  # fewer overloads
         """low + (high − low) · the next shares."""

@@ -48,7 +48,8 @@ class SwimAndReach(DriverConfig):
 
         remedy = "Use MultisineCommand or FourierTracking."
         arm = tree(system, "an underwater vehicle with an arm", remedy, "thruster")
-        count, omega = len(arm.joints), 2 * np.pi * self.bandwidth
+        count = len(arm.joints)
+        omega = 2 * np.pi * self.bandwidth
         signal = Multisine(arm.n_u - count, self.low, self.high, self.tones, self.amplitude, rng)
         path = FourierTrajectory.within(self, arm, rng)
 
@@ -57,7 +58,8 @@ class SwimAndReach(DriverConfig):
             return np.r_[np.zeros(6), position], np.r_[np.zeros(6), rate]
 
         def command(t: float, q: Array, v: Array) -> Array:
-            thrust, (position, rate, acceleration) = signal(t), path(t)
+            thrust = signal(t)
+            position, rate, acceleration = path(t)
             free = arm.evaluate_at(t, q, v, np.r_[np.zeros(count), thrust], v, prior).a
             M = arm.mass_matrix(np.concatenate([q, v]), prior)
             error = arm.joint_errors(q, position)
@@ -129,7 +131,10 @@ class _HoverAndReach(Driver):
         path: FourierTrajectory,
         dither: Multisine,
     ):
-        self._system, self._prior, self._path, self._dither = system, prior, path, dither
+        self._system = system
+        self._prior = prior
+        self._path = path
+        self._dither = dither
         self._place = 2 * np.pi * config.position_bandwidth
         self._turn = 2 * np.pi * config.attitude_bandwidth
         self._rows = np.arange(2, system.n)  # height, attitude, joints: all but x and y
@@ -148,7 +153,8 @@ class _HoverAndReach(Driver):
         return level, np.r_[twist, rate[4:]]
 
     def command(self, t: float, q: Array, v: Array) -> Array:
-        system, prior = self._system, self._prior
+        system = self._system
+        prior = self._prior
         rest = np.zeros(system.n_u)
         free = system.evaluate_at(t, q, v, rest, v, prior).a
         M = system.mass_matrix(np.concatenate([q, v]), prior)
@@ -163,18 +169,22 @@ class _HoverAndReach(Driver):
         """(n,) desired accelerations: feedforward plus PID feedback; updates the integrals."""
         from ...core import cross, rotate, unrotate
 
-        step, self._then = t - self._then, t
+        step = t - self._then
+        self._then = t
         position, rate, acceleration = self._path(t)
-        error, integral = np.empty(self._system.n), self._integral
+        error = np.empty(self._system.n)
+        integral = self._integral
         error[:3] = position[:3] - q[:3]
-        a, w = acceleration[:3], self._place
+        a = acceleration[:3]
+        w = self._place
         slip = rate[:3] - rotate(q[3:7], v[:3])
         pull = a + 2 * w * slip + w**2 * error[:3] + 0.3 * w**3 * integral[:3]
         pull[2] += self._g
         error[3:6] = self._attitude_error(q[3:7], pull, position[3])
         error[6:] = self._system.joint_errors(q, position[4:])
         integral += step * error
-        desired, w = np.zeros(self._system.n), self._turn
+        desired = np.zeros(self._system.n)
+        w = self._turn
         pull[2] -= self._g
         desired[:3] = unrotate(q[3:7], pull) - cross(v[3:6], v[:3])
         moving = np.r_[0.0, 0.0, rate[3], rate[4:]] - v[3:]

@@ -32,18 +32,21 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
         NoEstimate: the sensors are exact, the system has no compiled forward dynamics, or M, or the
             covariance S of an innovation, is not positive definite along the log.
     """
-    system, n = truth.system, truth.system.n
+    system = truth.system
+    n = truth.system.n
     if system.forward is None:
         raise NoEstimate(
             "no bound for a system without compiled forward dynamics", "Use a packaged system."
         )
     if not (levels.position > 0 and levels.velocity > 0):
         raise NoEstimate("the bound is 0 for exact sensors", "Use noisy sensors.")
-    scale, R = np.array(system.space.scale), np.repeat(np.array(levels) ** 2, n)
+    scale = np.array(system.space.scale)
+    R = np.repeat(np.array(levels) ** 2, n)
     basis = truth.nullspace.P_perp  # nothing is learned along P_s
     values, vectors = scipy.linalg.eigh(basis.T @ truth.prior_covariance @ basis)
     G = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
-    own, A = (system.forward, *system.structure.memory()), np.eye(len(values))
+    own = (system.forward, *system.structure.memory())
+    A = np.eye(len(values))
     if not information_along(*own, truth.theta, scale, G, R, R, *log, A, True):
         raise NoEstimate("M or S is not positive definite along the log", "Use a shorter log.")
     root = scipy.linalg.solve_triangular(A, G.T, trans=1)
@@ -52,7 +55,8 @@ def cramer_rao(truth: Truth, log: Log, levels: SensorLevels) -> Array:
 
 def bound_figures(truth: Truth, judge: Judge, covariance: Array) -> dict[str, float | None]:
     """Median figures of estimates that attain the bound, with its covariance (p, p)."""
-    basis, scale = truth.nullspace.P_perp, truth.system.space.scale
+    basis = truth.nullspace.P_perp
+    scale = truth.system.space.scale
     values, vectors = scipy.linalg.eigh(basis.T @ covariance @ basis)
     root = basis @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     draws = np.random.default_rng(0).standard_normal((_DRAWS, root.shape[1])) @ root.T

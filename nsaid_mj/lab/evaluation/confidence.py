@@ -65,7 +65,8 @@ def determined(
     θ̂_i − θ_i, less the common scale's share θ̂_i · mean_j(θ̂_j/θ_j − 1) over the actuators j, is
     determined if it does not change along P_s(θ̂).
     """
-    theta_s, k = theta_hat / space.scale, space.actuators
+    theta_s = theta_hat / space.scale
+    k = space.actuators
     k = k[theta_hat[k] != 0]  # those of failed actuators say nothing of the scale
     rows = np.eye(len(space))
     if len(k):
@@ -88,7 +89,8 @@ def known(
     confidence: Confidence, theta_hat: Array, nullspace: Nullspace, space: ParameterSpace
 ) -> Known:
     """Decomposes the covariance of an estimate θ̂ (p,) along the observable directions there."""
-    basis, size = nullspace.P_perp, float(np.linalg.norm(theta_hat / space.scale))
+    basis = nullspace.P_perp
+    size = float(np.linalg.norm(theta_hat / space.scale))
     scales = np.outer(space.scale, space.scale)
     covariance, prior = (basis.T @ (part / scales) @ basis for part in confidence[:2])
     variance, vectors = scipy.linalg.eigh(covariance)

@@ -60,7 +60,8 @@ def with_curves(result: RunResult, run: Run, truth: Truth | None) -> RunResult:
 def _main(result: RunResult, run: Run, rows: Indices, truth: Truth | None) -> list[Panel]:
     """The panels of the run's page; the first carries the verdict."""
     record = run.record
-    t, later = record["t"][rows], np.arange(1, len(record))
+    t = record["t"][rows]
+    later = np.arange(1, len(record))
     distance = Panel(
         "Distance to the true set",
         "‖P⊥ᵀ θ̂‖ / ‖θ̂‖, of θ/scale [–]",
@@ -109,8 +110,10 @@ def _gains(result: RunResult, run: Run, rows: Indices, true: Array | None) -> Pa
 
     The intervals that the law states at the end are drawn over the last tenth.
     """
-    space, t = run.system.space, run.record["t"][rows]
-    k, theta_hat = space.actuators, run.record.rows("theta_hat", rows)
+    space = run.system.space
+    t = run.record["t"][rows]
+    k = space.actuators
+    theta_hat = run.record.rows("theta_hat", rows)
     ratio = theta_hat[:, k] / (theta_hat[:1, k] if true is None else true[:, k])
     over = "k̂/k̂(0)" if true is None else "k̂/k"
     title = "Actuators relative to the " + ("prior" if true is None else "truth (1 is exact)")
@@ -140,8 +143,10 @@ def _recorded(key: str, title: str, label: str, logarithmic: bool = False) -> Pa
 
 def _motion(run: Run, rows: Indices) -> list[Panel]:
     """Velocities, their errors, commands, and levels of excitation."""
-    record, system = run.record, run.system
-    t, v = record["t"][rows], record["v"][rows]
+    record = run.record
+    system = run.system
+    t = record["t"][rows]
+    v = record["v"][rows]
     units = ", ".join(dict.fromkeys(system.velocity_units))
     error = _recorded("velocity_error", "Velocity error Δv: predicted − measured", f"Δv [{units}]")
     error.add_columns(t, record["v_hat"][rows] - v, velocity_names(system))
@@ -163,8 +168,10 @@ def _estimates(result: RunResult, run: Run, rows: Indices, truth: Truth | None) 
     The 95 % intervals of the actuators that the law states at the end are drawn over the last tenth
     of the run.
     """
-    space, theta_hat = run.system.space, run.record.rows("theta_hat", rows)
-    t, true = run.record["t"][rows], None
+    space = run.system.space
+    theta_hat = run.record.rows("theta_hat", rows)
+    t = run.record["t"][rows]
+    true = None
     if truth is not None:
         true = truth.theta_at(t)
         true = true / common_factor(theta_hat, true, space.scale, space.actuators)[:, None]
@@ -178,7 +185,8 @@ def _estimates(result: RunResult, run: Run, rows: Indices, truth: Truth | None) 
         for k, name, deviation in zip(group.indices, group.names, deviations, strict=True):
             band = None
             if known and deviation is not None:
-                value, half = theta_hat[-1, k], INTERVAL * deviation
+                value = theta_hat[-1, k]
+                half = INTERVAL * deviation
                 low = np.where(last, value * (1 - half), np.nan)
                 band = low, np.where(last, value * (1 + half), np.nan)
             panel.add(t, theta_hat[:, k], name, band, part=("estimated",))
@@ -191,7 +199,8 @@ def _estimates(result: RunResult, run: Run, rows: Indices, truth: Truth | None) 
 
 def _conserved(run: Run, rows: Indices) -> list[Panel]:
     """Relative drift of θ̂ᵀ Γ⁻¹ θ̂, which the law conserves; empty if it does not."""
-    record, identifier = run.record, run.identifiers[""]
+    record = run.record
+    identifier = run.identifiers[""]
     if not identifier.conserves:
         return []
     now = identifier.conserved(record.rows("theta_hat", rows)) + record["spent"][rows]
@@ -211,14 +220,17 @@ def _predictions(run: Run, rows: Indices) -> list[Panel]:
     motion requires, on the other those of the actuators. It needs the command of every time step
     and is left out if the record skips rows.
     """
-    record, system, t = run.record, run.system, run.record["t"][rows]
+    record = run.record
+    system = run.system
+    t = run.record["t"][rows]
     units = ", ".join(dict.fromkeys(system.velocity_units))
     predicted = _recorded("velocity", "Predicted velocity", f"v̂ [{units}]")
     names = velocity_names(system, "")
     predicted.add_columns(t, record["v_hat"][rows], names, ("predicted",), pale=True)
     if run.scenario.record_every > 1 or len(record) < 2:
         return [predicted]
-    log, first = record.log, np.minimum(rows, len(record) - 2)  # the last row has no successor
+    log = record.log  # the last row has no successor
+    first = np.minimum(rows, len(record) - 2)
     parts = [midpoints(log.part(k, k + 2), system, 1) for k in first]
     times, x, v, u, a = (np.concatenate(part) for part in zip(*parts, strict=True))
     terms = system.regressor(times, x, v, a, u) * record.rows("theta_hat", first)[:, None]
@@ -249,8 +261,11 @@ def shared(space: ParameterSpace, r: int, truth: Array) -> Indices:
 def _errors(result: RunResult, run: Run, rows: Indices, truth: Truth) -> list[Panel]:
     """Errors along observable directions, and those of ratios of parameters."""
     nullspace = truth.nullspace
-    record, space, t = run.record, run.system.space, run.record["t"][rows]
-    theta_hat, true = record.rows("theta_hat", rows), truth.theta_at(t)
+    record = run.record
+    space = run.system.space
+    t = run.record["t"][rows]
+    theta_hat = record.rows("theta_hat", rows)
+    true = truth.theta_at(t)
     components = [f"direction {i} [–]" for i in range(1, nullspace.P_perp.shape[1] + 1)]
     along = _recorded(
         "theta_perp", "Components of the error along observable directions", "P⊥ᵀ θ̂ [–]"
@@ -287,19 +302,25 @@ def _forces(run: Run, truth: Truth | None) -> list[Comparison]:
         return []
     points = min(len(found.t), _FORCE_POINTS)
     rows = np.unique(np.linspace(0, len(found.t) - 1, points).astype(int))
-    labels, units = velocity_labels(run.system), force_units(run.system)
+    labels = velocity_labels(run.system)
+    units = force_units(run.system)
     error = found.nrmse
     order = np.argsort(-np.where(np.isfinite(error), error, -1.0), kind="stable")
     panels = []
     for j in order:
-        known, number = np.isfinite(error[j]), statistic(float(error[j]), "%")
+        known = np.isfinite(error[j])
+        number = statistic(float(error[j]), "%")
         note = f": error {number}" if known else ", not actuated"
         kind = {"N": "force", "N·m": "torque"}.get(units[j], "generalised force")
         panels.append(
             Comparison(
-                f"{labels[j]}{note}", kind, units[j], found.t[rows],
-                found.measured[rows, j], found.predicted[rows, j],
+                f"{labels[j]}{note}",
+                kind,
+                units[j],
+                found.t[rows],
+                found.measured[rows, j],
+                found.predicted[rows, j],
                 None if found.half is None else found.half[rows, j],
             )
-        )  # fmt: skip
+        )
     return panels

@@ -15,7 +15,8 @@ _WINDOW_ROWS = 100  # regressors per window, about
 
 def excitation_of(run: Run, truth: Truth | None) -> Excitation:
     """Excitation by a run's motion, and decay of the errors that the theory sends to zero."""
-    record, system = run.record, run.system
+    record = run.record
+    system = run.system
     level_, level_perp, share_perp = _levels(run, truth)
     dv = first_tenth(record["v_hat"] - record["v"])
     found = Excitation(pe_level=finite(level_), velocity_error_rms_initial=finite(_rms(dv)))
@@ -45,7 +46,9 @@ def _levels(run: Run, truth: Truth | None) -> tuple[float, float | None, float |
     (δ₀ ∫ ‖W‖² dτ)^½, None if no window has enough rows to excite every direction. Windows in which
     a fault changes the truth are skipped.
     """
-    scenario, log, system = run.scenario, run.record.log, run.system
+    scenario = run.scenario
+    log = run.record.log
+    system = run.system
     rows = round(scenario.pe_window / (scenario.dt * scenario.record_every))
     stride = max(1, rows // _WINDOW_ROWS)
     dt = stride * scenario.record_every * scenario.dt

@@ -41,7 +41,10 @@ def midpoints(
     be constant between rows.
     """
     k = np.arange(0, len(log.t) - 1, stride)
-    t, q, v, u = log.t, log.q, log.v, log.u[k]
+    t = log.t
+    q = log.q
+    v = log.v
+    u = log.u[k]
     steps = 0.5 * system.moves(q)[k]
     middle = np.array([system.integrate(q[i], step) for i, step in zip(k, steps, strict=True)])
     mean = 0.5 * (v[k] + v[k + 1])
@@ -62,7 +65,8 @@ class Judge:
 
     def __call__(self, theta_hat: Array) -> dict[str, float | None]:
         """Distance to the true set, error of the actuators' shares, and force residual."""
-        truth, system = self._truth, self._truth.system
+        truth = self._truth
+        system = self._truth.system
         return {
             "theta_perp_ratio": float(truth.nullspace.ratio(theta_hat / system.space.scale)),
             "actuator_ratio_error": actuator_ratio_error(system, theta_hat, truth.theta),
@@ -79,7 +83,8 @@ def judge(run: Run, name: str, truth: Truth | None) -> Accuracy:
     The identifier "" is the scenario's own.
     """
     suffix = f"_{name}" if name else ""
-    record, system = run.record, run.system
+    record = run.record
+    system = run.system
     theta = record.rows(f"theta_hat{suffix}", np.array([0, -1]))
     dv = record[f"v_hat{suffix}"] - record["v"]
     error = finite(float(np.sqrt(np.mean(last_tenth(dv) ** 2))))
@@ -180,7 +185,8 @@ def averaged_rows(system: SecondOrderSystem, log: Log) -> tuple[Array, Array]:
     size = min(max(1, round(_STRETCH / usual)), len(steps))
     every = range(0, len(log.t) - size, max(1, (len(log.t) - size) // _STRETCHES))
     starts = [i for i in every if steps[i : i + size].max() <= LONGEST_STEP * usual] or every
-    times, rows = np.empty(len(starts)), np.empty((len(starts), system.n, system.p))
+    times = np.empty(len(starts))
+    rows = np.empty((len(starts), system.n, system.p))
     for i, start in enumerate(starts):
         part = log.part(start, start + size + 1)
         q, v = system.midpoints(part, hermite=False)
@@ -250,9 +256,11 @@ def common_factor(theta: Array, true: Array, scale: Array, actuators: Indices) -
     That scale is unobservable. The factors make the mean of the actuators' gains exact; without an
     actuator, or with one of the wrong sign, they minimise the distance in θ/scale.
     """
-    theta_s, true_s = theta / scale, true / scale
+    theta_s = theta / scale
+    true_s = true / scale
     found = np.sum(theta_s * true_s, axis=-1) / np.sum(theta_s**2, axis=-1)
-    own, gains = theta_s[..., actuators], true_s[..., actuators]
+    own = theta_s[..., actuators]
+    gains = true_s[..., actuators]
     working = gains != 0
     ratio = own / np.where(working, gains, 1.0)
     count = working.sum(axis=-1)
@@ -267,7 +275,8 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
     With a truth, θ̂ is multiplied by the `common_factor`. None if there is no such trajectory, or if
     commands are missing in the record.
     """
-    system, theta = run.system, np.array(run.record.rows("theta_hat", -1))
+    system = run.system
+    theta = np.array(run.record.rows("theta_hat", -1))
     later = None if truth is None else truth.held_out
     exact = None if truth is None else truth.exact
     if later is None and (run.scenario.record_every != 1 or len(run.record) < 20):
@@ -277,7 +286,8 @@ def forces_of(run: Run, truth: Truth | None) -> Forces | None:
         t, W = averaged_rows(system, log.last(max(2, len(log.t) // 10)))
     else:
         t, W = timed_rows(system, later, exact)
-    scale, k = system.space.scale, system.space.actuators
+    scale = system.space.scale
+    k = system.space.actuators
     factor = 1.0
     if truth is not None:
         factor = float(common_factor(theta, truth.theta, scale, k))

@@ -39,7 +39,8 @@ def rises_of(run: Run, truth: Truth) -> Rises | None:
     None for a law without a proof. Steps in which V is undefined, as for a law in the cone after an
     actuator was reversed, do not count.
     """
-    record, identifier = run.record, run.identifiers[""]
+    record = run.record
+    identifier = run.identifiers[""]
     if not isinstance(identifier, NullspaceIdentifier):
         return None
     V = energy(run, truth)
@@ -63,11 +64,14 @@ def rises_of(run: Run, truth: Truth) -> Rises | None:
 
 def energy(run: Run, truth: Truth, rows: NDArray[np.intp] | None = None) -> Array:
     """(k,) V of the scenario's own identifier, under the true θ at each row's time [J]."""
-    system, identifier, record = run.system, run.identifiers[""], run.record
+    system = run.system
+    identifier = run.identifiers[""]
+    record = run.record
     if rows is not None:
         columns = {key: record.rows(key, rows) for key in ("t", "q", "v", "v_hat", "theta_hat")}
         record = Record(columns, record.metadata, record.complete)
-    epochs, V = truth.epoch(record["t"]), np.empty(len(record))
+    epochs = truth.epoch(record["t"])
+    V = np.empty(len(record))
     for epoch in np.unique(epochs):
         within = epochs == epoch
         theta = truth.theta_at(float(record["t"][within][-1]))
@@ -84,7 +88,8 @@ def lyapunov(
     """
 
     def of(part: slice) -> Array:
-        v, theta_hat = record["v"][part], record.rows("theta_hat", part)
+        v = record["v"][part]
+        theta_hat = record.rows("theta_hat", part)
         dv = record["v_hat"][part] - v
         momentum = system.W_M(np.hstack([record["q"][part], v]), dv) @ truth
         kinetic = np.einsum("ki,ki->k", dv, momentum)
@@ -135,7 +140,8 @@ def assumption_46(run: Run, truth: Truth) -> tuple[float | None, float]:
     sufficient, not necessary, and most runs violate it. The margin is negative if (46) is violated,
     None if the law has no constant Γ.
     """
-    identifier, theta = run.identifiers[""], truth.initial
+    identifier = run.identifiers[""]
+    theta = truth.initial
     _, x, _, _ = states(run.record.log, max(1, len(run.record) // 200))
     least = float(np.linalg.eigvalsh(run.system.mass_matrix(x, theta)).min())
     constant = not run.scenario.identifier.in_cone

@@ -79,7 +79,8 @@ def page(
     """
     from ...report import figures_of as drawn
 
-    robot, folder = _robot(run), shlex.quote(str(run.folder))
+    robot = _robot(run)
+    folder = shlex.quote(str(run.folder))
     made = brief(robot, result)
     forces = [panel for panel in result.curves if isinstance(panel, Comparison)]
     curves = [panel for panel in result.curves if isinstance(panel, Curves) and panel.page]
@@ -89,19 +90,25 @@ def page(
     sections = [
         replace(figures, beside=robot_picture(run.looks, run.record["q"][0], robot)),
         Section("Time histories", [Figures(more)] if more else []),
-        Section("Predicted against measured forces", [
-            Figures(drawn(forces), "velocities", 6),
-            Text(f"{_FORCES[result.truth_known]} Error: rms over rms of the measured force.", True),
-        ] if forces else []),
+        Section(
+            "Predicted against measured forces",
+            [
+                Figures(drawn(forces), "velocities", 6),
+                Text(
+                    f"{_FORCES[result.truth_known]} Error: rms over rms of the measured force.",
+                    True,
+                ),
+            ]
+            if forces
+            else [],
+        ),
         replace(gains, panels=[*([Figures(shown)] if shown else []), *gains.panels]),
         *rest,
         Section("Parameters", [Text(_relative_to(result)), *folds(result, gains=False)]),
         Section("Least known directions of θ/scale", _least_known(result)),
-        Section("Correlations of what is identified",
-                _correlated(drawn(_correlations(result)))),
-        Section("The paper's statements on this run",
-                [*statements(checks), *_checks(result)]),
-    ]  # fmt: skip
+        Section("Correlations of what is identified", _correlated(drawn(_correlations(result)))),
+        Section("The paper's statements on this run", [*statements(checks), *_checks(result)]),
+    ]
     return replace(
         made,
         eyebrow=f"run {run.folder.name}",
@@ -109,12 +116,14 @@ def page(
         carrying=drawn(curves[:2]),
         sections=[section for section in sections if section.panels],
         commands=[
-            *filter(None, [command]), _SCRIPT,
-            f"nsaid view {folder}", f"nsaid verify --run {folder}",
+            *filter(None, [command]),
+            _SCRIPT,
+            f"nsaid view {folder}",
+            f"nsaid verify --run {folder}",
         ],
         notes=[_FILES.format(seed=origin.seed, scenario_hash=origin.scenario_hash)],
         versions=dict(origin.versions),
-    )  # fmt: skip
+    )
 
 
 def brief(heading: str, result: RunResult) -> Page:
@@ -130,7 +139,7 @@ def brief(heading: str, result: RunResult) -> Page:
             Section("Confidence", _confidence(result), brief=True),
             Section("What cannot be known from motion", unobservable(result), brief=True),
         ],
-    )  # fmt: skip
+    )
 
 
 def print_result(name: str, result: RunResult, folder: Path) -> None:
@@ -153,7 +162,9 @@ def _robot(run: Run) -> str:
 
 def _lead(result: RunResult) -> str:
     done = "followed" if result.samples else "simulated"
-    law, conditions, cost = result.law.law, result.conditions, result.cost
+    law = result.law.law
+    conditions = result.conditions
+    cost = result.cost
     said = (
         f"Law {law}, {conditions.sensors} sensors, seed {result.origin.seed}: "
         f"{result.dimensions.n} velocities, {result.dimensions.p} parameters; "
@@ -181,7 +192,8 @@ def _confidence(result: RunResult) -> list[PageItem]:
 
 def _least_known(result: RunResult) -> list[PageItem]:
     """The least known directions; empty if no confidence is stated."""
-    stated, labels = result.confidence, result.labels
+    stated = result.confidence
+    labels = result.labels
     if stated is None:
         return []
     worst = [
@@ -236,7 +248,8 @@ def _checks(result: RunResult) -> list[PageItem]:
 def statements(checks: Verification | None) -> list[PageItem]:
     """The paper's statements with their verdicts, then those that do not apply, by reason."""
     kinds = {"holds": ("✔", "good"), "not yet": ("◐", "fair"), "fails": ("✘", "poor")}
-    lines, apart = [], dict[str, list[str]]()
+    lines = []
+    apart = dict[str, list[str]]()
     for v in checks.statements if checks is not None else ():
         if v.verdict in kinds:
             lines.append([v.statement, v.claim, Mark(*kinds[v.verdict], v.verdict), v.words])
@@ -289,7 +302,8 @@ def _correlations(result: RunResult) -> list[HeatMap]:
     """Correlations of the parameters that are identified."""
     if result.confidence is None:
         return []
-    stated, labels = result.confidence.correlations, result.labels
+    stated = result.confidence.correlations
+    labels = result.labels
     r = np.eye(len(stated.lower))
     for i, row in enumerate(stated.lower):
         r[i, :i] = r[:i, i] = np.array(row, dtype=float)

@@ -60,7 +60,8 @@ def write_run_recording(
         "statements": "\n".join(item_lines(statements(checks))) or _SHORT,
         "unknown": "\n".join(item_lines(unobservable(result))),
     }
-    space, plots = run.system.space, Plots(lines, float(run.record["t"][-1]))
+    space = run.system.space
+    plots = Plots(lines, float(run.record["t"][-1]))
     kind = "" if truth is None else _kind(space, shared(space, result.dimensions.r, truth.theta))
     layout = blueprint(
         space, robot.camera, plots, survey=robot.survey, drawn=robot.words, shared=kind
@@ -77,7 +78,8 @@ def _kind(space: ParameterSpace, chosen: Indices) -> str:
 
 
 _LOOKS = 500  # rows of the record from which camera, arrows and arcs are set up
-_FRAMES, _RATE = 12000, 30.0  # largest number of frames of the robot, and frames per second
+_FRAMES = 12000  # largest number of frames of the robot, and frames per second
+_RATE = 30.0
 _MARK = 0.1  # radius of a fault's marker, over half the vehicle's size
 _ELLIPSOIDS = 300  # estimates of the links' inertias along a run, at most
 
@@ -95,8 +97,10 @@ class Robot:
     """
 
     def __init__(self, run: Run, truth: Truth | None):
-        record, system = run.record, run.system
-        self._run, self._truth = run, truth
+        record = run.record
+        system = run.system
+        self._run = run
+        self._truth = truth
         self._scene = scene = Scene(system, run.looks)
         some = _rows(record, spread(len(record), _LOOKS))
         theta = record.rows("theta_hat", -1) if truth is None else truth.theta
@@ -122,8 +126,10 @@ class Robot:
 
     def log(self, rec: rr.RecordingStream) -> None:
         """Logs everything."""
-        record, truth = self._run.record, self._truth
-        t, frames = record["t"], _at_rate(record["t"], _RATE, _FRAMES)
+        record = self._run.record
+        truth = self._truth
+        t = record["t"]
+        frames = _at_rate(record["t"], _RATE, _FRAMES)
         inside = isinstance(self._efforts, Arrows) or self._links is not None
         failed = (path for event in self._run.faults for path in self._failed(event))
         changing = dict.fromkeys(failed, float(t[0]))
@@ -135,7 +141,8 @@ class Robot:
             estimates = record.rows("theta_hat", some)
             _log_efforts(rec, self._efforts, _rows(record, some), estimates, truth)
         if self._links and self.camera:
-            few, size = spread(len(t), _ELLIPSOIDS), self.camera.size
+            few = spread(len(t), _ELLIPSOIDS)
+            size = self.camera.size
             self._links.log_frames(rec, t[frames], record["q"][frames])
             theta_hat = record.rows("theta_hat", few)
             self._links.log(rec, ESTIMATED_INERTIA, t[few], theta_hat, size)
@@ -157,9 +164,11 @@ class Robot:
             places = _mounts(self._run.system, event)
             if len(places):
                 ball = rr.Points3D(
-                    places, colors=[FAILED], radii=[_MARK * self.camera.size],
+                    places,
+                    colors=[FAILED],
+                    radii=[_MARK * self.camera.size],
                     labels=[drawable(event.part)],
-                )  # fmt: skip
+                )
                 rec.log(f"{BODY}/fault_{number}", ball)
             for path in self._failed(event):
                 rec.log(path, rr.Mesh3D.from_fields(albedo_factor=FAILED))
@@ -186,7 +195,8 @@ def _log_efforts(
         drawn.log_style(rec, estimated)
         drawn.log(rec, estimated, rows, theta_hat, np.zeros(theta_hat.shape, bool))
         return
-    true, space = truth.theta_at(rows.t), truth.system.space
+    true = truth.theta_at(rows.t)
+    space = truth.system.space
     factor = common_factor(theta_hat, true, space.scale, space.actuators)
     drawn.log_style(rec, commanded, estimated)
     failed = changed(truth, rows.t)
@@ -222,7 +232,8 @@ def _mounts(system: SecondOrderSystem, event: FaultEvent) -> Array:
 
 def _links(system: SecondOrderSystem, event: FaultEvent) -> list[str]:
     """Names of the links whose inertia, or joint's gain, friction or sensor, an event names."""
-    space, found = system.space, []
+    space = system.space
+    found = []
     bodies = [block for block in space.blocks if block.geometry == "pseudo_inertia"]
     links = [block.labels[0].rpartition(" of ")[2] for block in bodies]
     for block in space.blocks:

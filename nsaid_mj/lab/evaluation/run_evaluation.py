@@ -152,7 +152,9 @@ def _theory(run: Run, truth: Truth | None) -> Theory:
 
 
 def _definiteness(run: Run, truth: Truth | None) -> Definiteness:
-    record, margin, least = run.record, None, None
+    record = run.record
+    margin = None
+    least = None
     if truth is not None:
         margin, least = assumption_46(run, truth)
     pivot = float(record["pivot"][1:].min()) if len(record) > 1 else None
@@ -165,7 +167,8 @@ def _definiteness(run: Run, truth: Truth | None) -> Definiteness:
 
 def _estimates(run: Run, truth: Truth | None) -> tuple[Estimated, ...]:
     """Name, unit, scale, prior, last estimate and, if known, true value of every parameter."""
-    space, estimate = run.system.space, run.record.rows("theta_hat", -1)
+    space = run.system.space
+    estimate = run.record.rows("theta_hat", -1)
     return tuple(
         Estimated(
             name=name,
@@ -194,7 +197,8 @@ def _unobservable(run: Run, nullspace: Nullspace) -> tuple[Unobservable, ...]:
 
 
 def _cost(run: Run) -> RunCost:
-    cost, steps = run.cost, max(run.cost.steps, 1)
+    cost = run.cost
+    steps = max(run.cost.steps, 1)
     simulated = float(run.record["t"][-1]) if len(run.record) else 0.0
     return RunCost(
         wall_s=cost.wall,
@@ -223,11 +227,13 @@ def sensor_noise(run: Run) -> str:
 
     Identifiers use these levels, so they are no mismatch.
     """
-    scenario, noise = run.scenario, run.scenario.noise
+    scenario = run.scenario
+    noise = run.scenario.noise
     if scenario.sensors != "noisy":
         return ""
     rates = dict.fromkeys(run.system.velocity_units)
-    velocity, position = " and ".join(rates), " and ".join(u.removesuffix("/s") for u in rates)
+    velocity = " and ".join(rates)
+    position = " and ".join(u.removesuffix("/s") for u in rates)
     words = f"noise of {rounded(noise.position)} {position}, {rounded(noise.velocity)} {velocity}"
     if noise.encoder_step:
         words += f"; positions quantised to {rounded(noise.encoder_step)} {position}"
@@ -253,11 +259,13 @@ def confidence_of(run: Run, truth: Truth | None, widening: float = 1.0) -> State
     from ...watch import widened
 
     stated = widened(stated, widening)
-    theta, space = run.record.rows("theta_hat", -1), run.system.space
+    theta = run.record.rows("theta_hat", -1)
+    space = run.system.space
     nullspace = nullspace_of(run, None)
     found = known(stated, theta, nullspace, space)
     single = determined(stated, theta, nullspace, space)
-    covered, forces_covered = None, None
+    covered = None
+    forces_covered = None
     if truth is not None:
         covered = found.covered(theta / space.scale, truth.theta / space.scale)
         W = held_out_rows(run.system, truth.held_out, truth.exact)

@@ -41,7 +41,8 @@ def filter_of(scenario: Scenario, system: SecondOrderSystem) -> KalmanFilter | N
 
 def misfit_of(run: Run) -> Misfit | None:
     """The misfit at the end of a run's log; None where `filter_of` is, or rows are missing."""
-    system, record = run.system, run.record
+    system = run.system
+    record = run.record
     estimator = filter_of(run.scenario, system)
     if estimator is None or run.scenario.record_every != 1:
         return None
@@ -51,7 +52,8 @@ def misfit_of(run: Run) -> Misfit | None:
     stated = run.identifiers[""].confidence(run.states[""]) if "" in run.states else None
     for log, rows, signals in _pieces(run, record.log):
         last = rows.stop == len(record)
-        drift, acting = _drifting(run, log, rows) if last else None, signals.acting(system, log)
+        drift = _drifting(run, log, rows) if last else None
+        acting = signals.acting(system, log)
         if drift is None:
             theta = np.array(record.rows("theta_hat", rows.stop - 1))
             own = stated if last else None

@@ -112,7 +112,8 @@ class RunResult(Result):
     @property
     def confidence_in_words(self) -> list[str]:
         """The confidence that the law states; empty if it states none."""
-        stated, labels = self.confidence, self.labels
+        stated = self.confidence
+        labels = self.labels
         if stated is None:
             return []
         worst = phrase(labels[name] for name in stated.worst_known[0].parameters)
@@ -135,7 +136,8 @@ class RunResult(Result):
     @property
     def observable_in_words(self) -> str:
         """How many directions of θ the motion can reveal, as a sentence without its end."""
-        r, p = self.dimensions.r, self.dimensions.p
+        r = self.dimensions.r
+        p = self.dimensions.p
         seen = p - r
         return (
             f"{seen} of {p} directions of θ {'is' if seen == 1 else 'are'} observable; "
@@ -190,7 +192,9 @@ def verdict_of(result: RunResult) -> tuple[Explains, str]:
     motion, the force residual replace the distance: with noisy sensors the residual stays large. A
     misfit of `some` is reported with the widening of the intervals, or as gains that drift.
     """
-    ending, misfit, accuracy = result.ending, result.misfit, result.accuracy
+    ending = result.ending
+    misfit = result.misfit
+    accuracy = result.accuracy
     if ending.status != "completed":
         signal = f" ({ending.status_signal})" if ending.status_signal else ""
         return "no", f"ended early: {ending.status} at t = {ending.status_time:.4g} s{signal}"
@@ -208,12 +212,14 @@ def verdict_of(result: RunResult) -> tuple[Explains, str]:
             f"{100 * (1 - floor):.3g} % of the actuator forces on a held-out trajectory"
         )
     residual = accuracy.force_residual
-    distance, first = accuracy.theta_perp_ratio, accuracy.theta_perp_ratio_initial
+    distance = accuracy.theta_perp_ratio
+    first = accuracy.theta_perp_ratio_initial
     if distance is None:
         arrived, where = _without_truth(result, residual, floor or 0.0)
         nearer = True
     else:
-        arrived, nearer = distance <= CONVERGED, first is None or distance < first
+        arrived = distance <= CONVERGED
+        nearer = first is None or distance < first
         predicts = "" if residual is None else f", force residual {share_in_words(residual)}"
         where = f"{share_in_words(distance)} from the true set{predicts}"
     if misfit is not None and misfit.drift:
@@ -273,14 +279,16 @@ def _parameters(result: RunResult, space: ParameterSpace | None) -> tuple[Parame
 
     Intervals are at a fixed mean of the gains, and so is the ratio of a gain to the others.
     """
-    rows, stated = result.estimates, result.confidence
+    rows = result.estimates
+    stated = result.confidence
     known = stated.parameters if stated is not None else {}
     gains = stated.actuators if stated is not None else {}
     blocks = [] if space is None else [b.name for b in space.blocks for _ in b.names]
     factor = _factor_of(rows, gains, space)
     found = []
     for k, row in enumerate(rows):
-        value, own = factor * row.estimate, known.get(row.name)
+        value = factor * row.estimate
+        own = known.get(row.name)
         deviation = own.deviation if own is not None else None
         half = INTERVAL * abs(factor) * deviation if deviation is not None else 0.0
         status: Status = ""
@@ -291,11 +299,19 @@ def _parameters(result: RunResult, space: ParameterSpace | None) -> tuple[Parame
         relative = INTERVAL * gain if gain is not None else None
         found.append(
             Parameter(
-                row.name, row.label, blocks[k] if blocks else "", row.unit,
-                value, value - half, value + half, factor * row.prior, status,
-                relative=relative if len(gains) > 1 else None, true=row.true,
+                row.name,
+                row.label,
+                blocks[k] if blocks else "",
+                row.unit,
+                value,
+                value - half,
+                value + half,
+                factor * row.prior,
+                status,
+                relative=relative if len(gains) > 1 else None,
+                true=row.true,
             )
-        )  # fmt: skip
+        )
     return tuple(found)
 
 
@@ -317,7 +333,9 @@ def _factor_of(
 
 def _findings(result: RunResult) -> tuple[Finding, ...]:
     """How a run ended early, and its deviations from the paper's assumptions."""
-    ending, conditions, found = result.ending, result.conditions, []
+    ending = result.ending
+    conditions = result.conditions
+    found = []
     if ending.status != "completed":
         signal = f" ({ending.status_signal})" if ending.status_signal else ""
         text = f"{ending.status} at t = {ending.status_time:.4g} s{signal}"

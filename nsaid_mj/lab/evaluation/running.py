@@ -23,7 +23,8 @@ from ..scenario import Scenario
 from ..source import LONGEST_STEP
 from .run_misfit import filter_of
 
-_FIRST, _NEXT = 0.5, 1.5  # duration that is judged first [s], and the next one's ratio to it
+_FIRST = 0.5  # duration that is judged first [s], and the next one's ratio to it
+_NEXT = 1.5
 _LATER = 1.4  # durations judged, after which the misfit is stated; enough time for 1 kHz
 _REST = 5e-4  # of the thread between two pieces, so that on two cores the user's loop can run [s]
 
@@ -42,8 +43,10 @@ class RunningMisfit:
     """
 
     def __init__(self, scenario: Scenario, identifier: Identifier, prior: Array):
-        self._identifier, self._system = identifier, identifier.system
-        self._prior, self._dt = prior, scenario.dt
+        self._identifier = identifier
+        self._system = identifier.system
+        self._prior = prior
+        self._dt = scenario.dt
         self._filter = filter_of(scenario, self._system)
         self._pool = ThreadPoolExecutor(1, "misfit")
         self._stated: tuple[Misfit, Array] | None = None  # with the gains' deviations at its end
@@ -72,7 +75,8 @@ class RunningMisfit:
         duration = float(log.t[-1]) - self._start
         if self._found is not None and duration >= _LATER * self._judged:
             misfit, deviations = self._found
-            self._stated, self._found = (misfit.result(), deviations), None
+            self._stated = (misfit.result(), deviations)
+            self._found = None
             self._judged *= _NEXT
         drift, _ = drift_of(state)
         if self._found is None and duration >= self._judged and not drift:
@@ -106,7 +110,8 @@ class RunningMisfit:
         They are the law's own, widened by the misfit, and none is less than at the end of the last
         motion judged. They are unknown before that, and if the misfit contradicts.
         """
-        stated, space = self._identifier.confidence(state), self._system.space
+        stated = self._identifier.confidence(state)
+        space = self._system.space
         if self._filter is None or stated is None:
             return gain_deviations(stated, state.theta_hat, space)
         if self._stated is None or self.level(state) == CONTRADICTS:

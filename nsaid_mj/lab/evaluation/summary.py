@@ -92,7 +92,8 @@ def summary_of(result: RunResult) -> dict[str, Any]:
 
 def _evaluated(result: RunResult) -> dict[str, Any]:
     """The keys that are computed from a record of at least one row."""
-    known, stated = result.truth_known, result.confidence
+    known = result.truth_known
+    stated = result.confidence
     return {
         **_keys_of(result.accuracy, known),
         **_keys_of(result.theory, known),
@@ -192,7 +193,8 @@ def _check_names(result: RunResult, name: str) -> None:
         InvalidInput: the confidence names a parameter that is not in the list, or has no direction;
             or a motion contradicts the structure at no time.
     """
-    misfit, stated = result.misfit, result.confidence
+    misfit = result.misfit
+    stated = result.confidence
     if misfit is not None and misfit.level == "contradicts" and not misfit.contradictions:
         where = f"{name}, misfit_contradictions"
         raise InvalidInput(where, "at least one time", "none", _REMEDY)
@@ -201,7 +203,8 @@ def _check_names(result: RunResult, name: str) -> None:
     if not stated.worst_known:
         where = f"{name}, confidence.worst_known"
         raise InvalidInput(where, "at least one direction", "none", _REMEDY)
-    correlations, known = stated.correlations, result.labels
+    correlations = stated.correlations
+    known = result.labels
     sizes = [len(row) for row in correlations.lower]
     if sizes != list(range(len(correlations.parameters))):
         where = f"{name}, confidence.correlations"
@@ -226,7 +229,8 @@ class _Reader:
     """
 
     def __init__(self, found: dict[str, Any], name: str):
-        self._found, self._name = found, name
+        self._found = found
+        self._name = name
 
     def topic(self, kind: type[_Topic]) -> _Topic:
         """The statistics of a topic, whose fields are keys of the file."""

@@ -22,7 +22,8 @@ class Truth:
     """
 
     def __init__(self, setup: Setup, end: float):
-        self._setup, self._plant = setup, setup.plant
+        self._setup = setup
+        self._plant = setup.plant
         self._nullspaces: dict[int, Nullspace] = {}
         self.system: SecondOrderSystem = setup.system  # whose parameters these are
         self.end = end  # time at which estimates are judged [s]
@@ -68,7 +69,8 @@ class Truth:
 
         About the prior if the truth is drawn about it, else about the truth.
         """
-        scenario, space = self._setup.scenario, self.system.space
+        scenario = self._setup.scenario
+        space = self.system.space
         about = self._setup.prior if scenario.prior == "nominal" else self.theta
         found = drawn_covariance(space, about, scenario.initial_error)
         if scenario.gain_error is not None:
@@ -78,7 +80,8 @@ class Truth:
 
     def distance(self, t: Array, theta_hat: Array) -> Array:
         """(N,) distance ‖P̄_⊥ᵀ θ̂_s‖ / ‖θ̂_s‖ of estimates (N, p) to the true set at times t (N,)."""
-        epochs, theta_s = self.epoch(t), theta_hat / self.system.space.scale
+        epochs = self.epoch(t)
+        theta_s = theta_hat / self.system.space.scale
         ratio = np.empty(len(t))
         for epoch in np.unique(epochs):
             rows = epochs == epoch

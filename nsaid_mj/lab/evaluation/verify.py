@@ -35,7 +35,8 @@ ROWS = 20
 
 
 Word = Literal["holds", "not yet", "fails", "not applicable"]
-_HOLD, _FAIL = ("hold", "holds"), ("fail", "fails")  # of several, and of one
+_HOLD = ("hold", "holds")  # of several, and of one
+_FAIL = ("fail", "fails")
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,8 @@ def verify(run: Run, truth: Truth | None, result: RunResult | None = None) -> Ve
     premises = _premises(run, result)
     excited = _excitation(run, result, premises)
     no_limit = premises or _no_limit(run, result)
-    accuracy, motion = result.accuracy, result.excitation
+    accuracy = result.accuracy
+    motion = result.excitation
     velocity_errors = motion.velocity_error_rms_initial, accuracy.velocity_error_rms
     excited_errors = motion.excited_error_rms_initial, motion.excited_error_rms
     dv, force = (f"rms of {of} over a tenth of the run:" for of in ("Δv", "W θ̂"))
@@ -162,11 +164,9 @@ def _lyapunov(run: Run, result: RunResult, premises: str) -> _Outcome:
     if premises:
         return _no(premises)
     theory = result.theory
-    count, rise, bound = (
-        theory.lyapunov_violations,
-        theory.lyapunov_largest_rise,
-        theory.lyapunov_bound,
-    )
+    count = theory.lyapunov_violations
+    rise = theory.lyapunov_largest_rise
+    bound = theory.lyapunov_bound
     if count is None or rise is None or bound is None:
         return _no("V is not defined")
     if bound > BLIND:
@@ -216,7 +216,8 @@ def _excitation(run: Run, result: RunResult, premises: str) -> _Outcome:
     window = run.scenario.pe_window
     if premises:
         return _no(premises)
-    level, share = result.excitation.pe_level_perp, result.excitation.pe_share_perp
+    level = result.excitation.pe_level_perp
+    share = result.excitation.pe_share_perp
     if level is None or share is None:
         return _no(f"no window of {window:g} s has enough rows; see pe_window")
     words = (
@@ -231,7 +232,8 @@ def _convergence(accuracy: Accuracy, premises: str, no_limit: str, excited: Word
     if excited != "holds" and not premises:
         unmet = "is not met" if excited == "fails" else "no window could be checked for"
         return _no(f"it needs (75), which {unmet}")
-    first, last = accuracy.theta_perp_ratio_initial, accuracy.theta_perp_ratio
+    first = accuracy.theta_perp_ratio_initial
+    last = accuracy.theta_perp_ratio
     return _limit("‖θ̄_P⊥‖/‖θ̂‖:", first, last, no_limit)
 
 

@@ -39,7 +39,8 @@ def arm_spec(model: pin.Model, system: JointTree, theta: Array, dt: float) -> An
     Viscous friction, rotor inertias and motor gains are those in θ (p,). A servo's actuator has no
     gain: its torque is a column.
     """
-    spec, space = tree_spec(model, dt), system.space
+    spec = tree_spec(model, dt)
+    space = system.space
     give_rotors(spec, system, theta)
     for name, viscous in zip(system.joint_names, theta[space["viscous friction"]], strict=True):
         spec.joint(name).damping = [viscous, 0, 0]
@@ -65,8 +66,10 @@ def compare_engines(plant: SimulatedRobot, name: str, model: pin.Model) -> None:
     Raises:
         EnginesDisagree: names the link and the quantity that differ.
     """
-    rng, joints = np.random.default_rng(0), plant.joints
-    data, rotor = model.createData(), np.zeros(model.nv)
+    rng = np.random.default_rng(0)
+    joints = plant.joints
+    data = model.createData()
+    rotor = np.zeros(model.nv)
     rotor[plant.system.group :] = plant.model.dof_armature[joints.motors]
     for _ in range(_SAMPLES):
         coordinates = rng.uniform(*plant.system.limits)  # type: ignore[attr-defined]  # a tree
@@ -98,7 +101,8 @@ def check_stiffness(plant: SimulatedRobot, name: str) -> None:
     Raises:
         BadRobot: names the joint and a time step that is small enough, or M is singular.
     """
-    system, theta = plant.system, plant.truth
+    system = plant.system
+    theta = plant.truth
     assert isinstance(system, JointTree)
     plant.reset(np.mean(system.limits, axis=0), np.zeros(system.n))
     mujoco.mj_forward(plant.model, plant.data)

@@ -24,9 +24,13 @@ Backend = Literal["compiled", "pinocchio"]
 """Implementation of a robot's regressors: its structure's, or Pinocchio's."""
 
 _UNSURE = (
-    ("rotor inertia", 1.0), ("rotor thrust gain", 1.0), ("rotor torque gain", 0.25),
-    ("viscous friction", 1.0), ("Coulomb friction", 1.0), ("motor gain", 1.0),
-)  # fmt: skip
+    ("rotor inertia", 1.0),
+    ("rotor thrust gain", 1.0),
+    ("rotor torque gain", 0.25),
+    ("viscous friction", 1.0),
+    ("Coulomb friction", 1.0),
+    ("motor gain", 1.0),
+)
 """Blocks of θ of a flying arm, and the share of the spread of each."""
 
 
@@ -96,7 +100,8 @@ class ArmPlant(KnownPlant):
             limit = robot.limits[driven] / servos.kp
             nominal = replace(nominal, saturation=limit if np.isfinite(limit).any() else None)
         if robot.passive:
-            gain, command = nominal.gain[driven], nominal.command[driven]
+            gain = nominal.gain[driven]
+            command = nominal.command[driven]
             nominal = replace(nominal, gain=gain, command=command, driven=tuple(driven))
         structure = CompiledMultibody if self.backend == "compiled" else Multibody
         speed = np.full(len(nominal.viscous), self.friction_speed)
@@ -116,14 +121,18 @@ class ArmPlant(KnownPlant):
         from .world.quiet import quiet
         from .world.simulated import SimulatedRobot
 
-        robot, system = known.source, known.system
-        model, space, acting = true_model(robot.model, theta), system.space, np.zeros(system.p)
+        robot = known.source
+        system = known.system
+        model = true_model(robot.model, theta)
+        space = system.space
+        acting = np.zeros(system.p)
         coulomb = space["Coulomb friction"]
         acting[coulomb] = theta[coulomb]  # `frictionloss` creeps
         if system.scales.actuator == "servo":
             acting[space["servo gain"]] = theta[space["servo gain"]]
         spec = arm_spec(model, system, theta, dt)
-        names, looks = list(model.names)[1:], robot.visuals
+        names = list(model.names)[1:]
+        looks = robot.visuals
         try:
             made = SimulatedRobot(system, theta, acting, spec, names, self.mismatch, looks)
         except ValueError as error:
@@ -183,11 +192,13 @@ class FlyingArmPlant(KnownPlant):
         if self.robot not in known:
             remedy = "Rotors are listed in assets/flying_arm/vehicle.toml."
             raise UnknownName("flying robot", self.robot, known, remedy)
-        robot, d = load_robot(self.robot, "free"), known[self.robot]
+        robot = load_robot(self.robot, "free")
+        d = known[self.robot]
         sheet = ArmPlant()
         scales = nominal_scales(robot.model, sheet)
         system = flying_arm(robot.model, scales, sheet.friction_speed, d)
-        theta, count = published_theta(robot.model, system), len(d["spins"])
+        theta = published_theta(robot.model, system)
+        count = len(d["spins"])
         theta[-2 * count :] = np.repeat([d["thrust"], d["torque"]], count)
         return Known(robot, system, theta, _UNSURE)
 
@@ -197,9 +208,12 @@ class FlyingArmPlant(KnownPlant):
         from .world.body import command_inputs
         from .world.simulated import SimulatedRobot
 
-        robot, system = known.source, known.system
-        model, acting = true_model(robot.model, theta), theta.copy()
-        spec, names = tree_spec(model, dt), list(model.names)[1:]
+        robot = known.source
+        system = known.system
+        model = true_model(robot.model, theta)
+        acting = theta.copy()
+        spec = tree_spec(model, dt)
+        names = list(model.names)[1:]
         give_rotors(spec, system, theta)
         acting[~np.isin(np.arange(system.p), [c.parameter for c in system.structure.columns])] = 0.0
         command_inputs(spec, system.n_u, names[0])
@@ -234,20 +248,20 @@ class UvmsPlant(KnownPlant):
         from .world.body import command_inputs
         from .world.simulated import SimulatedRobot
 
-        base, system, arm, space = (
-            known.source,
-            known.system,
-            published_numbers("uvms"),
-            known.system.space,
-        )
+        base = known.source
+        system = known.system
+        arm = published_numbers("uvms")
+        space = known.system.space
         body, added = base.split(theta[:21])
         rigid = body.matrix()
         links = slice(21, 21 + 10 * len(arm["links"]))
         model = uvms_model(rigid, arm)
         set_inertias(model, theta[links], 2)
-        spec, acting = tree_spec(model, dt), theta.copy()
+        spec = tree_spec(model, dt)
+        acting = theta.copy()
         give_rotors(spec, system, theta)
-        acting[:21], acting[links] = added, 0.0
+        acting[:21] = added
+        acting[links] = 0.0
         acting[space["rotor inertia"]] = 0.0
         acting[space["net weight"]] -= rigid[0, 0] * GRAVITY  # MuJoCo's bodies have weight
         add_visual_geoms(spec, arm)

@@ -58,25 +58,33 @@ class ColumnRow(Table):
             numbers: list[Any] = value if isinstance(value, list) and value else [value]
             if not all(type(x) in (int, float) and abs(x) <= LARGEST for x in numbers):
                 raise InvalidInput(
-                    f"column {self.name}: {key}", "a number, or several", value,
+                    f"column {self.name}: {key}",
+                    "a number, or several",
+                    value,
                     "See docs/your_vehicle.md for the constants of every kind.",
-                )  # fmt: skip
+                )
         kind = KINDS[self.kind]
         if kind.geometry == "positive" and not self.value > 0:
             raise InvalidInput(
-                f"column {self.name}: value", "a number > 0", self.value,
+                f"column {self.name}: value",
+                "a number > 0",
+                self.value,
                 "Turn its direction or point instead.",
-            )  # fmt: skip
+            )
         if kind.commanded and self.command is None:
             raise InvalidInput(
-                f"column {self.name}: command", "the number of a command", "none",
+                f"column {self.name}: command",
+                "the number of a command",
+                "none",
                 "Commands count from 1.",
-            )  # fmt: skip
+            )
         if not self.value and self.guess is None:
             raise InvalidInput(
-                f"column {self.name}: guess", "a magnitude > 0, as the value is 0", "none",
+                f"column {self.name}: guess",
+                "a magnitude > 0, as the value is 0",
+                "none",
                 "Say what you would expect before any measurement.",
-            )  # fmt: skip
+            )
         return self
 
     def column(self, parameter: int) -> Column:
@@ -115,9 +123,11 @@ class ListedSheet(VehicleSheet):
         check_inertia(self.inertia)
         if self.gravity and (self.plane or self.added_mass):
             raise InvalidInput(
-                "gravity", "0 in the plane, and with added mass", self.gravity,
+                "gravity",
+                "0 in the plane, and with added mass",
+                self.gravity,
                 'Weight less buoyancy is a column of kind "weight".',
-            )  # fmt: skip
+            )
         return self
 
     def blueprint(self) -> Blueprint:
@@ -157,7 +167,8 @@ def _term(rows: list[ColumnRow]) -> Term:
     """The block of all columns of one kind; those of one name share their parameter."""
     from ...core import KINDS  # compiled
 
-    kind, own = KINDS[rows[0].kind], {row.name: row for row in rows}
+    kind = KINDS[rows[0].kind]
+    own = {row.name: row for row in rows}
     names = list(own)
     return term(
         [row.column(names.index(row.name)) for row in rows],

@@ -17,7 +17,8 @@ def rotor_terms(
     points (r, 3) are on the first body [m]; spins (r,) ±1 are the signs of the torques; `spread` is
     that of the torque, see `Term`.
     """
-    up, about = np.broadcast_to(_UP, (len(points), 3)), np.multiply.outer(spins, _UP)
+    up = np.broadcast_to(_UP, (len(points), 3))
+    about = np.multiply.outer(spins, _UP)
     turning = {"direction": about, "spread": spread}
     return [
         actuators("rotor", "thrust", "thrust of rotor", thrust, point=points, direction=up),

@@ -91,11 +91,14 @@ class Rover(Plant):
 
     def _effective(self, d: dict[str, Any]) -> Array:
         """(9,) θ of the equivalent car on linear tyres, calculated from the parts."""
-        model, data = self.model, self.data
-        data.qpos[:], data.qvel[:] = self._rest, 0.0
+        model = self.model
+        data = self.data
+        data.qpos[:] = self._rest
+        data.qvel[:] = 0.0
         with self.running():
             mujoco.mj_forward(model, data)
-        mass, place = model.body_mass[1:], data.xipos[1:]
+        mass = model.body_mass[1:]
+        place = data.xipos[1:]
         centre = mass @ place[:, 0] / mass.sum()
         spread = place[:, :2] - [centre, 0.0]
         turned = data.ximat[1:].reshape(-1, 3, 3)
@@ -115,7 +118,8 @@ class Rover(Plant):
 
 def structure(d: dict[str, Any]) -> SingleBody:
     """The structure for identifiers, with scales guessed from vehicle.toml's `d`."""
-    guess, weight = d["guess"], d["mass"] * d["gravity"]
+    guess = d["guess"]
+    weight = d["mass"] * d["gravity"]
     drive = float(guessed(2 * d["torque"] / d["radius"]))
     stiffness = float(guessed(guess["stiffness"] * weight / 2))
     scale = [
@@ -145,23 +149,28 @@ def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Gener
     set_options(spec, dt)
     needed = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     spec.option.disableflags &= ~int(needed)
-    spec.option.gravity, spec.option.density = [0, 0, -d["gravity"]], d["air"]
+    spec.option.gravity = [0, 0, -d["gravity"]]
+    spec.option.density = d["air"]
     contact = d["contact"]
     hull = spec.body(BODY)
     hull.explicitinertial = True
     hull.mass = float(draw(d["mass"])) - 4 * d["wheel_mass"] - spec.body("rack").mass
-    hull.ipos, hull.iquat = draw(d["centre"]), [1, 0, 0, 0]
+    hull.ipos = draw(d["centre"])
+    hull.iquat = [1, 0, 0, 0]
     # one factor for all keeps the triangle inequality
     hull.inertia = float(draw(1.0)) * np.array(d["inertia"])
     friction = float(draw(contact["friction"]))
     for wheel in WHEELS:
         body = spec.body(wheel)
         body.explicitinertial = True
-        body.mass, body.ipos, body.inertia = d["wheel_mass"], [0, 0, 0], d["wheel_inertia"]
+        body.mass = d["wheel_mass"]
+        body.ipos = [0, 0, 0]
+        body.inertia = d["wheel_inertia"]
         spec.joint(f"roll_{wheel}").frictionloss = float(draw(d["bearing"]))
         pair = spec.add_pair(name=wheel, geomname1="ground", geomname2=f"tyre_{wheel}", condim=3)
         pair.friction = [friction, friction, 0, 0, 0]
-        pair.solref[:2], pair.solreffriction[:2] = contact["normal"], contact["creep"]
+        pair.solref[:2] = contact["normal"]
+        pair.solreffriction[:2] = contact["creep"]
         pair.solimp[:2] = contact["impedance"]
     motors = spec.add_tendon(name="motors")
     for wheel in WHEELS[2:]:
@@ -173,7 +182,8 @@ def rover_spec(d: dict[str, Any], dt: float, spread: float, rng: np.random.Gener
     servo = spec.add_actuator(name="steering", target="rack", trntype=mujoco.mjtTrn.mjTRN_JOINT)
     stiffness, damping = (float(draw(d[f"servo_{what}"])) for what in ("stiffness", "damping"))
     servo.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    servo.gainprm[0], servo.biasprm[:3] = stiffness, [0.0, -stiffness, -damping]
+    servo.gainprm[0] = stiffness
+    servo.biasprm[:3] = [0.0, -stiffness, -damping]
     for joint, side in zip(STEERED, (1, -1), strict=True):
         link = spec.add_equality(name1=joint, name2="rack", type=mujoco.mjtEq.mjEQ_JOINT)
         link.objtype = mujoco.mjtObj.mjOBJ_JOINT
@@ -199,7 +209,8 @@ def _stiffness(model: Any, data: Any, axle: str) -> float:
     corner v̇ is the centripetal acceleration, so that 1/R acts like a mass carried by the tyres.
     """
     first = np.array([contact.efc_address for contact in data.contact]) + 1  # after the normal's
-    B, R = data.efc_KBIP[first, 1], data.efc_R[first]
+    B = data.efc_KBIP[first, 1]
+    R = data.efc_R[first]
     mass = model.body_mass.sum()
     here = [any(axle in model.geom(i).name for i in contact.geom) for contact in data.contact]
     return float(np.sum((B / R)[here]) * mass / (mass + np.sum(1 / R)))

@@ -63,7 +63,8 @@ def heaving(nominal: Array, speed: float = 1.0) -> Blueprint:
     that of operation, for random probes of the structure.
     """
     m, d, g, a = np.abs(nominal)[:, None]
-    drag, gain = {"drag": "drag"}, "thruster gain"
+    drag = {"drag": "drag"}
+    gain = "thruster gain"
     mass = np.diag([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
     return Blueprint(
         Block("mass", ("mass",), ("kg",), m, "positive"),

@@ -33,7 +33,9 @@ def single_track(
     rigid (6, 6) is from `planar_mass`, `operating` from `operation`; forces (6,) are θ from C_f on,
     scale (9,) guesses of θ.
     """
-    half, place, air = wheelbase / 2, (-wheelbase / 2, 0.0, 0.0), "air drag"
+    half = wheelbase / 2
+    place = (-wheelbase / 2, 0.0, 0.0)
+    air = "air drag"
     mass = Block(
         "mass matrix",
         ("m", "h", "I_z"),
@@ -67,7 +69,8 @@ def operation(speed: float, grip: float, steering: float, wheelbase: float) -> O
     most = np.array([1.0, steering])
 
     def state(rng: np.random.Generator) -> tuple[Array, Array, Array]:
-        u, (slip, bend) = speed * rng.uniform(0.4, 1.6), rng.uniform(-1, 1, 2)
+        u = speed * rng.uniform(0.4, 1.6)
+        slip, bend = rng.uniform(-1, 1, 2)
         v = np.array([u, _SLIP * u * slip, grip / u * bend])
         limit = min(steering, wheelbase * grip / u**2 + 0.5 * _SLIP)
         command = rng.uniform(-1, 1, 2) * [1.0, limit]

@@ -35,12 +35,22 @@ BASE = "base"
 STRIPS = 4
 """Points of Gauss-Legendre quadrature along a link's axis."""
 
-_LINK_COLOR, _JOINT_COLOR = [0.85, 0.55, 0.15, 1.0], [0.20, 0.22, 0.25, 1.0]
+_LINK_COLOR = [0.85, 0.55, 0.15, 1.0]
+_JOINT_COLOR = [0.20, 0.22, 0.25, 1.0]
 _UNSURE = (
-    "linear drag", "quadratic drag", "net weight", "righting moment", "thruster gain",
-    "added mass", "link drag", "link buoyancy", "viscous friction", "Coulomb friction",
-    "motor gain", "rotor inertia",
-)  # fmt: skip
+    "linear drag",
+    "quadratic drag",
+    "net weight",
+    "righting moment",
+    "thruster gain",
+    "added mass",
+    "link drag",
+    "link buoyancy",
+    "viscous friction",
+    "Coulomb friction",
+    "motor gain",
+    "rotor inertia",
+)
 
 
 def uvms() -> Known:
@@ -52,14 +62,19 @@ def uvms() -> Known:
     the axis and resists transverse motion only, (m_A/L)(1 − e eᵀ) ds; a strip's drag is
     −c |v_⊥| v_⊥ ds; buoyancy acts at the middle.
     """
-    arm, base = published_numbers("uvms"), sheet_of("underwater").of("bluerov2").blueprint()
+    arm = published_numbers("uvms")
+    base = sheet_of("underwater").of("bluerov2").blueprint()
     model = uvms_model(base.rigid, arm)
-    joints, links, names = _joint_guesses(model, arm), published_links(arm), body_names(model)[1:]
-    k, inertias = len(names), [Inertia(0, 0, full())]
+    joints = _joint_guesses(model, arm)
+    links = published_links(arm)
+    names = body_names(model)[1:]
+    k = len(names)
+    inertias = [Inertia(0, 0, full())]
     for i in range(k):
         added = cylinder(links.centres[i], links.axes[i], links.lengths[i])
         inertias += [Inertia(1 + i, 21 + 10 * i), Inertia(1 + i, 21 + 10 * k + i, added)]
-    own, labels = (f"added_{i + 1}" for i in range(k)), (f"added mass of {name}" for name in names)
+    own = (f"added_{i + 1}" for i in range(k))
+    labels = (f"added mass of {name}" for name in names)
     size = guessed(links.added)
     resisting = Block("added mass", tuple(own), ("kg",) * k, size, "positive", labels=tuple(labels))
     *forces, thrust = base.terms
@@ -105,7 +120,8 @@ class Cylinders(NamedTuple):
 
 def published_links(arm: dict[str, Any]) -> Cylinders:
     """The links' cylinders, from the numbers of assets/uvms."""
-    shapes, water = [link["cylinder"] for link in arm["links"]], arm["water_density"]
+    shapes = [link["cylinder"] for link in arm["links"]]
+    water = arm["water_density"]
     start, end = (np.array([shape[key] for shape in shapes]) for key in ("start", "end"))
     lengths = np.linalg.norm(end - start, axis=1)
     axes = (end - start) / lengths[:, None]
@@ -131,7 +147,8 @@ def uvms_model(rigid: Array, arm: dict[str, Any]) -> pin.Model:
     root = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), BASE)
     body = pin.Inertia(rigid[0, 0], np.zeros(3), rigid[3:, 3:])
     model.appendBodyToJoint(root, body, pin.SE3.Identity())
-    parent, place = root, _placement(arm["mount"]["position"], arm["mount"]["angles"])
+    parent = root
+    place = _placement(arm["mount"]["position"], arm["mount"]["angles"])
     for i, link in enumerate(arm["links"]):
         place = place * _placement(link["origin"], link["angles"])
         joint = pin.JointModelRevoluteUnaligned(np.array(link["axis"]))
@@ -145,7 +162,8 @@ def uvms_model(rigid: Array, arm: dict[str, Any]) -> pin.Model:
 
 def _joint_guesses(model: pin.Model, arm: dict[str, Any]) -> JointScales:
     """Scales of the arm's joints and links, guessed from its data sheet."""
-    d, k = arm["joints"], len(arm["links"])
+    d = arm["joints"]
+    k = len(arm["links"])
     bodies = list(model.inertias)[1:]
     stated = ("viscous", "coulomb", "gain", "speed", "rotor")
     known: dict[str, Any] = {name: np.full(k, d[name]) for name in stated}
@@ -167,8 +185,10 @@ def add_visual_geoms(spec: Any, arm: dict[str, Any]) -> None:
         spec.body(BASE).add_geom(name=hull.geom(i).name, mass=0.0, **own)
     kinds = mujoco.mjtGeom
     for i, link in enumerate(arm["links"]):
-        shape, body = link["cylinder"], spec.body(f"joint {i + 1}")
-        ends, radius = [*shape["start"], *shape["end"]], shape["radius"]
+        shape = link["cylinder"]
+        body = spec.body(f"joint {i + 1}")
+        ends = [*shape["start"], *shape["end"]]
+        radius = shape["radius"]
         tube = {"type": kinds.mjGEOM_CYLINDER, "fromto": ends, "size": [radius, 0, 0]}
         ball = {"type": kinds.mjGEOM_SPHERE, "size": [1.15 * radius, 0, 0]}
         body.add_geom(name=f"link {i + 1}", rgba=_LINK_COLOR, mass=0.0, **tube)

@@ -34,17 +34,22 @@ from .search import Found, minimise
 
 _MOTIONS = 12  # random motions from which limits are taken
 _LONGEST = 20.0  # longest of them [s]
-_SCREENED, _TRIED = 48, 4  # candidates of the first stage, and those that the bound then judges
+_SCREENED = 48  # candidates of the first stage, and those that the bound then judges
+_TRIED = 4
 _FIRST = 0.75  # share of the search under a single draw of the prior
-_STEP, _LATER = 0.3, 0.1  # first steps of its two parts
+_STEP = 0.3  # first steps of its two parts
+_LATER = 0.1
 _RESOLVED = 0.1  # accepted relative change of the bound with the step
-_MEDIAN, _ALL = 0.5, 1.0  # shares of random motions that keep the default limits
+_MEDIAN = 0.5  # shares of random motions that keep the default limits
+_ALL = 1.0
 _MORE = 0.05  # added to both ends of the range of a vehicle's random motions: they are few
 _NEXT = 40  # next best motions of a vehicle
-_SAMPLE, _ENTRY = 1.5e-5, 3e-8  # time of the bound per sample, and per entry of its regressor [s]
+_SAMPLE = 1.5e-5  # time of the bound per sample, and per entry of its regressor [s]
+_ENTRY = 3e-8
 _EFFORT = 60.0  # time of the search on one core [s]
 _SIMULATED = 5e-5  # time of a simulated step of a vehicle [s]
-_FEWEST, _MOST = 96, 6000  # candidates of the search
+_FEWEST = 96  # candidates of the search
+_MOST = 6000
 
 Report = Callable[[str, float | None], None]
 """Called with the current stage, and its completed share if known."""
@@ -150,9 +155,18 @@ def design(
     ]
     covariances = np.array(found_for[:DRAWS])
     return Design(
-        experiment, largest, asked, criterion, driver, logs, uses, covariances, np.array(random),
-        found.evaluations, motions.stride,
-    )  # fmt: skip
+        experiment,
+        largest,
+        asked,
+        criterion,
+        driver,
+        logs,
+        uses,
+        covariances,
+        np.array(random),
+        found.evaluations,
+        motions.stride,
+    )
 
 
 def _covariances(motions: Motions, logs: Sequence[tuple[int, Log]]) -> list[Array]:
@@ -198,19 +212,22 @@ def _default_limits(
     the limits that the median keeps, so that it is no larger than a random one, and checked against
     those that all keep, because the other joints' motion moves a light joint.
     """
-    system, units = experiment.system, units_of(experiment.system)
+    system = experiment.system
+    units = units_of(experiment.system)
     extents = [extents_of(system, log, experiment.draws[draw]) for draw, log in motions]
     found = envelope(extents, _ALL if system.group else share)
     limits = {}
     for name, (low, high) in found.items():
         more = _MORE * (high - low) if system.group and name != COMMAND else 0.0
         # ends are apart also where a quantity does not change, as of a locked joint
-        least, most = low - more, high + more
+        least = low - more
+        most = high + more
         ends = np.minimum(least, most - 1e-6), np.maximum(most, least + 1e-6)
         limits[name] = Limit(*ends, units[name])
     if isinstance(base, FourierTracking):
         low, high = system.limits  # type: ignore[attr-defined]  # a JointTree
-        half, middle = 0.5 * base.reach * (high - low), 0.5 * (high + low)
+        half = 0.5 * base.reach * (high - low)
+        middle = 0.5 * (high + low)
         own = limits["position"]
         limits["position"] = Limit(
             np.minimum(own.low, middle - half), np.maximum(own.high, middle + half), own.unit
@@ -220,7 +237,8 @@ def _default_limits(
 
 def _first_stage(motions: Motions, asked: Asked, rng: np.random.Generator) -> Array:
     """The best of random candidates by the Gramian, then by the bound."""
-    experiment, ranked = motions.experiment, []
+    experiment = motions.experiment
+    ranked = []
     for _ in range(_SCREENED if motions.parallel else _TRIED):
         candidate = motions.random(rng)
         log, penalty = motions.candidate(candidate, 0)
@@ -241,8 +259,10 @@ class _Costs:
     """
 
     def __init__(self, motions: Motions, asked: Asked, criterion: str, draws: int = 1):
-        self._motions, self._asked = motions, asked
-        self._criterion, self._draws = criterion, draws
+        self._motions = motions
+        self._asked = asked
+        self._criterion = criterion
+        self._draws = draws
         self.seen: list[tuple[float, Array]] = []
 
     def __call__(self, candidates: Sequence[Array]) -> Sequence[float]:
@@ -258,7 +278,8 @@ class _Costs:
         return float(np.mean([self._under(candidate, draw) for draw in range(self._draws)]))
 
     def _under(self, candidate: Array, draw: int) -> float:
-        motions, experiment = self._motions, self._motions.experiment
+        motions = self._motions
+        experiment = self._motions.experiment
         log, penalty = motions.candidate(candidate, draw)
         if not np.isfinite(penalty):
             return np.inf
@@ -303,12 +324,15 @@ def _searched(
     The best ones of those tried under two draws follow, the best first.
     """
     count = effort * _evaluations(motions, criterion)
-    costs, tries = _Costs(motions, asked, criterion), max(17, int(_FIRST * count))
+    costs = _Costs(motions, asked, criterion)
+    tries = max(17, int(_FIRST * count))
     first = minimise(costs, start, _STEP, tries, rng, lambda x: report("searching", _FIRST * x))
     costs = _Costs(motions, asked, criterion, draws=2)
-    tries, later = max(17, int(0.5 * (1 - _FIRST) * count)), 1 - _FIRST
-    found = minimise(costs, first.x, _LATER, tries, rng,
-                     lambda x: report("searching", _FIRST + later * x))  # fmt: skip
+    tries = max(17, int(0.5 * (1 - _FIRST) * count))
+    later = 1 - _FIRST
+    found = minimise(
+        costs, first.x, _LATER, tries, rng, lambda x: report("searching", _FIRST + later * x)
+    )
     costs.seen.sort(key=lambda pair: pair[0])
     best = [candidate for _, candidate in costs.seen[:_NEXT]]
     return found._replace(evaluations=first.evaluations + found.evaluations), best
@@ -316,7 +340,8 @@ def _searched(
 
 def _evaluations(motions: Motions, criterion: str) -> int:
     """Number of candidates that `_EFFORT` seconds allow."""
-    system, scenario = motions.experiment.system, motions.experiment.scenario
+    system = motions.experiment.system
+    scenario = motions.experiment.scenario
     log, _ = motions.candidate(np.zeros(motions.size), 0)
     samples = len(log.t) if criterion == "bound" else len(motions.period(log).t)
     each = samples * (_SAMPLE + _ENTRY * system.n * system.p)

@@ -107,7 +107,8 @@ class Experiment:
 
         `duration` is in seconds, `seed` that of the driver. None if the plant diverges.
         """
-        plant, dt = self.plant(draw), self.scenario.dt
+        plant = self.plant(draw)
+        dt = self.scenario.dt
         made = driver.build(self.system, self.prior, np.random.default_rng(seed))
         with plant.running():
             log = trajectory(plant, made, max(2, round(duration / dt)), sensors)
@@ -173,8 +174,10 @@ def own_limits(system: SecondOrderSystem, default: Limits) -> Limits:
     Where the file has none, or 0, as for accelerations, the default applies; `sources` of the
     result say which joints these are.
     """
-    model, names = system.model, system.joint_names  # type: ignore[attr-defined]  # a tree
-    limits, sources = dict(default.limits), dict(default.sources)
+    model = system.model  # type: ignore[attr-defined]  # a tree
+    names = system.joint_names  # type: ignore[attr-defined]  # a tree
+    limits = dict(default.limits)
+    sources = dict(default.sources)
     ranges = [model.joints[i].idx_q for i in range(1, model.njoints)]
     bounded = [
         model.joints[i].nq == 1 and bool(np.isfinite(model.upperPositionLimit[k]))
@@ -187,7 +190,8 @@ def own_limits(system: SecondOrderSystem, default: Limits) -> Limits:
     for name, values in (("speed", model.velocityLimit), ("torque", model.effortLimit)):
         if name not in limits:
             continue
-        own, given = limits[name], (values > 0) & (values < _UNLIMITED)
+        own = limits[name]
+        given = (values > 0) & (values < _UNLIMITED)
         largest = np.where(given, values, own.high)
         limits[name] = Limit(-largest, largest, own.unit)
         missing = [joint for joint, there in zip(names, given, strict=True) if not there]

@@ -16,7 +16,10 @@ from .designing import Design
 from .information import Ranks, rms
 from .prediction import Prediction
 
-DESIGN, MOTION, SCENARIO, SCRIPT = "design.json", "motion.csv", "scenario.json", "scenario.py"
+DESIGN = "design.json"
+MOTION = "motion.csv"
+SCENARIO = "scenario.json"
+SCRIPT = "scenario.py"
 
 _SCRIPT = '''"""{title}: the designed motion, as `nsaid run` plays it in MuJoCo."""
 
@@ -115,13 +118,17 @@ def motion_csv(found: Design) -> str:
     For an arm it is the planned motion; for a vehicle it is simulated under the first draw of the
     prior, since its controller decides how it is flown or steered.
     """
-    system, log = found.experiment.system, found.logs[0]
-    q, v, a = log.q, log.v, np.gradient(log.v, log.t, axis=0)
+    system = found.experiment.system
+    log = found.logs[0]
+    q = log.q
+    v = log.v
+    a = np.gradient(log.v, log.t, axis=0)
     if isinstance(found.driver, DesignedTracking):
         rng = np.random.default_rng(0)
         driver: Any = found.driver.build(system, found.experiment.prior, rng)
         q, v, a = np.array([driver.desired(t) for t in log.t.tolist()]).transpose(1, 0, 2)
-    names, text = velocity_labels(system), io.StringIO()
+    names = velocity_labels(system)
+    text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     labels = names if q.shape[1] == len(names) else [f"{i + 1}" for i in range(q.shape[1])]
     writer.writerow(

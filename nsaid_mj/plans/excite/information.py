@@ -14,7 +14,8 @@ from .experiment import Experiment
 from .limits import Limits
 from .motions import JointMotions
 
-GAINS, ALL = "gains", "all"
+GAINS = "gains"
+ALL = "all"
 
 
 @dataclass(frozen=True)
@@ -108,8 +109,10 @@ def information(experiment: Experiment, log: Log, draw: int, basis: Array) -> Ar
     Raises:
         NoEstimate: M is not positive definite along the motion.
     """
-    system, theta = experiment.system, experiment.draws[draw]
-    scale, h = np.array(system.space.scale), float(log.t[1] - log.t[0])
+    system = experiment.system
+    theta = experiment.draws[draw]
+    scale = np.array(system.space.scale)
+    h = float(log.t[1] - log.t[0])
     R = np.repeat(np.array(experiment.levels) ** 2, system.n)
     J = np.zeros((basis.shape[1],) * 2)
     coarser = experiment.scenario.dt / h * R
@@ -147,7 +150,8 @@ def gramian_cost(
     `bound` is the rms deviation of the requested numbers if the accelerations alone were measured:
     it has the shape of the Gramian, but neglects the filtering of sensor noise.
     """
-    theta, basis = experiment.draws[draw], experiment.bases[draw]
+    theta = experiment.draws[draw]
+    basis = experiment.bases[draw]
     own = basis.T @ gramian(experiment, log, theta) @ basis
     values, vectors = scipy.linalg.eigh(own)
     values = np.maximum(values, 1e-14 * values[-1])
@@ -197,7 +201,8 @@ class Ranks:
 
 def ranks(experiment: Experiment, limits: Limits, seed: int = 0) -> Ranks:
     """Measures the rank of motions with 1, 2, … harmonics, until P_⊥ is excited."""
-    system, base = experiment.system, experiment.scenario.excitation
+    system = experiment.system
+    base = experiment.scenario.excitation
     needed = system.p - experiment.nullspace.r
     bound = max(1, int(np.ceil((needed / system.n - 1) / 2)))
     measured = []

@@ -62,7 +62,8 @@ class Limits:
         """The use of every entry (k,) of every limit, such as each joint's."""
         found = {}
         for name, limit in self.limits.items():
-            middle, half = 0.5 * (limit.low + limit.high), 0.5 * (limit.high - limit.low)
+            middle = 0.5 * (limit.low + limit.high)
+            half = 0.5 * (limit.high - limit.low)
             low, high = extents[name]
             found[name] = np.maximum(high - middle, middle - low) / half
         return found
@@ -73,7 +74,8 @@ class Limits:
             if len(bad):
                 k = int(bad[0])
                 ends = f"{limit.low[k]:g} … {limit.high[k]:g} in entry {k + 1}"
-                expected, remedy = "a lower end below the upper one", "Correct the limits' file."
+                expected = "a lower end below the upper one"
+                remedy = "Correct the limits' file."
                 raise InvalidInput(f"limits.{name}", expected, ends, remedy)
         if not 0 <= self.margin < 1:
             raise InvalidInput("limits.margin", "a share in [0, 1)", self.margin, "Try 0.03.")
@@ -185,13 +187,15 @@ def read_limits(path: Path, default: Limits) -> Limits:
         UnknownName: there is no such quantity.
     """
     table = toml_of(path, "--limits", LIMITS_FORM)
-    limits, sources = dict(default.limits), dict(default.sources)
+    limits = dict(default.limits)
+    sources = dict(default.sources)
     for name, value in table.items():
         if name in ("margin", "contacts"):
             continue
         if name not in limits:
             raise UnknownName("limit", name, [*limits, "margin", "contacts"], LIMITS_FORM)
-        limits[name], sources[name] = _limit(name, value, limits[name]), path.name
+        limits[name] = _limit(name, value, limits[name])
+        sources[name] = path.name
     contacts = table.get("contacts", default.contacts)
     if not isinstance(contacts, bool):
         raise InvalidInput("limits.contacts", "true or false", contacts, LIMITS_FORM)

@@ -38,7 +38,8 @@ _STEP = 0.04  # longest step at which an arm's information is computed [s]
 _SEARCHED = 10.0  # longest motion in the search [s]
 _FINE = 24  # samples in the period of the highest harmonic, for peaks
 _REPORTED = 0.01  # longest step at which the information of a simulated motion is computed [s]
-_POSES, _TOUCHED = 60, 30.0  # poses checked for contacts, and cost per share of them that touch
+_POSES = 60  # poses checked for contacts, and cost per share of them that touch
+_TOUCHED = 30.0
 _PENALTY = 3.0  # cost per unit of use beyond a limit
 
 
@@ -60,17 +61,22 @@ class JointMotions:
     def __init__(self, experiment: Experiment, limits: Limits, base: FourierTracking):
         system = experiment.system
         if not isinstance(system, JointTree) or system.group:
-            kind, remedy = type(system).__name__, "Design a vehicle's."
+            kind = type(system).__name__
+            remedy = "Design a vehicle's."
             raise InvalidInput("design", "an arm on a fixed base", kind, remedy)
         if system.n_u < system.n:
             got = f"{system.n_u} on {system.n} joints"
             remedy = "For passive joints use a random motion: `nsaid run arm --robot FILE`."
             raise InvalidInput("design", "a motor on every joint", got, remedy)
-        self.experiment, self.limits, self.base = experiment, limits, base
-        self._structure, self._n = system.structure.arrays, system.n
+        self.experiment = experiment
+        self.limits = limits
+        self.base = base
+        self._structure = system.structure.arrays
+        self._n = system.n
         self._harmonics = np.arange(1.0, base.harmonics + 1)
         self._omega = 2 * np.pi * base.fundamental * self._harmonics
-        period, top = 1 / base.fundamental, base.fundamental * base.harmonics
+        period = 1 / base.fundamental
+        top = base.fundamental * base.harmonics
         self._fine = _basis(self._omega, np.arange(0, period, 1 / (_FINE * top)))
         self._t = np.zeros(0)
         self.take_step(min(_STEP, 1 / (12 * top)))
@@ -83,7 +89,8 @@ class JointMotions:
 
     def take_step(self, longest: float) -> None:
         """Sets the step at which the search computes information, at most `longest` [s]."""
-        scenario, period = self.experiment.scenario, 1 / self.base.fundamental
+        scenario = self.experiment.scenario
+        period = 1 / self.base.fundamental
         self.step = scenario.dt * max(1, int(longest / scenario.dt + 1e-9))
         self.stride = max(1, round(min(self.step, _REPORTED) / scenario.dt))
         self._t = np.arange(0, min(scenario.duration, max(_SEARCHED, period)), self.step)
@@ -107,14 +114,18 @@ class JointMotions:
 
         With all shares 0 the arm rests in the middle of its range.
         """
-        numbers, smaller = candidate.reshape(self._n, -1), share
+        numbers = candidate.reshape(self._n, -1)
+        smaller = share
         weights = numbers[:, : 2 * len(self._omega)] / np.tile(self._harmonics, 2)
         if self.contacts is not None:  # motions that nearly reach the limits would touch everything
             share = share / (1 + np.exp(2 - numbers[:, -2]))
-        limits, free = self.limits.limits, 1 - self.limits.margin
+        limits = self.limits.limits
+        free = 1 - self.limits.margin
         place, speed, acceleration = (part @ weights.T for part in self._fine)
-        low, high = limits["position"].low, limits["position"].high
-        half, middle = 0.5 * (high - low), 0.5 * (high + low)
+        low = limits["position"].low
+        high = limits["position"].high
+        half = 0.5 * (high - low)
+        middle = 0.5 * (high + low)
         peak = np.abs(place).max(axis=0)
         reach = peak / half
         for name, part in (("speed", speed), ("acceleration", acceleration)):
@@ -129,9 +140,12 @@ class JointMotions:
     def motion(self, series: Series, draw: int) -> tuple[Log, Array]:
         """The motion at coarse steps with its torques (N, n) under a draw of the prior."""
         place, speed, acceleration = (part @ series.coefficients.T for part in self._coarse)
-        system, theta = self.experiment.system, self.experiment.draws[draw]
+        system = self.experiment.system
+        theta = self.experiment.draws[draw]
         q = np.ascontiguousarray(system.position(place + series.centre))
-        v, a, torque = np.ascontiguousarray(speed), np.ascontiguousarray(acceleration), place
+        v = np.ascontiguousarray(speed)
+        a = np.ascontiguousarray(acceleration)
+        torque = place
         memory = memory_of(self._structure, self._n)
         torques_along(self._structure, *memory, theta, q, v, a, torque)
         return Log.unchecked(self._t, q, v, torque / theta[system.space.actuators]), torque
@@ -160,7 +174,8 @@ class JointMotions:
 
 def _basis(omega: Array, t: Array) -> tuple[Array, Array, Array]:
     """(N, 2h) sines and cosines at times t, and their first and second derivatives."""
-    s, c = np.sin(np.outer(t, omega)), np.cos(np.outer(t, omega))
+    s = np.sin(np.outer(t, omega))
+    c = np.cos(np.outer(t, omega))
     return (
         np.hstack([s, c]),
         np.hstack([c * omega, -s * omega]),
@@ -189,7 +204,9 @@ class DrivenMotions:
     def __init__(self, experiment: Experiment, limits: Limits, base: DriverConfig):
         largest = limits.limits[COMMAND].high.min() if COMMAND in limits.limits else np.inf
         base = amplified(base, 1.0, float(largest))
-        self.experiment, self.limits, self.base = experiment, limits, base
+        self.experiment = experiment
+        self.limits = limits
+        self.base = base
         given = Given(np.empty(0))
         base.build(experiment.system, experiment.prior, given)
         if not given.used:
@@ -261,7 +278,8 @@ def checked(
     Raises:
         NoMotion: every candidate breaks a limit.
     """
-    least, entries = {"stability": np.inf}, {}
+    least = {"stability": np.inf}
+    entries = {}
     share = np.ones(motions.experiment.system.n)
     for attempt in range(_ATTEMPTS if isinstance(motions, JointMotions) else 2 * len(candidates)):
         if isinstance(motions, JointMotions):
@@ -280,7 +298,8 @@ def checked(
             uses["contacts"] = np.inf
             share = 0.9 * share
         if max(uses.values()) < max(least.values()):
-            least, entries = uses, worst
+            least = uses
+            entries = worst
         if isinstance(motions, JointMotions):
             joint = np.max(list(worst.values()), axis=0)
             share = share * np.where(joint > 1, _SHRINK / np.minimum(joint, 1.5), 1.0)
@@ -296,7 +315,8 @@ def checked(
 
 def _binding(system: SecondOrderSystem, limits: Limits, name: str, use: Array) -> tuple[str, str]:
     """The active limit, and the remedy."""
-    worst, limit = int(np.argmax(use)), limits.limits[name]
+    worst = int(np.argmax(use))
+    limit = limits.limits[name]
     joints = getattr(system, "joint_names", ())
     where = f" of {joints[worst]}" if len(joints) == len(use) else ""
     source = limits.sources.get(name, "")
@@ -313,7 +333,8 @@ def _binding(system: SecondOrderSystem, limits: Limits, name: str, use: Array) -
 
 def touched(experiment: Experiment, limits: Limits, logs: Sequence[Log], every: int) -> bool:
     """Whether simulated motions make contacts that limits forbid, at every so many samples."""
-    contacts, system = experiment.contacts if limits.contacts else None, experiment.system
+    contacts = experiment.contacts if limits.contacts else None
+    system = experiment.system
     poses = (coordinates_of(system, settled(system, log).q[::every]) for log in logs)
     return contacts is not None and any(any(contacts.touching(each)) for each in poses)
 
@@ -322,7 +343,8 @@ def simulated(
     experiment: Experiment, driver: DriverConfig, limits: Limits
 ) -> tuple[tuple[Log, ...], dict[str, Array] | None]:
     """The motions under all draws, and the largest use of every limit; None if one diverges."""
-    logs, uses = [], []
+    logs = []
+    uses = []
     for draw, theta in enumerate(experiment.draws):
         log = experiment.simulate(driver, draw, experiment.scenario.duration)
         if log is None:

@@ -27,7 +27,8 @@ from .limits import RANDOM
 from .prediction import Trial
 
 HALVES = ("half", "before")
-_NONE, _LISTED = "–", 3  # no value; number of listed directions of P_s
+_NONE = "–"  # no value; number of listed directions of P_s
+_LISTED = 3
 _INTERVALS = "At a fixed common scale. – means that motion does not reveal the parameter by itself."
 _WEAK = (
     "The predicted standard deviation over that before the experiment; the weakest directions of "
@@ -47,7 +48,8 @@ def result_of(document: dict[str, Any], trial: Trial | None, found: Design) -> R
     sizes; its verdict is the improvement over random motions, and its curves show the `trial` on a
     draw of the prior.
     """
-    own, asked = document["predicted_deviation"], document["asked"]
+    own = document["predicted_deviation"]
+    asked = document["asked"]
     squares = np.square(document["predicted_deviation_of_random_motions"])
     random = float(np.sqrt(np.mean(squares)))  # over draws like the design's
     sources = {limit["source"] for limit in document["limits"].values()}
@@ -79,7 +81,8 @@ def _percent(deviation: float) -> str:
 
 def statements(document: dict[str, Any]) -> list[str]:
     """How much of θ the experiment determines, and how many harmonics that needs."""
-    count, needed = document["weak_directions"], document["harmonics"]["dimension_of_P_perp"]
+    count = document["weak_directions"]
+    needed = document["harmonics"]["dimension_of_P_perp"]
     lines = [
         f"{needed - count} of {needed} observable directions will be known, "
         + (f"{count} remain weak." if count else "none remains weak.")
@@ -126,7 +129,8 @@ def design_page(
     """The page of a design in a folder; the arguments are those of `result_of`."""
     from ...report import figures_of  # imported late: matplotlib takes half a second
 
-    result, weak = result_of(document, trial, found), _weak_rows(document)
+    result = result_of(document, trial, found)
+    weak = _weak_rows(document)
     determined: list[PageItem] = [Items(statements(document))]
     if weak:
         heads = ["weak direction", "deviation left", "best remedy", "left then"]
@@ -145,19 +149,28 @@ def design_page(
             Section("What the experiment will determine", determined, brief=True),
             Section("What would help", [helps, Text(_HELP)], brief=True),
             Section("What no motion reveals", [Items(_unobservable(document))], brief=True),
-            Section("Predicted 95 % intervals", [
-                _intervals(document),
-                Text(_INTERVALS),
-                Text("Root mean squares over draws of the prior; all parameters are in "
-                     "design.json.", note=True),
-            ], brief=True),
+            Section(
+                "Predicted 95 % intervals",
+                [
+                    _intervals(document),
+                    Text(_INTERVALS),
+                    Text(
+                        "Root mean squares over draws of the prior; all parameters are in "
+                        "design.json.",
+                        note=True,
+                    ),
+                ],
+                brief=True,
+            ),
             Section("Limits", [_limits(document)], brief=True),
         ],
         commands=[f"nsaid run {shlex.quote(str(folder / 'scenario.py'))}"],
-        notes=["motion.csv is the motion; scenario.py makes it in MuJoCo; all figures are in "
-               "design.json."],
+        notes=[
+            "motion.csv is the motion; scenario.py makes it in MuJoCo; all figures are in "
+            "design.json."
+        ],
         versions=versions(),
-    )  # fmt: skip
+    )
 
 
 def _curves(document: dict[str, Any], trial: Trial | None, found: Design) -> tuple[Curves, ...]:
@@ -173,10 +186,12 @@ def _curves(document: dict[str, Any], trial: Trial | None, found: Design) -> tup
     sides = _sides(trial)
     for label, values in sides.items():
         panel.add(trial.t, values.max(axis=1), label)
-    space, names = found.experiment.system.space, found.asked.names
+    space = found.experiment.system.space
+    names = found.asked.names
     single = []
     for k in np.argsort(-trial.predicted[-1])[:_SHOWN].tolist():
-        title, key = space.labels[space.index(names[k])], ("interval", names[k])
+        title = space.labels[space.index(names[k])]
+        key = ("interval", names[k])
         own = Curves(title, "relative error [–]", True, key=key, page=False)
         values = np.maximum(np.column_stack([side[:, k] for side in sides.values()]), _LEAST)
         own.add_columns(trial.t, values, list(sides))
@@ -195,7 +210,8 @@ def _sides(trial: Trial) -> dict[str, Array]:
 
 def _motion(found: Design) -> tuple[Curves, Curves]:
     """Velocities and commands of the motion, for recordings."""
-    log, system = found.logs[0], found.experiment.system
+    log = found.logs[0]
+    system = found.experiment.system
     every = max(1, round(1 / (_RATE * found.experiment.scenario.dt)))
     t, _, v, u = (part[::every] for part in log)
     velocity = Curves("Velocities", "v [SI]", key=("motion", "velocity"), page=False)

@@ -42,10 +42,13 @@ WEAK = 0.7
 """Predicted over prior deviation above which a direction counts as weak."""
 _NAMED = 0.3  # weight, over the largest, of a direction's parameters from which they are named
 _HELPS = 0.95  # share of a direction's deviation that a remedy must fall below to help
-_CARRIED, _HELD = 0.1, 0.1  # payload: share of the moving mass, distance from the joint's axis [m]
+_CARRIED = 0.1  # payload: share of the moving mass, distance from the joint's axis [m]
+_HELD = 0.1
 _PAYLOADS = ((1.0, 1.0), (0.5, 1.0), (0.25, 1.0), (0.5, 0.8), (0.25, 0.6))  # of it and of swing
-_POSES, _SWING = 6, 0.7  # other poses that are tried, and the share of the swing in them
-_LARGER, _LARGEST = 1.5, 0.99  # vehicle's amplitudes: factor, and share of their commands' range
+_POSES = 6  # other poses that are tried, and the share of the swing in them
+_SWING = 0.7
+_LARGER = 1.5  # vehicle's amplitudes: factor, and share of their commands' range
+_LARGEST = 0.99
 
 
 @dataclass(frozen=True)
@@ -80,13 +83,15 @@ def weak_directions(found: Design, covariance: Array, draw: int = 0) -> Array:
 
 def helped(found: Design, direction: Array, others: list[Remedy]) -> Helped:
     """The most effective remedy for a weak direction (p,) of θ/scale."""
-    labels, size = found.experiment.system.space.labels, np.abs(direction)
+    labels = found.experiment.system.space.labels
+    size = np.abs(direction)
     leading = [i for i in np.argsort(-size) if size[i] >= _NAMED * size.max()][:4]
 
     def left(covariance: Array) -> float:
         return float(np.sqrt(direction @ covariance @ direction)) / PRIOR
 
-    own, best = left(found.covariances[0]), min(others, key=lambda each: left(each.covariance))
+    own = left(found.covariances[0])
+    best = min(others, key=lambda each: left(each.covariance))
     after = left(best.covariance)
     words = phrase(labels[i] for i in leading)
     if after > _HELPS * own:
@@ -160,13 +165,17 @@ def _held(experiment: Experiment) -> Array:
 
 def _elsewhere(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
     """The motion repeated in another pose: the best of random ones that keep the limits."""
-    experiment, basis = found.experiment, found.experiment.bases[0]
-    series, limit = driver.series, found.limits.limits["position"]
+    experiment = found.experiment
+    basis = found.experiment.bases[0]
+    series = driver.series
+    limit = found.limits.limits["position"]
     t = np.linspace(0, 1 / driver.fundamental, 500)
     phase = np.outer(t, series.omega)
     peak = np.abs(np.hstack([np.sin(phase), np.cos(phase)]) @ series.coefficients.T).max(axis=0)
     room = np.maximum(0.5 * (limit.high - limit.low) - _SWING * peak, 0.0)
-    middle, rng, made = 0.5 * (limit.low + limit.high), np.random.default_rng(0), []
+    middle = 0.5 * (limit.low + limit.high)
+    rng = np.random.default_rng(0)
+    made = []
     J = found.information(found.logs[0], 0, basis)
     directions = weak_directions(found, found.covariances[0])
     for _ in range(_POSES):
@@ -188,7 +197,8 @@ def _elsewhere(found: Design, driver: DesignedTracking) -> Iterator[Remedy]:
 
 def _larger(found: Design, driver: DesignedSignals) -> Iterator[Remedy]:
     """A vehicle's commands, half as large again."""
-    experiment, names = found.experiment, amplitudes_of(driver.driver)
+    experiment = found.experiment
+    names = amplitudes_of(driver.driver)
     inner = amplified(driver.driver, _LARGER, _LARGEST)
     if inner == driver.driver:
         return
@@ -254,7 +264,8 @@ class Prediction:
 def predict(found: Design, report: Report = lambda _words, _share: None) -> Prediction:
     """Predicts the results of a designed experiment, and of possible improvements."""
     experiment = found.experiment
-    space, covariances = experiment.system.space, found.covariances
+    space = experiment.system.space
+    covariances = found.covariances
     weak = [weak_directions(found, P, draw) for draw, P in enumerate(covariances)]
     report("what would help", None)
     others = remedies(found)
@@ -298,9 +309,12 @@ class Trial:
 
 def tried(found: Design, seed: int = 0) -> Trial | None:
     """Tries a design on a draw; None if `efficient` does not suit the scenario, or it fails."""
-    experiment, asked = found.experiment, found.asked
-    scenario, system = experiment.scenario, experiment.system
-    truth, basis = experiment.draws[_DRAW], experiment.bases[_DRAW]
+    experiment = found.experiment
+    asked = found.asked
+    scenario = experiment.scenario
+    system = experiment.system
+    truth = experiment.draws[_DRAW]
+    basis = experiment.bases[_DRAW]
     if not isinstance(scenario.identifier, NullspaceAID):
         return None
     sensors = Sensors(scenario.noise, np.random.default_rng(Seeds.of(seed).sensors))
@@ -313,8 +327,10 @@ def tried(found: Design, seed: int = 0) -> Trial | None:
         config.build(system, experiment.prior, scenario.dt, levels, lambda: np.eye(system.p))
     )
     ends = np.unique(np.linspace(0, len(log.t) - 1, _PARTS + 1).astype(int))
-    state, rows = law.init(log.at(0)), []
-    scale, gains = np.array(system.space.scale), system.space.actuators
+    state = law.init(log.at(0))
+    rows = []
+    scale = np.array(system.space.scale)
+    gains = system.space.actuators
     for start, end in pairwise(ends.tolist()):
         state, estimates = law.follow(state, log.part(start, end + 1))
         if state.status is not Status.completed:

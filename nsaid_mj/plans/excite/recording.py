@@ -33,7 +33,8 @@ def record_design(page: Page, found: Design, file: Path) -> Path:
         found: the design.
         file: path of the recording.
     """
-    log, system = found.logs[0], found.experiment.system
+    log = found.logs[0]
+    system = found.experiment.system
     every = max(1, round(1 / (_RATE * found.experiment.scenario.dt)))
     t, q, v = (part[::every] for part in log[:3])
     scene = Scene(system, found.experiment.plant(0))

@@ -165,7 +165,8 @@ class World:
         self._key = seed, noise
         scenario = _scenario(study, seed, noise)
         self._setup = setup = Setup.of(scenario)
-        plant, identifiers = setup.plant, setup.identifiers()
+        plant = setup.plant
+        identifiers = setup.identifiers()
         with plant.running():
             log = setup.simulate()
         if not is_sound(plant, log):
@@ -285,5 +286,6 @@ def run_comparison(study: Study, folder: Path, quiet: bool = False) -> tuple[Res
         page = compare_report.page_of(runs, drawn)
         return page, [*(folder / name for name in COMPARE_FILES), *plots]
 
-    made, write_all = partial(compare, study), partial(write, folder, study)
+    made = partial(compare, study)
+    write_all = partial(write, folder, study)
     return carried_out(folder, COMPARE_FILES[:1], total, made, write_all, draw, quiet)

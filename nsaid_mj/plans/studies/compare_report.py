@@ -267,9 +267,20 @@ def over_bound(group: Group, bound: Group | None, key: str) -> float | None:
 
 _SHOWN = FIGURES[:3]
 _MARKS = {
-    "paper": "o", "cone": "s", "memory": "D", "efficient": "h", BOUND: "_", "conventional": "o",
-    "ols": "^", "wls": "v", "tls": "<", "rls": ">", "ekf": "P", "sysid": "*", PRIOR: "x",
-}  # fmt: skip
+    "paper": "o",
+    "cone": "s",
+    "memory": "D",
+    "efficient": "h",
+    BOUND: "_",
+    "conventional": "o",
+    "ols": "^",
+    "wls": "v",
+    "tls": "<",
+    "rls": ">",
+    "ekf": "P",
+    "sysid": "*",
+    PRIOR: "x",
+}
 _REST = {"sysid": BAD, PRIOR: COLOURS[8]}  # colours of methods that are not laws
 _TITLES = {"wall_time": "wall time", "data_length": "length of the log", "noise": "sensor noise"}
 
@@ -386,10 +397,19 @@ def _curves(
         reach = np.vstack([middle - least, np.where(np.isfinite(most), most, middle) - middle])
         ours = method in OURS
         axis.errorbar(
-            list(map(abscissa, own)), middle, reach, color=colour, ls=dash,
-            marker=_MARKS.get(method, "."), ms=7 if ours else 5, lw=2.2 if ours else 1.1,
-            elinewidth=0.8, capsize=2, label=method, gid=CURVE + method,
-        )  # fmt: skip
+            list(map(abscissa, own)),
+            middle,
+            reach,
+            color=colour,
+            ls=dash,
+            marker=_MARKS.get(method, "."),
+            ms=7 if ours else 5,
+            lw=2.2 if ours else 1.1,
+            elinewidth=0.8,
+            capsize=2,
+            label=method,
+            gid=CURVE + method,
+        )
     axis.set_xlabel(name)
     if not ticks:
         logarithmic(axis, "x")

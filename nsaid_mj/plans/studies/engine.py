@@ -117,7 +117,8 @@ class Engine:
         try:
             return _Cluster(importlib.import_module("distributed"), self.address, self.jobs)
         except ImportError as error:
-            expected, remedy = "one whose package is installed", "pip install 'nsaid-mj[dask]'"
+            expected = "one whose package is installed"
+            remedy = "pip install 'nsaid-mj[dask]'"
             raise InvalidInput("engine", expected, "dask", remedy) from error
         except (OSError, ValueError) as error:
             expected = f"that of a running {self.name} cluster"
@@ -174,7 +175,8 @@ class _Cluster:
 
     def __init__(self, distributed: Any, address: str | None, jobs: int | None):
         self._killed = distributed.KilledWorker
-        self._address, self._jobs = address, jobs
+        self._address = address
+        self._jobs = jobs
         self._client = distributed.Client(address, set_as_default=False)
         self._tasks: dict[Future[Any], Any] = {}  # Dask forgets a task that nobody refers to
         self._seen = time.monotonic()
@@ -217,7 +219,8 @@ class _Cluster:
         except CancelledError as error:  # by the client, when it loses the scheduler
             raise self._gone() from error
         except Exception as error:
-            expected, remedy = "workers that can import nsaid_mj", "Install it on every machine."
+            expected = "workers that can import nsaid_mj"
+            remedy = "Install it on every machine."
             raise InvalidInput("engine", expected, str(error), remedy) from error
 
     def close(self) -> None:

@@ -49,7 +49,9 @@ def read(folder: Path) -> Runs:
         raise BadRun(
             folder / ROWS, f"{error.strerror}", "Delete it to make all runs again"
         ) from error
-    rows, damaged, intact = dict[int, Row](), list[str](), list[bytes]()
+    rows = dict[int, Row]()
+    damaged = list[str]()
+    intact = list[bytes]()
     for number, line in enumerate(data[: data.rfind(b"\n") + 1].split(b"\n")[:-1], 1):
         row = _row(line, manifest)
         if row is None:

@@ -179,7 +179,8 @@ def identify(
 
     A draw is its number and its scenario, whose seed draws the prior. Returns one row per draw.
     """
-    begin, compiled = time.perf_counter(), compile_seconds()
+    begin = time.perf_counter()
+    compiled = compile_seconds()
     runs = follow(course, [scenario for _, scenario in draws], seen)
     spent = time.perf_counter() - begin - (compile_seconds() - compiled)
     cost = 1e6 * max(spent, 0.0) / (len(runs) * max(1, len(course.log.t) - 1))
@@ -188,7 +189,8 @@ def identify(
 
 def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) -> list[Draw]:
     """Runs the identifiers of scenarios along a course's log, to its end or until they fail."""
-    log, dt = course.log, course.setup.scenario.dt
+    log = course.log
+    dt = course.setup.scenario.dt
     with course.workspace:
         setups = [
             replace(course.setup.with_prior_of(own), scenario=replace(own, rivals={}))
@@ -196,7 +198,8 @@ def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) ->
         ]
         runs = [Draw(setup.identifiers()[""], log) for setup in setups]
     every = max(1, round(CHECK / dt))
-    piece, last = every * max(1, round(_PIECE / every)), len(log.t) - 1
+    piece = every * max(1, round(_PIECE / every))
+    last = len(log.t) - 1
     for at in range(0, last, piece):
         part = log.part(at, at + piece + 1)
         due = due_rows(at, len(part.t), dt, last)
@@ -207,7 +210,8 @@ def follow(course: Course, scenarios: Sequence[Scenario], seen: Seen = float) ->
             motion = _shared(going[0].following.identifier, part)
         with course.workspace if motion is None else nullcontext():
             for run in going:
-                law, state = run.following.identifier, run.following.state
+                law = run.following.identifier
+                state = run.following.state
                 if motion is None:
                     found = law.follow(state, part)
                 else:
@@ -228,10 +232,15 @@ def _shared(identifier: Identifier, log: Log) -> Motion | None:
 
 def _row(draw: int, scenario: Scenario, course: Course, run: Draw, cost: float) -> Row:
     """The row of results of a run."""
-    status, t, following = course.status, course.time, run.following
+    status = course.status
+    t = course.time
+    following = run.following
     if following.ended is not None:
-        status, t = following.state.status, following.ended
-    theta, system, truth = following.state.theta_hat, course.setup.system, course.truth.theta
+        status = following.state.status
+        t = following.ended
+    theta = following.state.theta_hat
+    system = course.setup.system
+    truth = course.truth.theta
     converged = None
     if status is Status.completed:
         converged = converged_at(np.array(run.t), course.ratio(np.array(run.theta_hat)))
@@ -264,7 +273,8 @@ def rows_of(
     jobs = processors() if jobs is None else jobs
     check_count("jobs", jobs, JOBS, MOST_JOBS)
     draws = [(k, replace(scenario, seed=seed_of(scenario.seed, k))) for k in todo]
-    pool, stopped = ThreadPoolExecutor(jobs), threading.Event()
+    pool = ThreadPoolExecutor(jobs)
+    stopped = threading.Event()
 
     def seen(progress: float) -> None:
         _check(stopped)

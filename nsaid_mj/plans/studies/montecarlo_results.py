@@ -101,15 +101,18 @@ def montecarlo_document(runs: Runs) -> dict[str, Any]:
 
 def montecarlo_result(runs: Runs) -> Result:
     """The result of a study; a run is lost if it ended before the scenario's duration."""
-    gone, shared = lost(runs), runs.manifest["montecarlo"]["shared"]
+    gone = lost(runs)
+    shared = runs.manifest["montecarlo"]["shared"]
     failures = (
         Finding(
-            "refusal", "lost", f"run {row['run']} (seed {row['seed']})",
+            "refusal",
+            "lost",
+            f"run {row['run']} (seed {row['seed']})",
             f"{row['status']} at {row['status_time']:.3g} s",
             "" if shared else f"\n    {runs.command(row)}",
         )
         for row in gone
-    )  # fmt: skip
+    )
     statistics = (Statistic(*FIGURES[key], values) for key, values in quantiles(runs).items())
     own = sweep.sweep_result(runs)
     return replace(own, statistics=tuple(statistics), findings=tuple(failures), complete=not gone)

@@ -156,7 +156,8 @@ def sweep_document(runs: Runs) -> dict[str, Any]:
 
 def lead_of(runs: Runs) -> str:
     """How many runs have a result."""
-    results, total = len(runs.rows) - len(runs.lost), runs.manifest["runs"]
+    results = len(runs.rows) - len(runs.lost)
+    total = runs.manifest["runs"]
     return f"{results} of {count(total, 'run')} {'has' if total == 1 else 'have'} a result"
 
 
@@ -186,12 +187,13 @@ def sweep_result(runs: Runs) -> Result:
     unfinished = Finding("refusal", "missing", "not finished", f"{missing} of the runs")
     figures = [
         Statistic(
-            f"{label}, {name}", unit,
+            f"{label}, {name}",
+            unit,
             {words(group): group.quantile(key, share) for group in runs.groups},
         )
         for key, (label, unit) in FIGURES.items()
         for name, share in QUANTILES.items()
-    ]  # fmt: skip
+    ]
     return Result(
         explains="yes" if converged == done else "partly" if found.results else "no",
         verdict=f"{sentence}.",

@@ -80,7 +80,9 @@ def rise_bounds(
         )
         t, theta_hat = (0.5 * (first[j] + last[j]) for j in (0, 3))
         middle = t, middles.q[k], middles.v[k], theta_hat
-        step, power, moved = float(last[0] - first[0]), 0.0, slopes[k + 1] - slopes[k]
+        step = float(last[0] - first[0])
+        power = 0.0
+        moved = slopes[k + 1] - slopes[k]
         for weight, (t, q, v, theta_hat) in ((1, first), (4, middle), (1, last)):
             v_r, a_r = tracker.reference(float(t), q, v)
             slope = system._W(float(t), q, v, v_r, a_r, motion.u[k]).T @ (v - v_r)
@@ -98,8 +100,11 @@ def lyapunov_rises(
 
     Steps in which a fault changes the truth do not count.
     """
-    epochs, system = truth.epoch(motion.t), truth.system
-    rises, violations, V_0 = [np.zeros(0)], 0, np.inf
+    epochs = truth.epoch(motion.t)
+    system = truth.system
+    rises = [np.zeros(0)]
+    violations = 0
+    V_0 = np.inf
     for epoch in np.unique(epochs):
         rows = epochs == epoch
         columns = {f.name: getattr(motion, f.name)[rows] for f in fields(motion)[:-1]}

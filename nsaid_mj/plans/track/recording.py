@@ -46,8 +46,11 @@ def record(
         tracker: has the reference, which is drawn in cyan.
         file: path of the recording, ending in .rrd.
     """
-    system, curves = setup.system, page.result.curves
-    t, q, v = motion.t, motion.q, motion.v
+    system = setup.system
+    curves = page.result.curves
+    t = motion.t
+    q = motion.q
+    v = motion.v
     aims = [tracker.reference.desired(now)[0] for now in t.tolist()]
     desired = system.position(np.array(aims))
     frames = spread(len(t), _FRAMES)
@@ -83,7 +86,8 @@ def _log_reference(
     rec: rr.RecordingStream, system: SecondOrderSystem, t: Array, q: Array, size: float
 ) -> None:
     """Logs the desired joints as a skeleton, or a body's desired axes."""
-    time, radius = rr.TimeColumn("sim_time", duration=t), 0.008 * size
+    time = rr.TimeColumn("sim_time", duration=t)
+    radius = 0.008 * size
     if isinstance(system, JointTree):
         drawn = bones(system.model, q)
         strips = rr.LineStrips3D.columns(strips=list(drawn.reshape(-1, 2, 3)))

@@ -23,7 +23,8 @@ from ...report import (
 from ..studies.study import Study, carried_out, repeated
 from .tracking import TRACKING_FILES, Course, courses, medians_in_words, result_of, table_of, write
 
-PICTURE, RECORDING = "tracking.png", "tracking.rrd"
+PICTURE = "tracking.png"
+RECORDING = "tracking.rrd"
 
 
 @single_threaded
@@ -36,7 +37,8 @@ def run_tracking(study: Study, folder: Path, quiet: bool = False) -> tuple[Resul
             motion = replace(found.motion, theta_hat=found.motion.theta_hat[kept])
             yield replace(found, motion=motion)
 
-    total, draw = len(study.seeds) * len(study.vary["law"]), partial(drawn, folder, study)
+    total = len(study.seeds) * len(study.vary["law"])
+    draw = partial(drawn, folder, study)
     return carried_out(
         folder, TRACKING_FILES[:1], total, made, partial(write, folder, study), draw, quiet
     )
@@ -44,7 +46,8 @@ def run_tracking(study: Study, folder: Path, quiet: bool = False) -> tuple[Resul
 
 def drawn(folder: Path, study: Study, done: list[Course]) -> tuple[Page, list[Path]]:
     """The page; writes tracking.png and, with Rerun, tracking.rrd, and returns all files."""
-    page, files = page_of(folder, study, done), [folder / name for name in TRACKING_FILES]
+    page = page_of(folder, study, done)
+    files = [folder / name for name in TRACKING_FILES]
     if not done:
         return page, files
     panels = [p for p in page.result.curves if isinstance(p, Panel) and p.page]
@@ -62,7 +65,8 @@ def drawn(folder: Path, study: Study, done: list[Course]) -> tuple[Page, list[Pa
 
 def page_of(folder: Path, study: Study, done: list[Course]) -> Page:
     """The page of a study."""
-    result, seed = result_of(study, done), done[0].seed if done else study.seeds[0]
+    result = result_of(study, done)
+    seed = done[0].seed if done else study.seeds[0]
     figures = figures_of([p for p in result.curves if isinstance(p, Panel) and p.page], 1)
     sketch = [robot_picture(done[0].setup.plant, done[0].motion.q[0], "the robot")] if done else []
     averaged = "Root mean square over the coordinates and over short intervals"
@@ -72,14 +76,25 @@ def page_of(folder: Path, study: Study, done: list[Course]) -> Page:
         "discretisation explains."
     )
     sections = [
-        Section("Tracking errors", [
-            table_of(study, result.statistics), Text(medians_in_words(study)),
-        ], brief=True),
+        Section(
+            "Tracking errors",
+            [
+                table_of(study, result.statistics),
+                Text(medians_in_words(study)),
+            ],
+            brief=True,
+        ),
         Section("", [Text(f"Curves and robot: seed {seed}. {note}", note=True)]),
-        Section("Over time", [
-            Figures(figures[1:]), Text(f"{averaged}; seed {seed}.", note=True),
-        ] if figures[1:] else []),
-    ]  # fmt: skip
+        Section(
+            "Over time",
+            [
+                Figures(figures[1:]),
+                Text(f"{averaged}; seed {seed}.", note=True),
+            ]
+            if figures[1:]
+            else [],
+        ),
+    ]
     return Page(
         heading=study.script,
         result=result,

@@ -121,7 +121,8 @@ def courses(study: Study, report: Callable[[str], object] = lambda _: None) -> I
 
 def course(setup: Setup, last: float) -> Course:
     """Runs a scenario that is driven by `AdaptiveTracking`, with errors over its last seconds."""
-    scenario, tracker = setup.scenario, setup.driver()
+    scenario = setup.scenario
+    tracker = setup.driver()
     assert isinstance(scenario.excitation, AdaptiveTracking)
     assert isinstance(tracker, Tracker)
     motion = drive(setup, tracker)
@@ -135,10 +136,13 @@ def course(setup: Setup, last: float) -> Course:
 
 def drive(setup: Setup, tracker: Tracker) -> Motion:
     """Drives the plant; an informed law gets the estimates of the scenario's identifier."""
-    scenario, plant, sensors = setup.scenario, setup.plant, setup.sensors()
+    scenario = setup.scenario
+    plant = setup.plant
+    sensors = setup.sensors()
     recorder = _StateRecorder(tracker, plant)
     every = int(min(informing_steps(tracker, scenario.dt), scenario.steps))
-    informed, k = np.isfinite(tracker.period), 0
+    informed = np.isfinite(tracker.period)
+    k = 0
     with plant.running():
         log = Log.unchecked_of([plant.begin(recorder, sensors)])
         logs = [log]
@@ -167,7 +171,8 @@ class _StateRecorder(Driver):
     """Records the plant's true state and the controller's estimate at every command."""
 
     def __init__(self, tracker: Tracker, plant: Plant):
-        self._tracker, self._plant = tracker, plant
+        self._tracker = tracker
+        self._plant = plant
         self.rows: list[tuple[Array, Array, Array]] = []
 
     def start(self) -> tuple[Array, Array]:
@@ -224,10 +229,11 @@ def figures_of(study: Study, done: list[Course]) -> tuple[Statistic, ...]:
 
     def of(key: str, merge: Callable[[Array], Any]) -> dict[str, float | None]:
         return {
-            law: float(merge(np.array([float(row[key]) for row in rows]))) if key in rows[0]
+            law: float(merge(np.array([float(row[key]) for row in rows])))
+            if key in rows[0]
             else None
             for law, rows in laws.items()
-        }  # fmt: skip
+        }
 
     def ratio(key: str) -> dict[str, float | None]:
         known = [float(row[key]) for row in laws.get("conventional", ())]
@@ -256,7 +262,8 @@ def figures_of(study: Study, done: list[Course]) -> tuple[Statistic, ...]:
 def table_of(study: Study, figures: Sequence[Statistic]) -> Table:
     """The table of such figures: a line for each law, with the worst seed's in brackets."""
     heads = [f"{f.name} [m{f.unit}]" if f.unit in {"rad", "m"} else f.name for f in figures]
-    several, ran = len(study.seeds) > 1, figures[-1].values
+    several = len(study.seeds) > 1
+    ran = figures[-1].values
     lines = [[law, *(_cell(figure, law, several) for figure in figures)] for law in ran]
     spare = [k for k, f in enumerate(figures, 1) if f.name in {"peak", "effort", "at limit"}]
     return Table(["law", *heads], lines, spare=spare)
@@ -322,7 +329,9 @@ def _errors(shown: list[Course], unit: str) -> Panel:
     """Every law's error over time, in the unit of some coordinates."""
     faults = shown[0].setup.plant.faults
     events = [t for fault in faults for t in (fault.time, fault.until) if t is not None]
-    title, label, key = f"Tracking error [{unit}]", f"rms error [{unit}]", ("error", unit)
+    title = f"Tracking error [{unit}]"
+    label = f"rms error [{unit}]"
+    key = ("error", unit)
     panel = Panel(title, label, True, events=events, key=key)
     for c in shown:
         error = c.motion.error_of(c.setup.system, unit)
@@ -332,7 +341,8 @@ def _errors(shown: list[Course], unit: str) -> Panel:
 
 def _commands(course: Course) -> Panel:
     """A law's commands over their limits, for recordings."""
-    motion, (low, high) = course.motion, course.tracker.limits
+    motion = course.motion
+    low, high = course.tracker.limits
     rows = spread(len(motion.t), _POINTS)
     shares = motion.u / np.where(motion.u < 0, -low, high)
     title = f"{course.law}: commands over their limits"

@@ -10,13 +10,15 @@ from ...core import Array, Indices, Log, SecondOrderSystem, phrase
 from .scene import BODY, body_axes
 from .text import drawable
 
-COMMANDED, ESTIMATED = f"{BODY}/force/commanded", f"{BODY}/force/estimated"
+COMMANDED = f"{BODY}/force/commanded"
+ESTIMATED = f"{BODY}/force/estimated"
 FAILED = (224, 49, 49)
 """Colour of failed actuators and links."""
 _COLORS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
 _STEEP = 0.5  # cosine of the angle to the inward normal within which a force points inwards
 _MUCH = 5.0  # ratio of force magnitudes from which the smaller force's arrow is magnified
-_LENGTH, _RADIUS = 0.8, 0.035  # of the longest arrow, over half the vehicle's size
+_LENGTH = 0.8  # of the longest arrow, over half the vehicle's size
+_RADIUS = 0.035
 
 
 def mounts_of(system: SecondOrderSystem) -> dict[tuple[float, ...], list[int]]:
@@ -53,8 +55,10 @@ class Arrows:
         magnified: magnification of the arrows of some kinds of actuators, by name of the kind.
     """
 
-    kind, paths = "forces", (COMMANDED, ESTIMATED)
-    rate, frames = 30.0, 12000  # arrows that are drawn per second, and at most
+    kind = "forces"
+    paths = (COMMANDED, ESTIMATED)
+    rate = 30.0  # arrows that are drawn per second, and at most
+    frames = 12000
 
     def __init__(self, system: SecondOrderSystem, size: float, rows: Log, theta: Array):
         self._system, at = system, mounts_of(system)
@@ -62,7 +66,8 @@ class Arrows:
         forces = body_forces(system, self.parts, rows, theta)
         names = [(block.name, place) for block, place in system.space]
         kinds = [next(n for n, s in names if s.start <= k[0] < s.stop) for k in self.parts]
-        sizes, longest = np.linalg.norm(forces, axis=2), dict[str, float]()
+        sizes = np.linalg.norm(forces, axis=2)
+        longest = dict[str, float]()
         for kind in kinds:  # the rms over the rows of the largest force
             largest = sizes[:, [kind == other for other in kinds]].max(axis=1)
             longest[kind] = float(np.sqrt(np.mean(largest**2)))
@@ -103,7 +108,8 @@ class Arrows:
         parameters that a fault has changed, whose arrows are red.
         """
         forces = body_forces(self._system, self.parts, rows, theta)
-        vectors, at = self.lengths * forces, self._mounts[path]
+        vectors = self.lengths * forces
+        at = self._mounts[path]
         pushes = _pushes(self._mounts[COMMANDED], forces)
         origins = np.where(pushes[..., None], at - vectors, at)
         arrows = rr.Arrows3D.columns(origins=origins.reshape(-1, 3), vectors=vectors.reshape(-1, 3))

@@ -12,7 +12,8 @@ from ...core import Array, JointTree, ParameterSpace, SecondOrderSystem
 from .scene import BODY, ROBOT, body_axes
 
 LINKS = f"{ROBOT}/links_of_theta"
-ESTIMATED_INERTIA, REFERENCE = "estimated", "reference"
+ESTIMATED_INERTIA = "estimated"
+REFERENCE = "reference"
 _COLOURS = {ESTIMATED_INERTIA: (255, 138, 30), REFERENCE: (226, 230, 240)}
 _LARGEST = 0.2  # half axis of an ellipsoid, over the robot's size; larger ones are drawn smaller
 

@@ -11,11 +11,21 @@ from ..panels import MEASURED, TARGET, AnyPanel, Comparison, Curve, Panel
 from .text import drawable
 
 PALETTE = (  # RGB, readable on a dark and on a light background; hues in the order of the pages'
-    (58, 134, 226), (230, 126, 34), (148, 103, 232), (46, 160, 87), (222, 93, 164),
-    (190, 148, 20), (20, 164, 170), (178, 92, 205), (112, 132, 160), (150, 117, 82),
-    (229, 72, 77), (130, 130, 130),
-)  # fmt: skip
-RED, GREY_BLUE = 10, 8
+    (58, 134, 226),
+    (230, 126, 34),
+    (148, 103, 232),
+    (46, 160, 87),
+    (222, 93, 164),
+    (190, 148, 20),
+    (20, 164, 170),
+    (178, 92, 205),
+    (112, 132, 160),
+    (150, 117, 82),
+    (229, 72, 77),
+    (130, 130, 130),
+)
+RED = 10
+GREY_BLUE = 8
 """Places in the palette."""
 
 LOGARITHM = "log_"

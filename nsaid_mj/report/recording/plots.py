@@ -10,16 +10,20 @@ import rerun.blueprint as rrb
 from .lines import LOGARITHM, Lines
 from .text import drawable
 
-_WINDOW, _AXIS = 1600.0, 60.0  # assumed width of the window, and of a plot's axis [pixels]
-_LETTER, _MARGIN, _WIDEST = 7.0, 55.0, 0.6  # of a legend [pixels], and its largest share of a plot
+_WINDOW = 1600.0  # assumed width of the window, and of a plot's axis [pixels]
+_AXIS = 60.0
+_LETTER = 7.0  # of a legend [pixels], and its largest share of a plot
+_MARGIN = 55.0
+_WIDEST = 0.6
 _CLEAR = 1.04  # of the time axis over the run, so that its last label is not cut
-_LINE, _PADDING, _HEAD = 23.0, 16.0, 30.0  # heights in a legend, and of a view's title [pixels]
+_LINE = 23.0  # heights in a legend, and of a view's title [pixels]
+_PADDING = 16.0
+_HEAD = 30.0
 _BELOW = 0.06  # of an axis below its lowest label, so that it is not cut
-_TALLEST, _HEIGHT = 0.78, 906.0  # a legend's largest share of a plot; height of all views [pixels]
-_ROOMY, _LEAST = (
-    230.0,
-    140.0,
-)  # heights of a view with a short legend, where there is space [pixels]
+_TALLEST = 0.78  # a legend's largest share of a plot; height of all views [pixels]
+_HEIGHT = 906.0
+_ROOMY = 230.0  # heights of a view with a short legend, where there is space [pixels]
+_LEAST = 140.0
 _WHOLE_RUN = rr.TimeRange(  # the default is a minute around the cursor
     start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite()
 )
@@ -40,7 +44,9 @@ class Plots:
         end: float | None = None,
         window: float | None = None,
     ):
-        self._curves, self._end, self._window = curves, end, window
+        self._curves = curves
+        self._end = end
+        self._window = window
         self._entries: dict[Any, int] = {}  # in the legend of a view
 
     def __call__(
@@ -110,7 +116,8 @@ class Plots:
         ends = [f(v) for v in values if np.isfinite(v).any() for f in (np.nanmin, np.nanmax)]
         if not ends:
             return None
-        low, high = float(np.floor(min(ends))), float(np.ceil(max(ends)))
+        low = float(np.floor(min(ends)))
+        high = float(np.ceil(max(ends)))
         return low - _BELOW * (high - low), high
 
     def _below(self, entity: str) -> list[Lines]:

@@ -10,15 +10,22 @@ from ...core import Array, JointTree, SecondOrderSystem, SingleBody, bones
 from ...robots import Looks
 
 ROBOT = "robot"
-BODY, PATH, TRAIL = f"{ROBOT}/body", f"{ROBOT}/path", f"{ROBOT}/trail"
+BODY = f"{ROBOT}/body"
+PATH = f"{ROBOT}/path"
+TRAIL = f"{ROBOT}/trail"
 CENTRE = f"{BODY}/centre"
 _TRAIL = 12.0  # length of the bright part of a vehicle's path, over half its size
-_SHORTEST, _LONGEST = 1.0, 20.0  # bounds on the duration of the bright part [s]
+_SHORTEST = 1.0  # bounds on the duration of the bright part [s]
+_LONGEST = 20.0
 EYE = np.array([1.15, -1.45, 0.65]) / np.linalg.norm([1.15, -1.45, 0.65])
 _CREASE = np.cos(np.radians(35))  # edges between faces at a larger angle are drawn sharp
-_JOINT, _BONE, _STAND = (255, 176, 59), (130, 170, 255), (70, 78, 92)
-_WAY, _LAST_WAY = (58, 104, 128), (64, 214, 224)
-_GHOST, _LIGHT = 0.6, 0.25  # opacity, and share of white, of meshes with arrows inside
+_JOINT = (255, 176, 59)
+_BONE = (130, 170, 255)
+_STAND = (70, 78, 92)
+_WAY = (58, 104, 128)
+_LAST_WAY = (64, 214, 224)
+_GHOST = 0.6  # opacity, and share of white, of meshes with arrows inside
+_LIGHT = 0.25
 
 
 @dataclass(frozen=True)
@@ -47,7 +54,8 @@ class Scene:
     """
 
     def __init__(self, system: SecondOrderSystem, looks: Looks | None):
-        self._system, self._looks = system, looks
+        self._system = system
+        self._looks = looks
         self._meshes = looks.visuals() if looks is not None else []
         self._rigid = (
             system.forward is not None and len(system.structure.bodies) == 1
@@ -177,13 +185,15 @@ class Scene:
 
         q (k, m) are positions, the first at the start of the run, v (k, n) velocities.
         """
-        points, first = self._reach(q), self._reach(q[:1])
+        points = self._reach(q)
+        first = self._reach(q[:1])
         lowest = float(points[:, 2].min())
         if self.vehicle:
             points = first
         target, size = _ball(points)
         if not self.vehicle:
-            away, ground = 1.6 * size, min(0.0, lowest) if lowest < 0.2 * size else 0.0
+            away = 1.6 * size
+            ground = min(0.0, lowest) if lowest < 0.2 * size else 0.0
             return Camera(target + away * EYE, target, size, ground, rounded(size / 5))
         places, attitudes = base_poses(self._system, q[:1])
         back = attitudes * [-1, -1, -1, 1]
@@ -207,7 +217,8 @@ class Scene:
         translations, quaternions = self._poses(q)
         points = []
         for i, mesh in enumerate(self._meshes):
-            low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+            low = mesh.vertices.min(axis=0)
+            high = mesh.vertices.max(axis=0)
             corners = np.array(np.meshgrid(*zip(low, high, strict=True))).reshape(3, 8).T
             turned = rotated(quaternions[:, i], corners)
             points.append((turned + translations[:, i, None]).reshape(-1, 3))
@@ -227,7 +238,8 @@ class Scene:
 
 def _ball(points: Array) -> tuple[Array, float]:
     """(3,) centre and radius of a ball around the bounding box of points (k, 3) [m]."""
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     return (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 0.05)
 
 
@@ -244,7 +256,8 @@ def shaded(vertices: Array, triangles: np.ndarray) -> tuple[Array, np.ndarray, A
     # Vertices at the same position are merged, even if the mesh file lists them separately.
     _, point = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
     at = point.ravel()[triangles].ravel()
-    order, normals = np.argsort(at, kind="stable"), np.empty((len(at), 3))
+    order = np.argsort(at, kind="stable")
+    normals = np.empty((len(at), 3))
     _, first, met = np.unique(at[order], return_index=True, return_counts=True)
     for count in np.unique(met):  # vectorised over all points shared by `count` corners
         group = order[first[met == count, None] + np.arange(count)]
@@ -283,6 +296,7 @@ def rounded(length: float) -> float:
 
 def rotated(quaternions: Array, points: Array) -> Array:
     """(k, j, 3) points (j, 3) or (k, j, 3) rotated by quaternions (k, 4) in x, y, z, w order."""
-    axis, w = quaternions[:, None, :3], quaternions[:, None, 3:]
+    axis = quaternions[:, None, :3]
+    w = quaternions[:, None, 3:]
     cross = np.cross(axis, points)
     return points + 2 * (w * cross + np.cross(axis, cross))

@@ -14,11 +14,13 @@ from .forces import FAILED
 from .inertia import frames
 from .scene import ROBOT, rotated
 
-COMMANDED, ESTIMATED = f"{ROBOT}/torque/commanded", f"{ROBOT}/torque/estimated"
+COMMANDED = f"{ROBOT}/torque/commanded"
+ESTIMATED = f"{ROBOT}/torque/estimated"
 _COLOURS = {COMMANDED: (226, 230, 240), ESTIMATED: (255, 138, 30)}
 _RADIUS = {COMMANDED: 0.085, ESTIMATED: 0.1}  # of an arc, over the robot's size
 _TURN = np.radians(200.0)  # angle of an arc at twice the rms torque, and at most
-_POINTS, _TIP = 14, 0.35  # points of an arc, and angle of its tip [rad]
+_POINTS = 14  # points of an arc, and angle of its tip [rad]
+_TIP = 0.35
 
 
 def drawn(system: SecondOrderSystem) -> bool:
@@ -36,13 +38,16 @@ class Arcs:
         theta: (p,) parameters.
     """
 
-    kind, paths = "torques", (COMMANDED, ESTIMATED)
-    rate, frames = 15.0, 4000  # arcs that are drawn per second, and at most
+    kind = "torques"
+    paths = (COMMANDED, ESTIMATED)
+    rate = 15.0  # arcs that are drawn per second, and at most
+    frames = 4000
     magnified: Mapping[str, float] = {}
 
     def __init__(self, system: SecondOrderSystem, size: float, rows: Log, theta: Array):
         assert isinstance(system, JointTree)
-        self._system, self._size = system, size
+        self._system = system
+        self._size = size
         rms = np.sqrt(np.mean(joint_torques(system, rows, theta) ** 2, axis=0))
         self._full = 2 * np.where(rms > 0, rms, np.inf)  # each joint has its own scale
         self._axes = axes(system, rows.q[0])
@@ -66,10 +71,12 @@ class Arcs:
         `path` is COMMANDED or ESTIMATED, theta (p,) or (k, p); `failed` (k, p) marks parameters
         that a fault has changed, whose joints' arcs are red.
         """
-        actuators, F = self._system.space.actuators, _per_gain(self._system, rows)
+        actuators = self._system.space.actuators
+        F = _per_gain(self._system, rows)
         joints = failed[:, actuators].astype(float) @ np.any(F != 0, axis=0).T > 0
         angle = _TURN * np.clip(_torques(F, theta, actuators) / self._full, -1, 1)
-        poses, radius = frames(self._system, rows.q), _RADIUS[path] * self._size
+        poses = frames(self._system, rows.q)
+        radius = _RADIUS[path] * self._size
         strips = np.stack(
             [
                 rotated(turn, _arcs(angle[:, j], radius, self._axes[j])) + place[:, None]

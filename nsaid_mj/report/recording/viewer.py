@@ -10,7 +10,8 @@ import rerun_cli
 from ...base import BadRun
 
 LOCAL = "127.0.0.1"
-GRPC_PORT, WEB_PORT = 9876, 9090  # Rerun's defaults, used if they are free
+GRPC_PORT = 9876  # Rerun's defaults, used if they are free
+WEB_PORT = 9090
 
 
 def viewer_command(file: Path, web: bool) -> list[str]:

@@ -79,7 +79,8 @@ def event_of(
     slow: bool = False,
 ) -> FaultEvent:
     """A fault isolated at time t."""
-    names, unit = hypothesis.names, hypothesis.unit
+    names = hypothesis.names
+    unit = hypothesis.unit
     return FaultEvent(
         begin, t, hypothesis.kind, hypothesis.part, names, *size, unit, confidence, slow
     )
@@ -92,7 +93,8 @@ def grown(
     place = [i for i, e in enumerate(events) if (e.kind, e.part) == ("loss", loose.part)]
     if not place:
         return events, loose
-    last, lost = events[place[-1]], loose.lost(kalman)
+    last = events[place[-1]]
+    lost = loose.lost(kalman)
     if abs(lost - last.size) < _GROWN:
         return events, loose
     wide = (last.high - last.low) / 2

@@ -55,11 +55,13 @@ def shift_jumps(
     where nothing has failed.
     """
     V = cho_factor(Ps - Pt + np.diag(tolerance**2))
-    before, weighted = cho_factor(Ps), cho_solve(V, shift)
+    before = cho_factor(Ps)
+    weighted = cho_solve(V, shift)
     found = []
     for D in directions:
         A = D - Pt @ cho_solve(before, D)
-        score, information = A.T @ weighted, A.T @ cho_solve(V, A)
+        score = A.T @ weighted
+        information = A.T @ cho_solve(V, A)
         spread = np.linalg.inv(np.eye(D.shape[1]) + 0.5 * (information + information.T))
         sign, logdet = np.linalg.slogdet(spread)
         delta = spread @ score

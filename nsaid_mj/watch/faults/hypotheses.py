@@ -124,11 +124,13 @@ def restored(
     theta (p,) is θ̂ now, sound (p,) has the gains from before these actuators failed, sign (n_u,)
     is −1 for a reversed actuator, held (n_u,) the command of a stuck one, NaN for the others.
     """
-    found, scale = [], system.space.scale
+    found = []
+    scale = system.space.scale
     for command, k, part, names in _gains(system):
         if sign[command] == 1 and np.isnan(held[command]):
             continue
-        D, mean = np.eye(system.p)[:, k] * (_RESTORED * sound[k] / scale[k]), np.zeros(system.p)
+        D = np.eye(system.p)[:, k] * (_RESTORED * sound[k] / scale[k])
+        mean = np.zeros(system.p)
         mean[k] = (sound[k] - theta[k]) / scale[k]
         size = np.zeros(len(k))
         found.append(Hypothesis("sound", part, names, D, size, "1", command, mean=mean))
@@ -156,7 +158,9 @@ def _gains(system: SecondOrderSystem) -> Iterator[tuple[int, Indices, str, tuple
 
 def _actuators(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     """Loss, reversal and seizure of every actuator that has a gain."""
-    found, scale, rng = [], system.space.scale, np.random.default_rng(0)
+    found = []
+    scale = system.space.scale
+    rng = np.random.default_rng(0)
     typical = np.sqrt(np.mean([system.random_state(rng)[2] ** 2 for _ in range(20)], axis=0))
     for command, k, part, names in _gains(system):
         D = np.zeros((system.p, 1 + (len(k) if len(k) > 1 else 0)))
@@ -180,7 +184,8 @@ def _curve(system: SecondOrderSystem, command: int, k: tuple[int, ...], typical:
     """(2, N) sizes of a command with a typical one's sign, and its effort over that one's."""
     q, v, u = system.random_state(np.random.default_rng(0))
     sizes = np.linspace(0.0, 4.0, 401)
-    t, (q, v, u) = np.zeros(len(sizes)), (np.tile(part, (len(sizes), 1)) for part in (q, v, u))
+    t = np.zeros(len(sizes))
+    q, v, u = (np.tile(part, (len(sizes), 1)) for part in (q, v, u))
     u[:, command] = sizes * typical
     efforts = np.abs(system.forces(t, q, v, u)[:, :, list(k)]).max(axis=(1, 2))
     rising = np.maximum.accumulate(efforts)
@@ -190,7 +195,8 @@ def _curve(system: SecondOrderSystem, command: int, k: tuple[int, ...], typical:
 def _odd(system: SecondOrderSystem, command: int, k: Indices) -> bool:
     """Whether the force of gains k is odd in the command, so that −u equals a reversed gain."""
     q, v, u = system.random_state(np.random.default_rng(0))
-    other, x = u.copy(), np.concatenate([q, v])
+    other = u.copy()
+    x = np.concatenate([q, v])
     other[command] *= -1
     one, two = (system.F(0.0, x, c)[:, k] for c in (u, other))
     return bool(np.abs(one + two).max() <= 1e-9 * np.abs(one).max())
@@ -210,7 +216,8 @@ def _frictions(system: SecondOrderSystem) -> list[Hypothesis]:
     found = []
     for part, k in groups.items():
         D = _FRICTION * np.eye(system.p)[:, k]
-        unit, scale = system.space.units[k[0]], float(system.space.scale[k[0]])
+        unit = system.space.units[k[0]]
+        scale = float(system.space.scale[k[0]])
         size = _FRICTION * scale * np.eye(len(k))[0]
         found.append(Hypothesis("friction", part, _named(system, k), D, size, unit))
     return found
@@ -231,7 +238,8 @@ def most_changed(space: ParameterSpace, friction: Hypothesis, jump: Jump) -> Hyp
     order = [first, *(i for i in range(len(evident)) if i != first)]
     names = tuple(friction.names[i] for i in order)
     k = space.index(names[0])
-    size, unit = space.scale[k] * friction.D[k], space.units[k]
+    size = space.scale[k] * friction.D[k]
+    unit = space.units[k]
     return friction._replace(names=names, part=space.labels[k], size=size, unit=unit)
 
 
@@ -242,18 +250,24 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
     would not converge, as its steps are at most a share of these. It therefore starts with a ball
     of typical mass at the joint.
     """
-    space, name = system.space, carrier(system.space)
+    space = system.space
+    name = carrier(system.space)
     bodies = {block.name: place for block, place in space if block.geometry == "pseudo_inertia"}
     if name not in bodies:
         return [_submerged_payload(space)] if submerged(space) else []
-    place, whole = bodies[name], sum(float(space.scale[at][0]) for at in bodies.values())
-    scale, D = space.scale[place], np.zeros((system.p, 10))
-    mass, length = max(_BODY * scale[0], _LOAD * whole), scale[1] / scale[0]
+    place = bodies[name]
+    whole = sum(float(space.scale[at][0]) for at in bodies.values())
+    scale = space.scale[place]
+    D = np.zeros((system.p, 10))
+    mass = max(_BODY * scale[0], _LOAD * whole)
+    length = scale[1] / scale[0]
     D[place] = np.diag(mass * np.r_[1.0, [length] * 3, [length**2] * 6] / scale)
-    size, names = mass * np.eye(10)[0], tuple(space.names[place])
+    size = mass * np.eye(10)[0]
+    names = tuple(space.names[place])
     found = [Hypothesis("payload", f"mass of {name}", names, D, size, "kg")]
     for mass in whole * np.array(_LOADS):
-        mean, square = np.zeros(system.p), (mass / _DENSITY) ** (2 / 3)  # of the ball's radius
+        mean = np.zeros(system.p)  # of the ball's radius
+        square = (mass / _DENSITY) ** (2 / 3)
         mean[place] = mass * np.r_[1.0, np.zeros(3), square * np.array([1, 0, 1, 0, 0, 1])]
         found.append(loaded(found[0], cone_of(space), space.scale, theta, mean / space.scale))
     return found
@@ -262,7 +276,8 @@ def _payloads(system: SecondOrderSystem, theta: Array) -> list[Hypothesis]:
 def _submerged_payload(space: ParameterSpace) -> Hypothesis:
     """A payload on a body in water."""
     mass = float(space.scale[space["mass matrix"]][0])
-    own, reach = point_mass(space, mass, np.zeros(3)), 0.3
+    own = point_mass(space, mass, np.zeros(3))
+    reach = 0.3
     arms = [point_mass(space, mass, reach * e) - own for e in np.eye(3)]
     rows, columns = np.triu_indices(6)
     turning = space["mass matrix"].start + np.flatnonzero((rows >= 3) & (columns >= 3))
@@ -280,7 +295,8 @@ def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array
         LinAlgError: θ with the load is not inside the cone, or too close to its boundary.
     """
     place = np.flatnonzero(mean)
-    first, last = place[0], place[-1] + 1
+    first = place[0]
+    last = place[-1] + 1
     _, metric = gradient_and_hessian(cone, theta + scale * mean)
     units = np.outer(scale, scale)[first:last, first:last]
     root = np.linalg.cholesky(metric[first:last, first:last] * units)
@@ -292,8 +308,11 @@ def loaded(load: Hypothesis, cone: Cone, scale: Array, theta: Array, mean: Array
 
 def _biases(system: SecondOrderSystem) -> list[Hypothesis]:
     """A constant error of every sensor."""
-    labels, units, n = sensor_labels(system), sensor_units(system), system.n
-    found, none = [], np.zeros((system.p, 0))
+    labels = sensor_labels(system)
+    units = sensor_units(system)
+    n = system.n
+    found = []
+    none = np.zeros((system.p, 0))
     for i, (label, unit) in enumerate(zip(labels, units, strict=True)):
         name = f"{'position' if i < n else 'velocity'} {1 + i % n}"  # as faults are written
         found.append(Hypothesis("bias", label, (name,), none, np.zeros(0), unit, channel=i))

@@ -41,8 +41,11 @@ class Isolation(NamedTuple):
 
     def contradicted(self, state: EfficientState, log: Log) -> EfficientState:
         """After a contradiction at a log's end: starts trials of possible faults, or restarts."""
-        kalman, system, kept = state.filter, self.estimator.system, kept_of(state)
-        signals, here = state.supervision.signals, state.here(system, log)
+        kalman = state.filter
+        system = self.estimator.system
+        kept = kept_of(state)
+        signals = state.supervision.signals
+        here = state.here(system, log)
         if len(log.t) <= LEAD + 1:  # right after a gap: too short to judge
             self.estimator.restart(kalman, here)
             return state
@@ -88,12 +91,16 @@ class Isolation(NamedTuple):
         self, state: EfficientState, decision: Decision, begin: float, log: Log
     ) -> EfficientState:
         """Continues with the filter of a trial, and records the fault if there was one."""
-        trial, told, kept = decision.trial, state.supervision, kept_of(state)
+        trial = decision.trial
+        told = state.supervision
+        kept = kept_of(state)
         assert trial is not None
         space = self.estimator.system.space
         hypothesis, size = trial.reported(space)
         kalman, signals = trial.settled(self.estimator, log)
-        factors, kind, events = told.factors.copy(), hypothesis.kind, told.events
+        factors = told.factors.copy()
+        kind = hypothesis.kind
+        events = told.events
         intact = trial.theta.copy() if kept.intact is None else kept.intact.copy()
         hit = [space.index(name) for name in hypothesis.names if name in space.names]
         if (factors[hit] == 1).all():
@@ -114,7 +121,8 @@ class Isolation(NamedTuple):
 
     def watched(self, state: EfficientState, t: float) -> EfficientState:
         """At an interval's end: looks for slow changes, and follows a known one."""
-        kalman, trying = state.filter, moving_of(state).trials is not None
+        kalman = state.filter
+        trying = moving_of(state).trials is not None
         state = self._loosened(state, t)
         kept = kept_of(state)
         snapshots = kept.snapshots
@@ -128,8 +136,10 @@ class Isolation(NamedTuple):
         if change is None or change.confidence < _ISOLATED:
             return keeping(state, snapshots=with_snapshot(snapshots, t, kalman))
         before = kalman.theta.copy()
-        kalman.theta[:], kalman.Ptt[:] = change.theta, change.P
-        kalman.safe[:], kalman.safe_P[:] = change.theta, change.P
+        kalman.theta[:] = change.theta
+        kalman.Ptt[:] = change.P
+        kalman.safe[:] = change.theta
+        kalman.safe_P[:] = change.P
         event = event_of(change.hypothesis, t, t, change.size, change.confidence, slow=True)
         return self._noted(keeping(state, snapshots=()), change.hypothesis, event, before)
 

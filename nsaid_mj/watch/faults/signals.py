@@ -29,7 +29,9 @@ def signals_after(system: SecondOrderSystem, events: Sequence[FaultEvent]) -> Si
 
 def signals_under(signals: Signals, hypothesis: Hypothesis) -> Signals:
     """The signals that act if a hypothesis about an actuator holds as well."""
-    sign, held, k = signals.sign.copy(), signals.held.copy(), hypothesis.command
+    sign = signals.sign.copy()
+    held = signals.held.copy()
+    k = hypothesis.command
     if hypothesis.kind == "sound":
         sign[k] = 1.0
         held[k] = np.nan

@@ -45,7 +45,9 @@ def rewind(snapshots: Snapshots, t: float, kalman: FilterState) -> None:
         return
     old = [one for one in snapshots if t - one.t >= _BACK]
     _, theta, P, noise = old[-1] if old else snapshots[0]
-    kalman.theta[:], kalman.Ptt[:], kalman.noise.variance[:] = theta, P, noise
+    kalman.theta[:] = theta
+    kalman.Ptt[:] = P
+    kalman.noise.variance[:] = noise
 
 
 def with_snapshot(snapshots: Snapshots, t: float, kalman: FilterState) -> Snapshots:
@@ -74,7 +76,8 @@ def slow_change(
     only where that is enough.
     """
     best: SlowChange | None = None
-    scale, hypotheses = system.space.scale, list[Hypothesis]()
+    scale = system.space.scale
+    hypotheses = list[Hypothesis]()
     tolerance = _TOLERANCE * np.maximum(np.abs(kalman.theta / scale), 0.1)
     for span in _SPANS:
         if span > len(snapshots):
@@ -93,7 +96,8 @@ def slow_change(
         evidence = np.array([jump.evidence - penalty(h) for jump, h in each])
         k = int(np.argmax(evidence))
         if evidence[k] > least:
-            hypothesis, jump = hypotheses[k], jumps[k]
+            hypothesis = hypotheses[k]
+            jump = jumps[k]
             new, new_P = with_jump(P, kalman.Ptt, shift, hypothesis.D)
             if not np.linalg.eigvalsh(new_P)[0] > 0.0:
                 continue  # P_s is singular to rounding, and so is all that was computed from it

@@ -63,10 +63,12 @@ def onset(estimator: KalmanFilter, kalman: FilterState, log: Log) -> int:
     innovations = estimator.innovations(own, log.part(LEAD - 1, len(log.t)))
     level = 2 * n + _EXCESS * np.sqrt(4.0 * n)
     excess = np.sum(innovations[1:] ** 2, axis=1) - level
-    total, before = 0.0, len(log.t) - 2
+    total = 0.0
+    before = len(log.t) - 2
     for k, one in enumerate(excess, LEAD):
         if total <= 0.0:
-            total, before = 0.0, k - 1
+            total = 0.0
+            before = k - 1
         total += one
     return before if total > 0.0 else len(log.t) - 2
 
@@ -132,12 +134,15 @@ class FaultTrial(NamedTuple):
         Raises:
             LinAlgError: θ with the load is not inside the cone, or too close to its boundary.
         """
-        hit, cone = self.hypothesis.D.any(axis=1), estimator.constants.cone
+        hit = self.hypothesis.D.any(axis=1)
+        cone = estimator.constants.cone
         scale = estimator.constants.scale
         if self.hypothesis.kind == "stuck":
             k = int(np.argmax(hit))
-            held, ratio = self.signals.held.copy(), self.filter.theta[k] / start.theta[k]
-            command, typical = self.hypothesis.command, self.hypothesis.held
+            held = self.signals.held.copy()
+            ratio = self.filter.theta[k] / start.theta[k]
+            command = self.hypothesis.command
+            typical = self.hypothesis.held
             better = command_of(self.hypothesis, held[command], ratio)
             held[command] = np.copysign(max(abs(better), _LEAST * abs(typical)), typical)
             signals = self.signals._replace(held=held)
@@ -148,7 +153,8 @@ class FaultTrial(NamedTuple):
 
     def reported(self, space: ParameterSpace) -> tuple[Hypothesis, tuple[float, float, float]]:
         """The changed part, and the size of the change with its 95 % interval."""
-        hypothesis, kalman = self.hypothesis, self.filter
+        hypothesis = self.hypothesis
+        kalman = self.filter
         if hypothesis.kind == "broken":
             return hypothesis, (1.0, 1.0, 1.0)
         if not hypothesis.size.any():
@@ -193,7 +199,8 @@ class BiasTrial(NamedTuple):
 
     def again(self, start: FilterState) -> BiasTrial:
         """A trial from the same start, close to this one's estimate."""
-        middle, step = self.middle + self._fit()[0], self.step * _FINE / _COARSE
+        middle = self.middle + self._fit()[0]
+        step = self.step * _FINE / _COARSE
         signals = self.trials[1].signals.biased(self.hypothesis.channel, -self.middle)
         own = self._replace(middle=middle, step=step, coarse=False)
         return own._started(start, signals, self.hypothesis)
@@ -262,7 +269,8 @@ class BiasTrial(NamedTuple):
     def reported(self, space: ParameterSpace) -> tuple[Hypothesis, tuple[float, float, float]]:
         """The sensor, and its error with the 95 % interval."""
         change, precision, _ = self._fit()
-        b, wide = self.middle + change, 1.96 * precision**-0.5
+        b = self.middle + change
+        wide = 1.96 * precision**-0.5
         return self.hypothesis, (b, b - wide, b + wide)
 
     def settled(self, estimator: KalmanFilter, log: Log) -> tuple[FilterState, Signals]:
@@ -271,7 +279,8 @@ class BiasTrial(NamedTuple):
         one, two, three = self.trials
         slope = (three.filter.theta - one.filter.theta) / (2 * self.step)
         scale = estimator.constants.scale
-        own, signals = two.filter, two.signals.biased(self.hypothesis.channel, change)
+        own = two.filter
+        signals = two.signals.biased(self.hypothesis.channel, change)
         own.theta[:] += change * slope
         own.Ptt[:] += np.outer(slope / scale, slope / scale) / precision
         last = log.part(len(log.t) - 1, len(log.t))
@@ -281,7 +290,8 @@ class BiasTrial(NamedTuple):
 
 def jumps_at(system: SecondOrderSystem, log: Log, k: int) -> Array:
     """(2n,) jump of every sensor from sample k to the next, beyond what the motion explains."""
-    n, places = system.n, {6: 3, 3: 2}.get(system.group, 0)
+    n = system.n
+    places = {6: 3, 3: 2}.get(system.group, 0)
     earlier, now = increments(system, log.part(k - 1, k + 2))
     jump = now - earlier
     jump[:n] = now[:n] - (log.t[k + 1] - log.t[k]) * log.v[k]

@@ -19,11 +19,13 @@ from .trial import BiasTrial, FaultTrial, jumps_at, started
 _DROPPED = 1e-9  # probability below which a hypothesis is dropped
 _HOPELESS = 1000.0  # evidence below that of the best single fault at which another one is dropped
 _CERTAIN = 0.995  # probability at which a hypothesis is accepted
-_LONGEST, _LIKELY = 1.0, 0.95  # time after which such a probability suffices [s]
+_LONGEST = 1.0  # time after which such a probability suffices [s]
+_LIKELY = 0.95
 _PATIENCE = 5.0  # time after which the most probable one is accepted, as of slow vehicles [s]
 _NEAR = 200.0  # evidence that repeating a trial of a sensor's error can gain
 _TOGETHER = 10  # samples along which trials run at once: one by one takes four times as long
-_PASSES, _BETTER = 4, 0.99  # repeated linearisations of a trial, and what each must achieve
+_PASSES = 4  # repeated linearisations of a trial, and what each must achieve
+_BETTER = 0.99
 _PATIENT = ("several", "bias", "payload")
 """Kinds not accepted early, nor is an inexact structure: with all of θ free it explains a fault as
 well, until more data penalise its number of parameters; the last two so that their size can be
@@ -61,7 +63,8 @@ def begin_trials(
     `kalman` has θ̂ and P_θθ from before the fault, when `signals` acted.
     """
     before = signals.acting(estimator.system, log)
-    start, rest = started(estimator, kalman, before, k), log.part(k, len(log.t))
+    start = started(estimator, kalman, before, k)
+    rest = log.part(k, len(log.t))
     jumps = jumps_at(estimator.system, before, k)
     scale = estimator.constants.scale
     each = tuple(
@@ -82,8 +85,11 @@ def follow_trials(estimator: KalmanFilter, trials: Trials, log: Log) -> Trials:
     along the whole log.
     """
     known = Log.joined(trials.log.first(len(trials.log.t) - 1), log)
-    each, reached, last = trials.each, trials.reached, len(known.t) - 1
-    samples, window = trials.samples + len(log.t) - 1, estimator.constants.window
+    each = trials.each
+    reached = trials.reached
+    last = len(known.t) - 1
+    samples = trials.samples + len(log.t) - 1
+    window = estimator.constants.window
     while reached < last if samples >= window else reached + _TOGETHER <= last:
         some = known.part(reached, min(reached + _TOGETHER, last) + 1)
         each = _hopeful(estimator, tuple(trial.followed(estimator, some) for trial in each))
@@ -173,7 +179,9 @@ T = TypeVar("T", FaultTrial, BiasTrial)
 
 def _along(trial: T, estimator: KalmanFilter, trials: Trials) -> T:
     """A trial from its start along the trials' log, its evidence counted as theirs."""
-    log, split, before = trials.log, trials.counted, trials.before
+    log = trials.log
+    split = trials.counted
+    before = trials.before
     if not split:
         return trial.followed(estimator, log, before)
     trial = trial.followed(estimator, log.first(split + 1), before).forgetting()

@@ -28,15 +28,31 @@ def space_of(gains: int = 2) -> ParameterSpace:
     two = ("1", "2")
     return ParameterSpace(
         (
-            Block("rotor inertia", tuple(f"rotor_{i}" for i in two), ("kg·m²",) * 2, np.ones(2),
-                  "positive"),
-            Block("viscous friction", tuple(f"viscous_{i}" for i in two), ("N·m·s/rad",) * 2,
-                  np.ones(2), "positive"),
+            Block(
+                "rotor inertia",
+                tuple(f"rotor_{i}" for i in two),
+                ("kg·m²",) * 2,
+                np.ones(2),
+                "positive",
+            ),
+            Block(
+                "viscous friction",
+                tuple(f"viscous_{i}" for i in two),
+                ("N·m·s/rad",) * 2,
+                np.ones(2),
+                "positive",
+            ),
             Block("offset", ("offset_1",), ("N·m",), np.ones(1), "free"),
-            Block("motor gain", tuple(f"gain_{i}" for i in two), ("N·m/A",) * gains, np.ones(2),
-                  "positive", True),
+            Block(
+                "motor gain",
+                tuple(f"gain_{i}" for i in two),
+                ("N·m/A",) * gains,
+                np.ones(2),
+                "positive",
+                True,
+            ),
         )
-    )  # fmt: skip
+    )
 
 
 TRUE = np.array([2.0, 0.5, 1.5, 0.7, 0.2, 1.3, 0.8])
@@ -116,9 +132,12 @@ def test_a_known_gain_fixes_the_scale_of_its_joint():
 
 @pytest.mark.parametrize(
     "known,error",
-    [({"gain_9": 1.0}, UnknownName), ({"gain_1": -1.0}, InvalidInput),
-     ({"gain_1": float("nan")}, InvalidInput)],
-)  # fmt: skip
+    [
+        ({"gain_9": 1.0}, UnknownName),
+        ({"gain_1": -1.0}, InvalidInput),
+        ({"gain_1": float("nan")}, InvalidInput),
+    ],
+)
 def test_known_values_that_cannot_be_are_refused(known, error):
     with pytest.raises(error):
         with_known(problem_of(), known)

@@ -128,8 +128,11 @@ def test_speeds_of_one_instant_are_not_used(flight, tmp_path, quadrotor):
     logged = measured(flight, 200.0)
     columns, t = logged["esc_status"]
     log = write_ulog(tmp_path / "log.ulg", logged | {"esc_status": (columns, 0 * t + t[0])})
-    (note,) = [f.text for f in prepare(read_tables([log]), None, quadrotor).findings
-               if f.code == "standard_map"]  # fmt: skip
+    (note,) = [
+        f.text
+        for f in prepare(read_tables([log]), None, quadrotor).findings
+        if f.code == "standard_map"
+    ]
     assert "come at 0 Hz only" in note or "measured speeds" not in note
 
 
@@ -139,8 +142,11 @@ def test_controllers_that_contradict_each_other_are_not_used(flight, tmp_path, q
     columns, t = logged["esc_status"]
     told = columns | {"esc[0].actuator_function": np.full(len(t), 102.0)}
     log = write_ulog(tmp_path / "log.ulg", logged | {"esc_status": (told, t)})
-    (note,) = [f.text for f in prepare(read_tables([log]), None, quadrotor).findings
-               if f.code == "standard_map"]  # fmt: skip
+    (note,) = [
+        f.text
+        for f in prepare(read_tables([log]), None, quadrotor).findings
+        if f.code == "standard_map"
+    ]
     assert "measured speeds" not in note and "actuator_motors" in note
 
 
@@ -161,9 +167,14 @@ GENTLE = {"radius": 2.0, "speed": 1.0, "climb": 0.5, "yaw_rate": 0.3, "dither": 
 
 @pytest.mark.parametrize(
     ("style", "seed"),
-    [(SMOOTH, 11), *(pytest.param(x, n, marks=pytest.mark.slow)
-                     for x, n in ((SMOOTH, 12), (GENTLE, 11), (GENTLE, 12), (GENTLE, 13)))],
-)  # fmt: skip
+    [
+        (SMOOTH, 11),
+        *(
+            pytest.param(x, n, marks=pytest.mark.slow)
+            for x, n in ((SMOOTH, 12), (GENTLE, 11), (GENTLE, 12), (GENTLE, 13))
+        ),
+    ],
+)
 def test_intervals_hold_where_noise_exceeds_fast_accelerations(tmp_path, style, seed):
     """The noise passed for drag and inertia: −70 % and +5 %, in intervals of ± 30 % and ± 1 %."""
     flight = flown(20.0, seed, **style)
@@ -195,12 +206,17 @@ def test_a_dataflash_log_needs_no_map(flight, tmp_path, measure):
             stamps[::2],
         ),
         "IMU": (
-            dict(zip(("GyrX", "GyrY", "GyrZ"), turned["vehicle_angular_velocity"]["xyz"].T,
-                     strict=True)),
+            dict(
+                zip(
+                    ("GyrX", "GyrY", "GyrZ"),
+                    turned["vehicle_angular_velocity"]["xyz"].T,
+                    strict=True,
+                )
+            ),
             stamps,
         ),
         "RCOU": ({f"C{i + 1}": pulse for i, pulse in enumerate(pulses.T)}, stamps),
-    }  # fmt: skip
+    }
     if measure:
         columns, t = measured(flight, 400.0)["esc_status"]
         number = np.tile(np.arange(4, dtype=np.uint8), len(t))

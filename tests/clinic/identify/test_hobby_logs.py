@@ -111,9 +111,11 @@ def test_a_range_that_may_be_degrees_is_left_to_the_user(tmp_path, episodes):
 def test_two_points_are_a_line_from_values_to_positions(tmp_path, episodes):
     (q, u), *_ = episodes
     low, high = -1.9, 1.7
-    path = write(tmp_path / "log.csv", np.arange(len(q)) / 50, *(
-        200 * (x - low) / (high - low) - 100 for x in (u, q)
-    ))  # fmt: skip
+    path = write(
+        tmp_path / "log.csv",
+        np.arange(len(q)) / 50,
+        *(200 * (x - low) / (high - low) - 100 for x in (u, q)),
+    )
     line = [[-100, low], [100, high]]
     joints = {
         joint: {

@@ -144,10 +144,12 @@ def massless(folder: Path) -> tuple[str, dict[str, np.ndarray]]:
     """The path of a URDF without <inertial>, and a log with gains 1 and 2."""
     text = '<robot name="light"><link name="base"/>'
     for parent, name in (("base", "shoulder"), ("shoulder_link", "elbow")):
-        text += (f'<link name="{name}_link"/><joint name="{name}" type="revolute">'
-                 f'<parent link="{parent}"/><child link="{name}_link"/><origin xyz="0.4 0 0"/>'
-                 '<axis xyz="0 -1 0"/><limit lower="-3" upper="3" effort="99" velocity="9"/>'
-                 "</joint>")  # fmt: skip
+        text += (
+            f'<link name="{name}_link"/><joint name="{name}" type="revolute">'
+            f'<parent link="{parent}"/><child link="{name}_link"/><origin xyz="0.4 0 0"/>'
+            '<axis xyz="0 -1 0"/><limit lower="-3" upper="3" effort="99" velocity="9"/>'
+            "</joint>"
+        )
     (folder / "light.urdf").write_text(text + "</robot>")
     values = columns(duration=20)
     model = two_joints().model

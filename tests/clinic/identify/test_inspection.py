@@ -172,12 +172,23 @@ def test_degrees_are_cured_as_the_remedy_says(tmp_path):
     ("vehicle", "lines"),
     [
         ("bluerov2", ['"thruster 8" = { column = "pwm8", ratio = 0.002, offset = -3 }  # -1 to 1']),
-        ("hummingbird", ['"rotor 1" = { column = "pwm1", ratio = 0.001, offset = -1 }  # share of '
-                         "the top speed, 0 to 1; thrust is that of its square"]),
-        ("remus100", ['u_5 = { column = "pwm5", ratio = 0.002, offset = -3 }  # share of the full '
-                      "speed, -1 to 1", 'u_2 = { column = "pwm2" }  # deflection [rad]']),
+        (
+            "hummingbird",
+            [
+                '"rotor 1" = { column = "pwm1", ratio = 0.001, offset = -1 }  # share of '
+                "the top speed, 0 to 1; thrust is that of its square"
+            ],
+        ),
+        (
+            "remus100",
+            [
+                'u_5 = { column = "pwm5", ratio = 0.002, offset = -3 }  # share of the full '
+                "speed, -1 to 1",
+                'u_2 = { column = "pwm2" }  # deflection [rad]',
+            ],
+        ),
     ],
-)  # fmt: skip
+)
 def test_the_first_map_of_a_vehicle_has_what_the_names_tell(vehicle, lines):
     robot = load_robot_model(vehicle)
     t = np.arange(0, 20, 0.02)

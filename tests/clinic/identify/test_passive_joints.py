@@ -49,9 +49,14 @@ def logged(name: str, folder: Path) -> tuple[Path, Path, dict[str, float]]:
     text, driven = ROBOTS[name]
     (model := folder / f"{name}.xml").write_text(text, encoding="utf-8")
     scenario = Scenario(
-        ArmPlant(robot=str(model)), FourierTracking(fundamental=0.2, harmonics=10), NullspaceAID(),
-        duration=12.0, dt=2e-3, sensors="noisy", seed=5,
-    )  # fmt: skip
+        ArmPlant(robot=str(model)),
+        FourierTracking(fundamental=0.2, harmonics=10),
+        NullspaceAID(),
+        duration=12.0,
+        dt=2e-3,
+        sensors="noisy",
+        seed=5,
+    )
     setup = Setup.of(scenario)
     with setup.plant.running():
         log = setup.simulate()

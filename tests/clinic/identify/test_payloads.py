@@ -63,8 +63,10 @@ def test_a_wrong_mass_moves_the_scale_by_its_own_factor(arm, logs):
     right, wrong = (
         identify_forces(arm.robot, logs, loads=[f"loaded.csv:{m}kg"], **OPTIONS) for m in (2.0, 3.0)
     )
-    ratio = [b.value / a.value for a, b in zip(*(
-        r.of("motor gain")[:3] for r in (right, wrong)), strict=True)]  # fmt: skip
+    ratio = [
+        b.value / a.value
+        for a, b in zip(*(r.of("motor gain")[:3] for r in (right, wrong)), strict=True)
+    ]
     np.testing.assert_allclose(ratio, 1.5, rtol=0.03)
 
 

@@ -27,8 +27,15 @@ from nsaid_mj.robots.model import RobotModel
 from tests.support.robot_logs import motion
 
 EVERY = frozenset(COLUMNS)
-JOINTS = (pin.JointModelRY, pin.JointModelRX, pin.JointModelPZ, pin.JointModelRUBZ,
-          pin.JointModelPX, pin.JointModelRZ, pin.JointModelRUBX)  # fmt: skip
+JOINTS = (
+    pin.JointModelRY,
+    pin.JointModelRX,
+    pin.JointModelPZ,
+    pin.JointModelRUBZ,
+    pin.JointModelPX,
+    pin.JointModelRZ,
+    pin.JointModelRUBX,
+)
 PARENTS = (0, 1, 2, 1, 4, 0, 6)
 
 

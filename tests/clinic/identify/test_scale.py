@@ -50,11 +50,22 @@ def problem_of(rows: int, stretch: float = 1.0, noise: float = 0.01, seed: int =
     two = ("1", "2")
     blocks = (
         *link_blocks(model),
-        Block("viscous friction", tuple(f"viscous_{i}" for i in two), ("N·m·s/rad",) * 2,
-              np.ones(2), "positive"),
-        Block("motor gain", tuple(f"gain_{i}" for i in two), ("N·m/A",) * 2, np.ones(2),
-              "positive", True),
-    )  # fmt: skip
+        Block(
+            "viscous friction",
+            tuple(f"viscous_{i}" for i in two),
+            ("N·m·s/rad",) * 2,
+            np.ones(2),
+            "positive",
+        ),
+        Block(
+            "motor gain",
+            tuple(f"gain_{i}" for i in two),
+            ("N·m/A",) * 2,
+            np.ones(2),
+            "positive",
+            True,
+        ),
+    )
     space = ParameterSpace(blocks)
     Y = np.concatenate([links, np.zeros((rows, 2, 4))], axis=2)
     for j in range(2):
@@ -62,11 +73,16 @@ def problem_of(rows: int, stretch: float = 1.0, noise: float = 0.01, seed: int =
     nothing = np.zeros(24, dtype=bool)
     weights = np.pad(sizes_of_links(model, links.reshape(-1, 20), weight), ((0, 0), (0, 4)))
     return Problem(
-        space, Y, np.ones((rows, 2), dtype=bool), np.arange(rows, dtype=float) * 0.05,
-        np.zeros(rows, dtype=np.intp), np.concatenate([own, [1.0, 1.0, 1.0, 2.0]]),
-        np.concatenate([np.full(20, np.inf), np.full(4, 2.0)]), nothing,
+        space,
+        Y,
+        np.ones((rows, 2), dtype=bool),
+        np.arange(rows, dtype=float) * 0.05,
+        np.zeros(rows, dtype=np.intp),
+        np.concatenate([own, [1.0, 1.0, 1.0, 2.0]]),
+        np.concatenate([np.full(20, np.inf), np.full(4, 2.0)]),
+        nothing,
         Size(weights, np.zeros(24, dtype=np.intp), 0.25, nothing),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("rows", [100, 1000, 8000])
@@ -204,9 +220,18 @@ def test_a_known_mass_settles_its_share_of_the_weight(log, path, free):
 def test_known_masses_of_all_links_fix_the_scale(log, path):
     known = {
         f"mass of {link}": float(log.true.inertias[i].mass)
-        for i, link in enumerate(("shoulder_link", "upper_arm_link", "forearm_link",
-                                  "wrist_1_link", "wrist_2_link", "wrist_3_link"), 1)
-    }  # fmt: skip
+        for i, link in enumerate(
+            (
+                "shoulder_link",
+                "upper_arm_link",
+                "forearm_link",
+                "wrist_1_link",
+                "wrist_2_link",
+                "wrist_3_link",
+            ),
+            1,
+        )
+    }
     found = identify_forces(log.robot, path, known=known, columns=["viscous"], delay=0.012)
     assert found.explains == "yes"
     gain = found.of("motor gain")[1]
@@ -237,9 +262,15 @@ def test_a_validation_log_has_the_rows_of_training(log, path):
 
 @pytest.mark.parametrize(
     "held_out,validation,explains",
-    [(0.1, None, "yes"), (0.1, 0.1, "yes"), (0.1, 0.3, "partly"), (0.1, 0.9, "no"),
-     (0.9, 0.1, "no"), (0.1, np.nan, "yes")],
-)  # fmt: skip
+    [
+        (0.1, None, "yes"),
+        (0.1, 0.1, "yes"),
+        (0.1, 0.3, "partly"),
+        (0.1, 0.9, "no"),
+        (0.9, 0.1, "no"),
+        (0.1, np.nan, "yes"),
+    ],
+)
 def test_the_verdict_is_that_of_the_worse_log(held_out, validation, explains):
     joint = JointFit("elbow", 0.1, held_out, 0.1, validation, None, (), 0.05, 0.0)
     assert verdict((joint,))[0] == explains

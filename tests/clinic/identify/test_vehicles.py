@@ -49,20 +49,32 @@ def test_a_quadrotors_delay_and_parameters_are_found(flight):
     values = np.array([p.value for p in found.parameters[: len(truth)]])
     thrusts = [i for i, p in enumerate(found.parameters) if p.name.startswith("thrust")]
     scale = np.mean(values[thrusts] / truth[thrusts])
-    named = {p.name: p.value / scale / truth[i] for i, p in enumerate(found.parameters[:24])
-             if truth[i] != 0}  # fmt: skip
-    for name in ("m", "Ixx", "Iyy", "Izz", *(f"thrust_{i}" for i in range(1, 5)),
-                 *(f"torque_{i}" for i in range(1, 5))):  # fmt: skip
+    named = {
+        p.name: p.value / scale / truth[i]
+        for i, p in enumerate(found.parameters[:24])
+        if truth[i] != 0
+    }
+    for name in (
+        "m",
+        "Ixx",
+        "Iyy",
+        "Izz",
+        *(f"thrust_{i}" for i in range(1, 5)),
+        *(f"torque_{i}" for i in range(1, 5)),
+    ):
         assert named[name] == pytest.approx(1.0, rel=0.02), name
 
 
 def test_a_weighed_quadrotor_has_a_scale(flight):
     folder, truth = flight
-    found = identify_forces("hummingbird", folder / "flight.csv", mapping=folder / "map.toml",
-                     known={"m": float(truth[0])})  # fmt: skip
+    found = identify_forces(
+        "hummingbird",
+        folder / "flight.csv",
+        mapping=folder / "map.toml",
+        known={"m": float(truth[0])},
+    )
     assert found.explains == "yes"
-    for thrust, true in zip(found.parameters[16:20], truth[16:20],
-                            strict=True):  # fmt: skip
+    for thrust, true in zip(found.parameters[16:20], truth[16:20], strict=True):
         assert thrust.status == "identified" and thrust.low <= true <= thrust.high
         assert thrust.value == pytest.approx(true, rel=0.02)
 

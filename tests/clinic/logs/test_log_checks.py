@@ -125,9 +125,15 @@ def test_a_velocity_that_is_something_else():
 def test_a_travel_beyond_the_limits_is_in_metres():
     model = pin.Model()
     parent = model.addJoint(
-        0, pin.JointModelPZ(), pin.SE3.Identity(), JOINTS[0],
-        np.array([100.0]), np.array([3.0]), np.array([0.0]), np.array([0.05]),
-    )  # fmt: skip
+        0,
+        pin.JointModelPZ(),
+        pin.SE3.Identity(),
+        JOINTS[0],
+        np.array([100.0]),
+        np.array([3.0]),
+        np.array([0.0]),
+        np.array([0.05]),
+    )
     model.addJoint(parent, pin.JointModelRZ(), pin.SE3.Identity(), JOINTS[1])
     robot = replace(two_joints(), model=model)
     refusals = [f for f in checks(recorded(columns()), robot) if f.level == "refusal"]

@@ -63,8 +63,12 @@ def test_channels_match_by_joint_name_in_any_order(patterns):
 
 
 def test_measurements_take_precedence_over_setpoints():
-    names = [f"{kind}_{what}_{k}" for kind in ("target", "actual") for what in ("q", "current")
-             for k in range(3)]  # fmt: skip
+    names = [
+        f"{kind}_{what}_{k}"
+        for kind in ("target", "actual")
+        for what in ("q", "current")
+        for k in range(3)
+    ]
     assert chosen(names)[1] == ["actual_q_1", None, "actual_current_1"]
 
 

@@ -80,9 +80,10 @@ def test_jitter_is_resampled_to_a_constant_rate():
     t = columns()["t"] + rng.uniform(-1e-3, 1e-3, 2000)
     q, v, u = motion(t)
     values = {"t": t} | {
-        f"{name}{k}": part[:, k] for name, part in zip("qvu", (q, v, u), strict=True)
+        f"{name}{k}": part[:, k]
+        for name, part in zip("qvu", (q, v, u), strict=True)
         for k in range(2)
-    }  # fmt: skip
+    }
     recordings = prepared(values, without_rest_dropped())
     log = recordings.segments[0].log
     assert recordings.rate == 200 and log.step == pytest.approx(0.005)
@@ -181,9 +182,10 @@ def test_rest_before_within_and_after_the_motion_is_not_used():
     rng = np.random.default_rng(1)
     v = np.where(moving[:, None], v, 0) + 1e-3 * rng.standard_normal(v.shape)
     values = {"t": t} | {
-        f"{name}{k}": part[:, k] for name, part in zip("qvu", (q, v, u), strict=True)
+        f"{name}{k}": part[:, k]
+        for name, part in zip("qvu", (q, v, u), strict=True)
         for k in range(2)
-    }  # fmt: skip
+    }
     recordings = prepared(values)
     (segment,) = recordings.segments
     assert segment.log.t[0] == pytest.approx(2, abs=0.02)
@@ -197,11 +199,13 @@ def test_rest_before_within_and_after_the_motion_is_not_used():
 def test_a_map_sets_a_higher_limit_of_rest():
     joints = {
         name: Joint(
-            position=Column(column=f"q{k}"), velocity=Column(column=f"dq{k}"),
-            command=Column(column=f"tau{k}"), rest=1.0 if k == 1 else 0.0,
+            position=Column(column=f"q{k}"),
+            velocity=Column(column=f"dq{k}"),
+            command=Column(column=f"tau{k}"),
+            rest=1.0 if k == 1 else 0.0,
         )
         for k, name in enumerate(JOINTS, 1)
-    }  # fmt: skip
+    }
     (segment,) = prepared(columns(), Map(joints=joints)).segments
     assert np.all(np.abs(segment.log.v[segment.usable[:, 0], 0]) >= 1.0)
     assert np.mean(segment.usable[:, 1]) > 0.95
@@ -248,13 +252,16 @@ def test_units_signs_gears_and_offsets_end_in_joint_coordinates():
                 },
                 "elbow": {
                     "position": {
-                        "column": "p2", "unit": "ticks", "counts_per_turn": 4096, "ratio": 50,
+                        "column": "p2",
+                        "unit": "ticks",
+                        "counts_per_turn": 4096,
+                        "ratio": 50,
                     },
                     "command": {"column": "m2", "unit": "Nm", "ratio": 50},
                 },
             },
         }
-    )  # fmt: skip
+    )
     given = {
         "t": values["t"],
         "p1": -np.degrees(values["q1"] - 0.3),

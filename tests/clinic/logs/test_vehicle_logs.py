@@ -138,7 +138,8 @@ def test_what_a_vehicles_map_lacks_is_named(quadrotor):
         prepare(tables, vehicle_map(quadrotor, quaternion=None), quadrotor)
     with pytest.raises(InvalidInput, match="linear and angular"):
         prepare(tables, vehicle_map(quadrotor, linear=["v0", "v1", "v2"]), quadrotor)
-    lacking = map_of({"vehicle": {"position": ["p0", "p1", "p2"],
-                                  "quaternion": ["a0", "a1", "a2", "a3"]}})  # fmt: skip
+    lacking = map_of(
+        {"vehicle": {"position": ["p0", "p1", "p2"], "quaternion": ["a0", "a1", "a2", "a3"]}}
+    )
     with pytest.raises(InvalidInput, match="actuators"):
         prepare(tables, lacking, quadrotor)

@@ -93,9 +93,16 @@ def smoothed(lag):
 
 
 def log(
-    seed, seconds=40.0, speed=2.5, push=None, heavier=1.0, load=0.0, change=None, follow=None,
+    seed,
+    seconds=40.0,
+    speed=2.5,
+    push=None,
+    heavier=1.0,
+    load=0.0,
+    change=None,
+    follow=None,
     stiffer=1.0,
-):  # fmt: skip
+):
     """(N,) times, (N, 6) targets and (N, 6) positions of one log.
 
     Args:

@@ -112,8 +112,12 @@ def test_the_command_prints_every_joint_as_json(folder, capsys):
 
 def test_what_cannot_be_compared_is_refused(folder, given, tmp_path):
     other = tmp_path / "other.xml"
-    other.write_text((folder / "true.xml").read_text().replace('"gripper" type', '"jaw" type')
-                     .replace('joint="gripper"', 'joint="jaw"'))  # fmt: skip
+    other.write_text(
+        (folder / "true.xml")
+        .read_text()
+        .replace('"gripper" type', '"jaw" type')
+        .replace('joint="gripper"', 'joint="jaw"')
+    )
     with pytest.raises(BadRobot, match="gripper"):
         compare_servos(given, [other])
     for arguments in (["--log", "a.csv"], ["--models", "identified"]):

@@ -31,7 +31,7 @@ def joint(
     covariance = np.diag(np.square(deviations))
     return JointEstimate(
         name, np.log(THETA), covariance, np.full(6, 2.0), gravity, offset, error, simple
-    )  # fmt: skip
+    )
 
 
 def status(joint, name, scale=None):

@@ -102,10 +102,16 @@ def test_a_tied_matrix_on_the_edge_is_drawn_inside():
 def mass_of_a_torpedo(theta: np.ndarray) -> np.ndarray:
     """Prestero (2001)'s M of (M_11, M_22, M_44, M_55, M_26, M_15), axes as in the package."""
     a, b, c, d, e, f = theta
-    return np.array([
-        [a, 0, 0, 0, f, 0], [0, b, 0, -f, 0, e], [0, 0, b, 0, -e, 0],
-        [0, -f, 0, c, 0, 0], [f, 0, -e, 0, d, 0], [0, e, 0, 0, 0, d],
-    ])  # fmt: skip
+    return np.array(
+        [
+            [a, 0, 0, 0, f, 0],
+            [0, b, 0, -f, 0, e],
+            [0, 0, b, 0, -e, 0],
+            [0, -f, 0, c, 0, 0],
+            [f, 0, -e, 0, d, 0],
+            [0, e, 0, 0, 0, d],
+        ]
+    )
 
 
 def balanced(M: np.ndarray) -> np.ndarray:

@@ -66,10 +66,12 @@ def filter_and_constants(
     """A filter of three positive numbers and a free one, in the middle of a run."""
     rng, scale = np.random.default_rng(seed), np.array([0.5, 2.0, 10.0, 0.1])
     names, units = ("a", "b", "c"), ("1", "1", "1")
-    space = ParameterSpace((
-        Block("gain", names, units, scale[:3], "positive"),
-        Block("offset", ("d",), ("1",), scale[3:]),
-    ))  # fmt: skip
+    space = ParameterSpace(
+        (
+            Block("gain", names, units, scale[:3], "positive"),
+            Block("offset", ("d",), ("1",), scale[3:]),
+        )
+    )
     root = rng.standard_normal((2 * N + P, 2 * N + P))
     joint = 0.02 * root @ root.T
     theta = scale * np.array([1.5, 0.7, 1.0, 0.02])
@@ -77,9 +79,16 @@ def filter_and_constants(
     kalman.Pxx[:], kalman.Pxt[:] = joint[: 2 * N, : 2 * N], joint[: 2 * N, 2 * N :]
     cone, walks = cone_of(space), np.full(P, walk)
     return kalman, FilterConstants(
-        NO_STRUCTURE, cone, scale, margin_of(cone, scale), gamma, 10, walks, np.zeros(0),
+        NO_STRUCTURE,
+        cone,
+        scale,
+        margin_of(cone, scale),
+        gamma,
+        10,
+        walks,
+        np.zeros(0),
         np.ones((1, P)),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize(("size", "share"), [(0.01, 1.0), (0.01, 0.25), (30.0, 1.0)])
@@ -342,9 +351,13 @@ def tried(hypothesis: Hypothesis, evidence: float) -> Any:
     kalman = filter_at(np.zeros(1), np.zeros(1), np.ones(1), np.eye(1))
     kalman.tally[1], kalman.noise.seen[0] = 100.0, 1000.0
     return SimpleNamespace(
-        hypothesis=hypothesis, evidence=evidence, squares=100.0, filter=kalman,
-        freed=lambda _: None, forgetting=lambda: None,
-    )  # fmt: skip
+        hypothesis=hypothesis,
+        evidence=evidence,
+        squares=100.0,
+        filter=kalman,
+        freed=lambda _: None,
+        forgetting=lambda: None,
+    )
 
 
 def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fault() -> None:
@@ -353,9 +366,12 @@ def test_that_the_structure_is_not_exact_is_accepted_late_and_drops_no_single_fa
     what = {h.kind: h for h in reversed(hypotheses_of(made.system, made.truth))}
     broad = inexact(made.system, made.truth)[-1]
     each = (
-        tried(broad, 900.0), tried(what["payload"], 800.0), tried(what["loss"], 790.0),
-        tried(what["friction"], 700.0), tried(nothing(made.system), 300.0),
-    )  # fmt: skip
+        tried(broad, 900.0),
+        tried(what["payload"], 800.0),
+        tried(what["loss"], 790.0),
+        tried(what["friction"], 700.0),
+        tried(nothing(made.system), 300.0),
+    )
     log = Log(np.array([0.0, 0.01]), *np.zeros((3, 2, 1)))
     trials = Trials(each, None, None, log, 10)  # type: ignore[arg-type]
     estimator = KalmanFilter(made.system, 0.01, EfficientConfig())

@@ -61,9 +61,7 @@ WRENCHES = {
     "payload": ({"point": P}, lambda v, w, u, up, g: force(g, P)),
     "linear_drag": ({"axes": E6}, lambda v, w, u, up, g: -E6 * np.r_[v, w]),
     "drag": ({"axes": E6}, lambda v, w, u, up, g: -E6 * np.r_[v, w] * np.abs(np.r_[v, w])),
-    "speed_drag": (
-        {"axes": E6}, lambda v, w, u, up, g: -np.linalg.norm(v) * E6 * np.r_[v, w]
-    ),
+    "speed_drag": ({"axes": E6}, lambda v, w, u, up, g: -np.linalg.norm(v) * E6 * np.r_[v, w]),
     "strip_drag": ({"axis": D, "strips": STRIPS}, lambda v, w, u, up, g: strip_wrench(v, w)),
     "lift": ({}, lambda v, w, u, up, g: force(-abs(v[0]) * np.array([0, v[1], v[2]]))),
     "lift_moment": ({}, lambda v, w, u, up, g: torque(abs(v[0]) * np.array([0, -v[2], v[1]]))),
@@ -79,7 +77,8 @@ WRENCHES = {
         lambda v, w, u, up, g: force(flat(v, w) @ flat(v, w) * D, P),
     ),
     "rotor_drag": (
-        {"point": P, "direction": D}, lambda v, w, u, up, g: force(-abs(u) * flat(v, w), P)
+        {"point": P, "direction": D},
+        lambda v, w, u, up, g: force(-abs(u) * flat(v, w), P),
     ),
     "rotor_damping": (
         {"point": P, "direction": D},
@@ -97,14 +96,15 @@ WRENCHES = {
     "fin_drag": ({"point": P}, lambda v, w, u, up, g: force(-abs(v[0]) * v[0] * u**2 * X, P)),
     "tyre": (
         {"arm": 0.4},
-        lambda v, w, u, up, g: force(
-            -slip(v, w, u) * np.array([-np.sin(u), np.cos(u), 0]), np.zeros(3)
-        ) + torque(-0.4 * slip(v, w, u) * np.cos(u) * Z),
+        lambda v, w, u, up, g: (
+            force(-slip(v, w, u) * np.array([-np.sin(u), np.cos(u), 0]), np.zeros(3))
+            + torque(-0.4 * slip(v, w, u) * np.cos(u) * Z)
+        ),
     ),
     "rolling": ({"speed": 0.7}, lambda v, w, u, up, g: force(-np.tanh(v[0] / 0.7) * X)),
     "drive": ({"point": P}, lambda v, w, u, up, g: force(u * X, P)),
     "drive_loss": ({}, lambda v, w, u, up, g: force(-u * v[0] * X)),
-}  # fmt: skip
+}
 FORCES = {
     "viscous": ({}, lambda q, v, u: -v),
     "quadratic": ({}, lambda q, v, u: -v * abs(v)),
@@ -118,7 +118,7 @@ FORCES = {
     "spring": ({"rest": 0.2}, lambda q, v, u: 0.2 - q),
     "motor": ({"curve": BENT}, lambda q, v, u: np.interp(u, [-1, 0, 2], [-3, 0.5, 4.5])),
     "servo": ({"limit": 0.9}, lambda q, v, u: np.clip(u - q, -0.9, 0.9)),
-}  # fmt: skip
+}
 OF_SEVERAL_JOINTS = {"load", "shared_viscous", "shared_coulomb"}
 
 

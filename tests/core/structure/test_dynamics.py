@@ -98,9 +98,11 @@ def test_derivatives_equal_central_differences(tree):
     for k in rng.integers(0, structure.p, 5):
         e = 1e-4 * scale[k] * np.eye(structure.p)[k]
         assert_near(
-            B[:, k], (v_dot(theta=theta + e) - v_dot(theta=theta - e)) / 2e-4, 1e-5,
+            B[:, k],
+            (v_dot(theta=theta + e) - v_dot(theta=theta - e)) / 2e-4,
+            1e-5,
             floor=np.abs(B).max(),
-        )  # fmt: skip
+        )
 
 
 @few
@@ -151,9 +153,22 @@ def test_a_step_is_of_fifth_order_and_its_derivatives_of_third(base, longest):
         for _ in range(parts):
             q1, v1, at = np.zeros(structure.m), np.zeros(n), np.zeros(structure.m)
             pivot = step(
-                structure.arrays, q, v, u, dt / parts, theta, np.ones(structure.p), work, slopes,
-                at, q1, v1, F, B, np.zeros((0, n)),
-            )  # fmt: skip
+                structure.arrays,
+                q,
+                v,
+                u,
+                dt / parts,
+                theta,
+                np.ones(structure.p),
+                work,
+                slopes,
+                at,
+                q1,
+                v1,
+                F,
+                B,
+                np.zeros((0, n)),
+            )
             assert pivot > 0
             q, v = q1, v1
         return q, v, F

@@ -87,12 +87,16 @@ class SingleTrack:
         f_rear = C_r * (0 - np.arctan((vy - self.b * r) / vx))
         air = vx - (np.cos(psi) * self.wind[0] + np.sin(psi) * self.wind[1])
         push = k_d * d - k_v * vx * d - c_0 - c_D * air * np.abs(air)
-        return np.array([
-            vx * np.cos(psi) - vy * np.sin(psi), vx * np.sin(psi) + vy * np.cos(psi), r,
-            (push - f_front * np.sin(delta)) / self.m + vy * r,
-            (f_front * np.cos(delta) + f_rear) / self.m - vx * r,
-            (self.a * f_front * np.cos(delta) - self.b * f_rear) / self.I,
-        ])  # fmt: skip
+        return np.array(
+            [
+                vx * np.cos(psi) - vy * np.sin(psi),
+                vx * np.sin(psi) + vy * np.cos(psi),
+                r,
+                (push - f_front * np.sin(delta)) / self.m + vy * r,
+                (f_front * np.cos(delta) + f_rear) / self.m - vx * r,
+                (self.a * f_front * np.cos(delta) - self.b * f_rear) / self.I,
+            ]
+        )
 
     def end(self, q: Array, v: Array, seconds: float) -> Array:
         """(6,) position and velocity of mid-wheelbase after some seconds."""

@@ -85,8 +85,15 @@ def test_a_bluerov2_by_columns_is_the_bluerov2(tmp_path):
     curve[::2] = known.curve
     for i, thrust in enumerate(known.thrust):
         place, push = known.positions[i].tolist(), known.directions[i].tolist()
-        column("thruster", f"thruster {i + 1}", thrust, command=i + 1, point=place,
-               direction=push, curve=curve.tolist())  # fmt: skip
+        column(
+            "thruster",
+            f"thruster {i + 1}",
+            thrust,
+            command=i + 1,
+            point=place,
+            direction=push,
+            curve=curve.tolist(),
+        )
     path = tmp_path / "vehicle.toml"
     path.write_text("\n".join(lines), encoding="utf-8")
     one, two = BlueROV2Plant().simulating(1e-2), ListedPlant(str(path)).simulating(1e-2)
@@ -141,7 +148,7 @@ def test_columns_of_one_kind_and_name_share_their_parameter(tmp_path):
         ("inertia = [8.9, 13.8, 13.8]", "inertia = [8.9, 13.8, 33.8]", InvalidInput, "sum"),
         ('kind = "columns"', 'kind = "colums"', InvalidInput, "columns"),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_sheet_says_what_to_correct(tmp_path, old, new, error, words):
     with pytest.raises(NsaidError, match=words) as caught:
         sheet(tmp_path, old, new).build(1e-2, 0)

@@ -82,9 +82,11 @@ def test_servos_are_those_of_the_file(file):
     plant = ArmPlant(str(file), spread=0.0).build(1e-3, 0)
     theta, space = plant.truth, plant.system.space
     for block, numbers in {
-        "servo gain": [12, 8], "viscous friction": [0.6, 0.3],
-        "Coulomb friction": [0.1, 0.05], "rotor inertia": [0.02, 0.01],
-    }.items():  # fmt: skip
+        "servo gain": [12, 8],
+        "viscous friction": [0.6, 0.3],
+        "Coulomb friction": [0.1, 0.05],
+        "rotor inertia": [0.02, 0.01],
+    }.items():
         assert theta[space[block]] == pytest.approx(numbers)
     q, still = np.zeros(2), np.zeros(2)
     near, limit, beyond = (
@@ -198,8 +200,11 @@ def test_delays_that_a_file_cannot_have_are_refused(file, delays):
 
 
 def test_an_arm_with_servos_on_some_joints_says_that_it_gets_motors(file):
-    file.write_text(file.read_text().replace('<position joint="lift" kp="12" kv=".6"/>',
-                                             '<motor joint="lift"/>'))  # fmt: skip
+    file.write_text(
+        file.read_text().replace(
+            '<position joint="lift" kp="12" kv=".6"/>', '<motor joint="lift"/>'
+        )
+    )
     with pytest.warns(RobotChanged, match="position or velocity servos"):
         plant = ArmPlant(str(file)).build(1e-3, 0)
     assert "motor gain" in {block.name for block, _ in plant.system.space}

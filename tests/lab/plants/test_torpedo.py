@@ -78,11 +78,16 @@ def bilinear(i, j, remove):
 @pytest.mark.parametrize(
     "name,i,j,printed,rigid",
     [
-        ("Y_uv", 1, 1, -28.6, 0), ("Y_ur", 1, 5, 5.22, -30.48), ("Z_uw", 2, 2, -28.6, 0),
-        ("Z_uq", 2, 4, -5.22, 30.48), ("M_uw", 4, 2, 24.0, 0), ("M_uq", 4, 4, -2.0, 0),
-        ("N_uv", 5, 1, -24.0, 0), ("N_ur", 5, 5, -2.0, 0),
+        ("Y_uv", 1, 1, -28.6, 0),
+        ("Y_ur", 1, 5, 5.22, -30.48),
+        ("Z_uw", 2, 2, -28.6, 0),
+        ("Z_uq", 2, 4, -5.22, 30.48),
+        ("M_uw", 4, 2, 24.0, 0),
+        ("M_uq", 4, 4, -2.0, 0),
+        ("N_uv", 5, 1, -24.0, 0),
+        ("N_ur", 5, 5, -2.0, 0),
     ],
-)  # fmt: skip
+)
 def test_body_and_fins_together_have_the_published_coefficients(name, i, j, printed, rigid):
     """Two of the eight went in; the others follow from fins, added mass and body lift."""
     assert bilinear(i, j, rigid) == pytest.approx(printed, abs=0.011), name

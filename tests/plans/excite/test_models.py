@@ -43,8 +43,12 @@ def test_an_mjcf_becomes_an_arm_with_the_limits_of_its_file(tmp_path):
     assert system.scales.rotor.tolist() == [0.02, 0.02]
     limits = own_limits(system, random_limits(2))
     high = {name: limit.high.tolist() for name, limit in limits.limits.items()}
-    assert high == {"position": [1, np.pi], "speed": [7, 7], "acceleration": [7, 7],
-                    "torque": [60, 7]}  # fmt: skip
+    assert high == {
+        "position": [1, np.pi],
+        "speed": [7, 7],
+        "acceleration": [7, 7],
+        "torque": [60, 7],
+    }
     assert limits.sources == {
         "position": "model; ±π for b",
         "speed": "random motions, as the model has none",

@@ -33,9 +33,16 @@ from nsaid_mj.report.terminal import print_page
 from tests.report.pages.markup import Page
 
 SCALAR = load("scalar_rov")
-MANIFEST = {"script": "ur5", "methods": ["ols", "memory", "tls"], "seeds": [0, 1],
-            "durations": [2.0], "noises": [1.0], "bound": False, "versions": {"numpy": "2"},
-            "arguments": ["--dt", "0.01"]}  # fmt: skip
+MANIFEST = {
+    "script": "ur5",
+    "methods": ["ols", "memory", "tls"],
+    "seeds": [0, 1],
+    "durations": [2.0],
+    "noises": [1.0],
+    "bound": False,
+    "versions": {"numpy": "2"},
+    "arguments": ["--dt", "0.01"],
+}
 
 
 def plan(**changes) -> Study:
@@ -254,8 +261,11 @@ def test_plots_are_drawn_only_where_there_are_enough_cells(tmp_path):
 
 
 def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
-    cells = [row_of(m, s, 1.0, 2.0, x * 1e-3 * (1 + s), 1e-2, 1e-3, 1.0)
-             for m, x in ((PRIOR, 300), ("ols", 5), ("memory", 2)) for s in (0, 1)]  # fmt: skip
+    cells = [
+        row_of(m, s, 1.0, 2.0, x * 1e-3 * (1 + s), 1e-2, 1e-3, 1.0)
+        for m, x in ((PRIOR, 300), ("ols", 5), ("memory", 2))
+        for s in (0, 1)
+    ]
     cells.append(row_of("tls", 0, 1.0, 2.0, failure="<b>it failed"))
     text = render_html(compare_report.page_of(runs(cells), lines(runs(cells))))
     page = Page.of(text)
@@ -263,8 +273,11 @@ def test_the_page_has_the_verdict_the_plots_and_every_row(tmp_path):
         "memory comes closest to the true set: within 0.003 in the median, 0.004 at worst" in text
     )
     assert [row[0] for row in page.tables[0].rows if len(row) > 1] == [
-        PRIOR, "memory", "ols", "tls",
-    ]  # fmt: skip
+        PRIOR,
+        "memory",
+        "ols",
+        "tls",
+    ]
     assert "<b>it" not in text and "&lt;b&gt;it failed" in text
     assert text.count('role="img"') == 3  # one panel for each figure, over wall time
     assert "nsaid compare ur5 --dt 0.01 --methods ols,memory,tls --seeds 0,1" in text

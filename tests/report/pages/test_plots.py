@@ -208,8 +208,16 @@ def test_every_entry_of_a_legend_switches_what_is_drawn_of_it():
     for k in range(2):
         bands.add(t, np.sin(t + k), f"gain <{k}>", (np.sin(t + k) - 0.1, np.sin(t + k) + 0.1))
     ones, named = np.ones(3), ["a", "b", "c"]
-    forest = Forest("", "k [N]", named, ones, ones / 2, 2 * ones, np.array([True, True, False]),
-                    [Points("before", 3 * ones)])  # fmt: skip
+    forest = Forest(
+        "",
+        "k [N]",
+        named,
+        ones,
+        ones / 2,
+        2 * ones,
+        np.array([True, True, False]),
+        [Points("before", 3 * ones)],
+    )
     compared = Comparison("", "u", "A", t, np.sin(t), np.cos(t), np.full(50, 0.1), t > 1)
     for made in (bands, forest, compared):
         drawn = ElementTree.fromstring(draw(made))

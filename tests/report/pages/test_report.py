@@ -184,11 +184,20 @@ def test_everything_is_unfolded_on_paper(summary: dict[str, Any], text: str) -> 
 def test_the_verdict_comes_first_with_its_figures_and_the_robots_picture(text: str) -> None:
     order = [
         text.index(part)
-        for part in ('class="banner verdict', 'class="carrying"', "Distance to the true set",
-                     "<h2>Figures", "data:image/png;base64,", "Predicted against measured forces",
-                     "<h2>Actuator gains", "What cannot be known", "<h2>Parameters",
-                     "<h2>The paper&#39;s statements", "Running this again")
-    ]  # fmt: skip
+        for part in (
+            'class="banner verdict',
+            'class="carrying"',
+            "Distance to the true set",
+            "<h2>Figures",
+            "data:image/png;base64,",
+            "Predicted against measured forces",
+            "<h2>Actuator gains",
+            "What cannot be known",
+            "<h2>Parameters",
+            "<h2>The paper&#39;s statements",
+            "Running this again",
+        )
+    ]
     assert order == sorted(order)
     for verdict in ("Theorem 1 (69)", "Lemma 1 (74)", "Theorem 2"):
         assert verdict in text

@@ -72,8 +72,10 @@ def test_time_never_runs_backwards(file: Path) -> None:
 
 
 def test_the_verdict_is_the_first_thing_in_the_text(file: Path, result: Identification) -> None:
-    texts = [entities_of(file)[f"/{name}"]["TextDocument:text"][0][0]
-             for name in ("result", "parameters")]  # fmt: skip
+    texts = [
+        entities_of(file)[f"/{name}"]["TextDocument:text"][0][0]
+        for name in ("result", "parameters")
+    ]
     lines = [line for line in texts[0].splitlines() if line]
     assert lines[0] == "## test arm"
     assert lines[1].startswith("**The structure explains the log")

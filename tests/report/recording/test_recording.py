@@ -245,8 +245,13 @@ def test_an_ellipsoid_has_the_inertia_that_it_is_drawn_for() -> None:
     half, mass = np.array([0.1, 0.2, 0.35]), 3.0
     centre = rng.normal(size=3)
     turn = Rotation.from_rotvec(rng.normal(size=3))
-    about = mass / 5 * np.diag([half[1] ** 2 + half[2] ** 2, half[0] ** 2 + half[2] ** 2,
-                                half[0] ** 2 + half[1] ** 2])  # fmt: skip
+    about = (
+        mass
+        / 5
+        * np.diag(
+            [half[1] ** 2 + half[2] ** 2, half[0] ** 2 + half[2] ** 2, half[0] ** 2 + half[1] ** 2]
+        )
+    )
     full = turn.as_matrix() @ about @ turn.as_matrix().T
     full += mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
     phi = np.array([mass, *(mass * centre), *full[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]])

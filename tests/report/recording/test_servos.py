@@ -48,8 +48,10 @@ def test_curves_are_those_of_the_logs_and_their_replay(recorded):
         position = np.concatenate([log.position[:, j] for log in replayed.logs])
         simulated = np.concatenate([q[:, j] for q in replayed.simulated])
         for part, wanted in (
-            ("command", position + 0.1), ("measured", position), ("simulated", simulated),
-        ):  # fmt: skip
+            ("command", position + 0.1),
+            ("measured", position),
+            ("simulated", simulated),
+        ):
             shown = values(entities, f"/position/{name}/{part}")
             np.testing.assert_allclose(shown[np.isfinite(shown)], wanted)
             assert np.isnan(shown).sum() == 1  # the line is interrupted between the two logs

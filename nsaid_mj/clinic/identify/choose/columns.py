@@ -60,7 +60,8 @@ class Choice:
 
     def at(self, joint: int, *names: str, speed: int | None = None) -> Choice:
         """A copy with further columns, or another speed, at one joint."""
-        columns, speeds = list(self.columns), list(self.speed)
+        columns = list(self.columns)
+        speeds = list(self.speed)
         columns[joint] = columns[joint] | set(names)
         speeds[joint] = speeds[joint] if speed is None else speed
         return replace(self, columns=tuple(columns), speed=tuple(speeds))
@@ -70,7 +71,8 @@ class Choice:
 
         `links` (10 b,) are parameters of the links whose weight loads the friction.
         """
-        columns, rotors = [], []
+        columns = []
+        rotors = []
         for joint, names in enumerate(self.columns):
             for name in sorted(names):
                 at = space.index(f"{COLUMNS[name].letter}_{joint + 1}")

@@ -12,7 +12,8 @@ NARROWER = 0.6
 
 _SHARE = 0.99  # of the velocity's power below the bandwidth of the motion
 _ABOVE = 4.0  # power, relative to the noise's, from which it counts as motion
-_LOWEST, _HIGHEST = 3.0, 20.0  # cut-offs of the rows' filter [Hz]
+_LOWEST = 3.0  # cut-offs of the rows' filter [Hz]
+_HIGHEST = 20.0
 _SAMPLES = 10  # regressors computed per period of the rows' cut-off
 _MOST_ROWS = 20_000  # of a fit: of an hour, thinned ones determine all that its length can
 
@@ -30,7 +31,8 @@ def filter_for(recordings: Recordings, cutoff: float | None = None) -> Filter:
     every = max(1, int(rate / (_SAMPLES * cutoff)))
     computed = sum(len(segment.log.t) for segment in recordings.segments) / every
     least = max(1, int(np.ceil(computed / _MOST_ROWS)))
-    log, derived = _longest(recordings), False
+    log = _longest(recordings)
+    derived = False
     if log.q.shape[1] == log.v.shape[1]:
         # drives often report filtered velocities, delayed relative to the positions: they are used
         # only if the positions' derivative has more than three times their noise
@@ -49,7 +51,8 @@ def _bandwidth(recordings: Recordings) -> float:
     Noise and quantisation of an encoder are white in the positions: their density is estimated from
     the upper half of the frequencies, and power below `_ABOVE` times it counts as noise.
     """
-    longest, rate = _longest(recordings), recordings.rate
+    longest = _longest(recordings)
+    rate = recordings.rate
     own = longest.q.shape == longest.v.shape
     x = longest.q if own else longest.v
     window = min(len(x), int(4 * rate))

@@ -40,11 +40,13 @@ def joint_columns(rows: JointRows, choice: Choice, joint: int) -> Array:
 def held_out_errors(rows: JointRows, choice: Choice, u: Array, joint: int) -> Array:
     """(5,) held-out rms of u over its standard deviation, by ridge regression on other fifths."""
     usable = np.flatnonzero(rows.usable[:, joint])
-    X, y = joint_columns(rows, choice, joint)[usable], u[usable]
+    X = joint_columns(rows, choice, joint)[usable]
+    y = u[usable]
     spread = y.std() if len(y) else 0.0
     if len(usable) < 10 * _FOLDS or not spread > 0:
         return np.full(_FOLDS, np.inf)
-    XX, Xy = X.T @ X, X.T @ y
+    XX = X.T @ X
+    Xy = X.T @ y
     errors = []
     for part in np.array_split(np.arange(len(y)), _FOLDS):
         A = XX - X[part].T @ X[part]
@@ -67,9 +69,11 @@ def shared_errors(
     The errors are products of the joints' rms over the effort. `near` are those of a similar
     structure, from which the fit starts instead of from the prior, in a quarter of the steps.
     """
-    whole, names = gramians(problem), problem.space.names
+    whole = gramians(problem)
+    names = problem.space.names
     first = [(near or {}).get(*each) for each in zip(names, problem.prior, strict=True)]
-    start, found = minimise(problem, whole, np.array(first)).theta, []
+    start = minimise(problem, whole, np.array(first)).theta
+    found = []
     for _, part in folds(problem, _FOLDS):
         own = gramians(part)
         theta = minimise(problem, whole - own, start).theta

@@ -66,8 +66,11 @@ def structured_arm(
     """
     check_consistency(robot.system)
     report("filtering")
-    slow, measured, recordings = rate_checks(recordings.rate), recordings, finer(recordings)
-    chosen, unknown = filter_for(recordings, options.cutoff), np.ones(len(robot.joints))
+    slow = rate_checks(recordings.rate)
+    measured = recordings
+    recordings = finer(recordings)
+    chosen = filter_for(recordings, options.cutoff)
+    unknown = np.ones(len(robot.joints))
     rows = JointRows(
         robot, recordings, chosen, unknown, loads=options.loads, coupled=options.coupled
     )
@@ -78,7 +81,8 @@ def structured_arm(
     report("choosing columns and delays")
     choice, notes = choose(rows, options.coupled, options.delay, options.columns)
     rows.gain = expected_gains(rows, choice)[0]
-    problem, others = rows.problem(choice), iter(())
+    problem = rows.problem(choice)
+    others = iter(())
     faults += fit_checks(rows, choice)
     if not refused(faults):
         faults += reversed_commands(rows, choice, problem)
@@ -86,7 +90,8 @@ def structured_arm(
         report("fitting delays")
         choice, doubt, said = _finished(rows, choice, problem, options)
         others = _alternatives(rows, choice, doubt)
-        notes, problem = [*notes, *said], rows.problem(choice)
+        notes = [*notes, *said]
+        problem = rows.problem(choice)
     checked = None
     if validation is not None:
         validation = finer(validation)
@@ -130,7 +135,8 @@ def _finished(
 
     `problem` is that of the choice so far. The deviation [s] is None for given delays.
     """
-    notes, doubt = [], None
+    notes = []
+    doubt = None
     if any("load" in columns for columns in choice.columns):
         rows.reweigh(minimise(problem).theta[: rows.links.shape[2]])
     if options.delay is None:
@@ -146,7 +152,8 @@ def _finished(
 
 def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Iterator[Problem]:
     """Other plausible problems; `doubt` is the standard deviation of the delays [s], if any."""
-    trials, last = [], len(SPEEDS) - 1
+    trials = []
+    last = len(SPEEDS) - 1
     if doubt is not None:
         trials.append(replace(choice, delay=choice.delay + _DOUBT * doubt))
     if any(columns != BASIC for columns in choice.columns):
@@ -157,7 +164,8 @@ def _alternatives(rows: JointRows, choice: Choice, doubt: float | None) -> Itera
     yield from map(rows.problem, trials)
     if (rows.spread[rows.driven] == NOMINAL).any():  # masses may contradict the file's gains
         own = rows.problem(choice)
-        at, spread = own.space.actuators, own.spread.copy()
+        at = own.space.actuators
+        spread = own.spread.copy()
         spread[at] = np.where(spread[at] == NOMINAL, GUESSED, spread[at])
         yield replace(own, spread=spread)
     narrow = filter_for(rows.recordings, NARROWER * rows.chosen.cutoff)
@@ -175,8 +183,10 @@ def choose(
     `coupled` are pairs (i, j, ±1) of joints whose motor turns by v_i ± v_j, delay (k,) known delays
     [s], None to search for them, `columns` those to use on all joints, None to choose.
     """
-    k, basic = len(rows.robot.joints), BASIC if columns is None else columns
-    shared, findings = np.zeros(k) if delay is None else delay, []
+    k = len(rows.robot.joints)
+    basic = BASIC if columns is None else columns
+    shared = np.zeros(k) if delay is None else delay
+    findings = []
     choice = Choice((basic,) * k, (1,) * k, shared, coupled)
     if delay is None:
         choice, shared, findings = _with_delays(rows, choice)
@@ -200,7 +210,8 @@ def _choose_joint(
     """The choice with the best speed and columns at one joint, that in words, and its errors."""
     u = rows.commands(choice.delay)[:, joint]
     best = held_out_errors(rows, choice, u, joint)
-    first, tried = rms(best), []
+    first = rms(best)
+    tried = []
 
     def better(trial: Choice, words: str) -> None:
         nonlocal best, choice
@@ -218,7 +229,8 @@ def _choose_joint(
     speeds()
     if free:
         # where weight is a small part of the force, `load` imitates other friction and biases gains
-        weight, force = rows.diagonal["load"][-1][:, joint], u * rows.gain[joint]
+        weight = rows.diagonal["load"][-1][:, joint]
+        force = u * rows.gain[joint]
         for option in CURVES:
             if option.name != "load" or weight.std() > _LOADED * force.std():
                 better(choice.at(joint, option.name), f"+ {option.name}")
@@ -226,7 +238,8 @@ def _choose_joint(
             trial = choice.at(joint, FALLING.name, speed=index)
             better(trial, f"+ {FALLING.name} with s = {speed:g}")
         speeds()
-    used, speed = sorted(choice.columns[joint]), SPEEDS[choice.speed[joint]]
+    used = sorted(choice.columns[joint])
+    speed = SPEEDS[choice.speed[joint]]
     text = (
         f"friction columns {', '.join(used)} with s = {speed:g}; held-out NRMSE "
         f"{100 * first:.3g} % → {100 * rms(best):.3g} %, the best of {len(tried) + 1} choices"
@@ -250,9 +263,11 @@ def _with_delays(rows: JointRows, choice: Choice) -> tuple[Choice, Array, list[F
         u = rows.commands(np.full(k, delay))
         errors[number] = [unexplained(u[:, j], *bases[j]) for j in range(k)]
     best = int(np.argmin(np.log(errors) @ rows.usable.sum(axis=0)))
-    found, findings = np.zeros(k), []
+    found = np.zeros(k)
+    findings = []
     for j in rows.driven:
-        at, name = int(np.argmin(errors[:, j])), rows.robot.joints[j]
+        at = int(np.argmin(errors[:, j]))
+        name = rows.robot.joints[j]
         if at != best:
             u = [rows.commands(np.full(k, d))[:, j] for d in candidates[[best, at]]]
             if not improves(*(held_out_errors(rows, choice, x, j) for x in u), OWN_DELAY):
@@ -324,7 +339,10 @@ def with_common_delay(rows: JointRows, choice: Choice) -> tuple[Choice, float, F
     held commands advances them by half a sample. Also returns the correction's standard deviation
     [s], and the delays in words.
     """
-    h, start, correction, curvature = 0.5 * JOINT_SPACING, None, 0.0, 0.0
+    h = 0.5 * JOINT_SPACING
+    start = None
+    correction = 0.0
+    curvature = 0.0
     for _ in range(_PARABOLAS):
         levels = []
         for step in (-h, 0.0, h):
@@ -335,7 +353,8 @@ def with_common_delay(rows: JointRows, choice: Choice) -> tuple[Choice, float, F
         # mean squares are parabolas in the delay; their logarithms, in J, only at the very minimum
         weight = problem.usable.sum(axis=0) / np.min(levels, axis=0)
         costs = 0.5 * np.array(levels) @ weight
-        slope, curvature = (costs[2] - costs[0]) / (2 * h), np.diff(costs, 2)[0] / h**2
+        slope = (costs[2] - costs[0]) / (2 * h)
+        curvature = np.diff(costs, 2)[0] / h**2
         if curvature <= 0:
             break
         change = float(np.clip(-slope / curvature, -4 * h, 4 * h))

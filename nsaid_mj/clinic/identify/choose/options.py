@@ -51,7 +51,8 @@ def improves(before: Array | float, after: Array | float, by: Criterion) -> bool
     A candidate whose losses are not finite never is, and nothing is compared with errors that are
     not.
     """
-    old, new = np.atleast_1d(before), np.atleast_1d(after)
+    old = np.atleast_1d(before)
+    new = np.atleast_1d(after)
     errors = by.loss == "held-out errors"
     if not np.isfinite(new).all() or (errors and not np.isfinite(old).all()):
         return False
@@ -67,7 +68,8 @@ def improves(before: Array | float, after: Array | float, by: Criterion) -> bool
 REACH = 0.2
 """Delays are searched within ± this [s]."""
 
-JOINT_SPACING, SPACING = 0.004, 0.02
+JOINT_SPACING = 0.004
+SPACING = 0.02
 """Spacing of the first trial delays [s]: of joints, and of a vehicle's actuators."""
 
 
@@ -121,7 +123,19 @@ TOP_SPEED = Option("speed", "targets", "rad/s or m/s", (), PROFILE)  # first, th
 SMOOTHING = Option("lag", "targets", "s", (0.03, 0.08), PROFILE)
 
 OPTIONS = (
-    SPEED, *CURVES, FALLING, *CONSTANTS, JOINT_DELAY, DELAY, LAG, MIX, *FURTHER_COLUMNS,
-    CUTOFF, SLIDING, LOADED, TOP_SPEED, SMOOTHING,
-)  # fmt: skip
+    SPEED,
+    *CURVES,
+    FALLING,
+    *CONSTANTS,
+    JOINT_DELAY,
+    DELAY,
+    LAG,
+    MIX,
+    *FURTHER_COLUMNS,
+    CUTOFF,
+    SLIDING,
+    LOADED,
+    TOP_SPEED,
+    SMOOTHING,
+)
 """All options."""

@@ -67,7 +67,8 @@ def effects_of(name: str, unit: str, fit: OutputError[JointFit], cluster: Indice
             for (x, moved), part in zip(pairs, counted, strict=True)
         ], [getattr(moved.effects, effect) if effect else 0.0 for _, moved in pairs]
 
-    (before, _), found = errors(None), []
+    before, _ = errors(None)
+    found = []
     for effect, (words, factor, remedy) in _WORDS.items():
         after, sizes = errors(effect)
         if improves(np.array(before), np.array(after), EFFECT):
@@ -84,21 +85,29 @@ def effects_of(name: str, unit: str, fit: OutputError[JointFit], cluster: Indice
 
 def _fitted(fit: OutputError[JointFit], half: Array, effect: str | None) -> tuple[Array, JointFit]:
     """x and the simulation, with an effect, after Gauss–Newton steps on half of the samples."""
-    own, prior, free = fit.of, fit.prior, fit.prior.free
+    own = fit.of
+    prior = fit.prior
+    free = fit.prior.free
     weight = weights(own, fit.residual, fit.sigma) * half
-    P, x, moved = prior.deviation[free] ** -2.0, fit.x.copy(), own
-    residual, X = fit.residual, fit.jacobian
+    P = prior.deviation[free] ** -2.0
+    x = fit.x.copy()
+    moved = own
+    residual = fit.residual
+    X = fit.jacobian
     for k in range(_STEPS):
         if k:
-            residual, X = moved.residual(x), moved.jacobian(x, free)
-        pull, precision = P * (x - prior.mean)[free], P
+            residual = moved.residual(x)
+            X = moved.jacobian(x, free)
+        pull = P * (x - prior.mean)[free]
+        precision = P
         size = 0.0
         if effect is not None:
             size = getattr(moved.effects, effect)
             change = _TRIED[effect] * (1.0 if effect == "load" else fit.sigma)
             tried = JointFit(own.logs, own.used, NONE._replace(**{effect: size + change}))
             X = np.column_stack([X, (tried.residual(x) - residual) / change])
-            pull, precision = np.append(pull, 0.0), np.append(P, 0.0)
+            pull = np.append(pull, 0.0)
+            precision = np.append(P, 0.0)
         H = (X.T * weight) @ X + np.diag(precision)
         step = -np.linalg.lstsq(H, (X.T * weight) @ residual + pull)[0]
         x[free] += np.clip(step[: len(free)], -_LONGEST, _LONGEST)
@@ -108,7 +117,8 @@ def _fitted(fit: OutputError[JointFit], half: Array, effect: str | None) -> tupl
     return x, moved
 
 
-_LOGS, _SECONDS = 4, 20.0  # that are tried, at most, and of each [s]
+_LOGS = 4  # that are tried, at most, and of each [s]
+_SECONDS = 20.0
 _FASTEST = 0.95  # quantile of the moving joints' speeds that is tried first
 _SLOW = 0.05  # of a joint that does not move [rad/s or m/s]
 _NEAR = 2.5  # factor about the first trial within which the best is sought
@@ -133,7 +143,8 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
         for log in pieces[:: -(-len(pieces) // _LOGS)]
     ]
     travel = np.min([np.ptp(log.position, axis=0) for log in pieces], axis=0)
-    joints, none = np.flatnonzero(travel > TRAVEL), np.zeros(3)
+    joints = np.flatnonzero(travel > TRAVEL)
+    none = np.zeros(3)
     if len(pieces) < 2 or not len(joints):
         return none, ()
     before = [_errors(pieces, joints, none, side) for side in (0, 1)]
@@ -154,7 +165,8 @@ def hidden_profile(logs: Sequence[ServoLog]) -> tuple[Array, tuple[Finding, ...]
     best = tries[int(np.argmin(ratios))]
     if not improves(1.0, min(ratios), PROMISING):
         return none, ()
-    spread, options = np.log(_NEAR), {"xatol": _EXACT}
+    spread = np.log(_NEAR)
+    options = {"xatol": _EXACT}
     least = minimize_scalar(
         lambda x: np.mean([ratio(np.exp(x) * best, side) for side in (0, 1)]),
         bounds=(-spread, spread),

@@ -38,8 +38,10 @@ class Timing(NamedTuple):
         if self.lag == 0:
             return speed
         r = 1 / (rate * self.lag)  # exact for a course that is linear between samples
-        kept, mean = np.exp(-r), -np.expm1(-r) / r
-        taps, start = [1 - mean, mean - kept], mean * speed[:1]
+        kept = np.exp(-r)
+        mean = -np.expm1(-r) / r
+        taps = [1 - mean, mean - kept]
+        start = mean * speed[:1]
         return np.asarray(scipy.signal.lfilter(taps, [1, -kept], speed, axis=0, zi=start)[0])
 
 
@@ -58,8 +60,11 @@ def search(
     report("searching for delays")
     grid = np.array(DELAY.values)
     costs = np.array([cost(Timing(d)) for d in grid])
-    at, zero = int(np.argmin(costs)), int(np.argmin(np.abs(grid)))
-    found, edge, notes = np.array([0.0, 0.0, 1.0]), at in (0, len(grid) - 1), []
+    at = int(np.argmin(costs))
+    zero = int(np.argmin(np.abs(grid)))
+    found = np.array([0.0, 0.0, 1.0])
+    edge = at in (0, len(grid) - 1)
+    notes = []
     if not edge:
         least = scipy.optimize.minimize_scalar(
             lambda d: cost(Timing(d)), bounds=(grid[at - 1], grid[at + 1]), options={"xatol": _FINE}
@@ -138,11 +143,13 @@ def _plausible(along: Callable[[Array], float], found: Array, free: Sequence[int
     A number is changed in both directions until the cost rises as for two standard deviations, and
     the larger change is used, as the cost hardly depends on a small lag.
     """
-    others, least = [], along(found)
+    others = []
+    least = along(found)
     for k in free:
         best = 0.0
         for side in (1, -1):
-            step, rise = side * _STEPS[k], 0.0
+            step = side * _STEPS[k]
+            rise = 0.0
             for _ in range(_DOUBLINGS):
                 rise = along(found + step * np.eye(3)[k]) - least
                 if rise >= _RISE:
@@ -157,7 +164,8 @@ def _plausible(along: Callable[[Array], float], found: Array, free: Sequence[int
 
 def _drive_notes(timing: Timing, rotors: bool) -> list[Finding]:
     """Describes the drives, unless commands act at once, and those of rotors are their speeds."""
-    found, mix = [], timing.mix
+    found = []
+    mix = timing.mix
     if mix != 1.0:
         text = f"the rotors' thrust is {mix:.2f} u² + {1 - mix:.2f} u of the command u"
         found.append(Finding("note", "curve", "", text, data={"mix": mix}))

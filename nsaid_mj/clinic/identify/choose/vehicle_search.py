@@ -29,14 +29,17 @@ _FEWEST = 200  # rows per velocity that a lower cut-off must leave
 
 def _richer(rows: VehicleRows, timing: Timing) -> tuple[frozenset[str], list[Finding]]:
     """The further columns that significantly lower the cost, and notes about them."""
-    columns, notes, cost = frozenset[str](), [], _cost(rows, frozenset(), timing)
+    columns = frozenset[str]()
+    notes = []
+    cost = _cost(rows, frozenset(), timing)
     best = cost(columns, timing)
     for option in FURTHER_COLUMNS:
         name = option.name
         trial = cost(columns | {name}, timing)
         if improves(best, trial, option.criterion):
             text = f"a column of {name} per velocity lowers the cost by {best - trial:.0f}"
-            columns, best = columns | {name}, trial
+            columns = columns | {name}
+            best = trial
             data = {"columns": sorted(columns)}
             notes.append(Finding("note", "columns", "", text, data=data))
     return columns, notes
@@ -62,7 +65,8 @@ def structured_vehicle(
     for _ in range(_ROUNDS):
         timing, others, findings = _timing(rows, columns, options.delay, report)
         report("choosing the cut-off")
-        before, rows = rows, _most_informative(trials, columns, timing)
+        before = rows
+        rows = _most_informative(trials, columns, timing)
         if rows is before:
             break
     if options.columns is None:
@@ -84,7 +88,8 @@ def structured_vehicle(
             remedy = "Record in still water or air, or with the speed relative to it as `linear`."
             yield Suspect("a steady current or wind", "", flow, remedy)
 
-    own, late = tuple(sorted(columns)), float(np.median(rows.delays(timing)))
+    own = tuple(sorted(columns))
+    late = float(np.median(rows.delays(timing)))
     return Structured(
         problem,
         _alternatives(rows, columns, timing, others),
@@ -150,16 +155,19 @@ def _most_informative(
 
     def uncertainty(rows: VehicleRows) -> float:
         problem = rows.problem(columns, timing)
-        hessian, scale = tempered_fit(problem)[0].hessian, problem.space.scale
+        hessian = tempered_fit(problem)[0].hessian
+        scale = problem.space.scale
         return -float(np.linalg.slogdet(hessian * np.outer(scale, scale))[1])
 
     if len(trials) == 1:
         return trials[0]
-    best, least = trials[0], uncertainty(trials[0])
+    best = trials[0]
+    least = uncertainty(trials[0])
     for trial in trials[1:]:
         other = uncertainty(trial)
         if improves(least, other, CUTOFF.criterion):
-            best, least = trial, other
+            best = trial
+            least = other
     return best
 
 

@@ -12,7 +12,8 @@ import pyarrow.parquet
 from ..unusable import UnreadableLog
 from . import Columns, check_size
 
-_PARQUET, _FILE = b"PAR1", b"ARROW1"  # first bytes of files that are no streams
+_PARQUET = b"PAR1"  # first bytes of files that are no streams
+_FILE = b"ARROW1"
 
 
 def read(path: Path) -> list[Columns]:
@@ -24,9 +25,11 @@ def read(path: Path) -> list[Columns]:
     table = table_of(path)
     if not table.num_rows:
         raise UnreadableLog(path, "the table has no rows", "Record the log again.")
-    values, dropped = {}, []
+    values = {}
+    dropped = []
     for name in table.column_names:
-        column, table = table.column(0), table.remove_column(0)  # frees what has been converted
+        column = table.column(0)  # frees what has been converted
+        table = table.remove_column(0)
         found = flat(name, column)
         values |= found
         if not found:
@@ -41,7 +44,8 @@ def table_of(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     Raises:
         UnreadableLog: it is beyond the limit.
     """
-    batches, size = [], 0
+    batches = []
+    size = 0
     for batch in _batches(path, columns):
         size += batch.nbytes
         check_size(path, size)

@@ -67,7 +67,8 @@ def _times(episode: np.ndarray, stamp: np.ndarray) -> np.ndarray:
     """(N,) times [ns] of rows in the order of episodes."""
     if not len(episode) or not np.isfinite(stamp).all():
         raise ValueError("no frames, or frames without a timestamp")
-    t, starts = stamp.astype(np.float64), np.flatnonzero(np.diff(episode)) + 1
+    t = stamp.astype(np.float64)
+    starts = np.flatnonzero(np.diff(episode)) + 1
     steps = np.diff(t)
     steps[starts - 1] = _PAUSE
     return np.round(np.r_[0.0, np.cumsum(steps)] * 1e9).astype(np.int64)

@@ -33,7 +33,8 @@ def read(path: Path) -> list[Columns]:
 
     times: dict[str, list[int]] = defaultdict(list)
     rows: dict[str, list[dict[str, float]]] = defaultdict(list)
-    store, numbers = get_typestore(Stores.ROS2_HUMBLE), 0
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    numbers = 0
     with AnyReader([path], default_typestore=store) as reader:
         known = [c for c in reader.connections if c.msgtype in _PARTS]
         others = {c.topic: c.msgtype for c in reader.connections if c.msgtype not in _PARTS}
@@ -69,7 +70,8 @@ def _joints(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
 
 
 def _odometry(message: Any) -> Iterator[tuple[str, dict[str, float]]]:
-    pose, twist = message.pose.pose, message.twist.twist
+    pose = message.pose.pose
+    twist = message.twist.twist
     parts = (
         ("position", pose.position, _VECTOR),
         ("orientation", pose.orientation, _QUATERNION),

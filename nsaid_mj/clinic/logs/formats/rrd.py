@@ -10,7 +10,8 @@ import pyarrow as pa
 from ..unusable import UnreadableLog
 from . import Columns
 
-_VALUES, _NAMES = "Scalars:scalars", "SeriesLines:names"
+_VALUES = "Scalars:scalars"
+_NAMES = "SeriesLines:names"
 _LOGGED = "log_time"  # Rerun's own timeline, used where the recording has no other times
 
 
@@ -28,7 +29,8 @@ def read(path: Path) -> list[Columns]:
     parts: dict[str, list[pa.RecordBatch]] = defaultdict(list)
     names: dict[str, list[str]] = {}
     for chunk in RrdReader(path).stream():
-        batch, entity = chunk.to_record_batch(), chunk.entity_path.replace("\\", "").strip("/")
+        batch = chunk.to_record_batch()
+        entity = chunk.entity_path.replace("\\", "").strip("/")
         if _NAMES in batch.schema.names:
             names[entity] = batch.column(_NAMES).to_pylist()[-1] or []
         if _VALUES in batch.schema.names and not chunk.is_static:
@@ -68,7 +70,8 @@ def _columns(
     keep = [k for k, own in enumerate(widths) if own == width and times[k] is not None]
     if not width or not keep:
         return None
-    time, values = np.array(times)[keep], np.array([rows[k] for k in keep], np.float64)
+    time = np.array(times)[keep]
+    values = np.array([rows[k] for k in keep], np.float64)
     order: Any = np.argsort(time, kind="stable")  # chunks are compacted in any order
     if len(names) != width:
         names = [str(k) for k in range(width)]

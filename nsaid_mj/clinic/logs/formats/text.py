@@ -101,7 +101,9 @@ def _without_stray_quotes(text: bytes, dialect: Dialect) -> tuple[bytes, list[tu
     A quote that opens a field and is not closed before the next delimiter would swallow what
     follows, even other lines; such a line loses its quotes.
     """
-    lines, found, row = text.split(b"\n"), [], -int(dialect.header)
+    lines = text.split(b"\n")
+    found = []
+    row = -int(dialect.header)
     delimiter = re.escape(dialect.delimiter.encode())
     blank = b"" if dialect.delimiter == " " else b" *"
     quoted = rb'%b"[^"]*(?:""[^"]*)*"%b' % (blank, blank)
@@ -129,7 +131,8 @@ def _decimal(path: Path, text: bytes) -> str:
         last = max(number.rfind(b"."), number.rfind(b","))
         mark = number[last : last + 1]
         other = b"," if mark == b"." else b"."
-        whole, part = number[:last], number[last + 1 :]
+        whole = number[:last]
+        part = number[last + 1 :]
         if mark in whole:  # 1,234,567: a repeated mark groups thousands
             return other.decode()
         if other in whole or len(part) != 3 or not 1 <= len(whole) <= 3 or whole.startswith(b"0"):
@@ -182,12 +185,14 @@ def split(line: str, delimiter: str) -> list[str]:
 
 def _delimiter(lines: list[str]) -> str:
     """The delimiter that divides the lines most consistently, into more than one field."""
-    best, found = (0.0, 0), ","
+    best = (0.0, 0)
+    found = ","
     for delimiter in ("\t", ";", ",", " "):
         widths = Counter(len(split(line, delimiter)) for line in lines)
         width, count = widths.most_common(1)[0]
         if width > 1 and (count / len(lines), 0) > (best[0], 0):
-            best, found = (count / len(lines), width), delimiter
+            best = (count / len(lines), width)
+            found = delimiter
     return found
 
 
@@ -248,7 +253,8 @@ def _parsed(
         reason = f"{len(bad)} of {len(bad) + table.num_rows} rows do not have {len(dialect.names)} "
         reason += f"fields; the first is row {bad[0][0]} with {bad[0][1]}"
         raise UnreadableLog(path, reason, "Export the log as one table.")
-    names, columns = table.column_names, table.columns[::-1]
+    names = table.column_names
+    columns = table.columns[::-1]
     del table
     values = {name: numpy_column(columns.pop(), dialect.decimal) for name in names}  # frees each
     pa.default_memory_pool().release_unused()

@@ -50,9 +50,11 @@ CHART = types.NamedTuple((cube, f8[:, ::1], vector, vector), Chart)
 
 def chart_of(cone: Cone) -> Chart:
     """New workspace of the functions below."""
-    k, c = 1, 1
+    k = 1
+    c = 1
     for start, end, size in cone.blocks[cone.others, :3]:
-        k, c = max(k, size), max(c, end - start)
+        k = max(k, size)
+        c = max(c, end - start)
     rows = np.ones(31 * LANES)
     first = (-rows.ctypes.data % (8 * LANES)) // 8  # lanes that straddle cache lines take a sixth
     rows = rows[first : first + 30 * LANES]  # of the law's time
@@ -70,7 +72,9 @@ def confine(cone, start, eta):
         if not tied(cone, block):
             continue
         first, end, k, _, _ = cone.blocks[block]
-        D, L, S = matrix(cone, block, eta - start), matrix(cone, block, start), np.empty((k, k))
+        D = matrix(cone, block, eta - start)
+        L = matrix(cone, block, start)
+        S = np.empty((k, k))
         factor_in_place(L, k)
         inverse_into(L, L, S, k)
         for i in range(k):
@@ -174,7 +178,8 @@ def from_chart_into(cone, eta, pairing, theta, work):
     theta[:] = eta
     for j in cone.positive:
         theta[j] = np.exp(eta[j])
-    L, P = work.matrices[0], work.matrices[1]
+    L = work.matrices[0]
+    P = work.matrices[1]
     for block in cone.others:
         if not tied(cone, block):
             start, end, k, first, last = cone.blocks[block]
@@ -198,7 +203,8 @@ def height(cone, eta, theta, work):
     for block in range(cone.blocks.shape[0]):
         start, end, k, first, last = cone.blocks[block]
         if tied(cone, block):
-            L, own = work.matrices[0], cone.entries[first:last]
+            L = work.matrices[0]
+            own = cone.entries[first:last]
             matrix_into(own, cone.values[first:last], start, theta[start:end], L, k)
             factor_in_place(L, k)
             for i in range(k):
@@ -237,7 +243,8 @@ def chart_rate(cone, eta, theta_rate):
     for block in range(cone.blocks.shape[0]):
         if not tied(cone, block):
             start, end, k, _, _ = cone.blocks[block]
-            L, P_rate = np.empty((k, k)), matrix(cone, block, theta_rate)
+            L = np.empty((k, k))
+            P_rate = matrix(cone, block, theta_rate)
             unpack(eta[start:end], -1.0, L, k)
             rate_in_place(L, P_rate, k)
             pack(P_rate, rate[start:end], k)
@@ -273,10 +280,14 @@ def natural_rate_into(cone, eta, theta, stiffness, mu, gradient, rate, work):
         rate[j] = gradient[j] / (stiffness[j] * theta[j] + mu / theta[j])
     share = 1 / mu
     L, X, S, P_rate = work.matrices
-    metric, x, rows = work.metric, work.x, work.rows
+    metric = work.metric
+    x = work.x
+    rows = work.rows
     for block in cone.others:
         start, end, k, first, last = cone.blocks[block]
-        c, entries, values = end - start, cone.entries[first:last], cone.values[first:last]
+        c = end - start
+        entries = cone.entries[first:last]
+        values = cone.values[first:last]
         flat = tied(cone, block)
         if flat:
             matrix_into(entries, values, start, theta[start:end], L, k)
@@ -328,7 +339,9 @@ def _factor(theta):
 
 def _parameters(factor):
     """The Cholesky factor of P(θ) to θ (10,)."""
-    L, P, theta = _of(4, 4), _of(4, 4), _of(10)
+    L = _of(4, 4)
+    P = _of(4, 4)
+    theta = _of(10)
     L[_LOWER] = factor
     squared_into.py_func(L, P, 4)
     read_into.py_func(_LINK.entries, coordinates(_LINK), 0, P, theta)
@@ -337,7 +350,11 @@ def _parameters(factor):
 
 def _rate(numbers):
     """η̇ (10,) from the factor, its diagonal inverted, Γ⁻¹/μ and the gradient/μ, (30,) in all."""
-    L, X, S, P_rate, metric = _of(4, 4), _of(4, 4), _of(4, 4), _of(4, 4), _of(10, 10)
+    L = _of(4, 4)
+    X = _of(4, 4)
+    S = _of(4, 4)
+    P_rate = _of(4, 4)
+    metric = _of(10, 10)
     L[_LOWER], x = numbers[:10], numbers[20:].copy()
     inverse_into.py_func(L, X, S, 4)
     hessian_into.py_func(_LINK.entries, _LINK.weights, 0, S, metric, 10)
@@ -349,5 +366,6 @@ def _rate(numbers):
     return P_rate[_LOWER]
 
 
-_link_factor, _link_parameters = over_lanes(_factor, 10), over_lanes(_parameters, 10)
+_link_factor = over_lanes(_factor, 10)
+_link_parameters = over_lanes(_parameters, 10)
 _link_rate = over_lanes(_rate, 30)

@@ -61,7 +61,9 @@ def _leave(numbers, eta, theta, chart):
 @routine(void(_NUMBERS, vector, vector, vector, vector, CHART))
 def _adapt(numbers, eta, theta, gradient, rate, chart):
     """Writes η̇ (p,) for θ̂̇ = (Γ⁻¹ + μ ∇²b)⁻¹ Wᵀ Δv, at η and θ̂ (p,)."""
-    cone, stiffness, mu = numbers.cone, numbers.stiffness, numbers.mu
+    cone = numbers.cone
+    stiffness = numbers.stiffness
+    mu = numbers.mu
     if stiffness.shape[0] == 1:
         natural_rate_into(cone, eta, theta, stiffness[0], mu, gradient, rate, chart)
     else:

@@ -25,7 +25,8 @@ def drawn_inside(
     of the scaled matrix is at least e^{−error} of its former value. A θ (p,) on the cone's boundary
     is first moved inside.
     """
-    cone, drawn = cone_of(space), np.array(theta, dtype=np.float64)
+    cone = cone_of(space)
+    drawn = np.array(theta, dtype=np.float64)
     pairing = coordinates(cone)
     for block, place in space:
         if block.geometry == "free":
@@ -51,7 +52,8 @@ def _draw_tied(
     """Overwrites a tied block of θ (p,) with a random draw; see `drawn_inside`."""
     start, end, _, first, last = cone.blocks[block]
     row, column, at = cone.entries[first:last].T
-    on, off = np.unique(at[row == column]), np.unique(at[row != column])
+    on = np.unique(at[row == column])
+    off = np.unique(at[row != column])
     theta[on] = np.maximum(theta[on], _FLOOR * scale[on])
     kept = np.exp(-error) * max(_EDGE, _smallest(cone, block, theta))
     u = error * rng.uniform(-1, 1, end - start)
@@ -85,7 +87,9 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
     if not (np.isfinite(error) and error > 0):
         raise InvalidInput("error", "a relative error > 0", error, "Give the spread of the prior.")
     error = min(max(error, _LEAST), _MOST)
-    cone, pairing, found = cone_of(space), coordinates(cone_of(space)), np.zeros((len(space),) * 2)
+    cone = cone_of(space)
+    pairing = coordinates(cone_of(space))
+    found = np.zeros((len(space),) * 2)
     for block, place in space:
         if block.geometry == "free":
             size = np.maximum(np.abs(theta[place]), _FREE * block.scale)
@@ -103,7 +107,8 @@ def drawn_covariance(space: ParameterSpace, theta: Array, error: float) -> Array
 
 def spread_of_numbers(theta: Array, scale: Array, error: float) -> Array:
     """(k,) second moments of positive numbers (k,) about θ: E (e^u − 1)² = E e^2u − 2 E e^u + 1."""
-    start, floor = np.maximum(theta, _FLOOR * scale), _FLOOR * scale
+    start = np.maximum(theta, _FLOOR * scale)
+    floor = _FLOOR * scale
     moments = start**2 * (np.sinh(2 * error) / (2 * error) - 2 * np.sinh(error) / error + 1)
     moved = theta <= floor * np.exp(error)
     return np.where(moved, np.maximum(moments, floor**2), moments)
@@ -131,10 +136,12 @@ def _spread_of_matrix(
     """
     N, balance = _scaled(cone, block, theta, scale)
     k = len(N)
-    half, V = error / 2, np.full((k, k), (error / 4) ** 2 / 3)
+    half = error / 2
+    V = np.full((k, k), (error / 4) ** 2 / 3)
     a = np.sinh(half) / half
     V[np.diag_indices(k)] = np.sinh(error) / error - a**2
-    J, one = np.zeros((k, k, k, k)), np.eye(k)  # derivatives of the draw's ij by E_kl
+    J = np.zeros((k, k, k, k))  # derivatives of the draw's ij by E_kl
+    one = np.eye(k)
     J += a * (np.einsum("ik,lj->ijkl", one, N) + np.einsum("jk,li->ijkl", one, N))
     mean = (a**2 - 1) * N + np.diag(V @ N.diagonal())
     last = V @ N**2 @ V.T
@@ -155,7 +162,8 @@ def _spread_of_tied(cone: Cone, block: int, theta: Array, scale: Array, error: f
     """(c, c) second moments of the draws of a tied block about θ, before they are reduced."""
     start, end, _, first, last = cone.blocks[block]
     row, column, at = cone.entries[first:last].T
-    own, scale = theta[start:end], scale[start:end]
+    own = theta[start:end]
+    scale = scale[start:end]
     size = np.maximum(np.abs(own), _FREE * scale)
     moments = (error * size) ** 2 / 3
     on = np.unique(at[row == column]) - start

@@ -52,7 +52,8 @@ def _add_unexplained(density, dt, theta, L, spread, rows):
     D is `density` (n,) times the square of the last motor's gain, the last of theta (p,). L is the
     factor that `solve_positive` left; `spread` (2n, 2n) is workspace.
     """
-    n, gain = density.shape[0], theta[theta.shape[0] - 1]
+    n = density.shape[0]
+    gain = theta[theta.shape[0] - 1]
     columns = spread[:n]
     for i in range(n):
         for j in range(columns.shape[1]):
@@ -71,9 +72,15 @@ def predict(scale, walk, unexplained, gamma, dt, filter, workspace):
 
     The first four arguments are `Law`'s: kernels pass every array of a tuple, used or not.
     """
-    Pxx, Pxt, Ptt, F = filter.Pxx, filter.Pxt, filter.Ptt, workspace.F
-    with_theta, with_c, both = workspace.with_theta, workspace.with_c, workspace.both
-    size, n = Pxt.shape[0], filter.v.shape[0]
+    Pxx = filter.Pxx
+    Pxt = filter.Pxt
+    Ptt = filter.Ptt
+    F = workspace.F
+    with_theta = workspace.with_theta
+    with_c = workspace.with_c
+    both = workspace.both
+    size = Pxt.shape[0]
+    n = filter.v.shape[0]
     copy_matrix(Pxt, with_theta)
     multiply(workspace.B, Ptt, with_theta[size:])
     multiply_transposed(with_theta, workspace.B, with_c)
@@ -104,8 +111,13 @@ def predict(scale, walk, unexplained, gamma, dt, filter, workspace):
 @kernel(f8(vector, matrix, matrix, WORKSPACES), inner=True)
 def innovate(scale, Pxx, Pxt, workspace):
     """Factors S and writes the step of θ̂ for the innovation y; returns log det S, NaN if S ⊁ 0."""
-    S, L, inverse = workspace.S, workspace.L, workspace.inverse
-    y, e, step, whitened = workspace.y, workspace.e, workspace.step, workspace.whitened
+    S = workspace.S
+    L = workspace.L
+    inverse = workspace.inverse
+    y = workspace.y
+    e = workspace.e
+    step = workspace.step
+    whitened = workspace.whitened
     size, p = whitened.shape
     for i in range(size):
         for j in range(size):
@@ -134,15 +146,19 @@ def innovate(scale, Pxx, Pxt, workspace):
 @kernel(void(CONE, vector, vector, matrix, FILTER, f8, WORKSPACES), inner=True)
 def update(cone, margin, scale, parts, filter, share, workspace):
     """Moves θ̂ by a share of its step, updates P, and overwrites y with the step of the state."""
-    theta, Pxx, Pxt, Ptt = filter.theta, filter.Pxx, filter.Pxt, filter.Ptt
-    S, L, inverse, whitened = workspace.S, workspace.L, workspace.inverse, workspace.whitened
-    e, y, R, before, trial = (
-        workspace.e,
-        workspace.y,
-        workspace.R,
-        workspace.before,
-        workspace.trial,
-    )
+    theta = filter.theta
+    Pxx = filter.Pxx
+    Pxt = filter.Pxt
+    Ptt = filter.Ptt
+    S = workspace.S
+    L = workspace.L
+    inverse = workspace.inverse
+    whitened = workspace.whitened
+    e = workspace.e
+    y = workspace.y
+    R = workspace.R
+    before = workspace.before
+    trial = workspace.trial
     size, p = whitened.shape
     for k in range(p):
         before[k] = theta[k]
@@ -158,7 +174,8 @@ def update(cone, margin, scale, parts, filter, share, workspace):
     # (1 − share K H) P (1 − share K H)ᵀ + share² K R Kᵀ
     add_product(-1.0, whitened.T, whitened, Ptt)
     for i in range(size):
-        S[0, i], y[i] = 0.0, 0.0
+        S[0, i] = 0.0
+        y[i] = 0.0
         for j in range(i, size):
             S[0, i] += inverse[j, i] * e[j]
     for i in range(size):  # y − R S⁻¹ y would cancel

@@ -70,7 +70,8 @@ class KalmanFilter:
                 type(system).__name__,
                 "Use --law memory; for an arm, --plant.backend compiled.",
             )
-        self.system, self.dt = system, dt
+        self.system = system
+        self.dt = dt
         self._prior_error = config.prior or USUAL
         self._far_gamma = config.linearisation
         cone = cone_of(system.space)

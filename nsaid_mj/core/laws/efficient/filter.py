@@ -15,7 +15,10 @@ from ...structure.arrays import Slopes, StructureArrays, Workspace, memory_of
 from ...structure.compiled import SLOPES, STRUCTURE, WORKSPACE
 from .noise import NOISE, Noise, noise_variance
 
-COMPLETED, CONTRADICTED, ROUNDED, BEGINNING = 0, 1, 2, 3
+COMPLETED = 0
+CONTRADICTED = 1
+ROUNDED = 2
+BEGINNING = 3
 """How `follow_filter` ends: at the log's end, at innovations larger than chance allows, or where
 rounding errors made the covariance indefinite. A row may also precede the filter's beginning."""
 NEAR = 0.3
@@ -75,14 +78,26 @@ class FilterState(NamedTuple):
 
 def filter_at(q: Array, v: Array, theta: Array, Ptt: Array) -> FilterState:
     """The filter at its first measurement q (m,), v (n,), with P_θθ (p, p) of θ̂/scale."""
-    n, p = len(v), len(theta)
+    n = len(v)
+    p = len(theta)
     noise = Noise(np.zeros((3, 2 * n)), np.zeros(2 * n), np.zeros(2 * n), np.zeros(1))
-    safe, safe_P = np.array([theta, theta]), np.array([Ptt, Ptt])
-    Pxx, Pxt = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, p))
+    safe = np.array([theta, theta])
+    safe_P = np.array([Ptt, Ptt])
+    Pxx = np.zeros((2 * n, 2 * n))
+    Pxt = np.zeros((2 * n, p))
     return FilterState(
-        q.copy(), v.copy(), theta.copy(), Pxx, Pxt, Ptt.copy(), noise, np.zeros(4), safe, safe_P,
+        q.copy(),
+        v.copy(),
+        theta.copy(),
+        Pxx,
+        Pxt,
+        Ptt.copy(),
+        noise,
+        np.zeros(4),
+        safe,
+        safe_P,
         np.zeros(2),
-    )  # fmt: skip
+    )
 
 
 class Along(NamedTuple):
@@ -135,10 +150,26 @@ class FilterWorkspace(NamedTuple):
     def of(structure: StructureArrays, n: int, m: int, p: int) -> FilterWorkspace:
         """For a structure with n velocities, m positions and p parameters."""
         sizes = (
-            m, m, n, (2 * n, 3 * n), (n, p), (3 * n, p), (3 * n, n), (3 * n, 3 * n),
-            (2 * n, 3 * n), *((2 * n, 2 * n),) * 3, (2 * n, p), 2 * n, 2 * n, 2 * n, p, p, p,
-            (p, p), (3, n),
-        )  # fmt: skip
+            m,
+            m,
+            n,
+            (2 * n, 3 * n),
+            (n, p),
+            (3 * n, p),
+            (3 * n, n),
+            (3 * n, 3 * n),
+            (2 * n, 3 * n),
+            *((2 * n, 2 * n),) * 3,
+            (2 * n, p),
+            2 * n,
+            2 * n,
+            2 * n,
+            p,
+            p,
+            p,
+            (p, p),
+            (3, n),
+        )
         return FilterWorkspace(*memory_of(structure, n), *(np.zeros(size) for size in sizes))
 
 

@@ -74,7 +74,9 @@ def acceptable(window, n, seen):
 @kernel(void(FILTER, vector, vector, vector))
 def restart_state(filter, q, v, R):
     """Starts the state at a measurement, uncorrelated with θ."""
-    n, theta, tally = v.shape[0], filter.theta, filter.tally
+    n = v.shape[0]
+    theta = filter.theta
+    tally = filter.tally
     for i in range(q.shape[0]):
         filter.q[i] = q[i]
     for i in range(n):
@@ -98,8 +100,13 @@ def _linear_share(constants, q, v, u, filter, workspace):
 
     Along a longer step M̂⁻¹, and with it the prediction's derivatives, would vary too much.
     """
-    structure, stage, slopes = constants.structure, workspace.stage, workspace.slopes
-    step, trial, share, placed = workspace.step, workspace.trial, 1.0, False
+    structure = constants.structure
+    stage = workspace.stage
+    slopes = workspace.slopes
+    step = workspace.step
+    trial = workspace.trial
+    share = 1.0
+    placed = False
     while share > _SMALLEST:
         for k in range(step.shape[0]):
             trial[k] = 0.5 * filter.theta[k] + share * step[k]
@@ -121,10 +128,14 @@ def _linear_share(constants, q, v, u, filter, workspace):
 @kernel(void(FILTER, matrix), inner=True)
 def _begin_window(filter, factor):
     """Begins another window of innovations; `factor` (p, p) is workspace."""
-    theta, safe, safe_P, tally = filter.theta, filter.safe, filter.safe_P, filter.tally
+    theta = filter.theta
+    safe = filter.safe
+    safe_P = filter.safe_P
+    tally = filter.tally
     keep_above_rounding(filter.Ptt, factor)
     for i in range(theta.shape[0]):
-        safe[0, i], safe[1, i] = safe[1, i], theta[i]
+        safe[0, i] = safe[1, i]
+        safe[1, i] = theta[i]
     copy_matrix(safe_P[1], safe_P[0])
     copy_matrix(filter.Ptt, safe_P[1])
     for i in range(1, tally.shape[0]):
@@ -135,7 +146,9 @@ def _begin_window(filter, factor):
 def _see(before, after, seen):
     """Writes the velocities (3, n) of a step: measured at both ends, and half-way."""
     for i in range(before.shape[0]):
-        seen[0, i], seen[1, i], seen[2, i] = before[i], 0.5 * (before[i] + after[i]), after[i]
+        seen[0, i] = before[i]
+        seen[1, i] = 0.5 * (before[i] + after[i])
+        seen[2, i] = after[i]
 
 
 @kernel(f8(CONSTANTS, FILTER, f8, vector, vector, vector, WORKSPACES), inner=True)
@@ -145,11 +158,22 @@ def _move(constants, filter, dt, q, v, u, workspace):
     Returns M̂'s smallest pivot, > 0 on success.
     """
     pivot = transition(
-        constants.structure, q, v, u, dt, filter.theta, constants.scale,
-        workspace.stage, workspace.slopes,
-        workspace.at, workspace.q1, workspace.v1, workspace.F, workspace.B,
+        constants.structure,
+        q,
+        v,
+        u,
+        dt,
+        filter.theta,
+        constants.scale,
+        workspace.stage,
+        workspace.slopes,
+        workspace.at,
+        workspace.q1,
+        workspace.v1,
+        workspace.F,
+        workspace.B,
         workspace.seen if constants.unexplained.shape[0] > 0 else workspace.seen[:0],
-    )  # fmt: skip
+    )
     if pivot > 0.0:
         gamma = constants.gamma if filter.noise.seen[0] * dt < _FAR else min(constants.gamma, NEAR)
         predict(
@@ -161,14 +185,14 @@ def _move(constants, filter, dt, q, v, u, workspace):
 @kernel(i8(CONSTANTS, FILTER, i8, vector, matrix, matrix, matrix, ALONG, WORKSPACES), inner=True)
 def _follow_row(constants, filter, k, t, q, v, u, along, workspace):
     """Runs the filter from row k − 1 to k, and returns how it ended."""
-    structure, tally, totals = constants.structure, filter.tally, filter.totals
-    n, y, x, v1, out = (
-        v.shape[1],
-        workspace.y,
-        workspace.stage.scratch,
-        workspace.v1,
-        along.innovation[k],
-    )
+    structure = constants.structure
+    tally = filter.tally
+    totals = filter.totals
+    n = v.shape[1]
+    y = workspace.y
+    x = workspace.stage.scratch
+    v1 = workspace.v1
+    out = along.innovation[k]
     difference(structure.bodies, q[k - 1], q[k], y, x)
     for i in range(n):
         y[n + i] = v[k, i] - v[k - 1, i]
@@ -189,7 +213,8 @@ def _follow_row(constants, filter, k, t, q, v, u, along, workspace):
     difference(structure.bodies, workspace.q1, q[k], y, x)
     for i in range(n):
         y[n + i] = v[k, i] - v1[i]
-    spread, square = innovate(constants.scale, filter.Pxx, filter.Pxt, workspace), 0.0
+    spread = innovate(constants.scale, filter.Pxx, filter.Pxt, workspace)
+    square = 0.0
     for i in range(2 * n):
         square += workspace.e[i] * workspace.e[i]
     if not (spread < np.inf and square < np.inf):
@@ -214,7 +239,8 @@ def _follow_row(constants, filter, k, t, q, v, u, along, workspace):
 @kernel(types.UniTuple(i8, 2)(CONSTANTS, FILTER, vector, matrix, matrix, matrix, ALONG, WORKSPACES))
 def _follow(constants, filter, t, q, v, u, along, workspace):
     """Runs the filter along a log, in workspace from `follow_filter`."""
-    n, tally = v.shape[1], filter.tally
+    n = v.shape[1]
+    tally = filter.tally
     for k in range(1, t.shape[0]):
         end = _follow_row(constants, filter, k, t, q, v, u, along, workspace)
         for i in range(filter.theta.shape[0]):

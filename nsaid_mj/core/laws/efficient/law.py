@@ -64,8 +64,11 @@ class EfficientIdentifier(Identifier):
         supervisor: Supervisor | None = None,
     ):
         assert guard.memory is not None
-        self.guard, self.system, self.metric = guard, guard.system, guard.metric
-        self.estimator, self.supervisor = estimator, supervisor
+        self.guard = guard
+        self.system = guard.system
+        self.metric = guard.metric
+        self.estimator = estimator
+        self.supervisor = supervisor
         self._memory = guard.memory
         self.every = guard.memory.every
         self.interval = guard.memory.every * estimator.dt
@@ -88,7 +91,8 @@ class EfficientIdentifier(Identifier):
         """The state at a measurement after a gap; ends what refers to the motion before."""
         here = checked(self.system, here)
         own: EfficientState = state.own
-        kalman, n = own.filter.copied(), self.system.n
+        kalman = own.filter.copied()
+        n = self.system.n
         kalman.noise.increments[:, :n] = here.v * self.interval / self.every
         if kalman.tally[0]:
             self.estimator.restart(kalman, here)
@@ -103,7 +107,8 @@ class EfficientIdentifier(Identifier):
     def follow(self, state: State, log: Log) -> tuple[State, Estimates]:
         """Filter and memory along a log, with a decision at the end of every interval."""
         self.check(log)
-        made, at = [Estimates.of(state)], 0
+        made = [Estimates.of(state)]
+        at = 0
         state = state._replace(own=state.own._replace(filter=state.own.filter.copied()))
         while at < len(log.t) - 1 and state.status is Status.completed:
             steps = self.every - state.own.step % self.every
@@ -163,7 +168,8 @@ class EfficientIdentifier(Identifier):
         acting = state.supervision.signals.acting(self.system, log)
         if state.waiting is not None:
             acting = Log.joined(state.waiting.first(len(state.waiting.t) - 1), acting)
-        steps, memory = len(acting.t) - 1, state.guard.memory
+        steps = len(acting.t) - 1
+        memory = state.guard.memory
         assert memory is not None
         if steps < _TOGETHER and (memory.step + steps) % self.every:
             return {"waiting": acting}
@@ -206,7 +212,8 @@ class EfficientIdentifier(Identifier):
 
     def _filtered(self, state: EfficientState, log: Log, estimates: Estimates) -> EfficientState:
         """Runs the filter along a log and its contradictions; overwrites estimates."""
-        count, at = len(log.t), 0
+        count = len(log.t)
+        at = 0
         along = Along.empty(count, self.system.n, self.system.p)
         while at < count - 1:
             handed = state.handed
@@ -218,7 +225,8 @@ class EfficientIdentifier(Identifier):
             if handed:
                 estimates.theta_hat[rows] = along.theta[rows]
             at = last
-        estimates.v_hat[1:], estimates.pivot[1:] = along.v[1:], along.pivot[1:]
+        estimates.v_hat[1:] = along.v[1:]
+        estimates.pivot[1:] = along.pivot[1:]
         return state
 
     def _tried(
@@ -237,7 +245,8 @@ class EfficientIdentifier(Identifier):
         self, state: EfficientState, log: Log, at: int, along: Along
     ) -> tuple[EfficientState, int]:
         """The filter from row `at` of a log up to a contradiction; also the last row followed."""
-        begun, supervision = bool(state.filter.tally[0]), state.supervision
+        begun = bool(state.filter.tally[0])
+        supervision = state.supervision
         piece = supervision.signals.acting(self.system, log.part(at, len(log.t)))
         estimator = self._cautious.walking(supervision.walk)
         stretch = estimator.follow(state.filter, piece, along.part(at))
@@ -249,7 +258,8 @@ class EfficientIdentifier(Identifier):
         elif stretch.rounded:
             estimator.repair(state.filter, state.here(self.system, log.first(last + 1)))
         if not stretch.completed:
-            along.theta[last], along.v[last] = state.theta, state.filter.v
+            along.theta[last] = state.theta
+            along.v[last] = state.filter.v
         return state, last
 
     def _contradicted(self, state: EfficientState, log: Log) -> EfficientState:
@@ -260,7 +270,9 @@ class EfficientIdentifier(Identifier):
 
     def _explains(self, state: EfficientState) -> bool:
         """Whether the filter's estimate explains the remembered data as well as the memory's."""
-        kalman, memory, supervision = state.filter, state.guard.memory, state.supervision
+        kalman = state.filter
+        memory = state.guard.memory
+        supervision = state.supervision
         assert memory is not None
         if not kalman.tally[0]:
             return False
@@ -284,7 +296,8 @@ class EfficientIdentifier(Identifier):
         That of the filter is scaled by the mean squared normalised innovation where it exceeds 1.
         """
         own: EfficientState = state.own
-        kalman, prior = own.filter, self.estimator.covariance(self.guard.prior)
+        kalman = own.filter
+        prior = self.estimator.covariance(self.guard.prior)
         if not own.handed:
             stated = self.guard.confidence(own.guard)
             if stated is not None and np.isfinite(stated.covariance).all():

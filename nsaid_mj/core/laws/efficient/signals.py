@@ -22,7 +22,8 @@ class Signals(NamedTuple):
     @staticmethod
     def sound(system: SecondOrderSystem) -> Signals:
         """The signals of a robot with healthy actuators and sensors."""
-        n, n_u = system.n, system.n_u
+        n = system.n
+        n_u = system.n_u
         return Signals(np.ones(n_u), np.full(n_u, np.nan), np.zeros(2 * n))
 
     @property

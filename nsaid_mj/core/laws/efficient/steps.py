@@ -22,7 +22,8 @@ _PASSES = 30  # of projections, at most, until θ̂ is inside
 
 def margin_of(cone: Cone, scale: Array) -> Array:
     """(p,) a small θ inside the cone, with diagonal matrices: θ̂ minus this stays inside."""
-    margin, pairing = np.zeros(len(scale)), coordinates(cone)
+    margin = np.zeros(len(scale))
+    pairing = coordinates(cone)
     margin[cone.positive] = _MARGIN * scale[cone.positive]
     for block, (*_, first, last) in enumerate(cone.blocks):
         i, j, at = cone.entries[first:last].T
@@ -63,7 +64,8 @@ def _onto(plane, start, end, bound, theta, scale, Ptt, Pxt, state, along):
 
     plane (p,) is 0 but for the parameters from `start` to `end`; along (p,) is workspace.
     """
-    missing, variance = bound, 0.0
+    missing = bound
+    variance = 0.0
     for i in range(start, end):
         missing -= plane[i] * theta[i]
         for j in range(start, end):
@@ -103,21 +105,30 @@ def project_inside(cone, margin, before, theta, scale, Ptt, Pxt, state, plane, x
         outside = False
         for j in cone.positive:
             if not theta[j] >= margin[j]:
-                plane[j], outside = 1.0, True
+                plane[j] = 1.0
+                outside = True
                 _onto(plane, j, j + 1, 2.0 * margin[j], theta, scale, Ptt, Pxt, state, x)
         for block in range(cone.blocks.shape[0]):
             row = cone.blocks[block]
-            start, end, k, first, last = row[0], row[1], row[2], row[3], row[4]
+            start = row[0]
+            end = row[1]
+            k = row[2]
+            first = row[3]
+            last = row[4]
             for j in range(start, end):
                 plane[j] = theta[j] - margin[j]
-            own, values = cone.entries[first:last], cone.values[first:last]
+            own = cone.entries[first:last]
+            values = cone.values[first:last]
             matrix_into(own, values, start, plane[start:end], P, k)
             if _negative(P, k, x):
-                bound, outside = 0.0, True
+                bound = 0.0
+                outside = True
                 for j in range(start, end):
                     plane[j] = 0.0
                 for e in range(first, last):
-                    i, j, at = cone.entries[e, 0], cone.entries[e, 1], cone.entries[e, 2]
+                    i = cone.entries[e, 0]
+                    j = cone.entries[e, 1]
+                    at = cone.entries[e, 2]
                     plane[at] += cone.weights[e] * x[i] * x[j]
                 for j in range(start, end):
                     bound += 2.0 * plane[j] * margin[j]
@@ -145,7 +156,9 @@ def carry_scale(part, before, after, scale, Pxt, Ptt, moved, gained):
     covariances of the state and θ/scale with θ/scale, overwritten; moved and gained (p,) are
     workspace.
     """
-    p, norm, along = before.shape[0], 0.0, 0.0
+    p = before.shape[0]
+    norm = 0.0
+    along = 0.0
     for k in range(p):
         moved[k] = part[k] * (after[k] - before[k]) / scale[k]
         norm += part[k] * (before[k] / scale[k]) ** 2
@@ -159,7 +172,8 @@ def carry_scale(part, before, after, scale, Pxt, Ptt, moved, gained):
     for k in range(p):  # T P Tᵀ − P = d (P w)ᵀ + (P w) dᵀ + (wᵀ P w) d dᵀ
         gained[k] += 0.5 * along * moved[k]
     for i in range(p):
-        own, share = moved[i], gained[i]
+        own = moved[i]
+        share = gained[i]
         for k in range(p):
             Ptt[i, k] += own * gained[k] + share * moved[k]
     for k in range(p):

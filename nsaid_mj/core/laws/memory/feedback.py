@@ -67,7 +67,8 @@ def _add(increments, pending, together, variance, seen, steps, u, fourth):
 
     `fourth` (2n + n_u,) is workspace.
     """
-    number, width = steps.shape[1], pending.shape[0]
+    number = steps.shape[1]
+    width = pending.shape[0]
     for k in range(steps.shape[0]):
         for i in range(width):
             new = pending[i] if i < number else u[k, i - number] - pending[i]

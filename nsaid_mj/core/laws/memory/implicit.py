@@ -28,7 +28,8 @@ from .statistics import Memory, Recorder, View
 
 _RULES = Rules(steps=30, halvings=8, done=1e-6, close=1e-3)  # of Newton's method in a step
 _SOLVED = 1e-4  # Newton decrement above which an implicit step counts as not solved
-_SHORTER, _SHORTENINGS = 0.25, 6  # factor of an unsolved step's length, and how often it is applied
+_SHORTER = 0.25  # factor of an unsolved step's length, and how often it is applied
+_SHORTENINGS = 6
 _SURE = 30.0  # information, in units of the prior's, below which noisy data say nothing: 18 %
 _FIRM = 100.0  # weight of the hold, relative to the data, where these are as strong as noise
 
@@ -71,13 +72,18 @@ class ImplicitMemory:
                 "none",
                 "The memory measures residuals relative to the actuators' effort.",
             )
-        self.system, self.metric, self.config, self.prior = system, metric, config, prior
+        self.system = system
+        self.metric = metric
+        self.config = config
+        self.prior = prior
         self.anchor = config.weight(levels)
         self.recorder = Recorder(system, config, dt, levels, hermite)
-        self.every, self._dt = self.recorder.every, dt
+        self.every = self.recorder.every
+        self._dt = dt
         self._pace = config.pace * self.every * dt
         self._metric_prior = metric.mirror(prior)[1]
-        covariance, own = np.linalg.inv(self._metric_prior), parts_of(system) * prior
+        covariance = np.linalg.inv(self._metric_prior)
+        own = parts_of(system) * prior
         if len(own) > 1:  # limbs differ in their scale, too
             covariance += own.T @ own
         self._covariance_prior = np.array(covariance, dtype=np.float64)
@@ -124,7 +130,8 @@ class ImplicitMemory:
         remembered = Remembered.of(memory.means, self.system.space)
         if remembered is None:
             return theta, memory
-        cost, pace = remembered.weighted(theta), self._pace
+        cost = remembered.weighted(theta)
+        pace = self._pace
         hold = self._hold(cost, theta, memory)
         for _ in range(_SHORTENINGS):
             ahead = minimise(_Implicit(self, cost, hold, theta, pace), theta, _RULES)
@@ -162,7 +169,8 @@ class ImplicitMemory:
         and v causes.
         """
         cost = remembered.weighted(theta)
-        data, hold = cost.curvature(theta), self._hold(cost, theta, memory)
+        data = cost.curvature(theta)
+        hold = self._hold(cost, theta, memory)
         pull = hold + max(self.anchor, 1.0) * curvature
         bias = remembered.of_noise(theta).gradient(theta)
         scatter = data + memory.means.blocks * memory.scores.meat + np.outer(bias, bias)
@@ -194,8 +202,10 @@ class ImplicitMemory:
         remembered = memory and Remembered.of(memory.means, self.system.space)
         if memory is None or memory.step % self.every or remembered is None:
             return 0.0
-        cost, k = remembered.weighted(before.theta_hat), self.system.space.actuators
-        largest, off = float(np.max(theta[k] / after.theta_hat[k])), theta - self.prior
+        cost = remembered.weighted(before.theta_hat)
+        k = self.system.space.actuators
+        largest = float(np.max(theta[k] / after.theta_hat[k]))
+        off = theta - self.prior
         hold = self._hold(cost, before.theta_hat, memory)
         data = 0.5 * (max(0.0, cost.value(theta)) * largest + off @ hold @ off)
         divergence = self.metric.divergence
@@ -219,7 +229,8 @@ class ImplicitMemory:
         memory = state.memory
         if memory is None or memory.scores.view is None or not memory.scores.count:
             return None
-        view, remembered = memory.scores.view, Remembered.of(memory.means, self.system.space)
+        view = memory.scores.view
+        remembered = Remembered.of(memory.means, self.system.space)
         curvature = self.metric.mirror(view.theta)[1]
         if remembered is None or not np.isfinite(curvature).all():
             return None
@@ -239,8 +250,11 @@ class _Implicit:
     def __init__(
         self, memory: ImplicitMemory, cost: Quotient, hold: Array, start: Array, pace: float
     ):
-        self.metric, self.cost, self.pace = memory.metric, cost, pace
-        self.prior, self.hold = memory.prior, pace * hold
+        self.metric = memory.metric
+        self.cost = cost
+        self.pace = pace
+        self.prior = memory.prior
+        self.hold = pace * hold
         anchor = pace * memory.anchor
         self.whole = 1 + anchor
         self.dual = self.metric.mirror(start)[0] + anchor * self.metric.mirror(self.prior)[0]

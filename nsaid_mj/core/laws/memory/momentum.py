@@ -84,7 +84,9 @@ def along(leak, block, t, momenta, start, half, end, lag, total, filled, rows, m
     for k in range(t.shape[0] - 1):
         dt = t[k + 1] - t[k]
         fade = np.exp(-0.5 * leak * dt)
-        first, second, third = fade * fade * dt / 6, 2 / 3 * dt * fade, dt / 6
+        first = fade * fade * dt / 6
+        second = 2 / 3 * dt * fade
+        third = dt / 6
         for i in range(n):
             for j in range(p):
                 z = fade * fade * lag[i, j] + first * start[k, i, j]
@@ -97,7 +99,8 @@ def along(leak, block, t, momenta, start, half, end, lag, total, filled, rows, m
                 for j in range(p):
                     rows[made, i, j] = total[i, j] / block
                     total[i, j] = 0.0
-            made, filled = made + 1, 0
+            made = made + 1
+            filled = 0
     return made, filled
 
 

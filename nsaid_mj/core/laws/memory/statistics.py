@@ -54,14 +54,16 @@ class Scores(NamedTuple):
         Rows and neighbouring blocks may be correlated; `fade` is a block's weight relative to the
         next one's.
         """
-        k, view = len(rows), self.view
+        k = len(rows)
+        view = self.view
         if view is None or not k:
             return self
         new = rows - view.rho[:, None] * before
         scores = np.matmul((view.share * (new @ view.theta))[:, None], new)[:, 0]
         known = np.concatenate([self.latest, scores])
         together = sum((known[i : i + k] for i in range(1, _NEIGHBOURS + 1)), np.zeros_like(scores))
-        weights, old = fade ** np.arange(k)[::-1], fade**k * self.count
+        weights = fade ** np.arange(k)[::-1]
+        old = fade**k * self.count
         count = old + float(weights.sum())
         outer = (weights[:, None] * together).T @ together / _NEIGHBOURS
         return Scores(view, known[k:], (old * self.meat + outer) / count, count)
@@ -99,7 +101,9 @@ class Recorder:
         levels: SensorLevels,
         hermite: bool = True,
     ):
-        self.system, self.levels, self.hermite = system, levels, hermite
+        self.system = system
+        self.levels = levels
+        self.hermite = hermite
         self.every = max(1, round(config.interval / dt))
         self.block = max(1, round(config.block / dt))
         self._periods = self.every, _FRESH * self.block
@@ -111,7 +115,8 @@ class Recorder:
 
     def begin(self, first: Measurement) -> Memory:
         """The empty memory at a first measurement."""
-        n, p = self.system.n, self.system.p
+        n = self.system.n
+        p = self.system.p
         means = Means.empty(n, p, self.fade)
         return Memory(0, self._balance(first), np.zeros((0, n, p)), means, Scores.empty(p))
 
@@ -122,7 +127,8 @@ class Recorder:
 
     def _balance(self, first: Measurement) -> Balance:
         """The momentum balance that begins at a sample: Y = 0."""
-        n, lag = self.system.n, self.system._W_M(first.q, first.v)
+        n = self.system.n
+        lag = self.system._W_M(first.q, first.v)
         fed = FedBack.unknown(n, self.system.n_u)
         return Balance(lag, np.zeros(n), np.zeros(n), np.zeros_like(lag), 0, fed)
 
@@ -158,7 +164,9 @@ class Recorder:
             )
             middle = middle._replace(v=middle.v.copy())
             correct_drift(self._gain, log.t, log.v, moves, *balance[1:3], middle.v)
-        lag, total, filled = balance.lag.copy(), balance.total.copy(), balance.filled
+        lag = balance.lag.copy()
+        total = balance.total.copy()
+        filled = balance.filled
         rows = np.empty(((filled + len(log.t) - 1) // self.block, *lag.shape))
         made = 0
         for at in range(0, len(log.t) - 1, _PIECE):
@@ -176,11 +184,15 @@ class Recorder:
         Blocks count in the scores only once enough others precede them to estimate the residuals'
         variance.
         """
-        means, fresh = memory.means, memory.fresh
+        means = memory.means
+        fresh = memory.fresh
         before = np.concatenate([means.last[None], fresh])[:-1]
-        (n, p), blocks, first = means.last.shape, means.blocks, 0
+        n, p = means.last.shape
+        blocks = means.blocks
+        first = 0
         while first < len(fresh) and blocks * n < _DETERMINED * p:
-            blocks, first = self.fade * blocks + 1, first + 1
+            blocks = self.fade * blocks + 1
+            first = first + 1
         noise = means.noise
         if not self.levels.exact:
             noise = self._noise(here, memory.balance.fed.deviations())
@@ -198,7 +210,9 @@ class Recorder:
         excites the plant, but counts as noise of the commands. fed (k, n_u) are deviations of the
         commands, each from an independent noise.
         """
-        system, n, k = self.system, self.system.n, len(fed)
+        system = self.system
+        n = self.system.n
+        k = len(fed)
         count = 2 * n + k + 2
         many = Log.unchecked(*(np.repeat(np.asarray(part)[None], count, 0) for part in here))
         for i, step in enumerate(np.eye(n)):
@@ -206,7 +220,8 @@ class Recorder:
             many.v[n + i] += self.levels.velocity * step
         many.u[2 * n : 2 * n + k] += fed
         momenta, rates, *_ = system.momentum_balance(self._leak, many, many.q[1:], many.v[1:])
-        momenta, rates = momenta[:-2] - momenta[-1], rates[:-1] - rates[-1]
+        momenta = momenta[:-2] - momenta[-1]
+        rates = rates[:-1] - rates[-1]
         effects = momenta, rates[: 2 * n], rates[2 * n :]
         rows = [s**0.5 * part for s, part in zip(self._averaging, effects, strict=True)]
         both = np.concatenate(rows).transpose(1, 0, 2)

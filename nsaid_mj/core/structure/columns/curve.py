@@ -15,11 +15,13 @@ def follow_curve(c, at, u):
     """
     count = int(c[at])
     if count >= 0:
-        total, size = 0.0, abs(u)
+        total = 0.0
+        size = abs(u)
         for i in range(at + count, at, -1):
             total = total * size + c[i]
         return total * u
-    first, last = at + 1, at - count
+    first = at + 1
+    last = at - count
     if u <= c[first]:
         return c[first - count]
     for i in range(first + 1, last + 1):
@@ -46,5 +48,6 @@ def interpolated(commands: Array, values: Array) -> Array:
     return np.array([-len(commands), *commands, *values])
 
 
-LINEAR, SQUARED = polynomial(1.0), polynomial(0.0, 1.0)
+LINEAR = polynomial(1.0)
+SQUARED = polynomial(0.0, 1.0)
 """The curves u, and u|u| of a rotor whose command is its speed."""

@@ -13,20 +13,33 @@ from ...numerics.kernels import f8, helper, index, vector, void
 from ..spatial import add_cross
 from .kind import LISTED, Constants, Kind
 
-WRENCH_OF, FLOW_OF = void(vector, index, vector, f8), void(vector, index, vector)
+WRENCH_OF = void(vector, index, vector, f8)
+FLOW_OF = void(vector, index, vector)
 """Signatures of a kind's function: (c, at, x), and (c, at, x) if it reads no command."""
-UP, GRAVITY, F = 6, 9, 12
+UP = 6
+GRAVITY = 9
+F = 12
 """Where the other vectors begin in x, after the twist."""
 
 (
-    WEIGHT, BUOYANCY, RIGHTING, PAYLOAD, LINEAR_DRAG, QUADRATIC_DRAG, SPEED_DRAG, STRIP_DRAG,
-    LIFT, LIFT_MOMENT, FLUID_KINDS,
-) = range(100, 111)  # fmt: skip
+    WEIGHT,
+    BUOYANCY,
+    RIGHTING,
+    PAYLOAD,
+    LINEAR_DRAG,
+    QUADRATIC_DRAG,
+    SPEED_DRAG,
+    STRIP_DRAG,
+    LIFT,
+    LIFT_MOMENT,
+    FLUID_KINDS,
+) = range(100, 111)
 _POINT: Constants = {"point": (3, 0.0)}
 _AXIS: Constants = {"axis": (3, None)}
 _AXES: Constants = {"axes": (6, None)}
 _STRIPS: Constants = {**_AXIS, "strips": (LISTED, None)}
-_LINEAR, _SQUARE = ("N·m·s/rad", "N·s/m"), ("N·m·s²/rad²", "N·s²/m²")
+_LINEAR = ("N·m·s/rad", "N·s/m")
+_SQUARE = ("N·m·s²/rad²", "N·s²/m²")
 _weighs = partial(Kind, reads="pose")
 
 KINDS = (
@@ -66,12 +79,16 @@ def strip_drag(c, at, x):
     Constants: the axis (3), 4 k, and position (3) and length of k strips.
     """
     for k in range(at + 4, at + 4 + int(c[at + 3]), 4):
-        px, py, pz = c[k], c[k + 1], c[k + 2]
+        px = c[k]
+        py = c[k + 1]
+        pz = c[k + 2]
         vx = x[0] + x[4] * pz - x[5] * py
         vy = x[1] + x[5] * px - x[3] * pz
         vz = x[2] + x[3] * py - x[4] * px
         along = c[at] * vx + c[at + 1] * vy + c[at + 2] * vz
-        vx, vy, vz = vx - along * c[at], vy - along * c[at + 1], vz - along * c[at + 2]
+        vx = vx - along * c[at]
+        vy = vy - along * c[at + 1]
+        vz = vz - along * c[at + 2]
         push = -c[k + 3] * np.sqrt(vx * vx + vy * vy + vz * vz)
         x[F] += push * vx
         x[F + 1] += push * vy

@@ -11,11 +11,23 @@ from .curve import follow_curve
 from .kind import CURVE, LISTED, Constants, Kind
 
 (
-    VISCOUS, QUADRATIC, CUBIC, COULOMB, STRIBECK, LOAD, OFFSET, SPRING, MOTOR, SERVO,
-    SHARED_VISCOUS, SHARED_COULOMB,
-) = range(12)  # fmt: skip
+    VISCOUS,
+    QUADRATIC,
+    CUBIC,
+    COULOMB,
+    STRIBECK,
+    LOAD,
+    OFFSET,
+    SPRING,
+    MOTOR,
+    SERVO,
+    SHARED_VISCOUS,
+    SHARED_COULOMB,
+) = range(12)
 _SPEED: Constants = {"speed": (1, 0.05)}
-_FORCE, _DAMPING, _DRAG = ("N·m", "N"), ("N·m·s/rad", "N·s/m"), ("N·m·s²/rad²", "N·s²/m²")
+_FORCE = ("N·m", "N")
+_DAMPING = ("N·m·s/rad", "N·s/m")
+_DRAG = ("N·m·s²/rad²", "N·s²/m²")
 _STIFFNESS = ("N·m/rad", "N/m")
 _drive = partial(Kind, share=1.0, actuator=True, commanded=True, drawn="ring")
 
@@ -25,40 +37,82 @@ KINDS = (
     Kind(CUBIC, "cubic", "cubic friction", "cubic", ("N·m·s³/rad³", "N·s³/m³"), "free"),
     Kind(COULOMB, "coulomb", "Coulomb friction", "coulomb", _FORCE, share=0.2, constants=_SPEED),
     Kind(
-        STRIBECK, "stribeck", "Stribeck friction", "stribeck", _FORCE,
+        STRIBECK,
+        "stribeck",
+        "Stribeck friction",
+        "stribeck",
+        _FORCE,
         constants={**_SPEED, "stribeck": (1, 0.13)},
     ),
     Kind(
-        LOAD, "load", "load-dependent friction", "load", ("1", "1"), share=0.05,
+        LOAD,
+        "load",
+        "load-dependent friction",
+        "load",
+        ("1", "1"),
+        share=0.05,
         constants={**_SPEED, "bodies": (LISTED, None)},
     ),
     Kind(
-        OFFSET, "offset", "offset", "offset", _FORCE, "free", share=0.05, reads="",
+        OFFSET,
+        "offset",
+        "offset",
+        "offset",
+        _FORCE,
+        "free",
+        share=0.05,
+        reads="",
         constants={"force": (1, 1.0)},
     ),
     Kind(
-        SPRING, "spring", "stiffness", "stiffness", _STIFFNESS, constants={"rest": (1, 0.0)},
-        drawn="ring", reads="pose",
+        SPRING,
+        "spring",
+        "stiffness",
+        "stiffness",
+        _STIFFNESS,
+        constants={"rest": (1, 0.0)},
+        drawn="ring",
+        reads="pose",
     ),
     _drive(
-        MOTOR, "motor", "motor gain", "gain", ("N·m/unit", "N/unit"),
-        constants={"curve": (CURVE, 1.0)}, reads="",
+        MOTOR,
+        "motor",
+        "motor gain",
+        "gain",
+        ("N·m/unit", "N/unit"),
+        constants={"curve": (CURVE, 1.0)},
+        reads="",
     ),
     _drive(
-        SERVO, "servo", "servo gain", "kp", _STIFFNESS, constants={"limit": (1, np.inf)},
+        SERVO,
+        "servo",
+        "servo gain",
+        "kp",
+        _STIFFNESS,
+        constants={"limit": (1, np.inf)},
         reads="pose",
     ),
     # friction of a motor that turns by v ± v_other, on one of the two joints; this joint's own
     # viscous part belongs to its own viscous friction
     Kind(
-        SHARED_VISCOUS, "shared_viscous", "shared viscous friction", "shared_viscous", _DAMPING,
-        "free", constants={"other": (1, None)},
+        SHARED_VISCOUS,
+        "shared_viscous",
+        "shared viscous friction",
+        "shared_viscous",
+        _DAMPING,
+        "free",
+        constants={"other": (1, None)},
     ),
     Kind(
-        SHARED_COULOMB, "shared_coulomb", "shared Coulomb friction", "shared_coulomb", _FORCE,
-        "free", constants={"other": (1, None), "sign": (1, 1.0), **_SPEED},
+        SHARED_COULOMB,
+        "shared_coulomb",
+        "shared Coulomb friction",
+        "shared_coulomb",
+        _FORCE,
+        "free",
+        constants={"other": (1, None), "sign": (1, 1.0), **_SPEED},
     ),
-)  # fmt: skip
+)
 
 
 @helper(f8(table, index, vector))
@@ -94,7 +148,8 @@ def _weight_on_joint(c, at, bodies, b, state, ground, x):
     c[at] counts the numbers that follow: body, mass and first moment in body axes (3) of every body
     with a nominal weight.
     """
-    axis, total = (bodies.shape[0] + bodies[b, AT_V]) * FRAME, 0.0
+    axis = (bodies.shape[0] + bodies[b, AT_V]) * FRAME
+    total = 0.0
     for k in range(at + 1, at + 1 + int(c[at]), 5):
         body = int(c[k])
         own = body

@@ -9,7 +9,8 @@ from ...parameters import Geometry
 Drawn = Literal["", "arrow", "ring", "patch"]
 Reads = Literal["", "velocity", "pose"]
 Constants = Mapping[str, tuple[int, float | None]]
-CURVE, LISTED = -1, -2
+CURVE = -1
+LISTED = -2
 """Size of a constant that is a command curve, see `curve.follow_curve`, whose default is a power of
 the command; and of one that is a list of numbers, preceded by their count."""
 

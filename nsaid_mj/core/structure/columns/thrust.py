@@ -11,9 +11,19 @@ from .fluid import FLOW_OF, WRENCH_OF, F
 from .kind import CURVE, Constants, Kind
 
 (
-    THRUSTER, NOZZLE, ROTOR, ROTOR_TORQUE, ROTOR_INFLOW, ROTOR_DRAG, ROTOR_DAMPING,
-    PROPELLER, PROPELLER_TORQUE, FIN, FIN_DRAG, THRUST_KINDS,
-) = range(200, 212)  # fmt: skip
+    THRUSTER,
+    NOZZLE,
+    ROTOR,
+    ROTOR_TORQUE,
+    ROTOR_INFLOW,
+    ROTOR_DRAG,
+    ROTOR_DAMPING,
+    PROPELLER,
+    PROPELLER_TORQUE,
+    FIN,
+    FIN_DRAG,
+    THRUST_KINDS,
+) = range(200, 212)
 _POINT: Constants = {"point": (3, None)}
 _ABOUT: Constants = {"direction": (3, None)}
 _PLACE: Constants = {**_POINT, **_ABOUT}
@@ -22,8 +32,10 @@ _SQUARED: Constants = {**_PLACE, "curve": (CURVE, 2.0)}
 _SPUN: Constants = {**_ABOUT, "curve": (CURVE, 2.0)}
 _SLIPPING: Constants = {**_PLACE, "slip": (1, 0.0)}
 _gain = partial(Kind, actuator=True, commanded=True)
-_pushes, _turns = partial(_gain, share=1.0, drawn="arrow"), partial(_gain, drawn="ring", reads="")
-_steers, _drags = partial(_gain, drawn="arrow"), partial(Kind, commanded=True, constants=_PLACE)
+_pushes = partial(_gain, share=1.0, drawn="arrow")
+_turns = partial(_gain, drawn="ring", reads="")
+_steers = partial(_gain, drawn="arrow")
+_drags = partial(Kind, commanded=True, constants=_PLACE)
 
 KINDS = (
     _pushes(THRUSTER, "thruster", "thruster gain", "thrust", "N", constants=_CURVED, reads=""),
@@ -31,7 +43,12 @@ KINDS = (
     _pushes(ROTOR, "rotor", "rotor thrust gain", "thrust", "N", constants=_SQUARED, reads=""),
     _turns(ROTOR_TORQUE, "rotor_torque", "rotor torque gain", "torque", "N·m", constants=_SPUN),
     Kind(
-        ROTOR_INFLOW, "rotor_inflow", "translational lift", "lift", "N·s²/m²", "free",
+        ROTOR_INFLOW,
+        "rotor_inflow",
+        "translational lift",
+        "lift",
+        "N·s²/m²",
+        "free",
         constants=_PLACE,
     ),
     _drags(ROTOR_DRAG, "rotor_drag", "rotor drag", "rotor_drag_h", "N·s/m"),
@@ -42,7 +59,7 @@ KINDS = (
     ),
     _steers(FIN, "fin", "fin lift", "fin lift", "N·s²/m²/rad", constants=_PLACE),
     _steers(FIN_DRAG, "fin_drag", "fin drag", "fin drag", "N·s²/m²/rad²", constants=_POINT),
-)  # fmt: skip
+)
 
 
 @helper(void(vector, index, f8, vector))

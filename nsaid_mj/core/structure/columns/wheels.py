@@ -18,11 +18,18 @@ KINDS = (
     Kind(TYRE, "tyre", "cornering stiffness", "C", "N/rad", constants=_ARM, drawn="patch"),
     Kind(ROLLING, "rolling", "rolling resistance", "c_0", "N", constants={"speed": (1, 0.1)}),
     _drive(
-        DRIVE, "drive", "drive gain", "k_d", "N", share=1.0, constants=_POINT, drawn="arrow",
+        DRIVE,
+        "drive",
+        "drive gain",
+        "k_d",
+        "N",
+        share=1.0,
+        constants=_POINT,
+        drawn="arrow",
         reads="",
     ),
     _drive(DRIVE_LOSS, "drive_loss", "drive loss", "k_v", "N·s/m"),
-)  # fmt: skip
+)
 
 
 @helper(WRENCH_OF)
@@ -41,6 +48,8 @@ def write_wheel(kind, c, at, x, u):
     elif kind == ROLLING:  # continuous where the speed changes sign
         x[F] = -np.tanh(x[0] / c[at])
     elif kind == DRIVE:
-        x[F], x[F + 4], x[F + 5] = u, u * c[at + 2], -u * c[at + 1]
+        x[F] = u
+        x[F + 4] = u * c[at + 2]
+        x[F + 5] = -u * c[at + 1]
     elif kind == DRIVE_LOSS:
         x[F] = -x[0] * u

@@ -40,7 +40,8 @@ class Actuation:
         self, system: SecondOrderSystem, prior: Array, low: Array, high: Array, rest: Array
     ):
         self.gains = system.space.actuators
-        self._unit, self._rest = unit_forces(system), rest
+        self._unit = unit_forces(system)
+        self._rest = rest
         knots = np.linspace(low, high, _KNOTS)
         self._commands, self._efforts = curves(system, self._unit, knots)
         self.low = np.array([u[0] for u in self._commands])
@@ -65,7 +66,8 @@ class Actuation:
         efforts f₀ preferred at rest, in units of the actuators' ranges, N = diag(range²). Where it
         exceeds a limit, the group's force is scaled down, which keeps its direction.
         """
-        B, effort = self.matrix(theta), np.empty(len(self._rest))
+        B = self.matrix(theta)
+        effort = np.empty(len(self._rest))
         if len(self._own):
             rows, columns = self._own.T
             wanted = force[rows] / B[rows, columns]
@@ -80,8 +82,10 @@ class Actuation:
 
     def _share(self, B: Array, force: Array, group: Group) -> Array:
         """Efforts of a group's actuators, scaled to be within their limits."""
-        k, own = group.columns, B[np.ix_(group.rows, group.columns)]
-        least, most = self._least[k], self._most[k]
+        k = group.columns
+        own = B[np.ix_(group.rows, group.columns)]
+        least = self._least[k]
+        most = self._most[k]
         weighted = (most - least) ** 2 * own
         inverse = weighted.T @ np.linalg.inv(own @ weighted.T)
         at_rest = self._rest[k] - inverse @ (own @ self._rest[k])  # exerts nothing
@@ -98,7 +102,8 @@ def unit_forces(system: SecondOrderSystem) -> Array:
     Raises:
         InvalidInput: the forces of the commands depend on the state, or on each other.
     """
-    rng, found = np.random.default_rng(0), []
+    rng = np.random.default_rng(0)
+    found = []
     for _ in range(_PROBES):
         q, v, u = system.random_state(rng)
         zero = system._F(0.0, q, v, np.zeros(system.n_u))
@@ -125,7 +130,9 @@ def curves(system: SecondOrderSystem, unit: Array, knots: Array) -> tuple[list[A
     """
     (q, v, _), count = system.random_state(np.random.default_rng(0)), len(knots)
     still = np.zeros(count), np.tile(q, (count, 1)), np.tile(v, (count, 1))
-    gains, commands, efforts = system.space.actuators, [], []
+    gains = system.space.actuators
+    commands = []
+    efforts = []
     zero = system._F(0.0, q, v, np.zeros(system.n_u))[:, gains]
     for i in range(system.n_u):
         u = np.zeros((count, system.n_u))
@@ -147,15 +154,18 @@ def groups(system: SecondOrderSystem, B: Array) -> list[Group]:
     Raises:
         InvalidInput: a group's commands cannot exert every force along its velocities.
     """
-    found, left = [], set(range(system.n))
+    found = []
+    left = set(range(system.n))
     while left:
-        rows, columns = {min(left)}, set()
+        rows = {min(left)}
+        columns = set()
         while True:
             more = set(np.flatnonzero(np.any(B[sorted(rows)] != 0, axis=0)).tolist())
             wider = rows | set(np.flatnonzero(np.any(B[:, sorted(more)] != 0, axis=1)).tolist())
             if more == columns and wider == rows:
                 break
-            rows, columns = wider, more
+            rows = wider
+            columns = more
         group = Group(np.array(sorted(rows)), np.array(sorted(columns), dtype=np.intp))
         part = B[np.ix_(group.rows, group.columns)]
         size = np.linalg.svd(part, compute_uv=False) if part.size else np.zeros(1)

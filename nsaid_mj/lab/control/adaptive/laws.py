@@ -57,7 +57,8 @@ class Estimate:
         """
         if self.metric is not None:
             theta = np.empty(len(self.theta))
-            numbers, eta = self.metric.numbers, self._eta
+            numbers = self.metric.numbers
+            eta = self._eta
             if self._descend(numbers, *self._work, slope, step, eta, self.theta, theta):
                 self.theta = theta
 
@@ -114,7 +115,8 @@ def descend(numbers, work, own, slope, step, eta, theta, moved):
 def adaptation_in(kind: type[Metric]) -> tuple[Callable[..., None], Callable[..., bool]]:
     """`begin` and `descend` in a kind of metric."""
     metric = kind.compiled
-    numbers, own = metric.numbers, metric.workspace
+    numbers = metric.numbers
+    own = metric.workspace
     start = void(numbers, own, f8[::1], f8[::1])
     step = boolean(numbers, _DESCENT, own, f8[::1], f8, f8[::1], f8[::1], f8[::1])
     return (

@@ -45,26 +45,33 @@ class Reference:
     """
 
     def __init__(self, system: SecondOrderSystem, trajectory: FourierTrajectory, rate: float):
-        self._system, self._trajectory, self._rate = system, trajectory, rate
+        self._system = system
+        self._trajectory = trajectory
+        self._rate = rate
 
     def desired(self, t: float) -> tuple[Array, Array]:
         """(n,) position numbers and (n,) velocities at time t [s]."""
         position, velocity, acceleration = self._trajectory(t)
-        numbers, twist = position.copy(), velocity.copy()
+        numbers = position.copy()
+        twist = velocity.copy()
         if self._system.group:
             attitude, turning, _ = attitude_of(position[3:6], velocity[3:6], acceleration[3:6])
             numbers[3:6] = rotation_vector(attitude)
-            twist[:3], twist[3:6] = unrotate(attitude, velocity[:3]), turning
+            twist[:3] = unrotate(attitude, velocity[:3])
+            twist[3:6] = turning
         return numbers, twist
 
     def __call__(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """(n,) v_r and (n,) v̇_r at time t [s] and a measured state q (m,), v (n,)."""
-        motion, first = np.column_stack(self._trajectory(t)), self._system.group
-        v_r, a_r = np.empty(len(v)), np.empty(len(v))
+        motion = np.column_stack(self._trajectory(t))
+        first = self._system.group
+        v_r = np.empty(len(v))
+        a_r = np.empty(len(v))
         if first:
             follow_pose(motion, q, v, self._rate, v_r, a_r)
         if len(v) > first:
-            rates, error = motion[first:, 1], self._system.joint_errors(q, motion[first:, 0])
+            rates = motion[first:, 1]
+            error = self._system.joint_errors(q, motion[first:, 0])
             v_r[first:] = rates + self._rate * error
             a_r[first:] = motion[first:, 2] + self._rate * (rates - v[first:])
         return v_r, a_r
@@ -78,12 +85,16 @@ def attitude_of(angles, rates, accelerations):
         (4,) quaternion x, y, z, w; (3,) ω in body axes [rad/s]; (3,) ω̇ in body axes [rad/s²].
     """
     half = 0.5 * angles
-    c, s = np.cos(half), np.sin(half)
+    c = np.cos(half)
+    s = np.sin(half)
     roll = np.array([s[0], 0.0, 0.0, c[0]])
     pitch = np.array([0.0, s[1], 0.0, c[1]])
     yaw = np.array([0.0, 0.0, s[2], c[2]])
     quaternion = product(yaw, product(pitch, roll))
-    sr, cr, sp, cp = np.sin(angles[0]), np.cos(angles[0]), np.sin(angles[1]), np.cos(angles[1])
+    sr = np.sin(angles[0])
+    cr = np.cos(angles[0])
+    sp = np.sin(angles[1])
+    cp = np.cos(angles[1])
     p, q, r = rates
     turning = np.array([p - sp * r, cr * q + sr * cp * r, -sr * q + cr * cp * r])
     a, b, d = accelerations
@@ -105,7 +116,8 @@ def follow_pose(motion, q, v, rate, v_r, a_r):
     (m,) begins with the measured pose [p, quaternion], v (n,) with the body twist; `rate` is Λ
     [1/s].
     """
-    attitude, omega = q[3:7], v[3:6]
+    attitude = q[3:7]
+    omega = v[3:6]
     slip = motion[:3, 1] - rotate(attitude, v[:3])
     v_r[:3] = unrotate(attitude, motion[:3, 1] + rate * (motion[:3, 0] - q[:3]))
     a_r[:3] = unrotate(attitude, motion[:3, 2] + rate * slip) - cross(omega, v_r[:3])
@@ -141,7 +153,8 @@ def prior_motion(
     period: float,
 ) -> PriorMotion:
     """Evaluates the prior's dynamics along a period [s] of the desired motion."""
-    W, M = [], []
+    W = []
+    M = []
     for t in np.linspace(0, period, _SAMPLES, endpoint=False).tolist():
         numbers, v = reference.desired(t)
         q = system.position(numbers)
@@ -171,7 +184,8 @@ def loop_frequency(motion: PriorMotion, mobility: Array) -> float:
 
 def mean_inertia(system: SecondOrderSystem, prior: Array) -> Array:
     """(n,) diagonal of the prior's mass matrix, averaged over random configurations."""
-    rng, total = np.random.default_rng(0), np.zeros(system.n)
+    rng = np.random.default_rng(0)
+    total = np.zeros(system.n)
     for _ in range(_PROBES):
         q, v, _ = system.random_state(rng)
         total += np.diag(system.mass_matrix(np.concatenate([q, v]), prior))

@@ -34,7 +34,9 @@ class Tracker(InformedDriver):
         law: TrackingLaw,
         period: float,
     ):
-        self._system, self._actuation, self._law = system, actuation, law
+        self._system = system
+        self._actuation = actuation
+        self._law = law
         self.reference = reference
         self.period = period if law.informed else np.inf
         self._idle = np.zeros(system.n_u)
@@ -62,14 +64,18 @@ class Tracker(InformedDriver):
 
     def command(self, t: float, q: Array, v: Array) -> Array:
         """(n_u,) the command for the state expected half-way to the next sample."""
-        system, theta_hat, step = self._system, self._law.estimate.theta, 0.0
+        system = self._system
+        theta_hat = self._law.estimate.theta
+        step = 0.0
         if self._last is not None:
             step = t - self._last.t
             self._learn(t, q, v, self._last)
             theta_hat = self._law.estimate.theta
         _, a_r = self.reference(t, q, v)
         ahead = 0.5 * step
-        t_m, q_m, v_m = t + ahead, system.integrate(q, ahead * v), v + ahead * a_r
+        t_m = t + ahead
+        q_m = system.integrate(q, ahead * v)
+        v_m = v + ahead * a_r
         w, a, pull = self._law.demand(v_m, *self.reference(t_m, q_m, v_m))
         W = system._W(t_m, q_m, v_m, w, a, self._idle)
         u = self._actuation.command(theta_hat, W @ theta_hat - pull)
@@ -79,7 +85,8 @@ class Tracker(InformedDriver):
     def _learn(self, t: float, q: Array, v: Array, last: Measurement) -> None:
         """Moves θ̂ by −Wᵀ s half-way between the last sample and this one."""
         system = self._system
-        t_m, v_m = 0.5 * (last.t + t), 0.5 * (last.v + v)
+        t_m = 0.5 * (last.t + t)
+        v_m = 0.5 * (last.v + v)
         q_m = system.integrate(last.q, 0.5 * system.difference(last.q, q))
         v_r, a_r = self.reference(t_m, q_m, v_m)
         W = system._W(t_m, q_m, v_m, v_r, a_r, last.u)

@@ -39,7 +39,8 @@ class Fluid(NamedTuple):
 
     def apply(self, spec: Any, mismatch: Mismatch) -> None:
         """Enables them in MuJoCo's specification."""
-        spec.option.density, spec.option.viscosity = self.density, self.viscosity
+        spec.option.density = self.density
+        spec.option.viscosity = self.viscosity
         spec.option.wind = mismatch.flow
         for geom in spec.body(BODY).geoms:
             geom.fluid_ellipsoid = int(self.solid(geom.name))
@@ -82,7 +83,8 @@ class Blueprint:
 
     def drawn(self, spread: float, rng: np.random.Generator) -> Array:
         """(p,) random true θ; each value is multiplied by its own factor within 1 ± spread."""
-        theta, start = self.theta.copy(), len(self.body)
+        theta = self.theta.copy()
+        start = len(self.body)
         if self.hidden_body is not None:
             theta[:start] = self._parameters(self.hidden_body(spread, rng))
         shares = [np.full(len(term.block), term.spread) for term in self.terms]
@@ -96,7 +98,8 @@ class Blueprint:
         times the largest factor for which the added mass is at least the nominal one times this
         factor, so that both are physical.
         """
-        acting, size = theta.copy(), len(self.body)
+        acting = theta.copy()
+        size = len(self.body)
         M = self._tensor @ theta[:size]
         if self.added is None:
             acting[:size] = 0.0
@@ -136,7 +139,9 @@ class BodyPlant(KnownPlant, ABC):
         """See `Blueprint.split` for how M is divided into rigid-body and added mass."""
         from .simulated import SimulatedRobot
 
-        system, files, fluid = known.system, self._files, known.fluid
+        system = known.system
+        files = self._files
+        fluid = known.fluid
         try:
             body, acting = known.split(theta)
         except ValueError as error:

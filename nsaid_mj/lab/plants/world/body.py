@@ -30,7 +30,8 @@ class Inertia(NamedTuple):
     @staticmethod
     def of_matrix(M: Array) -> Inertia:
         """From the mass matrix (6, 6) about the origin."""
-        mass, lever = float(M[0, 0]), np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]
+        mass = float(M[0, 0])
+        lever = np.array([M[1, 5], M[2, 3], M[0, 4]]) / M[0, 0]
         return Inertia(mass, lever, M[3:, 3:] - mass * _steiner(lever))
 
     def matrix(self) -> Array:
@@ -83,14 +84,20 @@ def vehicle_spec(
     spec = _visual_spec(files, size or box_of(mass, about), n)
     set_options(spec, dt)
     spec.option.gravity = [0, 0, 0]
-    spec.option.density, spec.option.viscosity = 0.0, 0.0
+    spec.option.density = 0.0
+    spec.option.viscosity = 0.0
     spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
     body = spec.body(BODY)
     for joint in body.joints:
-        joint.damping, joint.stiffness = [0, 0, 0], [0, 0, 0]
-        joint.armature, joint.frictionloss = 0.0, 0.0
-    body.explicitinertial, body.gravcomp = True, 0.0
-    body.mass, body.ipos, body.iquat = mass, centre, [1, 0, 0, 0]
+        joint.damping = [0, 0, 0]
+        joint.stiffness = [0, 0, 0]
+        joint.armature = 0.0
+        joint.frictionloss = 0.0
+    body.explicitinertial = True
+    body.gravcomp = 0.0
+    body.mass = mass
+    body.ipos = centre
+    body.iquat = [1, 0, 0, 0]
     body.fullinertia = [*np.diag(about), about[0, 1], about[0, 2], about[1, 2]]
     return spec
 
@@ -118,13 +125,15 @@ def _visual_spec(files: VehicleFiles, size: Sequence[float], n: int) -> Any:
         raise InvalidInput(
             str(path), "a model that MuJoCo can load", error, "Correct it."
         ) from error
-    kind, bodies = mujoco.mjtJoint, [body.name for body in spec.bodies]
+    kind = mujoco.mjtJoint
+    bodies = [body.name for body in spec.bodies]
     wanted = {"pose": kind.mjJNT_FREE, "yaw": kind.mjJNT_HINGE}
     expected = [(name, wanted.get(name, kind.mjJNT_SLIDE)) for name in JOINTS[n]]
     joints = [(joint.name, joint.type) for joint in spec.joints]
     actuators = [actuator.name for actuator in spec.actuators]
     strange = [geom.name for geom in spec.geoms if geom.type not in DRAWN]
-    drawn, made = "boxes, cylinders, capsules, ellipsoids and spheres", files.sheet.name
+    drawn = "boxes, cylinders, capsules, ellipsoids and spheres"
+    made = files.sheet.name
     for sound, needed, got, remedy in (
         (bodies == ["world", BODY], f"one body, called {BODY}", bodies[1:], "Put all geoms in it."),
         (

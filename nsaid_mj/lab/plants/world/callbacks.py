@@ -86,7 +86,8 @@ def _pointer(_: Any, address: Any, kind: Any) -> Any:
 
 pointer: Any = intrinsic(_pointer)
 array_at: Any = carray  # as numba's stub does not allow a number as shape
-NUMBERS, INDICES = types.CPointer(f8), types.CPointer(i8)
+NUMBERS = types.CPointer(f8)
+INDICES = types.CPointer(i8)
 
 
 @helper(f8[::1](types.uintp, i8, i8), _nrt=True)
@@ -96,7 +97,8 @@ def vector_of(user, layout, k):
     From word `layout` on, the userdata hold three numbers for every part: the word at which it
     begins, and its numbers of rows and columns.
     """
-    parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
+    parts = array_at(pointer(user, NUMBERS), WORDS)
+    own = layout + 3 * k
     at = user + types.uintp(8 * parts[own])
     return array_at(pointer(at, NUMBERS), i8(parts[own + 1]))
 
@@ -104,7 +106,8 @@ def vector_of(user, layout, k):
 @helper(f8[:, ::1](types.uintp, i8, i8), _nrt=True)
 def matrix_of(user, layout, k):
     """Part k of float64 userdata at an address, as a matrix; see `vector_of` for `layout`."""
-    parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
+    parts = array_at(pointer(user, NUMBERS), WORDS)
+    own = layout + 3 * k
     at = user + types.uintp(8 * parts[own])
     return array_at(pointer(at, NUMBERS), (i8(parts[own + 1]), i8(parts[own + 2])))
 
@@ -112,7 +115,8 @@ def matrix_of(user, layout, k):
 @helper(i8[:, ::1](types.uintp, i8, i8), _nrt=True)
 def table_of(user, layout, k):
     """Part k of userdata at an address, as a table of indices; see `vector_of` for `layout`."""
-    parts, own = array_at(pointer(user, NUMBERS), WORDS), layout + 3 * k
+    parts = array_at(pointer(user, NUMBERS), WORDS)
+    own = layout + 3 * k
     at = user + types.uintp(8 * parts[own])
     return array_at(pointer(at, INDICES), (i8(parts[own + 1]), i8(parts[own + 2])))
 

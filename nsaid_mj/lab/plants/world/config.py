@@ -72,7 +72,8 @@ class Known(NamedTuple):
         """(p,) random true θ; each value is multiplied by its own factor within 1 ± spread."""
         from .body import hidden
 
-        theta, space = self.theta.copy(), self.system.space
+        theta = self.theta.copy()
+        space = self.system.space
         for name, share in self.unsure:
             if name in {block.name for block in space.blocks}:
                 theta[space[name]] = hidden(theta[space[name]], share * spread, rng)

@@ -15,7 +15,8 @@ import numpy as np
 from ....core import Array
 from ....robots import RobotModel, tree_spec, wxyz
 
-_POSES, _MOST = 50, 0.8  # random poses, and largest share of them in which a counted pair touches
+_POSES = 50  # random poses, and largest share of them in which a counted pair touches
+_MOST = 0.8
 
 
 class Contacts:

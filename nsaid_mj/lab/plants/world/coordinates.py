@@ -30,30 +30,44 @@ def read_coordinates(reading, qpos, qvel, numbers, velocity):
     """Writes position numbers (n,) and velocities (n,) from MuJoCo's qpos and qvel."""
     first = 0
     if reading.group == 6:
-        at, dof = reading.free[0], reading.free[1]
-        x, y, z, w = qpos[at + 4], qpos[at + 5], qpos[at + 6], qpos[at + 3]
+        at = reading.free[0]
+        dof = reading.free[1]
+        x = qpos[at + 4]
+        y = qpos[at + 5]
+        z = qpos[at + 6]
+        w = qpos[at + 3]
         sine = np.sqrt(x * x + y * y + z * z)
         ratio = sine / w
         square = ratio * ratio
         turn = 2.0 / w * (1.0 - square / 3.0 + square**2 / 5.0 - square**3 / 7.0)
         if sine > _SMALL:
             turn = 2.0 * np.arctan2(sine if w >= 0.0 else -sine, abs(w)) / sine
-        a, b, c = qvel[dof], qvel[dof + 1], qvel[dof + 2]
-        i, j, k = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+        a = qvel[dof]
+        b = qvel[dof + 1]
+        c = qvel[dof + 2]
+        i = 2.0 * (b * z - c * y)
+        j = 2.0 * (c * x - a * z)
+        k = 2.0 * (a * y - b * x)
         velocity[0] = a + w * i + j * z - k * y  # the inverse rotation
         velocity[1] = b + w * j + k * x - i * z
         velocity[2] = c + w * k + i * y - j * x
-        numbers[3], numbers[4], numbers[5] = turn * x, turn * y, turn * z
+        numbers[3] = turn * x
+        numbers[4] = turn * y
+        numbers[5] = turn * z
         for r in range(3):
-            numbers[r], velocity[3 + r] = qpos[at + r], qvel[dof + 3 + r]
+            numbers[r] = qpos[at + r]
+            velocity[3 + r] = qvel[dof + 3 + r]
         first = 6
     for k in range(reading.joints.shape[0]):
         numbers[first + k] = qpos[reading.joints[k, 0]]
         velocity[first + k] = qvel[reading.joints[k, 1]]
     if reading.group == 3:
-        c, s = np.cos(numbers[2]), np.sin(numbers[2])
-        x, y = velocity[0], velocity[1]
-        velocity[0], velocity[1] = c * x + s * y, c * y - s * x
+        c = np.cos(numbers[2])
+        s = np.sin(numbers[2])
+        x = velocity[0]
+        y = velocity[1]
+        velocity[0] = c * x + s * y
+        velocity[1] = c * y - s * x
 
 
 @kernel(void(READING, f8[::1], f8[::1]), inner=True)
@@ -61,17 +75,22 @@ def write_position(reading, numbers, q):
     """Writes q (m,) from position numbers (n,), as `StructuredKinematics` defines it."""
     first = 0
     if reading.group == 6:
-        x, y, z = numbers[3], numbers[4], numbers[5]
+        x = numbers[3]
+        y = numbers[4]
+        z = numbers[5]
         angle = np.sqrt(x * x + y * y + z * z)
         square = angle * angle
         half = 0.5 - square / 48.0 + square**2 / 3840.0
         if angle > _SMALL:
             half = np.sin(0.5 * angle) / angle
-        q[0], q[1], q[2] = numbers[0], numbers[1], numbers[2]
+        q[0] = numbers[0]
+        q[1] = numbers[1]
+        q[2] = numbers[2]
         q[3], q[4], q[5], q[6] = half * x, half * y, half * z, np.cos(0.5 * angle)
         first = 6
     for k in range(reading.joints.shape[0]):
-        number, place = numbers[first + k], reading.joints[k, 2]
+        number = numbers[first + k]
+        place = reading.joints[k, 2]
         q[place] = number
         if reading.joints[k, 3]:
             q[place], q[place + 1] = np.cos(number), np.sin(number)
@@ -131,7 +150,8 @@ class JointMap:
 
     def write(self, data: Any, numbers: Array, velocity: Array) -> None:
         """Sets qpos and qvel from position numbers (n,) and velocities (n,)."""
-        at, rates = self.reading.free[0], np.array(velocity, dtype=np.float64)
+        at = self.reading.free[0]
+        rates = np.array(velocity, dtype=np.float64)
         first = 6 if at >= 0 else 0
         if first:
             x, y, z, w = quaternion_of(np.asarray(numbers[3:6], dtype=np.float64))
@@ -171,19 +191,22 @@ class JointMap:
             at = self.reading.free[0]
             return rotation(np.roll(data.qpos[at + 3 : at + 7], -1))
         if self.reading.group == 3:
-            c, s = np.cos(data.qpos[self.qpos[2]]), np.sin(data.qpos[self.qpos[2]])
+            c = np.cos(data.qpos[self.qpos[2]])
+            s = np.sin(data.qpos[self.qpos[2]])
             return np.array([[c, -s], [s, c]])
         return np.zeros((0, 0))
 
     def _into_base(self, data: Any, rows: Array) -> Array:
         """T times rows (n, ...)."""
-        R, turned = self._axes(data), rows.copy()
+        R = self._axes(data)
+        turned = rows.copy()
         turned[: len(R)] = R.T @ rows[: len(R)]
         return turned
 
     def _turning(self, data: Any) -> Array:
         """(n,) [ω × v_base, 0]."""
-        v, found = self._into_base(data, data.qvel[self.dof]), np.zeros(len(self.dof))
+        v = self._into_base(data, data.qvel[self.dof])
+        found = np.zeros(len(self.dof))
         if self.reading.group == 6:
             found[:3] = np.cross(v[3:6], v[:3])
         elif self.reading.group == 3:
@@ -199,20 +222,24 @@ class LevelMap:
     """
 
     def __init__(self, model: Any, joint: str):
-        at, dof = model.joint(joint).qposadr[0], model.joint(joint).dofadr[0]
+        at = model.joint(joint).qposadr[0]
+        dof = model.joint(joint).dofadr[0]
         self._pose, self._twist = slice(at, at + 7), slice(dof, dof + 6)
 
     def read(self, data: Any) -> tuple[Array, Array]:
         """(3,) x, y [m], ψ [rad] and (3,) velocities along and across the heading [m/s], ψ̇."""
-        pose, qvel = data.qpos[self._pose], data.qvel[self._twist]
+        pose = data.qpos[self._pose]
+        qvel = data.qvel[self._twist]
         return _seen_from_above(pose, qvel)
 
     def write(self, data: Any, numbers: Array, twist: Array) -> None:
         """Sets x, y, ψ (3,) and a horizontal twist (3,), at the same height, level."""
-        c, s = np.cos(numbers[2] / 2), np.sin(numbers[2] / 2)
+        c = np.cos(numbers[2] / 2)
+        s = np.sin(numbers[2] / 2)
         height = data.qpos[self._pose][2]
         data.qpos[self._pose] = [*numbers[:2], height, c, 0.0, 0.0, s]
-        c, s = np.cos(numbers[2]), np.sin(numbers[2])
+        c = np.cos(numbers[2])
+        s = np.sin(numbers[2])
         u, v, r = twist
         data.qvel[self._twist] = [c * u - s * v, s * u + c * v, 0.0, 0.0, 0.0, r]
 
@@ -224,7 +251,8 @@ def _seen_from_above(pose, qvel):
     ahead = rotate(attitude, (1.0, 0.0, 0.0))
     turning = cross(rotate(attitude, qvel[3:]), ahead)
     length = np.hypot(ahead[0], ahead[1])
-    c, s = ahead[0] / length, ahead[1] / length
+    c = ahead[0] / length
+    s = ahead[1] / length
     yaw_rate = (ahead[0] * turning[1] - ahead[1] * turning[0]) / length**2
     numbers = np.array([pose[0], pose[1], np.arctan2(s, c)])
     return numbers, np.array([c * qvel[0] + s * qvel[1], c * qvel[1] - s * qvel[0], yaw_rate])

@@ -58,7 +58,10 @@ _GROUP, _POSE, _PLACED, _LAYOUT = range(_FLOW + 3, _FLOW + 7)
 """Places in userdata: its length; whether commands are activations; their number; whether there is
 inertia beyond MuJoCo's; `Forces.flow`; `Reading.group`; where the base's pose is in qpos; whether
 any force depends on the bodies' poses; place, rows and columns of every part."""
-_DOFS, _THETA, _OWN, _WORK = 10, 11, 12, 22
+_DOFS = 10
+_THETA = 11
+_OWN = 12
+_WORK = 22
 _HEADER = _LAYOUT + 3 * (_WORK + len(Workspace._fields))
 """Parts of the userdata, after those of `StructureArrays`: every velocity's place in qvel, its
 joint's in qpos and in q, and whether q has cosine and sine; θ; `_Memory`; a stage's workspace."""
@@ -101,7 +104,8 @@ class Forces:
 
     def _parts(self, dofs: Any) -> list[Any]:
         """The parts of the userdata, with the places of all velocities (n, 4)."""
-        n, (work, slopes) = self.structure.n, self.structure.memory()
+        n = self.structure.n
+        work, slopes = self.structure.memory()
         own = [np.zeros(size) for size in (self.structure.m, n, n, 9, n, n, (n, n), (n, n))]
         theta = np.array(self.theta, dtype=np.float64)
         return [
@@ -149,7 +153,8 @@ _MEMORY = types.NamedTuple((f8[::1],) * 6 + (f8[:, ::1],) * 2 + (f8[::1],) * 2, 
 def _into_base(d, R, v, sign):
     """Adds the flow times a sign to the base's velocity in v (n,), and turns it into its axes."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
-    x, y = v[0] + sign * d[_FLOW], v[1] + sign * d[_FLOW + 1] if size else 0.0
+    x = v[0] + sign * d[_FLOW]
+    y = v[1] + sign * d[_FLOW + 1] if size else 0.0
     z = v[2] + sign * d[_FLOW + 2] if size == 3 else 0.0
     for i in range(size):
         v[i] = R[i] * x + R[3 + i] * y + R[6 + i] * z
@@ -160,7 +165,9 @@ def _into_world(d, R, x):
     """Turns the base's linear part of a force x (n,) from its axes into the world's."""
     size = 3 if d[_GROUP] == 6 else 2 if d[_GROUP] == 3 else 0
     if size:
-        a, b, c = x[0], x[1], x[2] if size == 3 else 0.0
+        a = x[0]
+        b = x[1]
+        c = x[2] if size == 3 else 0.0
         for i in range(size):
             x[i] = R[3 * i] * a + R[3 * i + 1] * b + R[3 * i + 2] * c
 
@@ -168,15 +175,20 @@ def _into_world(d, R, x):
 @helper(void(f8[::1], i8[:, ::1], f8[::1], f8[::1], _MEMORY))
 def _read(d, dofs, qpos, qvel, own):
     """Writes q, both velocities and the base's axes, from MuJoCo's state."""
-    q, v, R, free = own.q, own.v, own.R, 6 if d[_GROUP] == 6 else 0
+    q = own.q
+    v = own.v
+    R = own.R
+    free = 6 if d[_GROUP] == 6 else 0
     if free:
         at = np.int64(d[_POSE])
         for i in range(3):
-            q[i], q[3 + i] = qpos[at + i], qpos[at + 4 + i]
+            q[i] = qpos[at + i]
+            q[3 + i] = qpos[at + 4 + i]
         q[6] = qpos[at + 3]
         write_rotation(q, 3, R, 0)
     for k in range(free, v.shape[0]):
-        angle, to = qpos[dofs[k, 1]], dofs[k, 2]
+        angle = qpos[dofs[k, 1]]
+        to = dofs[k, 2]
         q[to] = angle
         if dofs[k, 3]:
             q[to], q[to + 1] = np.cos(angle), np.sin(angle)
@@ -194,15 +206,25 @@ def _push(d, dofs, work, own):
 
     M_A's lower triangle is in the stage's workspace.
     """
-    v, R, force, A, added, L = own.v, own.R, own.force, own.A, work.M, work.L
-    M, bias, n = own.M, own.bias, force.shape[0]
+    v = own.v
+    R = own.R
+    force = own.force
+    A = own.A
+    added = work.M
+    L = work.L
+    M = own.M
+    bias = own.bias
+    n = force.shape[0]
     for i in range(n):
         for j in range(i):
             added[j, i] = added[i, j]
-    x, y, z = -v[2] * v[1], v[2] * v[0], 0.0  # ω × v_r, of a body in the plane
+    x = -v[2] * v[1]  # ω × v_r, of a body in the plane
+    y = v[2] * v[0]
+    z = 0.0
     if d[_GROUP] == 6:
         x = v[4] * v[2] - v[5] * v[1]
-        y, z = v[5] * v[0] - v[3] * v[2], v[3] * v[1] - v[4] * v[0]
+        y = v[5] * v[0] - v[3] * v[2]
+        z = v[3] * v[1] - v[4] * v[0]
     for i in range(n):
         force[i] += added[i, 0] * x + added[i, 1] * y + added[i, 2] * z
     for _ in range(2):  # Tᵀ M_A T
@@ -245,22 +267,31 @@ def _views(data, at_user, at_ctrl, at_act, at_q, at_v, at_force):
 def _structure(user):
     """The structure, in userdata at an address."""
     return StructureArrays(
-        table_of(user, _LAYOUT, 0), vector_of(user, _LAYOUT, 1), vector_of(user, _LAYOUT, 2),
-        table_of(user, _LAYOUT, 3), table_of(user, _LAYOUT, 4), vector_of(user, _LAYOUT, 5),
-        table_of(user, _LAYOUT, 6), table_of(user, _LAYOUT, 7), vector_of(user, _LAYOUT, 8),
+        table_of(user, _LAYOUT, 0),
+        vector_of(user, _LAYOUT, 1),
+        vector_of(user, _LAYOUT, 2),
+        table_of(user, _LAYOUT, 3),
+        table_of(user, _LAYOUT, 4),
+        vector_of(user, _LAYOUT, 5),
+        table_of(user, _LAYOUT, 6),
+        table_of(user, _LAYOUT, 7),
+        vector_of(user, _LAYOUT, 8),
         table_of(user, _LAYOUT, 9),
-    )  # fmt: skip
+    )
 
 
 @routine(void(types.uintp, f8[::1], f8[::1], f8[::1], f8[::1]), _nrt=True)
 def _act_on_joints(user, u, qpos, qvel, passive):
     """Adds the forces on joints, where none depends on the bodies' poses."""
     structure = _structure(user)
-    theta, dofs = vector_of(user, _LAYOUT, _THETA), table_of(user, _LAYOUT, _DOFS)
-    angles, rates = vector_of(user, _LAYOUT, _OWN + 1), vector_of(user, _LAYOUT, _OWN + 2)
+    theta = vector_of(user, _LAYOUT, _THETA)
+    dofs = table_of(user, _LAYOUT, _DOFS)
+    angles = vector_of(user, _LAYOUT, _OWN + 1)
+    rates = vector_of(user, _LAYOUT, _OWN + 2)
     force = vector_of(user, _LAYOUT, _OWN + 4)
     for i in range(force.shape[0]):
-        angles[i], rates[i] = qpos[dofs[i, 1]], qvel[dofs[i, 0]]
+        angles[i] = qpos[dofs[i, 1]]
+        rates[i] = qvel[dofs[i, 0]]
         force[i] = passive[dofs[i, 0]]
     act_on_joints(structure, theta, angles, rates, u, force)
     for i in range(force.shape[0]):
@@ -291,14 +322,25 @@ def _act_on_bodies(model, data, user, d, u, qpos, qvel, passive):
         vector_of(user, _LAYOUT, _OWN + 8),
         vector_of(user, _LAYOUT, _OWN + 9),
     )
-    dofs, theta = table_of(user, _LAYOUT, _DOFS), vector_of(user, _LAYOUT, _THETA)
+    dofs = table_of(user, _LAYOUT, _DOFS)
+    theta = vector_of(user, _LAYOUT, _THETA)
     added = d[_ADDED] > 0
     flowing = d[_FLOW] != 0.0 or d[_FLOW + 1] != 0.0 or d[_FLOW + 2] != 0.0
     _read(d, dofs, qpos, qvel, own)
     act(
-        structure, theta, own.q, own.v, own.ground, u, added, flowing, work, own.state, own.F,
+        structure,
+        theta,
+        own.q,
+        own.v,
+        own.ground,
+        u,
+        added,
+        flowing,
+        work,
+        own.state,
+        own.F,
         own.force,
-    )  # fmt: skip
+    )
     if added:
         _full_m(model, data, user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 6)]))
         _rne(model, data, np.int32(0), user + types.uintp(8 * d[_LAYOUT + 3 * (_OWN + 5)]))

@@ -104,7 +104,8 @@ class Plant(ABC):
             InvalidInput: a fault names a part that the plant does not have.
         """
         schedule = Schedule(faults, self.system, self.dt)
-        self.faults, self._schedule = tuple(faults), schedule
+        self.faults = tuple(faults)
+        self._schedule = schedule
         self._variants = {(): self._variants[()]}
         for which in sorted(schedule.all_carried() - {()}):
             if not hasattr(config, "simulating"):
@@ -132,7 +133,8 @@ class Plant(ABC):
         and a stuck actuator at rest unless it holds a stated command; None lets faults occur.
         """
         sound = self._variants[()]
-        self.model, self.data = sound.model, sound.data
+        self.model = sound.model
+        self.data = sound.data
         mujoco.mj_resetData(self.model, self.data)
         self._delayed_commands = deque([np.zeros(self.system.n_u)] * self.delay)
         kept = 0 if self.late is None else int(self.late.max())
@@ -144,7 +146,8 @@ class Plant(ABC):
         self._held, self._biases, self._next_edge = {}, None, self._schedule.next_edge(-np.inf)
         if as_at is not None:
             self._fail(as_at)
-            self._biases, self._next_edge = None, np.inf
+            self._biases = None
+            self._next_edge = np.inf
 
     def _fail(self, t: float) -> None:
         """Puts plant and sensors into their condition at time t of a run [s]."""
@@ -152,7 +155,8 @@ class Plant(ABC):
         variant = self._variants[schedule.carried(t)]
         if variant.data is not self.data:
             variant.enter(Variant.of(self.model, self.data, self.gain_places))
-            self.model, self.data = variant.model, variant.data
+            self.model = variant.model
+            self.data = variant.data
         variant.scale_gains(schedule.factors(t))
         held = {k: float(self.data.ctrl[k]) if x is None else x for k, x in schedule.stuck(t)}
         self._held = held | {k: x for k, x in self._held.items() if k in held}
@@ -220,7 +224,8 @@ class Plant(ABC):
         Returns `steps` + 1 measurements, beginning with `last`, that of the plant's current state.
         If the plant diverges or a measurement is not finite, the log ends there.
         """
-        t, reading = self.times(last.t, steps), self.reading
+        t = self.times(last.t, steps)
+        reading = self.reading
         law = self.law(driver, t)
         if law is None or reading is None:
             return self._drive_stepwise(driver, last, t, sensors)
@@ -263,7 +268,8 @@ class Plant(ABC):
         coordinates, v = sensors(*self.coordinates())
         q = self.position(coordinates)
         if self._biases is not None:
-            q, v = displaced(self.system, q, self._biases[0]), v + self._biases[1]
+            q = displaced(self.system, q, self._biases[0])
+            v = v + self._biases[1]
         u = driver.command(t, q, v)
         if self.profile is not None:
             if self._profiled is None:

@@ -42,7 +42,8 @@ class Sensors:
     """Sensors with their own stream of random errors; without noise they are exact."""
 
     def __init__(self, noise: SensorNoise | None, rng: np.random.Generator):
-        self.noise, self.rng = noise, rng
+        self.noise = noise
+        self.rng = rng
 
     def __call__(self, position: Array, velocity: Array) -> tuple[Array, Array]:
         """Measurements of a true position (n,) and velocity (n,)."""
@@ -54,7 +55,8 @@ class Sensors:
         """Draws the errors of the next k measurements of n position numbers each."""
         if self.noise is None:
             return Errors(0.0, 0.0, 0.0, np.empty((0, 2, n)))
-        noise, normal = self.noise, self.rng.standard_normal((k, 2, n))
+        noise = self.noise
+        normal = self.rng.standard_normal((k, 2, n))
         return Errors(
             float(noise.position), float(noise.velocity), float(noise.encoder_step), normal
         )

@@ -12,7 +12,8 @@ from ....base import InvalidInput, UnknownName
 from ....core import Array
 from ....robots import vehicle_files
 
-LARGEST, SMALLEST = 1e9, 1e-12
+LARGEST = 1e9
+SMALLEST = 1e-12
 """Bounds on the magnitude of every number in a data sheet; products of a few remain finite."""
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -122,7 +123,8 @@ def _declared(sheet: type[Table], places: Sequence[int | str]) -> tuple[type[Tab
 
     Places are keys and list indices, from the top level down.
     """
-    table, expected = sheet, "a table"
+    table = sheet
+    expected = "a table"
     for place in places:
         if isinstance(place, int):
             continue

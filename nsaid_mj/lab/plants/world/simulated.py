@@ -74,10 +74,12 @@ class SimulatedRobot(Plant):
         mismatch: Mismatch,
         looks: Looks | None = None,
     ):
-        self.system, self._truth = system, truth
+        self.system = system
+        self._truth = truth
         forces = Forces(system.structure, acting, np.array(mismatch.flow))
         self.passive = column_forces()
-        self.gain_places, spec.nuserdata = forces.gain_places, forces.size
+        self.gain_places = forces.gain_places
+        spec.nuserdata = forces.size
         self._compile(spec, mismatch)
         tree = system.joints if isinstance(system, JointTree) else []
         circular = [joint.nq == 2 for joint in tree]

@@ -23,7 +23,8 @@ from .callbacks import c_function
 from .coordinates import READING, Reading, read_coordinates, write_position
 from .sensors import ERRORS, Errors, add_errors
 
-_FIRST, _LAST = int(mujoco.mjtWarning.mjWARN_BADQPOS), int(mujoco.mjtWarning.mjWARN_BADCTRL)
+_FIRST = int(mujoco.mjtWarning.mjWARN_BADQPOS)
+_LAST = int(mujoco.mjtWarning.mjWARN_BADCTRL)
 
 
 _mj_step = c_function("mj_step", types.uintp, types.uintp)
@@ -94,7 +95,8 @@ def _advance(world, reading, errors, log, k, numbers):
 
     `numbers` (n,) is workspace.
     """
-    q, v = log.q[k], log.v[k]
+    q = log.q[k]
+    v = log.v[k]
     for i in range(log.u.shape[1]):
         world.ctrl[i] = log.u[k - 1, i]
     for _ in range(world.substeps):

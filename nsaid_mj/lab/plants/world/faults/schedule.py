@@ -24,7 +24,8 @@ class Schedule:
     """
 
     def __init__(self, faults: Sequence[Fault], system: SecondOrderSystem, dt: float):
-        self._faults, self._system = tuple(faults), system
+        self._faults = tuple(faults)
+        self._system = system
         self._gains = [fault.affected(system) for fault in faults]
 
         def between(time: float | None) -> float:

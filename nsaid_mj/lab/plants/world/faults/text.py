@@ -92,7 +92,8 @@ def _value(name: str, parts: Sequence[str], text: str) -> dict[str, Any]:
 
 def _numbers(name: str, parts: Sequence[str], text: str) -> list[float]:
     """The numbers in a value, without its unit."""
-    unit, found = _UNITS.get(name, ""), []
+    unit = _UNITS.get(name, "")
+    found = []
     for part in parts:
         matched = _NUMBER.fullmatch(part)
         suffix = matched[2] if matched else part
